@@ -1,0 +1,66 @@
+"""Capacity reallocation: curves that matter least are removed and seeded anew where the error is high."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d
+
+from ..raster.cpu import OptimiserState
+from .initial import colour_logits, control_points, draw_pixels
+from .parameters import Parameters
+from .presets import FitSettings
+
+
+def gini(importance: Tensor) -> float:
+    """Gini coefficient (0: all equal, towards 1: few carry everything) of the positive parts of (N,) values."""
+    values = importance.double().clamp(min=0).sort().values
+    total = float(values.sum())
+    n = values.numel()
+    if n == 0 or total <= 0:
+        return 0.0
+    ranks = torch.arange(1, n + 1, dtype=torch.float64)
+    return float((2 * ranks - n - 1) @ values) / (n * total)
+
+
+def error_density(image: Tensor, target: Tensor, blur: int, power: float) -> Tensor:
+    """Where new curves are wanted: the squared error, blurred by a box of `blur` px, to a power; (H, W)."""
+    error = ((image - target) ** 2).sum(-1)[None, None]
+    if blur > 1:
+        error = avg_pool2d(error, blur, stride=1, padding=blur // 2, count_include_pad=False)
+    return error[0, 0].clamp(min=0) ** power
+
+
+def reallocate(
+    parameters: Parameters,
+    state: OptimiserState,
+    importance: Tensor,
+    image: Tensor,
+    target: Tensor,
+    fraction: float,
+    settings: FitSettings,
+    generator: torch.Generator,
+) -> tuple[Parameters, OptimiserState, int]:
+    """Replaces the least important `fraction` of the curves; new ones go to the front, their optimiser state is empty.
+
+    Returns the new parameters and state, and how many curves were replaced.
+    """
+    count = int(parameters.curves * fraction)
+    if count == 0:
+        return parameters, state, 0
+    recipe = settings.recipe
+    keep = importance.argsort()[count:].sort().values
+    centres = draw_pixels(error_density(image, target, recipe.seed_blur, recipe.seed_power), count, generator)
+    height, width, _ = target.shape
+    radius = recipe.seed_radius_size * (width * height) ** 0.5
+    fresh = Parameters(
+        control_points(centres, radius, settings, generator),
+        colour_logits(centres, target),
+        torch.full((count,), recipe.opacity_logit),
+        torch.full((count,), recipe.half_width),
+    )
+    empty = OptimiserState.zeros(count, fresh.points.shape[1])
+    joined = OptimiserState(
+        torch.cat([empty.moments, state.moments[keep]]), torch.cat([empty.ages, state.ages[keep]])
+    )
+    return fresh.joined(parameters.chosen(keep)), joined, count

@@ -1,0 +1,60 @@
+"""New curves: small discs or short strokes with the picture's colour at their place."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ..scene import Mode
+from .presets import FitSettings
+
+COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the optimiser
+
+
+def control_points(centres: Tensor, radius: float, settings: FitSettings, generator: torch.Generator) -> Tensor:
+    """Control points (n, K, 2) of n new curves at `centres` (n, 2) px: circles of `radius` px, or bent strokes."""
+    n = centres.shape[0]
+    if settings.mode is Mode.CLOSED:
+        k = 3 * settings.segments
+        turn = torch.rand(n, 1, generator=generator) * 2 * math.pi
+        angle = torch.arange(k) / k * 2 * math.pi + turn
+        return centres[:, None, :] + radius * torch.stack([angle.cos(), angle.sin()], -1)
+    k = 3 * settings.segments + 1
+    angle = torch.rand(n, 1, generator=generator) * 2 * math.pi
+    direction = torch.stack([angle.cos(), angle.sin()], -1)
+    along = torch.linspace(-1.5, 1.5, k)[None, :, None] * direction
+    wobble = 0.15 * torch.randn(n, k, 2, generator=generator)
+    return centres[:, None, :] + radius * (along + wobble)
+
+
+def colour_logits(centres: Tensor, target: Tensor) -> Tensor:
+    """Logits (n, 3) of the target's colour (H, W, C) at the centres; straight colour where it is premultiplied."""
+    height, width, channels = target.shape
+    x = centres[:, 0].long().clamp(0, width - 1)
+    y = centres[:, 1].long().clamp(0, height - 1)
+    colour = target[y, x]
+    if channels == 4:
+        colour = colour[:, :3] / colour[:, 3:].clamp(min=1e-3)
+    return torch.logit(colour[:, :3].clamp(COLOUR_MARGIN, 1 - COLOUR_MARGIN))
+
+
+def random_centres(count: int, target: Tensor, generator: torch.Generator) -> Tensor:
+    """Random places (n, 2) px; in a picture with transparency, only where there is something."""
+    height, width, channels = target.shape
+    if channels == 4:
+        return draw_pixels(target[..., 3].clamp(min=1e-6), count, generator)
+    return torch.rand(count, 2, generator=generator) * torch.tensor([width, height], dtype=torch.float32)
+
+
+def draw_pixels(density: Tensor, count: int, generator: torch.Generator) -> Tensor:
+    """Centres (count, 2) of pixels drawn, with replacement, in proportion to a density (H, W) >= 0."""
+    flat = density.reshape(-1).double()
+    total = flat.cumsum(0)
+    if not float(total[-1]) > 0:
+        total = torch.ones_like(flat).cumsum(0)
+    drawn = torch.rand(count, dtype=torch.float64, generator=generator) * total[-1]
+    pixel = torch.searchsorted(total, drawn, right=True).clamp(max=flat.numel() - 1)
+    width = density.shape[1]
+    return torch.stack([pixel % width, pixel // width], -1).float() + 0.5

@@ -1,0 +1,141 @@
+"""The settings of a fit: what the user chooses, and the recipe (numbers found by measurement, see docs/quality.md)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+from ..errors import UsageError
+from ..scene import Mode
+
+MOST_CURVES = 1_000_000
+MOST_STEPS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Numbers of the optimisation. Lengths called *_size are fractions of sqrt(width * height)."""
+
+    # step sizes
+    rate_points_size: float = 5e-3
+    rate_colours: float = 0.05
+    rate_opacities: float = 0.05
+    rate_half_widths_size: float = 2e-4
+    rate_end: float = 0.1  # of the start, cosine
+    finish_rate: float = 0.2
+    finish_rate_end: float = 0.1
+    # edges
+    edge_start: float = 4.0
+    edge_end: float = 0.8
+    anneal: float = 0.6  # fraction of the relaxed phase
+    finish_edge_width: float = 1.0
+    finish: float = 0.15  # fraction of the steps with exact coverage
+    finish_least: int = 20
+    # start
+    opacity_logit: float = 0.0
+    start_radius_size: float = 0.006
+    # capacity
+    prune: bool = True
+    importance: str = "loo"
+    gini_threshold: float = 0.0
+    prune_fraction: float = 0.4
+    reallocations: int = 20
+    reallocate_until: float = 0.95  # of the relaxed phase
+    seed_radius_size: float = 0.012
+    seed_blur: int = 9  # px, odd
+    seed_power: float = 1.5
+    half_width: float = 1.5  # px, of a new stroke
+    # polyline
+    tolerance: float = 0.05  # px; 0: always `samples` edges per cubic
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """What to fit, and how long. Raises UsageError on values that make no sense.
+
+    curves 1..1,000,000; segments per curve 1..16; samples: edges per cubic while fitting, 4..64; finish_samples: those
+    of the exact finish (S*); background: "auto" (the picture's mean colour), "none" or "#rrggbb", for opaque pictures.
+    """
+
+    curves: int = 512
+    mode: Mode = Mode.CLOSED
+    preset: str = "standard"
+    steps: int = 1500
+    segments: int = 4
+    samples: int = 12
+    finish_samples: int = 24
+    seed: int = 0
+    device: str = "auto"
+    threads: int | None = None
+    background: str = "auto"
+    recipe: Recipe = field(default_factory=Recipe)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mode", Mode(self.mode))
+        _between("curves", self.curves, 1, MOST_CURVES)
+        _between("steps", self.steps, 1, MOST_STEPS)
+        _between("segments", self.segments, 1, 16)
+        _between("samples", self.samples, 4, 64)
+        _between("finish_samples", self.finish_samples, 4, 64)
+        if self.threads is not None:
+            _between("threads", self.threads, 1, 1024)
+        if self.device not in ("auto", "cpu", "cuda"):
+            raise UsageError(f"device must be auto, cpu or cuda, not {self.device!r}")
+        if self.recipe.importance not in ("loo", "visibility"):
+            raise UsageError(f"importance must be loo or visibility, not {self.recipe.importance!r}")
+        parse_background(self.background)
+
+    @classmethod
+    def from_preset(cls, preset: str = "standard", mode: Mode | str = Mode.CLOSED, **overrides: Any) -> FitSettings:
+        """A preset with explicit values on top; a value of None means the preset's. Recipe numbers may be given too."""
+        if preset not in PRESETS:
+            raise UsageError(f"unknown preset {preset!r}; choose one of {', '.join(PRESETS)}")
+        mode = Mode(mode)
+        chosen = {name: value for name, value in overrides.items() if value is not None}
+        own = {f.name for f in fields(cls)}
+        recipe_names = {f.name for f in fields(Recipe)}
+        unknown = [name for name in chosen if name not in own | recipe_names]
+        if unknown:
+            raise UsageError(f"unknown setting {unknown[0]!r}")
+        base = dict(PRESETS[preset][mode])
+        recipe = {name: base.pop(name) for name in list(base) if name in recipe_names}
+        recipe |= {name: value for name, value in chosen.items() if name in recipe_names}
+        base |= {name: value for name, value in chosen.items() if name in own}
+        return cls(preset=preset, mode=mode, recipe=Recipe(**recipe), **base)
+
+    def with_(self, **changes: Any) -> FitSettings:
+        return replace(self, **changes)
+
+    def public(self) -> dict[str, Any]:
+        """Plain values for the metrics file and the settings hash."""
+        return asdict(self) | {"mode": self.mode.value}
+
+
+def _between(name: str, value: int, least: int, most: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+        raise UsageError(f"{name} must be a whole number between {least} and {most}, not {value!r}")
+
+
+def parse_background(text: str) -> tuple[float, float, float] | None:
+    """ "#rrggbb" as values in [0, 1]; None for "auto" and "none"."""
+    if text in ("auto", "none"):
+        return None
+    digits = text.removeprefix("#")
+    if len(digits) == 3:
+        digits = "".join(2 * d for d in digits)
+    try:
+        if len(digits) != 6:
+            raise ValueError
+        values = bytes.fromhex(digits)
+    except ValueError:
+        raise UsageError(f"background must be auto, none or a colour such as #ffcc00, not {text!r}") from None
+    return values[0] / 255.0, values[1] / 255.0, values[2] / 255.0
+
+
+_CLOSED = {"segments": 4}
+_OPEN = {"segments": 3, "samples": 24}
+PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
+    "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 600}},
+    "standard": {Mode.CLOSED: _CLOSED | {"steps": 1500}, Mode.OPEN: _OPEN | {"steps": 1500}},
+    "high": {Mode.CLOSED: _CLOSED | {"steps": 6000}, Mode.OPEN: _OPEN | {"steps": 6000}},
+}

@@ -1,0 +1,81 @@
+// The C interface of the CPU engine: plain structs of numbers and pointers, mirrored field by field in cpu.py.
+#pragma once
+
+#include <cstdint>
+
+#if defined(_WIN32)
+#define CS_EXPORT extern "C" __declspec(dllexport)
+#else
+#define CS_EXPORT extern "C" __attribute__((visibility("default")))
+#endif
+
+extern "C" {
+
+// What to draw: N primitives, front to back.
+struct CsScene {
+  int32_t curves, segments, closed, width, height, channels;  // channels: 3, or 4 for premultiplied RGBA
+  const float* points;       // N x K x 2, px; K = 3 segments (closed) or 3 segments + 1
+  const float* colours;      // N x 3, values or logits
+  const float* opacities;    // N, values or logits
+  const float* half_widths;  // N, px; ignored when closed
+  int32_t logits;            // colours and opacities are logits
+  float background[4];
+};
+
+struct CsSettings {
+  int32_t exact;      // 1: area coverage in the forward pass
+  int32_t samples;    // edges per cubic, or their upper bound when tolerance > 0
+  float tolerance;    // px; > 0: each primitive gets as many edges as this flatness needs
+  float edge_width;   // px
+  int32_t importance;  // 0 none, 1 visibility, 2 leave-one-out
+};
+
+// What the raster stage reads and writes beside the scene. Null pointers are skipped.
+struct CsImages {
+  const float* target;    // H x W x C: fused squared-error step
+  const float* gradient;  // H x W x C: incoming dL/dF of any loss (instead of target)
+  float* image;           // H x W x C
+  double* loss;           // 1: sum over the pixels
+};
+
+// Gradients of the parameters as given (values, or logits where scene.logits is set). Null pointers are skipped.
+struct CsGradients {
+  float* points;
+  float* colours;
+  float* opacities;
+  float* half_widths;
+  float* importance;  // N
+  float* background;  // C
+};
+
+// State of the optimiser: parameters changed in place.
+struct CsTraining {
+  float* points;
+  float* colours;
+  float* opacities;
+  float* half_widths;
+  float* moments;  // N x (2K + 5) x 4: points, colour, opacity, half-width; mean, change, square, previous gradient
+  int32_t* ages;   // N: updates each curve has had
+  float rate_points, rate_colours, rate_opacities, rate_half_widths;
+  float keep1, keep2, keep3, epsilon;
+};
+
+struct CsEngine;
+
+CS_EXPORT int32_t cs_abi_version();
+CS_EXPORT const char* cs_isa_names();  // those this machine can run, best first, separated by commas
+// threads >= 1; isa: a name from cs_isa_names() or null for the best. Null result: unknown isa or no memory.
+CS_EXPORT CsEngine* cs_create(int32_t threads, const char* isa);
+CS_EXPORT void cs_destroy(CsEngine*);
+CS_EXPORT const char* cs_error(const CsEngine*);  // text of the last failure
+CS_EXPORT const char* cs_isa(const CsEngine*);
+// Each returns 0, or 1 with cs_error() set.
+CS_EXPORT int32_t cs_render(CsEngine*, const CsScene*, const CsSettings*, const CsImages*);
+CS_EXPORT int32_t cs_gradients(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*);
+CS_EXPORT int32_t cs_step(CsEngine*, const CsScene*, const CsSettings*, const CsImages*, const CsGradients*,
+                          const CsTraining*);
+// Seconds spent in flatten, bin, raster and update by the last call.
+CS_EXPORT void cs_timings(const CsEngine*, double* seconds);
+// Pairs of the last call: outside (skipped), inside, boundary, and edges in the boundary pairs.
+CS_EXPORT void cs_counts(const CsEngine*, int64_t* counts);
+}

@@ -1,0 +1,304 @@
+// The C interface: checks, the thread pool, and the order of the stages.
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include "frame.h"
+
+namespace cs {
+
+#define CS_DECLARE_ISA(name)                             \
+  namespace name {                                       \
+  size_t tile_scratch(uint32_t, uint32_t, uint32_t);     \
+  void raster_tile(const TileTask&);                     \
+  }
+CS_DECLARE_ISA(generic)
+#ifdef CS_HAVE_AVX2
+CS_DECLARE_ISA(avx2)
+#endif
+#ifdef CS_HAVE_AVX512
+CS_DECLARE_ISA(avx512)
+#endif
+
+namespace {
+
+struct Isa {
+  const char* name;
+  ScratchFunction scratch;
+  TileFunction raster;
+};
+
+// What this build holds and this machine can run, best first.
+std::vector<Isa> available() {
+  std::vector<Isa> list;
+#ifdef CS_HAVE_AVX512
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
+      __builtin_cpu_supports("avx512vl"))
+    list.push_back({"avx512", avx512::tile_scratch, avx512::raster_tile});
+#endif
+#ifdef CS_HAVE_AVX2
+  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+    list.push_back({"avx2", avx2::tile_scratch, avx2::raster_tile});
+#endif
+  list.push_back({"generic", generic::tile_scratch, generic::raster_tile});
+  return list;
+}
+
+// Threads that share out the indices of one loop at a time; the caller is one of them.
+class Pool {
+ public:
+  explicit Pool(int threads) {
+    for (int i = 1; i < threads; i++) workers_.emplace_back([this, i] { serve(i); });
+  }
+
+  ~Pool() {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      stopping_ = true;
+    }
+    wake_.notify_all();
+    for (std::thread& t : workers_) t.join();
+  }
+
+  int threads() const { return int(workers_.size()) + 1; }
+
+  // Calls body(index, thread) for every index below count. Rethrows the first exception of a body.
+  void run(int count, const std::function<void(int, int)>& body) {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      body_ = &body;
+      count_ = count;
+      next_ = 0;
+      busy_ = int(workers_.size());
+      failure_ = nullptr;
+      generation_++;
+    }
+    wake_.notify_all();
+    work(0);
+    std::unique_lock<std::mutex> lock(mutex_);
+    done_.wait(lock, [this] { return busy_ == 0; });
+    if (failure_) std::rethrow_exception(failure_);
+  }
+
+ private:
+  void work(int thread) {
+    try {
+      for (int i; (i = next_.fetch_add(1)) < count_;) (*body_)(i, thread);
+    } catch (...) {
+      std::lock_guard<std::mutex> lock(mutex_);
+      if (!failure_) failure_ = std::current_exception();
+      next_ = count_;
+    }
+  }
+
+  void serve(int thread) {
+    uint64_t seen = 0;
+    for (;;) {
+      {
+        std::unique_lock<std::mutex> lock(mutex_);
+        wake_.wait(lock, [&] { return stopping_ || generation_ != seen; });
+        if (stopping_) return;
+        seen = generation_;
+      }
+      work(thread);
+      std::lock_guard<std::mutex> lock(mutex_);
+      if (--busy_ == 0) done_.notify_one();
+    }
+  }
+
+  std::vector<std::thread> workers_;
+  std::mutex mutex_;
+  std::condition_variable wake_, done_;
+  const std::function<void(int, int)>* body_ = nullptr;
+  std::atomic<int> next_{0};
+  int count_ = 0, busy_ = 0;
+  uint64_t generation_ = 0;
+  bool stopping_ = false;
+  std::exception_ptr failure_;
+};
+
+struct Scratch {
+  std::unique_ptr<char[]> memory;
+  size_t bytes = 0;
+
+  char* reserve(size_t need) {
+    if (need > bytes) {
+      memory.reset(new char[need + 64]);
+      bytes = need;
+    }
+    return reinterpret_cast<char*>((reinterpret_cast<uintptr_t>(memory.get()) + 63) & ~uintptr_t(63));
+  }
+};
+
+}  // namespace
+}  // namespace cs
+
+struct CsEngine {
+  explicit CsEngine(int threads, const cs::Isa& chosen) : pool(threads), isa(chosen), scratch(threads) {}
+
+  cs::Pool pool;
+  cs::Isa isa;
+  cs::Frame frame;
+  std::vector<cs::Scratch> scratch;
+  std::string error;
+  double timings[4] = {0, 0, 0, 0};
+
+  void raster_tile(int index, int thread) {
+    cs::Frame& f = frame;
+    uint32_t begin = f.tile_starts[index], end = f.tile_starts[index + 1], boundary = 0, edges = 0;
+    for (uint32_t i = begin; i < end; i++) {
+      boundary += f.tile_pairs[i]->kind == cs::PairKind::boundary;
+      edges = std::max(edges, uint32_t(f.primitives[f.tile_pairs[i]->primitive].edges));
+    }
+    cs::TileTask task;
+    task.scene = &f.scene;
+    task.settings = &f.settings;
+    task.images = &f.images;
+    task.tile_x = index % f.tiles_x;
+    task.tile_y = index / f.tiles_x;
+    task.backward = f.backward;
+    task.pairs = f.tile_pairs.data() + begin;
+    task.pair_count = end - begin;
+    task.primitives = f.primitives.data();
+    task.vertices = f.vertices.data();
+    task.vertex_stride = f.vertex_stride;
+    task.chunks = f.views.data();
+    task.chunk_size = cs::kChunk;
+    task.loss = &f.tile_loss[index];
+    task.background = &f.tile_background[size_t(index) * 4];
+    task.scratch = scratch[thread].reserve(isa.scratch(end - begin, boundary, edges));
+    isa.raster(task);
+  }
+
+  void run(const CsScene& scene, const CsSettings& settings, const CsImages& images, bool backward,
+           const CsGradients* gradients, const CsTraining* training) {
+    using Clock = std::chrono::steady_clock;
+    Clock::time_point marks[5];
+    marks[0] = Clock::now();
+    cs::prepare(frame, scene, settings, images, backward);
+    pool.run(frame.chunk_count(), [this](int i, int) { cs::flatten(frame, i); });
+    marks[1] = Clock::now();
+    cs::bin(frame);
+    marks[2] = Clock::now();
+    pool.run(frame.tiles(), [this](int i, int thread) { raster_tile(i, thread); });
+    marks[3] = Clock::now();
+    if (backward)
+      pool.run(frame.chunk_count(), [&](int i, int) { cs::update(frame, i, gradients, training); });
+    marks[4] = Clock::now();
+    for (int i = 0; i < 4; i++) timings[i] = std::chrono::duration<double>(marks[i + 1] - marks[i]).count();
+    total(gradients);
+  }
+
+  // Sums over the tiles, in their order.
+  void total(const CsGradients* gradients) {
+    if (frame.images.loss && frame.images.target) {
+      double loss = 0.0;
+      for (double l : frame.tile_loss) loss += l;
+      *frame.images.loss = loss;
+    }
+    if (!frame.backward || !gradients || !gradients->background) return;
+    for (int c = 0; c < frame.scene.channels; c++) {
+      double g = 0.0;
+      for (int t = 0; t < frame.tiles(); t++) g += frame.tile_background[size_t(t) * 4 + c];
+      gradients->background[c] = float(g);
+    }
+  }
+};
+
+namespace {
+
+// What the caller (cpu.py) has to guarantee; null when all is well.
+const char* fault(const CsScene& s, const CsSettings& t, const CsImages& images, bool backward) {
+  if (s.curves < 0 || s.segments < 1 || s.width < 1 || s.height < 1) return "scene sizes must be positive";
+  if (s.channels != 3 && s.channels != 4) return "channels must be 3 or 4";
+  if (t.samples < 1 || t.samples > cs::kMaxSamples) return "samples must lie between 1 and 64";
+  if (s.segments * t.samples > 65535) return "a curve may have at most 65535 edges";
+  if (!(t.edge_width > 0.0f)) return "edge_width must be positive";
+  if (backward && !images.target && !images.gradient) return "a backward pass needs a target or an incoming gradient";
+  if (t.importance == 2 && !images.target) return "leave-one-out importance needs a target";
+  return nullptr;
+}
+
+int32_t guarded(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images, bool backward,
+                const CsGradients* gradients, const CsTraining* training) {
+  const char* wrong = fault(*scene, *settings, *images, backward);
+  if (wrong) {
+    e->error = wrong;
+    return 1;
+  }
+  try {
+    e->run(*scene, *settings, *images, backward, gradients, training);
+    return 0;
+  } catch (const std::bad_alloc&) {
+    e->error = "out of memory";
+  } catch (const std::exception& x) {
+    e->error = x.what();
+  }
+  return 1;
+}
+
+}  // namespace
+
+int32_t cs_abi_version() { return 1; }
+
+const char* cs_isa_names() {
+  static const std::string names = [] {
+    std::string text;
+    for (const cs::Isa& isa : cs::available()) text += (text.empty() ? "" : ",") + std::string(isa.name);
+    return text;
+  }();
+  return names.c_str();
+}
+
+CsEngine* cs_create(int32_t threads, const char* isa) {
+  if (threads < 1) return nullptr;
+  try {
+    for (const cs::Isa& candidate : cs::available())
+      if (!isa || std::strcmp(isa, candidate.name) == 0) return new CsEngine(threads, candidate);
+  } catch (const std::exception&) {
+    return nullptr;  // the header's promise for a machine that has no more memory or threads
+  }
+  return nullptr;
+}
+
+void cs_destroy(CsEngine* e) { delete e; }
+const char* cs_error(const CsEngine* e) { return e->error.c_str(); }
+const char* cs_isa(const CsEngine* e) { return e->isa.name; }
+
+int32_t cs_render(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images) {
+  return guarded(e, scene, settings, images, false, nullptr, nullptr);
+}
+
+int32_t cs_gradients(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images,
+                     const CsGradients* gradients) {
+  return guarded(e, scene, settings, images, true, gradients, nullptr);
+}
+
+int32_t cs_step(CsEngine* e, const CsScene* scene, const CsSettings* settings, const CsImages* images,
+                const CsGradients* gradients, const CsTraining* training) {
+  return guarded(e, scene, settings, images, true, gradients, training);
+}
+
+void cs_timings(const CsEngine* e, double* seconds) { std::memcpy(seconds, e->timings, sizeof e->timings); }
+
+void cs_counts(const CsEngine* e, int64_t* counts) {
+  for (int i = 0; i < 4; i++) counts[i] = 0;
+  for (const cs::Chunk& c : e->frame.chunks) {
+    counts[0] += c.skipped;
+    for (const cs::Pair& p : c.pairs) {
+      bool boundary = p.kind == cs::PairKind::boundary;
+      counts[boundary ? 2 : 1]++;
+      counts[3] += p.edge_count;
+    }
+  }
+}

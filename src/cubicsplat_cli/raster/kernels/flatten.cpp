@@ -1,0 +1,323 @@
+// Stage flatten: parameters -> activated values, polylines, row crossings and (primitive, tile) pairs.
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "curve.h"
+#include "frame.h"
+
+namespace cs {
+
+void Chunk::clear() {
+  pairs.clear();
+  edges.clear();
+  crossings.clear();
+  row_starts.clear();
+  band_edges.clear();
+  band_starts.clear();
+  skipped = 0;
+}
+
+ChunkView Chunk::view() {
+  return {edges.data(), edge_gradients.data(), crossings.data(), row_starts.data(), band_edges.data(), band_starts.data()};
+}
+
+void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const CsImages& images, bool backward) {
+  f.scene = scene;
+  f.settings = settings;
+  f.images = images;
+  f.backward = backward;
+  f.tiles_x = (scene.width + kTile - 1) / kTile;
+  f.tiles_y = (scene.height + kTile - 1) / kTile;
+  f.points_per_curve = 3 * scene.segments + (scene.closed ? 0 : 1);
+  f.vertex_stride = scene.segments * settings.samples + (scene.closed ? 0 : 1);
+  f.primitives.resize(scene.curves);
+  f.vertices.resize(size_t(scene.curves) * f.vertex_stride * 2);
+  f.chunks.resize(f.chunk_count());
+  f.views.resize(f.chunk_count());
+  f.tile_loss.resize(f.tiles());
+  f.tile_background.resize(size_t(f.tiles()) * 4);
+  if (f.basis.empty()) {
+    for (int samples = 1; samples <= kMaxSamples; samples++)
+      for (int s = 0; s < samples; s++) {
+        float w[4];
+        bernstein(float(s) / float(samples), w);
+        f.basis.insert(f.basis.end(), w, w + 4);
+      }
+  }
+}
+
+namespace {
+
+float sigmoid(float x) { return 1.0f / (1.0f + std::exp(-x)); }
+
+void activate(const CsScene& scene, int p, Primitive& q) {
+  for (int c = 0; c < 3; c++) q.colour[c] = scene.colours[3 * p + c];
+  q.opacity = scene.opacities[p];
+  if (scene.logits) {
+    for (int c = 0; c < 3; c++) q.colour[c] = sigmoid(q.colour[c]);
+    q.opacity = sigmoid(q.opacity);
+  }
+  q.half_width = scene.closed ? 0.0f : scene.half_widths[p];
+}
+
+// Edges per cubic that keep the polyline within the tolerance: the error is at most D2 / (8 S^2) with
+// D2 = 6 max |second difference of the control points|.
+int choose_samples(const Frame& f, const float* points) {
+  const CsSettings& s = f.settings;
+  if (!(s.tolerance > 0.0f)) return s.samples;
+  float worst = 0.0f;
+  int k = f.points_per_curve;
+  for (int m = 0; m < f.scene.segments; m++)
+    for (int j = 0; j < 2; j++) {
+      const float *a = points + 2 * (3 * m + j), *b = a + 2, *c = points + 2 * ((3 * m + j + 2) % k);
+      float x = a[0] - 2.0f * b[0] + c[0], y = a[1] - 2.0f * b[1] + c[1];
+      worst = std::max(worst, x * x + y * y);
+    }
+  float need = std::ceil(std::sqrt(6.0f * std::sqrt(worst) / (8.0f * s.tolerance)));
+  return int(limit(need, float(std::min(3, s.samples)), float(s.samples)));
+}
+
+void evaluate_polyline(const Frame& f, const float* points, int samples, float* out) {
+  const float* weights = f.weights(samples);
+  int k = f.points_per_curve;
+  for (int m = 0; m < f.scene.segments; m++) {
+    const float *p0 = points + 6 * m, *p3 = points + 2 * ((3 * m + 3) % k);
+    for (int s = 0; s < samples; s++, out += 2) {
+      const float* w = weights + 4 * s;
+      for (int c = 0; c < 2; c++) out[c] = w[0] * p0[c] + w[1] * p0[2 + c] + w[2] * p0[4 + c] + w[3] * p3[c];
+    }
+  }
+  if (!f.scene.closed) std::memcpy(out, points + 2 * (k - 1), 2 * sizeof(float));
+}
+
+struct Box {
+  float x0, y0, x1, y1;
+};
+
+Box bounds(const float* v, int count) {
+  Box b{v[0], v[1], v[0], v[1]};
+  for (int i = 1; i < count; i++) {
+    b.x0 = std::min(b.x0, v[2 * i]);
+    b.x1 = std::max(b.x1, v[2 * i]);
+    b.y0 = std::min(b.y0, v[2 * i + 1]);
+    b.y1 = std::max(b.y1, v[2 * i + 1]);
+  }
+  return b;
+}
+
+// floor(x / unit) clamped to [0, limit], safe for any float including NaN.
+int cell(float x, float unit, int most) {
+  float c = std::floor(x / unit);
+  if (!(c > 0.0f)) return 0;
+  return c < float(most) ? int(c) : most;
+}
+
+// Works on one primitive: its polyline and the lists it adds to the chunk.
+struct Flattener {
+  Frame& f;
+  Chunk& chunk;
+  Primitive& q;
+  const float* v;
+  int p;
+  int tile_x0 = 0, tile_x1 = 0, tile_y0 = 0, tile_y1 = 0;  // tiles within reach of the bounds
+
+  const float* start(int e) const { return v + 2 * e; }
+  const float* end(int e) const { return v + 2 * (f.scene.closed && e + 1 == q.edges ? 0 : e + 1); }
+
+  // First pixel row whose centre lies at y or below it.
+  int row_at(float y, int low, int high) const {
+    float r = std::ceil(y - 0.5f);
+    if (!(r > float(low))) return low;
+    return r < float(high) ? int(r) : high;
+  }
+
+  void orientation() {
+    double area = 0.0;
+    for (int e = 0; e < q.edges; e++) {
+      const float *a = start(e), *b = end(e);
+      area += double(a[0]) * b[1] - double(b[0]) * a[1];
+    }
+    q.orientation = area > 0.0 ? 1.0f : (area < 0.0 ? -1.0f : 0.0f);
+  }
+
+  // Counting sort of (row, crossing) with the half-open rule: an edge owns the rows min(y) <= centre < max(y).
+  void list_crossings(const Box& b) {
+    q.row_begin = row_at(b.y0, 0, f.scene.height);
+    q.row_end = row_at(b.y1, q.row_begin, f.scene.height);
+    int rows = q.row_end - q.row_begin;
+    q.row_index = uint32_t(chunk.row_starts.size());
+    auto& cursor = chunk.cursor;
+    cursor.assign(rows + 1, 0);
+    auto each_row = [&](int e, auto&& visit) {
+      const float *s = start(e), *t = end(e);
+      int r0 = row_at(std::min(s[1], t[1]), q.row_begin, q.row_end), r1 = row_at(std::max(s[1], t[1]), r0, q.row_end);
+      for (int r = r0; r < r1; r++) visit(r, s, t);
+    };
+    for (int e = 0; e < q.edges; e++) each_row(e, [&](int r, const float*, const float*) { cursor[r - q.row_begin]++; });
+    uint32_t total = uint32_t(chunk.crossings.size());
+    for (int r = 0; r <= rows; r++) {
+      chunk.row_starts.push_back(total);
+      uint32_t count = cursor[r];
+      cursor[r] = total;
+      total += count;
+    }
+    chunk.crossings.resize(total);
+    for (int e = 0; e < q.edges; e++)
+      each_row(e, [&](int r, const float* s, const float* t) {
+        float y = float(r) + 0.5f;
+        chunk.crossings[cursor[r - q.row_begin]++] = {crossing_x(s[0], s[1], t[0], t[1], y), t[1] > s[1] ? 1.0f : -1.0f};
+      });
+  }
+
+  // Edges by tile row, for exact coverage, which needs all that crosses a sub-scanline left of the tile too.
+  void list_bands(const Box& b) {
+    q.band_begin = cell(b.y0, kTile, f.tiles_y - 1);
+    q.band_end = cell(b.y1, kTile, f.tiles_y - 1) + 1;
+    q.band_index = uint32_t(chunk.band_starts.size());
+    for (int band = q.band_begin; band < q.band_end; band++) {
+      chunk.band_starts.push_back(uint32_t(chunk.band_edges.size()));
+      float y0 = float(band * kTile), y1 = y0 + kTile;
+      for (int e = 0; e < q.edges; e++) {
+        float ya = start(e)[1], yb = end(e)[1];
+        if (std::max(ya, yb) > y0 && std::min(ya, yb) < y1) chunk.band_edges.push_back(uint16_t(e));
+      }
+    }
+    chunk.band_starts.push_back(uint32_t(chunk.band_edges.size()));
+  }
+
+  // Tile columns of one tile row that an edge comes within reach of; a long edge is clipped to the row first.
+  bool columns(int e, int ty, int& x0, int& x1) const {
+    const float *a = start(e), *b = end(e);
+    float top = float(ty * kTile) - q.reach, bottom = float((ty + 1) * kTile) + q.reach;
+    float ax = a[0], bx = b[0], ay = a[1], by = b[1];
+    if (std::max(ay, by) < top || std::min(ay, by) > bottom) return false;
+    if (std::fabs(by - ay) > float(kTile)) {
+      float slope = (bx - ax) / (by - ay);
+      float xa = ax + (limit(ay, top, bottom) - ay) * slope, xb = ax + (limit(by, top, bottom) - ay) * slope;
+      ax = xa;
+      bx = xb;
+    }
+    float low = std::min(ax, bx) - q.reach, high = std::max(ax, bx) + q.reach;
+    if (high < float(tile_x0 * kTile) || low > float(tile_x1 * kTile)) return false;
+    x0 = std::max(cell(low, kTile, tile_x1), tile_x0);
+    x1 = std::min(cell(high, kTile, tile_x1 - 1) + 1, tile_x1);
+    return x0 < x1;
+  }
+
+  // Winding number of the first pixel row of a tile without edges, seen from its middle.
+  bool inside(int tx, int ty) const {
+    int row = ty * kTile;
+    if (row < q.row_begin || row >= q.row_end) return false;
+    const uint32_t* starts = chunk.row_starts.data() + q.row_index + (row - q.row_begin);
+    float x = float(tx * kTile + kTile / 2), winding = 0.0f;
+    for (uint32_t i = starts[0]; i < starts[1]; i++)
+      if (chunk.crossings[i].x <= x) winding += chunk.crossings[i].direction;
+    return winding != 0.0f;
+  }
+
+  void list_pairs() {
+    int width = tile_x1 - tile_x0, height = tile_y1 - tile_y0;
+    auto& cursor = chunk.cursor;
+    auto& spans = chunk.spans;
+    cursor.assign(size_t(width) * height, 0);
+    spans.clear();
+    for (int e = 0; e < q.edges; e++) {
+      float low = std::min(start(e)[1], end(e)[1]) - q.reach, high = std::max(start(e)[1], end(e)[1]) + q.reach;
+      int y0 = std::max(cell(low, kTile, tile_y1), tile_y0), y1 = std::min(cell(high, kTile, tile_y1 - 1) + 1, tile_y1);
+      for (int ty = y0; ty < y1; ty++) {
+        int x0, x1;
+        if (!columns(e, ty, x0, x1)) continue;
+        spans.insert(spans.end(), {e, ty, x0, x1});
+        for (int tx = x0; tx < x1; tx++) cursor[(ty - tile_y0) * width + tx - tile_x0]++;
+      }
+    }
+    uint32_t total = uint32_t(chunk.edges.size());
+    for (int ty = tile_y0; ty < tile_y1; ty++)
+      for (int tx = tile_x0; tx < tile_x1; tx++) {
+        uint32_t& slot = cursor[(ty - tile_y0) * width + tx - tile_x0];
+        uint32_t count = slot;
+        slot = total;
+        if (count == 0 && !(f.scene.closed && inside(tx, ty))) {
+          chunk.skipped++;
+          continue;
+        }
+        Pair pair{};
+        pair.primitive = p;
+        pair.tile = ty * f.tiles_x + tx;
+        pair.kind = count ? PairKind::boundary : PairKind::inside;
+        pair.edge_begin = total;
+        pair.edge_count = count;
+        chunk.pairs.push_back(pair);
+        total += count;
+      }
+    chunk.edges.resize(total);
+    for (size_t i = 0; i < spans.size(); i += 4)
+      for (int tx = spans[i + 2]; tx < spans[i + 3]; tx++)
+        chunk.edges[cursor[(spans[i + 1] - tile_y0) * width + tx - tile_x0]++] = uint16_t(spans[i]);
+  }
+
+  void run() {
+    int count = q.edges + (f.scene.closed ? 0 : 1);
+    Box b = bounds(v, count);
+    float w = float(f.scene.width), h = float(f.scene.height);
+    bool visible = b.x1 + q.reach > 0.0f && b.y1 + q.reach > 0.0f && b.x0 - q.reach < w &&
+                   b.y0 - q.reach < h;
+    q.pair_begin = uint32_t(chunk.pairs.size());
+    if (visible) {
+      tile_x0 = cell(b.x0 - q.reach, kTile, f.tiles_x - 1);
+      tile_x1 = cell(b.x1 + q.reach, kTile, f.tiles_x - 1) + 1;
+      tile_y0 = cell(b.y0 - q.reach, kTile, f.tiles_y - 1);
+      tile_y1 = cell(b.y1 + q.reach, kTile, f.tiles_y - 1) + 1;
+      if (f.scene.closed) {
+        orientation();
+        list_crossings(b);
+        if (f.settings.exact) list_bands(b);
+      }
+      list_pairs();
+    }
+    q.pair_end = uint32_t(chunk.pairs.size());
+  }
+};
+
+}  // namespace
+
+void flatten(Frame& f, int index) {
+  Chunk& chunk = f.chunks[index];
+  chunk.clear();
+  int last = std::min(f.scene.curves, (index + 1) * kChunk);
+  for (int p = index * kChunk; p < last; p++) {
+    Primitive& q = f.primitives[p] = Primitive{};
+    const float* points = f.scene.points + size_t(p) * f.points_per_curve * 2;
+    activate(f.scene, p, q);
+    q.samples = choose_samples(f, points);
+    q.edges = f.scene.segments * q.samples;
+    float* v = f.vertices.data() + size_t(p) * f.vertex_stride * 2;
+    evaluate_polyline(f, points, q.samples, v);
+    // In exact mode a pixel up to half a diagonal away from the outline is partly covered.
+    float support = kHalfSupport * f.settings.edge_width;
+    q.reach = q.half_width + (f.settings.exact ? std::max(support, 0.75f) : support);
+    Flattener{f, chunk, q, v, p}.run();
+  }
+  if (f.backward) chunk.edge_gradients.assign(chunk.edges.size(), EdgeGradient{});
+}
+
+void bin(Frame& f) {
+  f.tile_starts.assign(size_t(f.tiles()) + 1, 0);
+  size_t total = 0;
+  for (Chunk& c : f.chunks) {
+    for (const Pair& pair : c.pairs) f.tile_starts[pair.tile + 1]++;
+    total += c.pairs.size();
+  }
+  for (int t = 0; t < f.tiles(); t++) f.tile_starts[t + 1] += f.tile_starts[t];
+  f.tile_pairs.resize(total);
+  // Each start moves to its tile's end, which is the next tile's start: shifted back afterwards.
+  for (Chunk& c : f.chunks)
+    for (Pair& pair : c.pairs) f.tile_pairs[f.tile_starts[pair.tile]++] = &pair;
+  for (int t = f.tiles(); t > 0; t--) f.tile_starts[t] = f.tile_starts[t - 1];
+  f.tile_starts[0] = 0;
+  for (size_t i = 0; i < f.chunks.size(); i++) f.views[i] = f.chunks[i].view();
+}
+
+}  // namespace cs

@@ -1,0 +1,60 @@
+// Everything that passes between the stages flatten, bin, raster and update within one step.
+#pragma once
+
+#include <vector>
+
+#include "tile.h"
+
+namespace cs {
+
+constexpr int kChunk = 16;       // primitives per unit of parallel work; fixed, so that results do not depend on threads
+constexpr int kMaxSamples = 64;  // edges per cubic
+
+// Lists of the primitives [index * kChunk, ...): written by one task, so their order never depends on threads.
+struct Chunk {
+  std::vector<Pair> pairs;
+  std::vector<uint16_t> edges;
+  std::vector<EdgeGradient> edge_gradients;
+  std::vector<Crossing> crossings;
+  std::vector<uint32_t> row_starts;
+  std::vector<uint16_t> band_edges;
+  std::vector<uint32_t> band_starts;
+  std::vector<uint32_t> cursor;  // scratch of the counting sorts
+  std::vector<int> spans;        // scratch: tile ranges per edge and tile row
+  int64_t skipped;
+
+  void clear();
+  ChunkView view();
+};
+
+struct Frame {
+  CsScene scene{};
+  CsSettings settings{};
+  CsImages images{};
+  int tiles_x = 0, tiles_y = 0, points_per_curve = 0, vertex_stride = 0;
+  bool backward = false;
+  std::vector<Primitive> primitives;
+  std::vector<float> vertices;  // N x vertex_stride x 2
+  std::vector<float> basis;     // for each number of samples S: S x 4 Bernstein weights, at 4 * S (S - 1) / 2
+  std::vector<Chunk> chunks;
+  std::vector<ChunkView> views;
+  std::vector<uint32_t> tile_starts;
+  std::vector<Pair*> tile_pairs;
+  std::vector<double> tile_loss;
+  std::vector<float> tile_background;  // tiles x 4
+
+  int tiles() const { return tiles_x * tiles_y; }
+  int chunk_count() const { return (scene.curves + kChunk - 1) / kChunk; }
+  const float* weights(int samples) const { return basis.data() + 2 * size_t(samples) * (samples - 1); }
+};
+
+// Sizes the frame for a scene; the scene and settings must have been checked.
+void prepare(Frame&, const CsScene&, const CsSettings&, const CsImages&, bool backward);
+// Parameters -> activated values, polylines, row crossings and (primitive, tile) pairs of one chunk.
+void flatten(Frame&, int chunk);
+// Pairs -> for each tile its pairs, front to back. No sort: the order of the primitives is the order of the lists.
+void bin(Frame&);
+// Pair gradients -> parameter gradients of one chunk, and the optimiser's step.
+void update(const Frame&, int chunk, const CsGradients*, const CsTraining*);
+
+}  // namespace cs

@@ -1,0 +1,166 @@
+// A row of 16 floats as one value, for the CPU: AVX-512, AVX2 or portable loops, chosen by how the file is compiled.
+// Numbers of edges are kept as floats (exact below 2^24), so one type of row is enough.
+#pragma once
+
+#include <cmath>
+
+#include "pixel.h"
+
+#if defined(__AVX512F__) || defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
+namespace cs {
+namespace CS_ISA {
+
+constexpr int kLanes = 16;
+
+#if defined(__AVX512F__)
+
+struct Mask {
+  __mmask16 m;
+};
+struct Lanes {
+  __m512 v;
+  Lanes() = default;
+  CS_INLINE Lanes(__m512 x) : v(x) {}
+  CS_INLINE explicit Lanes(float x) : v(_mm512_set1_ps(x)) {}
+  CS_INLINE static Lanes load(const float* p) { return _mm512_loadu_ps(p); }
+  CS_INLINE void store(float* p) const { _mm512_storeu_ps(p, v); }
+};
+CS_INLINE Lanes operator+(Lanes a, Lanes b) { return _mm512_add_ps(a.v, b.v); }
+CS_INLINE Lanes operator-(Lanes a, Lanes b) { return _mm512_sub_ps(a.v, b.v); }
+CS_INLINE Lanes operator*(Lanes a, Lanes b) { return _mm512_mul_ps(a.v, b.v); }
+CS_INLINE Lanes operator/(Lanes a, Lanes b) { return _mm512_div_ps(a.v, b.v); }
+CS_INLINE Lanes fused(Lanes a, Lanes b, Lanes c) { return _mm512_fmadd_ps(a.v, b.v, c.v); }
+CS_INLINE Lanes minimum(Lanes a, Lanes b) { return _mm512_min_ps(a.v, b.v); }
+CS_INLINE Lanes maximum(Lanes a, Lanes b) { return _mm512_max_ps(a.v, b.v); }
+CS_INLINE Lanes square_root(Lanes a) { return _mm512_sqrt_ps(a.v); }
+CS_INLINE Mask operator<(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_LT_OQ)}; }
+CS_INLINE Mask operator>(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GT_OQ)}; }
+CS_INLINE Mask operator>=(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GE_OQ)}; }
+CS_INLINE Mask operator==(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_EQ_OQ)}; }
+CS_INLINE Mask operator!=(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_NEQ_OQ)}; }
+CS_INLINE Mask operator&(Mask a, Mask b) { return {__mmask16(a.m & b.m)}; }
+CS_INLINE Lanes select(Mask m, Lanes a, Lanes b) { return _mm512_mask_blend_ps(m.m, b.v, a.v); }
+CS_INLINE unsigned bits(Mask m) { return m.m; }
+CS_INLINE float sum(Lanes a) { return _mm512_reduce_add_ps(a.v); }
+
+#elif defined(__AVX2__)
+
+struct Mask {
+  __m256 a, b;
+};
+struct Lanes {
+  __m256 a, b;
+  Lanes() = default;
+  CS_INLINE Lanes(__m256 x, __m256 y) : a(x), b(y) {}
+  CS_INLINE explicit Lanes(float x) : a(_mm256_set1_ps(x)), b(a) {}
+  CS_INLINE static Lanes load(const float* p) { return {_mm256_loadu_ps(p), _mm256_loadu_ps(p + 8)}; }
+  CS_INLINE void store(float* p) const {
+    _mm256_storeu_ps(p, a);
+    _mm256_storeu_ps(p + 8, b);
+  }
+};
+CS_INLINE Lanes operator+(Lanes x, Lanes y) { return {_mm256_add_ps(x.a, y.a), _mm256_add_ps(x.b, y.b)}; }
+CS_INLINE Lanes operator-(Lanes x, Lanes y) { return {_mm256_sub_ps(x.a, y.a), _mm256_sub_ps(x.b, y.b)}; }
+CS_INLINE Lanes operator*(Lanes x, Lanes y) { return {_mm256_mul_ps(x.a, y.a), _mm256_mul_ps(x.b, y.b)}; }
+CS_INLINE Lanes operator/(Lanes x, Lanes y) { return {_mm256_div_ps(x.a, y.a), _mm256_div_ps(x.b, y.b)}; }
+CS_INLINE Lanes fused(Lanes x, Lanes y, Lanes z) {
+  return {_mm256_fmadd_ps(x.a, y.a, z.a), _mm256_fmadd_ps(x.b, y.b, z.b)};
+}
+CS_INLINE Lanes minimum(Lanes x, Lanes y) { return {_mm256_min_ps(x.a, y.a), _mm256_min_ps(x.b, y.b)}; }
+CS_INLINE Lanes maximum(Lanes x, Lanes y) { return {_mm256_max_ps(x.a, y.a), _mm256_max_ps(x.b, y.b)}; }
+CS_INLINE Lanes square_root(Lanes x) { return {_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)}; }
+#define CS_COMPARE(op, code)                                                       \
+  CS_INLINE Mask operator op(Lanes x, Lanes y) {                                   \
+    return {_mm256_cmp_ps(x.a, y.a, code), _mm256_cmp_ps(x.b, y.b, code)};         \
+  }
+CS_COMPARE(<, _CMP_LT_OQ)
+CS_COMPARE(>, _CMP_GT_OQ)
+CS_COMPARE(>=, _CMP_GE_OQ)
+CS_COMPARE(==, _CMP_EQ_OQ)
+CS_COMPARE(!=, _CMP_NEQ_OQ)
+#undef CS_COMPARE
+CS_INLINE Mask operator&(Mask x, Mask y) { return {_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)}; }
+CS_INLINE Lanes select(Mask m, Lanes x, Lanes y) {
+  return {_mm256_blendv_ps(y.a, x.a, m.a), _mm256_blendv_ps(y.b, x.b, m.b)};
+}
+CS_INLINE unsigned bits(Mask m) {
+  return unsigned(_mm256_movemask_ps(m.a)) | (unsigned(_mm256_movemask_ps(m.b)) << 8);
+}
+CS_INLINE float sum(Lanes x) {
+  __m256 s = _mm256_add_ps(x.a, x.b);
+  __m128 q = _mm_add_ps(_mm256_castps256_ps128(s), _mm256_extractf128_ps(s, 1));
+  q = _mm_add_ps(q, _mm_movehl_ps(q, q));
+  return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
+}
+
+#else  // portable: plain loops, which compilers turn into the vectors of their target
+
+struct Mask {
+  bool m[kLanes];
+};
+struct Lanes {
+  float v[kLanes];
+  Lanes() = default;
+  CS_INLINE explicit Lanes(float x) {
+    for (int i = 0; i < kLanes; i++) v[i] = x;
+  }
+  CS_INLINE static Lanes load(const float* p) {
+    Lanes r;
+    for (int i = 0; i < kLanes; i++) r.v[i] = p[i];
+    return r;
+  }
+  CS_INLINE void store(float* p) const {
+    for (int i = 0; i < kLanes; i++) p[i] = v[i];
+  }
+};
+#define CS_EACH(Result, expression)                           \
+  Result r;                                                   \
+  for (int i = 0; i < kLanes; i++) r CS_FIELD = (expression); \
+  return r
+#define CS_FIELD .v[i]
+CS_INLINE Lanes operator+(const Lanes& a, const Lanes& b) { CS_EACH(Lanes, a.v[i] + b.v[i]); }
+CS_INLINE Lanes operator-(const Lanes& a, const Lanes& b) { CS_EACH(Lanes, a.v[i] - b.v[i]); }
+CS_INLINE Lanes operator*(const Lanes& a, const Lanes& b) { CS_EACH(Lanes, a.v[i] * b.v[i]); }
+CS_INLINE Lanes operator/(const Lanes& a, const Lanes& b) { CS_EACH(Lanes, a.v[i] / b.v[i]); }
+CS_INLINE Lanes fused(const Lanes& a, const Lanes& b, const Lanes& c) { CS_EACH(Lanes, a.v[i] * b.v[i] + c.v[i]); }
+CS_INLINE Lanes minimum(const Lanes& a, const Lanes& b) { CS_EACH(Lanes, a.v[i] < b.v[i] ? a.v[i] : b.v[i]); }
+CS_INLINE Lanes maximum(const Lanes& a, const Lanes& b) { CS_EACH(Lanes, a.v[i] > b.v[i] ? a.v[i] : b.v[i]); }
+CS_INLINE Lanes square_root(const Lanes& a) { CS_EACH(Lanes, std::sqrt(a.v[i])); }
+CS_INLINE Lanes select(const Mask& m, const Lanes& a, const Lanes& b) { CS_EACH(Lanes, m.m[i] ? a.v[i] : b.v[i]); }
+#undef CS_FIELD
+#define CS_FIELD .m[i]
+CS_INLINE Mask operator<(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] < b.v[i]); }
+CS_INLINE Mask operator>(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] > b.v[i]); }
+CS_INLINE Mask operator>=(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] >= b.v[i]); }
+CS_INLINE Mask operator==(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] == b.v[i]); }
+CS_INLINE Mask operator!=(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] != b.v[i]); }
+CS_INLINE Mask operator&(const Mask& a, const Mask& b) { CS_EACH(Mask, a.m[i] && b.m[i]); }
+#undef CS_FIELD
+#undef CS_EACH
+CS_INLINE unsigned bits(const Mask& m) {
+  unsigned r = 0;
+  for (int i = 0; i < kLanes; i++) r |= unsigned(m.m[i]) << i;
+  return r;
+}
+CS_INLINE float sum(const Lanes& a) {
+  float s = 0.0f;
+  for (int i = 0; i < kLanes; i++) s += a.v[i];
+  return s;
+}
+
+#endif
+
+constexpr unsigned kAllLanes = 0xffffu;
+CS_INLINE bool any(const Mask& m) { return bits(m) != 0; }
+
+// 0, 1, ... 15
+CS_INLINE Lanes lane_numbers() {
+  static const float numbers[kLanes] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+  return Lanes::load(numbers);
+}
+
+}  // namespace CS_ISA
+}  // namespace cs

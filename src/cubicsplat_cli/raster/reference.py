@@ -1,0 +1,374 @@
+"""The reference renderer: the definition of what every engine computes, in float64 and plain torch.
+
+Written to be read and checked, not to be fast: one primitive at a time, every pixel against every edge.
+Forward values and derivatives (by autograd) are those the native engines are tested against. Shapes: H, W
+canvas; P any pixel shape; V vertices and E edges of one curve's polyline; C channels.
+
+The relaxation (uniform polyline surrogate, signed distance with a sign that is constant in the backward pass,
+stroke coverage as a difference of two edges, front-to-back compositing) follows CubicSplat (ECCV 2026). The
+exact coverage with the relaxed derivative and the leave-one-out importance are ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from ..bezier import polyline_basis
+from ..errors import InputError, UsageError
+from ..scene import Mode, Scene, segments_from_points
+from .settings import EXACT_ROWS, EXACT_SUBSAMPLES, HALF_SUPPORT, MAX_ALPHA, MIN_TRANSMITTANCE, RasterSettings
+
+# Squared edge length below which an edge counts as this long when a point is projected onto it, px^2.
+MIN_EDGE_SQUARED = 1e-12
+# Distance below which the direction to the nearest point is lost to rounding, px.
+ON_OUTLINE = 1e-6
+
+
+def flatten(points: Tensor, mode: Mode, samples: int) -> Tensor:
+    """The polyline of every curve: points (N, K, 2) px -> vertices (N, V, 2) px, float64."""
+    segments = segments_from_points(mode, points.shape[1])
+    return polyline_basis(mode, segments, samples).to(points.device) @ points.double()
+
+
+def pixel_centres(width: int, height: int, device: torch.device | str = "cpu") -> Tensor:
+    """(H, W, 2) float64: the centre (j + 0.5, i + 0.5) of every pixel (row i, column j), px."""
+    return _grid(width, height, 1, device)
+
+
+def _grid(width: int, height: int, per_pixel: int, device: torch.device | str) -> Tensor:
+    """(H n, W n, 2): the centres of the cells of a grid with n x n cells in each pixel, n = per_pixel."""
+    x = (torch.arange(width * per_pixel, dtype=torch.float64, device=device) + 0.5) / per_pixel
+    y = (torch.arange(height * per_pixel, dtype=torch.float64, device=device) + 0.5) / per_pixel
+    return torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
+
+
+def edges(vertices: Tensor, mode: Mode) -> tuple[Tensor, Tensor]:
+    """Start and end (E, 2) of the edges of a polyline (V, 2): E = V closed (back to vertex 0), V - 1 open."""
+    if mode is Mode.CLOSED:
+        return vertices, vertices.roll(-1, dims=0)
+    return vertices[:-1], vertices[1:]
+
+
+class Nearest(NamedTuple):
+    """The point of a polyline that is nearest to each pixel."""
+
+    distance: Tensor  # (P), px, detached
+    offset: Tensor  # (P, 2), px, nearest point minus pixel; differentiable, with t held constant
+    along: Tensor  # (P, 2), the vector from start to end of the nearest edge, detached
+
+
+def nearest(vertices: Tensor, at: Tensor, mode: Mode) -> Nearest:
+    """The nearest point c = (1 - t) a + t b of the polyline (V, 2) to each of the points `at` (P, 2), px.
+
+    Of edges equally near the first one counts. t needs no derivative (envelope theorem), so it is
+    held constant.
+    """
+    a, b = edges(vertices, mode)
+    with torch.no_grad():
+        v = b - a
+        to_pixel = at.unsqueeze(-2) - a
+        t = ((to_pixel * v).sum(-1) / (v * v).sum(-1).clamp(min=MIN_EDGE_SQUARED)).clamp(0.0, 1.0)
+        squared = (to_pixel - t.unsqueeze(-1) * v).square().sum(-1)
+        edge = squared.argmin(dim=-1)
+        t = t.gather(-1, edge.unsqueeze(-1))
+    offset = (1.0 - t) * a[edge] + t * b[edge] - at
+    return Nearest(offset.detach().norm(dim=-1), offset, v[edge])
+
+
+def winding(vertices: Tensor, at: Tensor) -> Tensor:
+    """Winding number of the closed polyline (V, 2) around each point (P, 2): (P) int64.
+
+    Counts the edges that a ray to the left crosses, half-open in y so that a vertex on the ray counts once; a
+    crossing exactly at the point counts.
+    """
+    with torch.no_grad():
+        a, b = edges(vertices, Mode.CLOSED)
+        x, y = at[..., 0].unsqueeze(-1), at[..., 1].unsqueeze(-1)
+        crossing, direction = _crossings(a, b, y)
+        return (direction * (crossing <= x)).sum(-1)
+
+
+def _crossings(a: Tensor, b: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+    """Where edges a to b (E, 2) cross the lines y (..., 1).
+
+    Returns x (..., E), infinite where there is no crossing, and the direction: +1 down, -1 up, 0 none.
+    """
+    starts_above, ends_above = a[:, 1] <= y, b[:, 1] <= y
+    direction = starts_above.long() - ends_above.long()
+    rise = torch.where(direction != 0, b[:, 1] - a[:, 1], 1.0)
+    x = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / rise
+    return torch.where(direction != 0, x, torch.inf), direction
+
+
+def signed_area(vertices: Tensor) -> Tensor:
+    """Shoelace area of the closed polyline (V, 2), px^2; positive when it turns from the x to the y axis."""
+    x, y = vertices.unbind(-1)
+    return 0.5 * (x * y.roll(-1) - x.roll(-1) * y).sum()
+
+
+def signed_distance(vertices: Tensor, at: Tensor) -> Tensor:
+    """u = s d of closed shapes (P), px: the distance of points (P, 2) to the polyline (V, 2), signed.
+
+    It is positive where the winding number is not zero. The sign is a constant in the backward pass. The
+    derivative of u with respect to the nearest point is the unit vector s (c - x) / d; where d vanishes it is
+    the outward normal of the nearest edge, or zero for an edge without length or a shape without area.
+    """
+    near = nearest(vertices, at, Mode.CLOSED)
+    with torch.no_grad():
+        sign = torch.where(winding(vertices, at) != 0, 1.0, -1.0).double()
+        towards = sign.unsqueeze(-1) * _unit(near.offset, near.distance)
+        vx, vy = near.along.unbind(-1)
+        outward = signed_area(vertices).sign() * _unit(
+            torch.stack((vy, -vx), dim=-1), near.along.norm(dim=-1)
+        )
+        normal = torch.where((near.distance < ON_OUTLINE).unsqueeze(-1), outward, towards)
+    return _with_gradient(sign * near.distance, (near.offset * normal).sum(-1))
+
+
+def distance(vertices: Tensor, at: Tensor) -> Tensor:
+    """d of open strokes: distance to the polyline (V, 2) of each point (P, 2), px.
+
+    On the line itself the derivative is zero: there the coverage is symmetric in the direction of movement.
+    """
+    near = nearest(vertices, at, Mode.OPEN)
+    with torch.no_grad():
+        on_line = (near.distance < ON_OUTLINE).unsqueeze(-1)
+        towards = torch.where(on_line, 0.0, _unit(near.offset, near.distance))
+    return _with_gradient(near.distance, (near.offset * towards).sum(-1))
+
+
+def _unit(vector: Tensor, length: Tensor) -> Tensor:
+    """vector / length (P, 2), zero where the length is zero."""
+    length = length.unsqueeze(-1)
+    return torch.where(length > 0.0, vector / torch.where(length > 0.0, length, 1.0), 0.0)
+
+
+def _with_gradient(value: Tensor, carrier: Tensor) -> Tensor:
+    """The value of one tensor with the derivative of another."""
+    return value.detach() + (carrier - carrier.detach())
+
+
+def smooth_step(u: Tensor, edge_width: float) -> Tensor:
+    """phi(u) = z^2 (3 - 2 z), z = clamp(u / (1.5 w) + 0.5, 0, 1).
+
+    It rises from 0 at u = -0.75 w to 1 at 0.75 w, with slope 1 / w at u = 0. u (P) and w in px.
+    """
+    z = (u / (2.0 * HALF_SUPPORT * edge_width) + 0.5).clamp(0.0, 1.0)
+    return z * z * (3.0 - 2.0 * z)
+
+
+def coverage_relaxed(
+    vertices: Tensor, half_width: Tensor, at: Tensor, mode: Mode, edge_width: float
+) -> Tensor:
+    """Relaxed coverage (P) in [0, 1] of the points `at` (P, 2) by one curve.
+
+    vertices: (V, 2) px. half_width: scalar px, used by open strokes only. edge_width: px, > 0.
+    """
+    if mode is Mode.CLOSED:
+        return smooth_step(signed_distance(vertices, at), edge_width)
+    d = distance(vertices, at)
+    return smooth_step(half_width - d, edge_width) - smooth_step(-half_width - d, edge_width)
+
+
+def coverage_exact(vertices: Tensor, half_width: Tensor, mode: Mode, width: int, height: int) -> Tensor:
+    """Area coverage (H, W) in [0, 1] of every pixel by one curve, without a gradient.
+
+    vertices: (V, 2) px. half_width: scalar px, used by open strokes only.
+    """
+    with torch.no_grad():
+        if mode is Mode.CLOSED:
+            return _fill_coverage(vertices, width, height)
+        return _stroke_coverage(vertices, half_width, width, height)
+
+
+def _fill_coverage(vertices: Tensor, width: int, height: int) -> Tensor:
+    """Mean over the sub-scanlines of a pixel row of the length inside the pixel: exact in x, sampled in y."""
+    a, b = edges(vertices, Mode.CLOSED)
+    rows = height * EXACT_ROWS
+    y = (torch.arange(rows, dtype=torch.float64, device=vertices.device) + 0.5) / EXACT_ROWS
+    crossing, direction = _crossings(a, b, y.unsqueeze(-1))
+    # The few true crossings of each line come first when sorted; the rest, at infinity, is cut off.
+    crossing, order = crossing.sort(dim=-1)
+    most = int((direction != 0).sum(-1).max())
+    crossing, direction = crossing[:, :most], direction.gather(-1, order)[:, :most]
+    inside = direction.cumsum(-1) != 0
+    pixel = torch.arange(width, dtype=torch.float64, device=vertices.device)
+    covered = torch.zeros(rows, width, dtype=torch.float64, device=vertices.device)
+    for k in range(most - 1):
+        start, end = crossing[:, k, None], crossing[:, k + 1, None]
+        length = (torch.minimum(end, pixel + 1.0) - torch.maximum(start, pixel)).clamp(min=0.0)
+        covered += torch.where(inside[:, k, None], length, 0.0)
+    return covered.view(height, EXACT_ROWS, width).mean(dim=1)
+
+
+def _stroke_coverage(vertices: Tensor, half_width: Tensor, width: int, height: int) -> Tensor:
+    """Mean over sub-samples of box(r - d) - box(-r - d), with box(u) = clamp(u / h + 0.5, 0, 1)."""
+    h = 1.0 / EXACT_SUBSAMPLES
+    cells = _grid(width, height, EXACT_SUBSAMPLES, vertices.device)
+    cells = cells.view(height, EXACT_SUBSAMPLES, width, EXACT_SUBSAMPLES, 2).transpose(1, 2)
+    covered = torch.zeros(height, width, dtype=torch.float64, device=vertices.device)
+    # A sub-sample is covered where d < r + h / 2 and lies within 0.54 px of its pixel's centre, so pixels
+    # farther than r + 1 from the line are left out.
+    centres = pixel_centres(width, height, vertices.device)
+    within = nearest(vertices, centres, Mode.OPEN).distance < half_width + 1.0
+    d = nearest(vertices, cells[within], Mode.OPEN).distance
+    outer = ((half_width - d) / h + 0.5).clamp(0.0, 1.0)
+    inner = ((-half_width - d) / h + 0.5).clamp(0.0, 1.0)
+    covered[within] = (outer - inner).mean(dim=(-2, -1))
+    return covered
+
+
+def coverage(
+    vertices: Tensor, half_width: Tensor, mode: Mode, width: int, height: int, settings: RasterSettings
+) -> Tensor:
+    """Coverage (H, W) of one curve as the settings ask; "exact" has the derivative of the relaxed edge."""
+    centres = pixel_centres(width, height, vertices.device)
+    relaxed = coverage_relaxed(vertices, half_width, centres, mode, settings.edge_width)
+    if settings.coverage == "relaxed":
+        return relaxed
+    return _with_gradient(coverage_exact(vertices, half_width, mode, width, height), relaxed)
+
+
+def alpha_of(covered: Tensor, opacity: Tensor) -> Tensor:
+    """alpha = min(opacity * coverage, MAX_ALPHA), with a zero derivative where the limit holds."""
+    return (opacity * covered).clamp(max=MAX_ALPHA)
+
+
+class Layer(NamedTuple):
+    """One primitive on its way into the picture, at every pixel."""
+
+    alpha: Tensor  # (H, W), zero where the pixel had stopped before this primitive
+    transmittance: Tensor  # (H, W), before this primitive
+    before: Tensor  # (H, W, C), colour accumulated before it
+    after: Tensor  # (H, W, C), colour accumulated with it
+
+
+def front_to_back(alphas: Tensor, colours: Tensor) -> Iterator[Layer]:
+    """Composite alphas (N, H, W) of colours (N, C), front first: acc += T alpha c, T *= 1 - alpha.
+
+    A primitive contributes to a pixel only while the transmittance before it is at least MIN_TRANSMITTANCE.
+    """
+    transmittance = torch.ones_like(alphas[0])
+    accumulated = torch.zeros(*alphas.shape[1:], colours.shape[1], dtype=alphas.dtype, device=alphas.device)
+    for alpha, colour in zip(alphas, colours, strict=True):
+        alpha = torch.where(transmittance >= MIN_TRANSMITTANCE, alpha, 0.0)
+        after = accumulated + (transmittance * alpha).unsqueeze(-1) * colour
+        yield Layer(alpha, transmittance, accumulated, after)
+        transmittance, accumulated = transmittance * (1.0 - alpha), after
+
+
+def composite(alphas: Tensor, colours: Tensor, background: Tensor) -> Tensor:
+    """The picture F = acc + T background: alphas (N, H, W), colours (N, C), background (C,) -> (H, W, C)."""
+    for layer in front_to_back(alphas, colours):
+        last = layer
+    transmittance = last.transmittance * (1.0 - last.alpha)
+    return last.after + transmittance.unsqueeze(-1) * background
+
+
+def channel_colours(colours: Tensor, background: tuple[float, float, float] | None) -> tuple[Tensor, Tensor]:
+    """Colours (N, C) and background (C,) of the picture's channels, float64.
+
+    Over a background: RGB. Without one: premultiplied RGBA, where each primitive is (r, g, b, 1) and the
+    background zero.
+    """
+    colours = colours.double()
+    if background is not None:
+        return colours, torch.tensor(background, dtype=torch.float64, device=colours.device)
+    return torch.cat((colours, torch.ones_like(colours[:, :1])), dim=1), colours.new_zeros(4)
+
+
+def _alphas(scene: Scene, settings: RasterSettings) -> Tensor:
+    """(N, H, W): the alpha of every primitive at every pixel."""
+    vertices = flatten(scene.points, scene.mode, settings.samples)
+    layers = [
+        alpha_of(coverage(v, r, scene.mode, scene.width, scene.height, settings), o)
+        for v, r, o in zip(vertices, scene.half_widths.double(), scene.opacities.double(), strict=True)
+    ]
+    return torch.stack(layers)
+
+
+def render(
+    points: Tensor,
+    colours: Tensor,
+    opacities: Tensor,
+    half_widths: Tensor,
+    *,
+    mode: Mode,
+    width: int,
+    height: int,
+    background: tuple[float, float, float] | None,
+    settings: RasterSettings,
+) -> Tensor:
+    """Render a scene, differentiably in its four tensors.
+
+    The arguments are the fields of `Scene`. Returns (H, W, C) float64 in [0, 1]: RGB over a background,
+    premultiplied RGBA when background is None. Raises InputError as `Scene.validate` does.
+    """
+    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background)
+    scene.validate()
+    return composite(_alphas(scene, settings), *channel_colours(colours, background))
+
+
+def image_loss(image: Tensor, target: Tensor) -> Tensor:
+    """Sum over the pixels of the squared error, a scalar: image and target (H, W, C), C = 3 or 4.
+
+    3 channels: sum_c e_c^2. 4 channels, premultiplied: the mean of the squared errors over black and over
+    white, that is sum over r, g, b of (e_c^2 + (e_c - e_a)^2) / 2. Raises InputError for other shapes.
+    """
+    if image.shape != target.shape or image.shape[-1] not in (3, 4):
+        raise InputError(
+            f"image and target must both have shape (H, W, 3) or (H, W, 4), not {tuple(image.shape)} and "
+            f"{tuple(target.shape)}"
+        )
+    error = image - target.to(image.dtype)
+    if image.shape[-1] == 3:
+        return error.square().sum()
+    over_black, over_white = error[..., :3], error[..., :3] - error[..., 3:]
+    return 0.5 * (over_black.square() + over_white.square()).sum()
+
+
+def importance(
+    points: Tensor,
+    colours: Tensor,
+    opacities: Tensor,
+    half_widths: Tensor,
+    *,
+    mode: Mode,
+    width: int,
+    height: int,
+    background: tuple[float, float, float] | None,
+    settings: RasterSettings,
+    target: Tensor | None = None,
+    kind: str = "loo",
+) -> Tensor:
+    """How much each primitive matters, (N,) float64; no gradient.
+
+    "visibility": sum over the pixels of T alpha, px^2. "loo" (leave one out): how much `image_loss` against
+    target (H, W, C) would rise without the primitive; negative when it does harm. The picture without it is
+    acc_before + (F - acc_after) / (1 - alpha), which is exact except where a pixel stopped early: what lies
+    behind the primitive that stopped it was never composited, and counts as background.
+
+    Raises InputError as `Scene.validate` and `image_loss` do, UsageError for another kind or no target.
+    """
+    if kind not in ("loo", "visibility"):
+        raise UsageError(f"importance must be 'loo' or 'visibility', not {kind!r}")
+    if kind == "loo" and target is None:
+        raise UsageError("leave-one-out importance needs a target picture")
+    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background)
+    scene.validate()
+    with torch.no_grad():
+        alphas = _alphas(scene, settings)
+        channels, behind = channel_colours(colours, background)
+        if kind == "visibility":
+            return torch.stack([(x.transmittance * x.alpha).sum() for x in front_to_back(alphas, channels)])
+        image = composite(alphas, channels, behind)
+        loss = image_loss(image, target)
+        without = (
+            x.before + (image - x.after) / (1.0 - x.alpha).unsqueeze(-1)
+            for x in front_to_back(alphas, channels)
+        )
+        return torch.stack([image_loss(picture, target) - loss for picture in without])

@@ -1,0 +1,43 @@
+"""What a render needs to know beside the scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import UsageError
+
+# A pixel's alpha is kept below one so that the backward pass may divide by 1 - alpha; the transmittance at which
+# a pixel stops lies just above 1 - MAX_ALPHA, so that one opaque curve ends the pixel in every precision.
+MAX_ALPHA = 0.9995
+MIN_TRANSMITTANCE = 5.1e-4
+# Exact coverage: sub-scanlines per pixel row for fills, sub-samples per axis for strokes.
+EXACT_ROWS = 16
+EXACT_SUBSAMPLES = 4
+# Half of the relaxed edge's support, in edge widths (the smoothstep of slope 1/w has support 1.5 w).
+HALF_SUPPORT = 0.75
+
+
+@dataclass(frozen=True)
+class RasterSettings:
+    """How coverage is computed.
+
+    coverage: "relaxed" (smooth edge of width `edge_width`) or "exact" (area coverage; its derivative is that of the
+    relaxed edge). edge_width: px, > 0, the reciprocal of the coverage's slope at the outline. samples: edges per
+    cubic of the polyline, 1..64. tolerance: px, >= 0; above 0 each primitive of the native engines gets only as many
+    edges per cubic, at most `samples`, as keep its polyline that near to the curve.
+    """
+
+    coverage: str = "relaxed"
+    edge_width: float = 1.0
+    samples: int = 12
+    tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.coverage not in ("relaxed", "exact"):
+            raise UsageError(f"coverage must be 'relaxed' or 'exact', not {self.coverage!r}")
+        if not 0.0 < self.edge_width < 1e4:
+            raise UsageError(f"edge_width must lie between 0 and 10000 px, not {self.edge_width}")
+        if not 0.0 <= self.tolerance < 1e4:
+            raise UsageError(f"tolerance must lie between 0 and 10000 px, not {self.tolerance}")
+        if not 1 <= self.samples <= 64:
+            raise UsageError(f"samples must lie between 1 and 64, not {self.samples}")
