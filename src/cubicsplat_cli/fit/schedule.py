@@ -10,7 +10,7 @@ from .presets import Recipe
 
 @dataclass(frozen=True)
 class Phase:
-    """One step's settings. rate: factor on every step size. edge_width: px. exact: area coverage in the forward pass."""
+    """One step's settings: factor on every step size, edge width in px, area coverage in the forward pass or not."""
 
     rate: float
     edge_width: float

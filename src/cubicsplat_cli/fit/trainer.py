@@ -144,9 +144,10 @@ class Trainer:
         )  # fmt: skip
 
     def _raster(self, phase: Phase) -> RasterSettings:
+        tolerance = self.settings.recipe.tolerance
         if phase.exact:
-            return RasterSettings("exact", phase.edge_width, self.settings.finish_samples, self.settings.recipe.tolerance / 4)
-        return RasterSettings("relaxed", phase.edge_width, self.settings.samples, self.settings.recipe.tolerance)
+            return RasterSettings("exact", phase.edge_width, self.settings.finish_samples, tolerance / 4)
+        return RasterSettings("relaxed", phase.edge_width, self.settings.samples, tolerance)
 
     def _rates(self, phase: Phase) -> Rates:
         recipe = self.settings.recipe
@@ -206,9 +207,8 @@ class Trainer:
         now = time.perf_counter()
         last = self.step == self.settings.steps
         if self.step % max(1, self.settings.steps // HISTORY_ENTRIES) == 0 or last:
-            self.history.append(
-                {"step": self.step, "psnr_db": round(psnr(loss, self.values), 3), "seconds": round(now - self.started, 3)}
-            )
+            level, seconds = round(psnr(loss, self.values), 3), round(now - self.started, 3)
+            self.history.append({"step": self.step, "psnr_db": level, "seconds": seconds})
         if self.on_progress and (now - self.reported >= REPORT_SECONDS or last):
             self.reported = now
             per_step = (now - self.started) / self.step
@@ -216,5 +216,5 @@ class Trainer:
                 Progress(
                     self.step, self.settings.steps, psnr(loss, self.values), 1e3 * per_step, self.replaced,
                     per_step * (self.settings.steps - self.step),
-                )  # fmt: skip
+                )
             )

@@ -45,7 +45,9 @@ class _Images(ctypes.Structure):
 
 
 class _Gradients(ctypes.Structure):
-    _fields_ = [(name, c_void_p) for name in ("points", "colours", "opacities", "half_widths", "importance", "background")]
+    _fields_ = [
+        (name, c_void_p) for name in ("points", "colours", "opacities", "half_widths", "importance", "background")
+    ]
 
 
 class _Training(ctypes.Structure):
@@ -150,10 +152,13 @@ class OptimiserState:
         return cls(torch.zeros(curves, 2 * points_per_curve + 5, 4), torch.zeros(curves, dtype=torch.int32))
 
 
-def _pointer(tensor: Tensor | None, name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32) -> int | None:
+def _pointer(
+    tensor: Tensor | None, name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32
+) -> int | None:
     if tensor is None:
         return None
-    if tuple(tensor.shape) != shape or tensor.dtype != dtype or tensor.device.type != "cpu" or not tensor.is_contiguous():
+    fits = tuple(tensor.shape) == shape and tensor.dtype == dtype
+    if not fits or tensor.device.type != "cpu" or not tensor.is_contiguous():
         raise EngineError(
             f"{name} must be a contiguous {dtype} CPU tensor of shape {shape}, "
             f"not {tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
@@ -164,7 +169,8 @@ def _pointer(tensor: Tensor | None, name: str, shape: tuple[int, ...], dtype: to
 class CpuEngine:
     """One native engine with its threads and scratch memory. Not to be shared between Python threads.
 
-    threads: worker threads, >= 1 (default: all the process may use). isa: one of `instruction_sets()`, default the best.
+    threads: worker threads, >= 1 (default: all the process may use). isa: one of `instruction_sets()` (default: the
+    best of them).
     """
 
     name = "cpu"

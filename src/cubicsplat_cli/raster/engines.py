@@ -7,7 +7,7 @@ from .cpu import CpuEngine
 
 
 def open_engine(device: str = "auto", threads: int | None = None) -> CpuEngine:
-    """Opens the engine for `device` ("auto", "cpu" or "cuda"). Raises EngineError with the reason where it cannot run."""
+    """Opens the engine for `device` ("auto", "cpu" or "cuda"). Raises EngineError where it cannot run."""
     if device == "cuda":
         raise EngineError("the CUDA engine is not part of this version; use --device cpu")
     return CpuEngine(threads)

@@ -1,0 +1,76 @@
+# make demo | test | test-slow | test-gpu | lint | native | clean
+# Tests run against the installed package, so every target that runs something installs it first when a source changed.
+PYTHON ?= python3
+VENV ?= .venv
+PHOTO ?= samples/chelsea.png
+DEMO_OPTIONS ?=
+PYTEST_OPTIONS ?=
+TESTS ?= tests
+JOBS ?= 2
+
+ifeq ($(OS),Windows_NT)
+BIN := $(VENV)/Scripts
+else
+BIN := $(VENV)/bin
+endif
+PY := $(BIN)/python
+PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+# Folders are in the list so that a removed or renamed file counts as a change too.
+SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find src \
+	\( -name __pycache__ -o -name '_cubicsplat.*' \) -prune -o \( -type f -o -type d \) -print)
+VENV_STAMP := $(VENV)/.stamp-created
+PACKAGE_STAMP := $(VENV)/.stamp-package
+TEST_STAMP := $(VENV)/.stamp-test
+
+.NOTPARALLEL:
+.PHONY: demo test test-slow test-gpu lint native clean install
+.DEFAULT_GOAL := demo
+
+demo: $(PACKAGE_STAMP)
+	@mkdir -p build
+	$(BIN)/cubicsplat vectorize $(PHOTO) -o build/demo.svg --force $(DEMO_OPTIONS)
+	@echo "The SVG is $(CURDIR)/build/demo.svg (open it in a browser); its picture is build/demo.png."
+
+install: $(PACKAGE_STAMP)
+
+test: $(TEST_STAMP)
+	$(PY) -m pytest -m "not slow and not gpu" --timeout 300 $(PYTEST_OPTIONS) $(TESTS)
+
+test-slow: $(TEST_STAMP)
+	$(PY) -m pytest -m "slow and not gpu" --timeout 3600 $(PYTEST_OPTIONS) $(TESTS)
+
+test-gpu: $(TEST_STAMP)
+	$(PY) -m pytest -m gpu --timeout 1200 $(PYTEST_OPTIONS) $(TESTS)
+
+lint: $(BIN)/ruff
+	$(BIN)/ruff check .
+
+# For work on the C++ alone: a quick incremental build next to the sources, for PYTHONPATH=src. Nothing else uses it.
+native:
+	cmake -S . -B build/native -DCMAKE_BUILD_TYPE=Release
+	cmake --build build/native --parallel $(JOBS)
+	cmake --install build/native --component engine --prefix build/native/install
+	# Remove first: writing into a library that a running process has mapped would crash that process.
+	rm -f src/cubicsplat_cli/raster/_cubicsplat.*
+	cp build/native/install/cubicsplat_cli/raster/_cubicsplat.* src/cubicsplat_cli/raster/
+
+$(VENV_STAMP):
+	test -x $(PY) || $(PYTHON) -m venv $(VENV)
+	@touch $@
+
+$(PACKAGE_STAMP): $(SOURCES) constraints.txt $(VENV_STAMP)
+	$(PIP_INSTALL) .
+	@touch $@
+
+$(TEST_STAMP): $(SOURCES) constraints.txt $(VENV_STAMP)
+	$(PIP_INSTALL) ".[test]"
+	@touch $(PACKAGE_STAMP) $@
+
+$(BIN)/ruff: $(VENV_STAMP) constraints.txt
+	$(PIP_INSTALL) --upgrade ruff
+	@touch $@
+
+clean:
+	rm -rf build dist .pytest_cache .ruff_cache .hypothesis
+	rm -f src/cubicsplat_cli/raster/_cubicsplat.* $(PACKAGE_STAMP) $(TEST_STAMP)

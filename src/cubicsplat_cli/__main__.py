@@ -1,0 +1,25 @@
+"""The `cubicsplat` command: our errors end as one line and an exit code, all others as a traceback."""
+
+from __future__ import annotations
+
+import sys
+
+from cubicsplat_cli.errors import CubicSplatError
+
+
+def main() -> None:
+    """Run the command line; never returns (SystemExit carries the exit code: 0, 1, 2 or 130)."""
+    try:
+        from cubicsplat_cli.cli.app import app
+
+        app(prog_name="cubicsplat")
+    except CubicSplatError as error:
+        message = " ".join(str(error).split())
+        print(f"cubicsplat: error: {message}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+"""Draws SVG bytes with an independent renderer: cairosvg, or resvg where the system has no libcairo."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+
+from cubicsplat_cli.errors import EngineError, InputError, UsageError
+from cubicsplat_cli.evaluate.untrusted import SvgSize, check_untrusted
+
+# cairo's image surfaces end at 32767 px a side; the area bounds the memory (4 bytes a pixel, twice).
+MAX_SIDE = 32_767
+MAX_RENDER_PIXELS = 2**28
+RENDERERS = ("cairosvg", "resvg")
+
+_PACKAGES = {"cairosvg": "cairosvg", "resvg": "resvg_py"}
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """A drawn SVG.
+
+    pixels: (H, W, 4) uint8 straight RGBA, transparent where nothing was drawn. renderer: name and version.
+    note: what the user should know about the choice of the renderer, or None.
+    """
+
+    pixels: np.ndarray
+    renderer: str
+    note: str | None
+
+
+@dataclass(frozen=True)
+class RendererInfo:
+    """Whether a renderer can be used here: `version` when it can, else `problem` with what to do."""
+
+    name: str
+    version: str | None
+    problem: str | None
+
+
+def available_renderers() -> tuple[RendererInfo, ...]:
+    """Every known renderer in the order of preference, tried by importing it."""
+    return tuple(_probe(name) for name in RENDERERS)
+
+
+def rerender(svg: bytes, width: int, height: int, *, renderer: str | None = None) -> Rendered:
+    """Draw SVG bytes that this package made at width x height px, transparent background kept.
+
+    renderer: "cairosvg", "resvg", or None for the first that works; a fallback is told in `Rendered.note`.
+    Raises UsageError for another name, InputError for an impossible size or bytes that cannot be drawn,
+    EngineError when the renderer (or, for None, every renderer) is missing.
+    """
+    _check_size(width, height)
+    module, name, note = _choose(renderer)
+    try:
+        pixels = _DRAW[name](module, svg, width, height)
+    except (KeyboardInterrupt, MemoryError):
+        raise
+    except Exception as error:
+        # Both renderers answer an SVG they cannot draw with nearly any exception; the file is what is wrong.
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{name} cannot draw the SVG ({reason}); check the file in a viewer") from error
+    return Rendered(_centred(pixels, width, height), f"{_PACKAGES[name]} {module.__version__}", note)
+
+
+def rerender_untrusted(
+    svg: bytes,
+    *,
+    source: str,
+    width: int | None = None,
+    height: int | None = None,
+    scale: float = 1.0,
+    renderer: str | None = None,
+) -> tuple[Rendered, SvgSize]:
+    """Draw an SVG of unknown origin after `check_untrusted`, at width x height or at its own size times
+    `scale`.
+
+    Returns the picture and the natural size. An SVG of another shape than width x height is centred, as
+    viewers do.
+    Raises what `check_untrusted` and `rerender` raise; UsageError for a scale that is not positive and
+    finite.
+    """
+    if not (math.isfinite(scale) and scale > 0):
+        raise UsageError(f"scale must be a positive number, not {scale}")
+    size = check_untrusted(svg, source)
+    if width is None or height is None:
+        width, height = max(1, round(size.width * scale)), max(1, round(size.height * scale))
+    return rerender(svg, width, height, renderer=renderer), size
+
+
+def install_hint() -> str:
+    """The command that installs the system's libcairo on this kind of system."""
+    if sys.platform == "darwin":
+        return "brew install cairo"
+    if sys.platform == "win32":
+        return "install the GTK 3 runtime, which brings cairo"
+    return "apt-get install libcairo2"
+
+
+def _check_size(width: int, height: int) -> None:
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE) or width * height > MAX_RENDER_PIXELS:
+        raise InputError(
+            f"a picture of {width} x {height} px cannot be drawn: at most {MAX_SIDE} px a side and "
+            f"{MAX_RENDER_PIXELS / 1e6:.0f} megapixels; choose a smaller scale"
+        )
+
+
+def _choose(renderer: str | None) -> tuple[ModuleType, str, str | None]:
+    """The module to draw with, its renderer name, and the note when it is not the preferred one."""
+    if renderer is not None:
+        if renderer not in RENDERERS:
+            raise UsageError(f"renderer must be one of {', '.join(RENDERERS)}, not {renderer!r}")
+        module, problem = _load(renderer)
+        if module is None:
+            raise EngineError(f"the renderer {renderer} is not available: {problem}")
+        return module, renderer, None
+    problems = []
+    for name in RENDERERS:
+        module, problem = _load(name)
+        if module is not None:
+            return module, name, f"drawn by {name}: {'; '.join(problems)}" if problems else None
+        problems.append(problem or "")
+    raise EngineError(f"no SVG renderer is available: {'; '.join(problems)}")
+
+
+def _probe(name: str) -> RendererInfo:
+    module, problem = _load(name)
+    return RendererInfo(name, None if module is None else module.__version__, problem)
+
+
+def _load(name: str) -> tuple[ModuleType | None, str | None]:
+    """Import a renderer; where that fails, the problem and its remedy instead."""
+    try:
+        return _import_module(_PACKAGES[name]), None
+    except OSError as error:
+        # cairocffi looks for the shared library while it is imported.
+        first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        return None, f"{name} found no libcairo ({first_line}); {install_hint()}"
+    except ImportError as error:
+        return None, f"{name} cannot be imported ({error}); pip install {_PACKAGES[name]}"
+
+
+# A seam: tests put a function here that fails as a system without libcairo does.
+_import_module: Callable[[str], ModuleType] = importlib.import_module
+
+
+def _refuse_url(url: str, _resource_type: str) -> bytes:
+    raise InputError(f"the SVG refers to {url[:80]}, which is never fetched")
+
+
+def _draw_cairosvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:
+    # An empty bytestring would make cairosvg take a URL, which here is none.
+    if not svg:
+        raise InputError("the SVG is empty")
+    surface = importlib.import_module(f"{module.__name__}.surface")
+    png = surface.PNGSurface.convert(
+        bytestring=svg, unsafe=False, url_fetcher=_refuse_url, output_width=width, output_height=height
+    )
+    return _decode_png(png)
+
+
+def _draw_resvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:
+    # Our own files hold no text; finding the system's fonts would take longer than drawing.
+    fonts = b"<text" not in svg
+    png = module.svg_to_bytes(
+        svg_string=svg.decode("utf-8"), width=width, height=height, skip_system_fonts=fonts
+    )
+    return _decode_png(bytes(png))
+
+
+_DRAW = {"cairosvg": _draw_cairosvg, "resvg": _draw_resvg}
+
+
+def _decode_png(png: bytes) -> np.ndarray:
+    # Pillow's size limit guards against files of others; this one was drawn here at a checked size.
+    from PIL.PngImagePlugin import PngImageFile
+
+    with PngImageFile(io.BytesIO(png)) as image:
+        return np.asarray(image.convert("RGBA"))
+
+
+def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
+    """resvg keeps the SVG's shape and gives a smaller picture; centre it as viewBox does (xMidYMid meet)."""
+    drawn_height, drawn_width = pixels.shape[:2]
+    if (drawn_width, drawn_height) == (width, height):
+        return pixels
+    if drawn_width > width or drawn_height > height:
+        raise InputError(
+            f"the renderer drew {drawn_width} x {drawn_height} px where {width} x {height} were asked for"
+        )
+    canvas = np.zeros((height, width, 4), np.uint8)
+    top, left = (height - drawn_height) // 2, (width - drawn_width) // 2
+    canvas[top : top + drawn_height, left : left + drawn_width] = pixels
+    return canvas

@@ -1,0 +1,147 @@
+"""What an SVG file of unknown origin may contain before any renderer sees it, and how large it says it is.
+
+One expat pass, nothing fetched, nothing expanded. Refused: gzip (.svgz), entity declarations, embedded or
+external pictures, and every reference that does not stay inside the document.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from xml.parsers import expat
+
+from cubicsplat_cli.errors import InputError
+
+MAX_SVG_BYTES = 64 * 1024 * 1024
+MAX_ELEMENTS = 2_000_000
+MAX_DEPTH = 256
+
+_GZIP = b"\x1f\x8b"
+_PICTURES = {"image", "feImage", "foreignObject"}
+_OUTSIDE = re.compile(r"@import|url\(\s*['\"]?\s*(?!#)[^\s'\"#)]", re.IGNORECASE)
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(px)?\s*")
+
+
+@dataclass(frozen=True)
+class SvgSize:
+    """Natural size of an SVG in px, as its width and height say, else its viewBox."""
+
+    width: float
+    height: float
+
+
+def check_untrusted(data: bytes, source: str) -> SvgSize:
+    """Refuse an SVG that no renderer should be given; return its natural size.
+
+    data: the file's bytes. source: its name for messages. Raises InputError with what is wrong.
+    """
+    if not data.strip():
+        raise InputError(f"{source}: is empty; give an SVG file")
+    if len(data) > MAX_SVG_BYTES:
+        raise InputError(f"{source}: has {len(data)} bytes; an SVG of at most {MAX_SVG_BYTES} bytes is read")
+    if data.startswith(_GZIP):
+        raise InputError(f"{source}: is compressed (.svgz); unpack it first, for example with gunzip")
+    scan = _Scan(source)
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = scan.start
+    parser.EndElementHandler = scan.end
+    parser.CharacterDataHandler = scan.text
+    parser.EntityDeclHandler = scan.entity
+    parser.ProcessingInstructionHandler = scan.instruction
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise InputError(f"{source}: is not well-formed XML ({error}); export it again") from error
+    except (LookupError, ValueError) as error:
+        raise InputError(
+            f"{source}: has an encoding that cannot be read ({error}); save it as UTF-8"
+        ) from error
+    return scan.size()
+
+
+class _Scan:
+    """Handlers of one pass over one document."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.elements = 0
+        self.depth = 0
+        self.styles = 0
+        self.style_text: list[str] = []
+        self.root: dict[str, str] = {}
+
+    def start(self, name: str, attributes: dict[str, str]) -> None:
+        local = name.rpartition(":")[2]
+        if self.elements == 0:
+            if local != "svg":
+                raise InputError(
+                    f"{self.source}: is XML but no SVG (it begins with <{local}>); give an SVG file"
+                )
+            self.root = attributes
+        self.elements += 1
+        self.depth += 1
+        if self.elements > MAX_ELEMENTS or self.depth > MAX_DEPTH:
+            raise InputError(
+                f"{self.source}: has more than {MAX_ELEMENTS} elements or {MAX_DEPTH} levels; simplify it"
+            )
+        if local in _PICTURES:
+            raise InputError(
+                f"{self.source}: holds a <{local}> element, which is not drawn here; remove it first"
+            )
+        self.styles += local == "style"
+        self._check_attributes(local, attributes)
+
+    def end(self, name: str) -> None:
+        self.depth -= 1
+        if name.rpartition(":")[2] == "style":
+            self.styles -= 1
+            if _OUTSIDE.search("".join(self.style_text)):
+                raise self._outside("style")
+            self.style_text.clear()
+
+    def text(self, text: str) -> None:
+        if self.styles:
+            self.style_text.append(text)
+
+    def entity(self, name: str, *_: object) -> None:
+        raise InputError(
+            f"{self.source}: declares the entity {name!r}, which is refused; export it as plain SVG"
+        )
+
+    def instruction(self, target: str, _data: str) -> None:
+        if target.lower() == "xml-stylesheet":
+            raise self._outside("xml-stylesheet")
+
+    def _check_attributes(self, element: str, attributes: dict[str, str]) -> None:
+        for name, value in attributes.items():
+            local = name.rpartition(":")[2]
+            # Links only matter when clicked; every other reference is followed while drawing.
+            if local == "href" and element != "a" and value.strip() and not value.strip().startswith("#"):
+                raise self._outside(f"{element} {name}")
+            if "(" in value and _OUTSIDE.search(value):
+                raise self._outside(f"{element} {name}")
+
+    def _outside(self, where: str) -> InputError:
+        return InputError(
+            f"{self.source}: refers to something outside the file ({where}), never fetched here; remove it"
+        )
+
+    def size(self) -> SvgSize:
+        """From width and height in px, else from the viewBox; InputError when neither says it."""
+        width, height = _pixels(self.root.get("width")), _pixels(self.root.get("height"))
+        if width is None or height is None:
+            box = [_pixels(part) for part in re.split(r"[\s,]+", self.root.get("viewBox", "").strip())]
+            if len(box) == 4 and box[2] and box[3]:
+                width, height = box[2], box[3]
+        if not width or not height or width < 0 or height < 0:
+            raise InputError(f"{self.source}: says no size in px; give it a width and height or a viewBox")
+        return SvgSize(width, height)
+
+
+def _pixels(text: str | None) -> float | None:
+    match = _NUMBER.fullmatch(text) if text is not None else None
+    if match is None:
+        return None
+    value = float(match.group(1))
+    return value if math.isfinite(value) else None

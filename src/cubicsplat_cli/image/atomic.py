@@ -1,0 +1,103 @@
+"""Writing a file so that anybody looking at any moment sees either the old one or the whole new one."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import stat
+from pathlib import Path
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.image.load import printable
+
+_CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+_NO_SPACE = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write `data` to `path` through a temporary file in the same folder, flushed to disk, then renamed.
+
+    A symbolic link is followed, so that its target is replaced and the link stays. An existing file keeps its
+    permissions. On any failure, Ctrl-C included, the temporary file is removed and what was at `path` stays.
+    Raises `InputError` when the folder is missing or not writable, the disk is full, or `path` is a folder,
+    write-protected or no regular file.
+    """
+    path = Path(path)
+    target, mode = _check_target(path)
+    temporary = _temporary_name(target)
+    try:
+        with os.fdopen(os.open(temporary, _CREATE, 0o666), "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        if mode is not None and stat.S_IMODE(temporary.stat().st_mode) != mode:
+            temporary.chmod(mode)
+        temporary.replace(target)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise InputError(_explain(error, path)) from error
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def check_writable(path: Path) -> None:
+    """Find out before a long fit whether `write_atomically(path, ...)` can work; leaves nothing behind.
+
+    Creates and removes an empty temporary file in the folder: the only honest test of read-only mounts and
+    access lists. Raises the `InputError` that writing would raise, a disk that fills up later excepted.
+    """
+    path = Path(path)
+    temporary = _temporary_name(_check_target(path)[0])
+    try:
+        os.close(os.open(temporary, _CREATE, 0o600))
+        temporary.unlink()
+    except OSError as error:
+        raise InputError(_explain(error, path)) from error
+
+
+def _temporary_name(target: Path) -> Path:
+    return target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}.tmp")
+
+
+def _check_target(path: Path) -> tuple[Path, int | None]:
+    """`path` with links followed, and the permission bits of the file there, None when there is none yet.
+
+    Raises `InputError` for what can never be replaced by a file, or is protected against it.
+    """
+    shown = printable(str(path))
+    try:
+        target = path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a null byte
+        reason = " ".join(str(error).split())
+        raise InputError(f"{shown}: is no usable path ({reason}); choose another output") from error
+    try:
+        status = target.stat()
+    except FileNotFoundError:
+        return target, None
+    except OSError as error:
+        raise InputError(_explain(error, path)) from error
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError(f"{shown}: is a folder; give the name of a file in it")
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(
+            f"{shown}: is a pipe, socket or device; give a regular file, or - for standard output"
+        )
+    if not os.access(target, os.W_OK):
+        raise InputError(f"{shown}: is write-protected; change its permissions or choose another output")
+    return target, stat.S_IMODE(status.st_mode)
+
+
+def _explain(error: OSError, path: Path) -> str:
+    shown, folder = printable(str(path)), printable(str(path.parent))
+    if isinstance(error, FileNotFoundError):
+        return f"{shown}: the folder {folder} does not exist; create it first"
+    if isinstance(error, NotADirectoryError):
+        return f"{shown}: {folder} is not a folder; choose another output"
+    if isinstance(error, PermissionError):
+        return f"{shown}: no permission to write in {folder}; change its permissions or choose another output"
+    reason = error.strerror or str(error)
+    if error.errno in _NO_SPACE:
+        return f"{shown}: cannot be written ({reason}); free some space or choose another output"
+    return f"{shown}: cannot be written ({reason}); choose another output"

@@ -1,0 +1,170 @@
+"""From an opened Pillow image of any mode to straight sRGB floats: frame, orientation, profile, alpha."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image, ImageCms
+
+from cubicsplat_cli.errors import InputError
+
+_EXIF_ORIENTATION = 0x0112
+_UPRIGHT = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+_WITH_ALPHA = ("LA", "La", "PA", "RGBA", "RGBa")
+# Colour space of a profile -> mode its transform reads, and the modes of pictures it can be meant for.
+_PROFILE_MODES = {"RGB": "RGB", "GRAY": "L", "CMYK": "CMYK"}
+_PROFILE_FITS = {"RGB": ("RGB", "RGBX", "L", "YCbCr"), "GRAY": ("L",), "CMYK": ("CMYK",)}
+
+
+@dataclass(frozen=True, eq=False)
+class Decoded:
+    """`rgb` (H, W, 3) and `alpha` (H, W) or None, float32 in [0, 1], straight; `notes` as in `Picture`."""
+
+    rgb: np.ndarray
+    alpha: np.ndarray | None
+    notes: tuple[str, ...]
+
+
+def decode(image: Image.Image, data: bytes, shown: str) -> Decoded:
+    """Decode the first frame of `image`, whose file bytes are `data`; `shown` is its name for messages.
+
+    Raises `InputError` for colour modes and value ranges with no defined meaning; whatever Pillow raises for
+    broken bytes passes through.
+    """
+    notes: list[str] = []
+    if getattr(image, "is_animated", False):
+        notes.append("several frames: only the first one is used")
+    if _reduced_from_16_bits(image, data):
+        notes.append("16 bits per channel: read with 8")
+    image.load()
+    upright = _turn_upright(image, notes)
+    if upright.mode.startswith("I") or upright.mode == "F":
+        grey, alpha = _deep_grey(upright, shown), _key_alpha(upright)
+        if upright.info.get("icc_profile"):
+            notes.append(f"embedded colour profile ignored for {_depth(upright)} grey")
+        rgb = np.repeat(grey[..., None], 3, axis=2)
+    else:
+        colour, alpha = _split_alpha(upright)
+        rgb = _as_float(_to_srgb(colour, upright.info.get("icc_profile"), notes, shown))
+    return _finish(rgb, alpha, notes)
+
+
+def _finish(rgb: np.ndarray, alpha: np.ndarray | None, notes: list[str]) -> Decoded:
+    """Drop an alpha that hides nothing, and blank the colours that alpha hides altogether."""
+    if alpha is not None and bool((alpha >= 1.0).all()):
+        alpha = None
+    if alpha is not None:
+        rgb[alpha == 0.0] = 0.0
+        if not alpha.any():
+            notes.append("every pixel is transparent")
+    return Decoded(rgb=rgb, alpha=alpha, notes=tuple(notes))
+
+
+def _turn_upright(image: Image.Image, notes: list[str]) -> Image.Image:
+    """Apply the EXIF orientation (where Pillow did so on loading, as for TIFF, it has removed the tag)."""
+    try:
+        orientation = image.getexif().get(_EXIF_ORIENTATION, 1)
+    except Exception as error:  # as hostile as the pixels, but without it the picture is merely unturned
+        notes.append(f"EXIF data unreadable ({type(error).__name__}): orientation not applied")
+        return image
+    method = _UPRIGHT.get(orientation) if isinstance(orientation, int) else None
+    if method is None:
+        return image
+    turned = image.transpose(method)
+    turned.info = image.info
+    return turned
+
+
+def _split_alpha(image: Image.Image) -> tuple[Image.Image, np.ndarray | None]:
+    """The image without transparency, in a mode that keeps its colour space, and alpha (H, W) or None."""
+    if image.mode in _WITH_ALPHA or "transparency" in image.info:
+        grey = image.mode in ("1", "L", "LA", "La")
+        with_alpha = (image.convert("LA") if image.mode == "La" else image).convert("RGBA")
+        alpha = np.asarray(with_alpha.getchannel("A"), dtype=np.float32) / 255.0
+        colour = with_alpha.convert("RGB")
+        return (colour.getchannel("R") if grey else colour), alpha
+    if image.mode == "1":
+        return image.convert("L"), None
+    return (image.convert("RGB") if image.mode == "P" else image), None
+
+
+def _to_srgb(image: Image.Image, profile: bytes | None, notes: list[str], shown: str) -> Image.Image:
+    """An opaque 8-bit image in mode RGB, through the embedded colour profile when there is a usable one."""
+    if profile:
+        converted = _through_profile(image, profile, notes)
+        if converted is not None:
+            return converted
+    elif image.mode == "CMYK":
+        notes.append("CMYK without a colour profile: converted by the plain formula")
+    try:
+        return image.convert("RGB")
+    except ValueError as error:
+        raise InputError(f"{shown}: colour mode {image.mode} is not supported; save it as RGB") from error
+
+
+def _through_profile(image: Image.Image, profile: bytes, notes: list[str]) -> Image.Image | None:
+    """`image` in sRGB; None when the profile needs no conversion, or allows none, which is noted."""
+    try:
+        source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+        if (source.profile.profile_description or "").startswith("sRGB"):
+            return None
+        space = source.profile.xcolor_space.strip()
+        if image.mode not in _PROFILE_FITS.get(space, ()):
+            notes.append(f"embedded {space} colour profile does not fit {image.mode} pixels: ignored")
+            return None
+        return ImageCms.profileToProfile(
+            image.convert(_PROFILE_MODES[space]),
+            source,
+            ImageCms.createProfile("sRGB"),
+            renderingIntent=ImageCms.Intent.RELATIVE_COLORIMETRIC,
+            outputMode="RGB",
+        )
+    except (ImageCms.PyCMSError, ImportError, OSError, TypeError, ValueError) as error:
+        notes.append(f"embedded colour profile unusable ({type(error).__name__}): colours taken as sRGB")
+        return None
+
+
+def _deep_grey(image: Image.Image, shown: str) -> np.ndarray:
+    """(H, W) float32 in [0, 1] of a grey image with 16-bit, 32-bit integer or floating-point pixels."""
+    values = np.asarray(image)
+    if image.mode == "F":
+        low, high = float(values.min()), float(values.max())
+        if not (np.isfinite(low) and np.isfinite(high)):
+            raise InputError(f"{shown}: has infinite or undefined pixel values; replace them")
+        if low < -1e-6 or high > 1 + 1e-6:
+            raise InputError(f"{shown}: pixel values run from {low:g} to {high:g}; scale them to 0 to 1")
+        return np.clip(values, 0.0, 1.0).astype(np.float32)
+    if int(values.min()) < 0 or int(values.max()) > 65535:
+        raise InputError(
+            f"{shown}: integer values run from {values.min()} to {values.max()}; save it with 8 or 16 bits"
+        )
+    return values.astype(np.float32) / np.float32(65535)
+
+
+def _key_alpha(image: Image.Image) -> np.ndarray | None:
+    """Alpha (H, W) of a deep grey image where one value is declared transparent (PNG tRNS), or None."""
+    key = image.info.get("transparency")
+    return None if not isinstance(key, int) else (np.asarray(image) != key).astype(np.float32)
+
+
+def _depth(image: Image.Image) -> str:
+    return "floating-point" if image.mode == "F" else "16-bit"
+
+
+def _reduced_from_16_bits(image: Image.Image, data: bytes) -> bool:
+    """Whether this is a 16-bit PNG that Pillow reads with 8, as it does colour; byte 24 is IHDR's depth."""
+    return image.format == "PNG" and data[24] == 16 and not image.mode.startswith("I")
+
+
+def _as_float(image: Image.Image) -> np.ndarray:
+    return np.asarray(image, dtype=np.float32) / np.float32(255)

@@ -1,0 +1,220 @@
+"""Loading a picture from a file or from bytes that nobody vouches for.
+
+Every failure is an `InputError` of one line that names the file, what is wrong and what to do. The order of
+the checks matters: kind of file before opening it (a FIFO would block), bytes before reading them, pixels
+before decoding them (a decompression bomb is a small file).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import stat
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.image.decode import Decoded, decode
+
+FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
+DEFAULT_MAX_PIXELS = 100_000_000
+MAX_FILE_BYTES = 1 << 30
+
+_FORMATS_TEXT = ", ".join(FORMATS)
+_pillow_lock = threading.Lock()
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A decoded picture in sRGB, independent of the file it came from.
+
+    `rgb` is (H, W, 3) float32 in [0, 1], straight (not premultiplied), 0 where `alpha` is 0.
+    `alpha` is (H, W) float32 in [0, 1], or None when every pixel is opaque.
+    `source` is the name for messages, `sha256` the digest of the file's bytes, `notes` what the user should
+    know about how the file was read (one sentence each).
+    """
+
+    rgb: np.ndarray
+    alpha: np.ndarray | None
+    source: str
+    sha256: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def width(self) -> int:
+        return int(self.rgb.shape[1])
+
+    @property
+    def height(self) -> int:
+        return int(self.rgb.shape[0])
+
+    def premultiplied(self) -> np.ndarray:
+        """(H, W, 4) float32 in [0, 1]: colours times alpha, and alpha (1 where the picture has none)."""
+        alpha = np.ones(self.rgb.shape[:2], np.float32) if self.alpha is None else self.alpha
+        return np.concatenate([self.rgb * alpha[..., None], alpha[..., None]], axis=2)
+
+    def target(self) -> np.ndarray:
+        """What a fit aims at: (H, W, 3) when the picture is opaque, else premultiplied (H, W, 4); float32."""
+        return self.rgb if self.alpha is None else self.premultiplied()
+
+
+def load_picture(
+    source: Path | bytes, *, name: str | None = None, max_pixels: int = DEFAULT_MAX_PIXELS
+) -> Picture:
+    """Read a picture from a path, or from the bytes of a file (standard input, a network answer).
+
+    `name` replaces the path in messages and in `Picture.source`; for bytes it defaults to "<bytes>".
+    Raises `InputError` for anything that cannot be read as a picture of at most `max_pixels` pixels in one of
+    `FORMATS`, and `UsageError` for a senseless `max_pixels`.
+    """
+    if max_pixels < 1:
+        raise UsageError(f"max_pixels is {max_pixels}, it must be at least 1")
+    if isinstance(source, bytes):
+        shown = printable(name or "<bytes>")
+        data = source
+    else:
+        shown = printable(name or str(source))
+        data = _read_file(Path(source), shown)
+    _check_bytes(len(data), shown)
+    decoded = _open_and_decode(data, shown, max_pixels)
+    return Picture(
+        rgb=decoded.rgb,
+        alpha=decoded.alpha,
+        source=shown,
+        sha256=hashlib.sha256(data).hexdigest(),
+        notes=decoded.notes,
+    )
+
+
+def printable(name: str) -> str:
+    """The name with control characters and undecodable bytes escaped, so that a message stays one line."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in name)
+
+
+def _read_file(path: Path, shown: str) -> bytes:
+    """The bytes of a regular file; never opens anything else."""
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise InputError(f"{shown}: is a folder, not a picture; give a file in it")
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{shown}: is a pipe, socket or device; give a regular file")
+        _check_bytes(status.st_size, shown)
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise InputError(f"{shown}: no such file; check the path") from error
+    except PermissionError as error:
+        raise InputError(f"{shown}: no permission to read it; change its permissions") from error
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{shown}: cannot be read ({reason}); check the path and the disk") from error
+
+
+def _check_bytes(size: int, shown: str) -> None:
+    if size == 0:
+        raise InputError(f"{shown}: is empty (0 bytes); give a picture")
+    if size > MAX_FILE_BYTES:
+        limit = MAX_FILE_BYTES >> 20
+        raise InputError(f"{shown}: is {size >> 20} MiB, the limit is {limit} MiB; give a smaller file")
+
+
+@contextmanager
+def _pillow_settings() -> Iterator[list[str]]:
+    """Pillow with its process-wide pixel limit off and its warnings gathered in the list that is yielded.
+
+    `_check_pixels` is explicit and names the numbers instead; what the decoder warns about belongs to the
+    picture and not on stderr between progress lines. The list is filled on leaving.
+    """
+    notes: list[str] = []
+    with _pillow_lock, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        saved = Image.MAX_IMAGE_PIXELS
+        Image.MAX_IMAGE_PIXELS = None
+        try:
+            yield notes
+        finally:
+            Image.MAX_IMAGE_PIXELS = saved
+    for warning in caught:
+        if issubclass(warning.category, UserWarning):
+            text = f"the decoder warns: {printable(' '.join(str(warning.message).split()))}"
+            if text not in notes:
+                notes.append(text)
+        else:
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+
+
+def _open_and_decode(data: bytes, shown: str, max_pixels: int) -> Decoded:
+    try:
+        with _pillow_settings() as notes, Image.open(io.BytesIO(data), formats=FORMATS) as image:
+            _check_pixels(image, shown, max_pixels)
+            decoded = decode(image, data, shown)
+        return replace(decoded, notes=(*decoded.notes, *notes))
+    except InputError:
+        raise
+    except UnidentifiedImageError as error:
+        raise InputError(_not_a_picture(data, shown)) from error
+    except Image.DecompressionBombError as error:
+        raise InputError(f"{shown}: decodes to more than {max_pixels} pixels; scale it down first") from error
+    except MemoryError as error:
+        raise InputError(f"{shown}: not enough memory to decode it; scale it down first") from error
+    except Exception as error:
+        # Pillow's decoders answer broken bytes with nearly any exception (OSError, SyntaxError, struct.error,
+        # ValueError, IndexError ...); whichever it is, the file is wrong, and the cause stays chained.
+        reason = printable(" ".join(str(error).split())) or type(error).__name__
+        raise InputError(f"{shown}: is damaged or truncated ({reason}); save or download it again") from error
+
+
+def _check_pixels(image: Image.Image, shown: str, max_pixels: int) -> None:
+    width, height = image.size
+    if width < 1 or height < 1:
+        raise InputError(f"{shown}: has no pixels ({width} x {height}); give a picture of at least 1 x 1")
+    if width * height > max_pixels:
+        raise InputError(
+            f"{shown}: is {width} x {height} = {width * height / 1e6:.1f} megapixels, the limit is "
+            f"{max_pixels / 1e6:g}; scale it down first"
+        )
+
+
+def _not_a_picture(data: bytes, shown: str) -> str:
+    head = data[:512].lstrip().lower()
+    if head.startswith((b"<svg", b"<?xml")):
+        return f"{shown}: is an SVG or XML file, already vector; give a raster picture ({_FORMATS_TEXT})"
+    return f"{shown}: is not a picture in a supported format; give one of {_FORMATS_TEXT}"
+
+
+def resize_picture(picture: Picture, max_size: int) -> Picture:
+    """The picture scaled down so that its longer side is at most `max_size` px; the same object when it fits.
+
+    Lanczos filter, in sRGB values, on premultiplied colours so that hidden colours of transparent pixels do
+    not bleed in. Adds a note with both sizes. Raises `UsageError` when `max_size` is below 1.
+    """
+    if max_size < 1:
+        raise UsageError(f"max-size is {max_size}, it must be at least 1 pixel")
+    longer = max(picture.width, picture.height)
+    if longer <= max_size:
+        return picture
+    size = tuple(max(1, round(side * max_size / longer)) for side in (picture.width, picture.height))
+    channels = picture.target()
+    scaled = np.stack([_resample(channels[..., k], size) for k in range(channels.shape[2])], axis=2)
+    rgb, alpha = scaled[..., :3], None
+    if picture.alpha is not None:
+        alpha = scaled[..., 3]
+        # Below half a step of 16 bits the division would only amplify the filter's ringing.
+        alpha[alpha < 0.5 / 65535] = 0.0
+        rgb = np.where(alpha[..., None] > 0, rgb / np.maximum(alpha, 1e-6)[..., None], 0.0)
+        rgb = np.clip(rgb, 0.0, 1.0).astype(np.float32)
+    note = f"scaled from {picture.width} x {picture.height} to {size[0]} x {size[1]} pixels"
+    return replace(picture, rgb=np.ascontiguousarray(rgb), alpha=alpha, notes=(*picture.notes, note))
+
+
+def _resample(channel: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
+    """One (H, W) float32 channel to `size` (width, height), clipped to [0, 1] (Lanczos overshoots)."""
+    image = Image.fromarray(np.ascontiguousarray(channel, dtype=np.float32))
+    return np.clip(np.asarray(image.resize(size, Image.Resampling.LANCZOS)), 0.0, 1.0)

@@ -1,0 +1,46 @@
+"""Drawing a finished scene, and saying what draws it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import EngineError
+from ..scene import Scene
+from .cpu import CpuEngine, SceneTensors, instruction_sets
+from .settings import RasterSettings
+
+
+def scene_tensors(scene: Scene) -> SceneTensors:
+    """A scene as the engines take it: float32, contiguous, detached."""
+    given = (scene.points, scene.colours, scene.opacities, scene.half_widths)
+    tensors = (t.detach().cpu().float().contiguous() for t in given)
+    return SceneTensors(scene.mode, scene.width, scene.height, *tensors, scene.background)
+
+
+def render_scene(
+    scene: Scene, coverage: str = "exact", samples: int = 24, threads: int | None = None, edge_width: float = 1.0
+) -> np.ndarray:
+    """The engine's own picture of a scene: (H, W, 3), or (H, W, 4) premultiplied without a background; float32.
+
+    samples: S*, edges per cubic. edge_width: px, for relaxed coverage. Raises InputError for a scene that is not valid.
+    """
+    scene.validate()
+    engine = CpuEngine(threads)
+    try:
+        return engine.render(scene_tensors(scene), RasterSettings(coverage, edge_width, samples)).numpy()
+    finally:
+        engine.close()
+
+
+def describe() -> dict[str, Any]:
+    """Which engines this installation can run, and why not: for `cubicsplat doctor`."""
+    try:
+        engine = CpuEngine()
+    except EngineError as error:
+        return {"cpu": {"available": False, "reason": str(error)}}
+    try:
+        return {"cpu": {"available": True, **engine.describe(), "instruction_sets": instruction_sets()}}
+    finally:
+        engine.close()

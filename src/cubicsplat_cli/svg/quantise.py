@@ -1,0 +1,129 @@
+"""The numbers of a scene as an SVG file can hold them.
+
+Coordinates are whole multiples of 10^-precision px, colours have 8 bits, opacities three decimals. Everything
+here is an integer until the very end, so the writer, `quantise_scene` and the reader agree to the last bit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.scene import Mode, Scene
+
+MAX_PRECISION = 6
+OPACITY_DECIMALS = 3
+# Whole pixels would make most strokes 0 or 1 px wide, so widths keep two decimals at least.
+MIN_WIDTH_DECIMALS = 2
+# Renderers store coordinates as 24.8 fixed point (cairo) or float32; nothing near this is on any canvas.
+MAX_COORDINATE = 4.0e6
+
+
+@dataclass(frozen=True)
+class GridScene:
+    """A scene in integers.
+
+    points: (N, K, 2) int64, multiples of 10^-precision px. colours: (N, 3) int64 in 0..255. opacities: (N,)
+    int64 in 0..1000, thousandths. stroke_widths: (N,) int64, multiples of 10^-width_decimals px (the full
+    width; 0 for closed). background: three integers in 0..255, or None.
+    """
+
+    mode: Mode
+    width: int
+    height: int
+    precision: int
+    points: np.ndarray
+    colours: np.ndarray
+    opacities: np.ndarray
+    stroke_widths: np.ndarray
+    background: tuple[int, int, int] | None
+
+    @property
+    def width_decimals(self) -> int:
+        """Decimals of the stroke widths."""
+        return max(self.precision, MIN_WIDTH_DECIMALS)
+
+
+def check_precision(precision: int) -> None:
+    """Raise UsageError unless `precision` is a whole number in 0..6."""
+    if isinstance(precision, bool) or not isinstance(precision, int) or not 0 <= precision <= MAX_PRECISION:
+        raise UsageError(f"precision must be a whole number in 0..{MAX_PRECISION}, not {precision!r}")
+
+
+def to_grid(scene: Scene, precision: int) -> GridScene:
+    """Round `scene` to what a file with `precision` decimals holds.
+
+    Raises InputError that names the first curve with a value that is not finite or lies out of range;
+    UsageError for a precision outside 0..6.
+    """
+    check_precision(precision)
+    scene.validate()
+    points = _array(scene.points)
+    half_widths = _array(scene.half_widths)
+    _refuse(
+        np.abs(points) > MAX_COORDINATE,
+        f"control points lie more than {MAX_COORDINATE:.0f} px from the origin",
+    )
+    _refuse(half_widths > MAX_COORDINATE, f"half-width exceeds {MAX_COORDINATE:.0f} px")
+    width_decimals = max(precision, MIN_WIDTH_DECIMALS)
+    background = None
+    if scene.background is not None:
+        background = tuple(int(value) for value in _round(np.asarray(scene.background, np.float64), 255))
+    return GridScene(
+        mode=scene.mode,
+        width=scene.width,
+        height=scene.height,
+        precision=precision,
+        points=_round(points, 10**precision),
+        colours=_round(_array(scene.colours), 255),
+        opacities=_round(_array(scene.opacities), 10**OPACITY_DECIMALS),
+        stroke_widths=_round(2.0 * half_widths, 10**width_decimals),
+        background=background,
+    )
+
+
+def to_scene(grid: GridScene) -> Scene:
+    """The scene (float32 CPU tensors) that the integers stand for."""
+    background = None
+    if grid.background is not None:
+        red, green, blue = grid.background
+        background = (red / 255, green / 255, blue / 255)
+    return Scene(
+        mode=grid.mode,
+        width=grid.width,
+        height=grid.height,
+        points=_tensor(grid.points / 10.0**grid.precision),
+        colours=_tensor(grid.colours / 255.0),
+        opacities=_tensor(grid.opacities / 10.0**OPACITY_DECIMALS),
+        half_widths=_tensor(grid.stroke_widths / 10.0**grid.width_decimals / 2.0),
+        background=background,
+    )
+
+
+def quantise_scene(scene: Scene, precision: int) -> Scene:
+    """The scene exactly as the file with `precision` decimals says it: equals `read_svg(write_svg(scene))`.
+
+    Raises InputError as `to_grid` does, UsageError for a precision outside 0..6.
+    """
+    return to_scene(to_grid(scene, precision))
+
+
+def _array(values: torch.Tensor) -> np.ndarray:
+    return values.detach().to("cpu", torch.float64).numpy()
+
+
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.asarray(values, dtype=np.float64).astype(np.float32))
+
+
+def _round(values: np.ndarray, scale: int) -> np.ndarray:
+    return np.rint(values * float(scale)).astype(np.int64)
+
+
+def _refuse(bad: np.ndarray, what: str) -> None:
+    if bad.any():
+        curve = int(np.argwhere(bad)[0][0])
+        raise InputError(f"curve {curve} cannot be written as SVG: its {what}")

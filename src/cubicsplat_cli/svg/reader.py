@@ -1,0 +1,249 @@
+"""Reads the SVG files that `write_svg` makes back into a scene; any other SVG is refused with a clear line.
+
+Expat with a whitelist of elements and attributes: no document type, no entities, nothing fetched.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+import numpy as np
+import torch
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.scene import Mode, Scene
+
+MAX_SVG_BYTES = 256 * 1024 * 1024
+MAX_NUMBER_LENGTH = 24
+
+_TOKEN = re.compile(r"[\s,]*(?:([A-Za-z])|([+-]?)(?:(\d+)\.?(\d*)|\.(\d+)))")
+_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+_DECIMAL = re.compile(r"(?:\d+(?:\.\d*)?|\.\d+)")
+_ROOT_ATTRIBUTES = {"width", "height", "viewBox", "version", "baseProfile"}
+_RECT_ATTRIBUTES = {"x", "y", "width", "height", "fill"}
+_GROUP_ATTRIBUTES = {
+    "fill-rule": "nonzero",
+    "fill": "none",
+    "stroke-linecap": "round",
+    "stroke-linejoin": "round",
+}
+_PATH_ATTRIBUTES = {
+    Mode.CLOSED: {"d", "fill", "fill-opacity"},
+    Mode.OPEN: {"d", "stroke", "stroke-opacity", "stroke-width"},
+}
+
+
+def read_svg(text: str | bytes) -> Scene:
+    """The scene of an SVG that cubicsplat wrote (float32 CPU tensors, index 0 the front).
+
+    Raises InputError for anything else: too large, not XML, a document type or entity declaration, an unknown
+    element or attribute, path data other than M, C, c and z, curves of different kinds or lengths, or no
+    curve at all.
+    """
+    data = text.encode() if isinstance(text, str) else text
+    if len(data) > MAX_SVG_BYTES:
+        raise InputError(f"the SVG has {len(data)} bytes; at most {MAX_SVG_BYTES} are read")
+    collector = _Collector()
+    parser = expat.ParserCreate("utf-8")
+    parser.StartElementHandler = collector.start
+    parser.EndElementHandler = collector.end
+    parser.StartDoctypeDeclHandler = _refuse_doctype
+    parser.EntityDeclHandler = _refuse_doctype
+    collector.parser = parser
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise InputError(
+            f"the SVG is not well-formed XML: {error}; it may be cut short, write it again"
+        ) from error
+    return collector.scene()
+
+
+def _refuse_doctype(*_: object) -> None:
+    raise InputError(
+        "the SVG has a DOCTYPE or entity declaration, which cubicsplat never writes and does not read"
+    )
+
+
+@dataclass
+class _Collector:
+    """Follows the elements of one document: svg > (title, rect, g > path...)."""
+
+    parser: expat.XMLParserType | None = None
+    size: tuple[int, int] | None = None
+    background: tuple[float, float, float] | None = None
+    mode: Mode | None = None
+    stack: list[str] = field(default_factory=list)
+    points: list[list[tuple[float, float]]] = field(default_factory=list)
+    colours: list[tuple[float, float, float]] = field(default_factory=list)
+    opacities: list[float] = field(default_factory=list)
+    half_widths: list[float] = field(default_factory=list)
+
+    def start(self, name: str, attributes: dict[str, str]) -> None:
+        place = "/".join([*self.stack, name])
+        self.stack.append(name)
+        if place == "svg":
+            self._root(attributes)
+        elif place == "svg/rect" and self.mode is None and self.background is None:
+            self._rect(attributes)
+        elif place == "svg/g" and self.mode is None:
+            self._group(attributes)
+        elif place == "svg/g/path":
+            self._path(attributes)
+        elif place != "svg/title":
+            raise self.foreign(f"has an unexpected <{name}> element")
+
+    def end(self, _name: str) -> None:
+        self.stack.pop()
+
+    def foreign(self, what: str) -> InputError:
+        """The error for a document that is not ours, with the line where that shows."""
+        line = self.parser.CurrentLineNumber if self.parser is not None else 0
+        return InputError(
+            f"this SVG was not written by cubicsplat or was edited: line {line} {what}; "
+            "`cubicsplat render` and `cubicsplat eval` take any SVG"
+        )
+
+    def _known(self, attributes: dict[str, str], known: set[str]) -> None:
+        for name in attributes:
+            if name not in known and name.split(":")[0] != "xmlns":
+                raise self.foreign(f"has an unexpected attribute {name!r}")
+
+    def _root(self, attributes: dict[str, str]) -> None:
+        self._known(attributes, _ROOT_ATTRIBUTES)
+        width, height = attributes.get("width", ""), attributes.get("height", "")
+        if not (re.fullmatch(r"[1-9]\d{0,6}", width) and re.fullmatch(r"[1-9]\d{0,6}", height)):
+            raise self.foreign("needs width and height in whole pixels")
+        if attributes.get("viewBox") != f"0 0 {width} {height}":
+            raise self.foreign("needs a viewBox equal to its width and height")
+        self.size = (int(width), int(height))
+
+    def _rect(self, attributes: dict[str, str]) -> None:
+        self._known(attributes, _RECT_ATTRIBUTES)
+        place = (attributes.get("x", "0"), attributes.get("y", "0"))
+        size = (attributes.get("width"), attributes.get("height"))
+        if self.size is None or place != ("0", "0") or size != (str(self.size[0]), str(self.size[1])):
+            raise self.foreign("has a <rect> that is not the background")
+        self.background = self._colour(attributes.get("fill", ""))
+
+    def _group(self, attributes: dict[str, str]) -> None:
+        self._known(attributes, set(_GROUP_ATTRIBUTES))
+        for name, value in attributes.items():
+            if value != _GROUP_ATTRIBUTES[name]:
+                raise self.foreign(f"has {name}={value!r}")
+        if set(attributes) == {"fill-rule"}:
+            self.mode = Mode.CLOSED
+        elif set(attributes) == {"fill", "stroke-linecap", "stroke-linejoin"}:
+            self.mode = Mode.OPEN
+        else:
+            raise self.foreign("has a <g> that says neither closed nor open curves")
+
+    def _path(self, attributes: dict[str, str]) -> None:
+        if self.mode is None:
+            raise self.foreign("has a <path> outside the group")
+        self._known(attributes, _PATH_ATTRIBUTES[self.mode])
+        paint = "fill" if self.mode is Mode.CLOSED else "stroke"
+        points = self._control_points(attributes.get("d", ""))
+        if self.points and len(points) != len(self.points[0]):
+            raise self.foreign(
+                f"has a curve of {len(points)} control points among curves of {len(self.points[0])}"
+            )
+        self.points.append(points)
+        self.colours.append(self._colour(attributes.get(paint, "")))
+        self.opacities.append(self._decimal(attributes.get(f"{paint}-opacity", "1"), 1.0))
+        width = attributes.get("stroke-width", "") if self.mode is Mode.OPEN else "0"
+        self.half_widths.append(self._decimal(width, float("inf")) / 2.0)
+
+    def _colour(self, text: str) -> tuple[float, float, float]:
+        if not _COLOUR.fullmatch(text):
+            raise self.foreign(f"has the colour {text!r}, not #rrggbb")
+        red, green, blue = bytes.fromhex(text[1:])
+        return (red / 255, green / 255, blue / 255)
+
+    def _decimal(self, text: str, largest: float) -> float:
+        if len(text) > MAX_NUMBER_LENGTH or not _DECIMAL.fullmatch(text) or float(text) > largest:
+            raise self.foreign(f"has the number {text!r} where one in 0..{largest:g} is wanted")
+        return float(text)
+
+    def _control_points(self, d: str) -> list[tuple[float, float]]:
+        """Control points of one path, exact: added up as integers of the path's finest decimal."""
+        tokens = self._tokens(d)
+        decimals = max((len(fraction) for _, _, _, fraction in tokens), default=0)
+        letters, numbers = [], []
+        for letter, sign, whole, fraction in tokens:
+            if letter:
+                letters.append((letter, len(numbers)))
+            else:
+                value = int((whole + fraction.ljust(decimals, "0")) or "0")
+                numbers.append(-value if sign == "-" else value)
+        closed = self.mode is Mode.CLOSED
+        if closed and letters and letters[-1][0] in "zZ" and letters[-1][1] == len(numbers):
+            letters.pop()
+        elif closed:
+            raise self.foreign("has a closed curve whose path does not end with z")
+        if (
+            not letters
+            or letters[0] not in (("M", 0), ("m", 0))
+            or any(letter not in "cC" for letter, _ in letters[1:])
+        ):
+            raise self.foreign("has path data other than one M, cubics and z")
+        coordinates = self._walk(letters, numbers)
+        if closed:
+            if coordinates[-2:] != coordinates[:2]:
+                raise self.foreign("has a closed curve that does not return to its start")
+            coordinates = coordinates[:-2]
+        scale = 10**decimals
+        return [(x / scale, y / scale) for x, y in zip(coordinates[::2], coordinates[1::2], strict=True)]
+
+    def _walk(self, letters: list[tuple[str, int]], numbers: list[int]) -> list[int]:
+        """Absolute coordinates x0, y0, x1, ... of a path that starts with M and goes on with cubics."""
+        bounds = [position for _, position in letters[1:]] + [len(numbers)]
+        if bounds[0] != 2 or len(bounds) < 2:
+            raise self.foreign("has path data that does not begin with one point and a cubic")
+        coordinates = numbers[:2]
+        for (letter, begin), end in zip(letters[1:], bounds[1:], strict=True):
+            if end == begin or (end - begin) % 6:
+                raise self.foreign("has a cubic with a wrong count of numbers")
+            for first in range(begin, end, 6):
+                x, y = coordinates[-2:] if letter == "c" else (0, 0)
+                six = numbers[first : first + 6]
+                coordinates.extend([six[0] + x, six[1] + y, six[2] + x, six[3] + y, six[4] + x, six[5] + y])
+        return coordinates
+
+    def _tokens(self, d: str) -> list[tuple[str, str, str, str]]:
+        """Path data as (letter, sign, whole digits, decimal digits); letter is empty for numbers."""
+        tokens, position, d = [], 0, d.strip()
+        while position < len(d):
+            match = _TOKEN.match(d, position)
+            if match is None or match.end() - match.start() > MAX_NUMBER_LENGTH:
+                raise self.foreign(f"has path data that cannot be read at {d[position : position + 12]!r}")
+            letter, sign, whole, fraction, only_fraction = match.groups(default="")
+            tokens.append((letter, sign, whole, fraction or only_fraction))
+            position = match.end()
+        return tokens
+
+    def scene(self) -> Scene:
+        """The scene of all that was seen, its order turned so that index 0 is the front."""
+        if self.size is None or self.mode is None or not self.points:
+            raise InputError(
+                "the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote"
+            )
+        width, height = self.size
+        scene = Scene(
+            mode=self.mode,
+            width=width,
+            height=height,
+            points=_tensor(self.points),
+            colours=_tensor(self.colours),
+            opacities=_tensor(self.opacities),
+            half_widths=_tensor(self.half_widths),
+            background=self.background,
+        )
+        scene.validate()
+        return scene
+
+
+def _tensor(values: list) -> torch.Tensor:
+    return torch.from_numpy(np.asarray(values[::-1], dtype=np.float64).astype(np.float32))

@@ -1,0 +1,85 @@
+"""A scene as one plain SVG 1.1 document (svgwrite builds the document, `pathdata` the path strings)."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree
+
+import svgwrite
+
+from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.svg.pathdata import format_number, path_strings
+from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, to_grid
+
+# XML 1.0 allows tab, newline, carriage return and these ranges; a file name may hold anything.
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def write_svg(scene: Scene, *, precision: int = 2, title: str, comment: str) -> str:
+    """The SVG text of `scene`: one path per curve, back to front, readable by any SVG 1.1 viewer.
+
+    precision: decimals of the coordinates in px, 0..6. title: any text, shown by viewers. comment: one line
+    for an XML comment; the command line knows its own files by it. Raises InputError that names the curve
+    when a value is not finite or out of range, UsageError for a bad precision.
+    """
+    grid = to_grid(scene, precision)
+    drawing = svgwrite.Drawing(
+        size=(grid.width, grid.height), viewBox=f"0 0 {grid.width} {grid.height}", profile="full", debug=False
+    )
+    if grid.background is not None:
+        size = (grid.width, grid.height)
+        drawing.add(drawing.rect(insert=(0, 0), size=size, fill=_hex_colour(grid.background)))
+    drawing.add(_curve_group(drawing, grid))
+    root = drawing.get_xml()
+    _finish(root, title, comment)
+    # ElementTree puts a space before "/>"; a ">" in the title is escaped, so nothing else can match.
+    text = ElementTree.tostring(root, encoding="unicode").replace(" />\n", "/>\n")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def _curve_group(drawing: svgwrite.Drawing, grid: GridScene) -> svgwrite.container.Group:
+    """The group with what all curves share, and in it the paths; index 0 is the front, so it comes last."""
+    closed = grid.mode is Mode.CLOSED
+    if closed:
+        group = drawing.g(fill_rule="nonzero")
+    else:
+        group = drawing.g(fill="none", stroke_linecap="round", stroke_linejoin="round")
+    paint = "fill" if closed else "stroke"
+    data = path_strings(grid.points, grid.precision, closed=closed)
+    colours, opacities, widths = grid.colours.tolist(), grid.opacities.tolist(), grid.stroke_widths.tolist()
+    for index in reversed(range(len(data))):
+        # A list of one string: svgwrite would take a bare string apart into characters.
+        attributes = {paint: _hex_colour(colours[index])}
+        if opacities[index] < 10**OPACITY_DECIMALS:
+            attributes[f"{paint}_opacity"] = format_number(opacities[index], OPACITY_DECIMALS)
+        if not closed:
+            attributes["stroke_width"] = format_number(widths[index], grid.width_decimals)
+        group.add(drawing.path(d=[data[index]], **attributes))
+    return group
+
+
+def _finish(root: ElementTree.Element, title: str, comment: str) -> None:
+    """Add title and comment, drop svgwrite's empty <defs>, put every element on its own line."""
+    for empty in root.findall("defs"):
+        root.remove(empty)
+    for unused in ("xmlns:ev", "xmlns:xlink"):
+        root.attrib.pop(unused, None)
+    title_element = ElementTree.Element("title")
+    title_element.text = _xml_text(title)
+    # "--" is not allowed inside a comment, nor a "-" at its end.
+    comment_text = re.sub("-(?=-)", "- ", _xml_text(comment)).strip()
+    root.insert(0, ElementTree.Comment(f" {comment_text} "))
+    root.insert(1, title_element)
+    for parent in (root, root[-1]):
+        parent.text = "\n"
+        for child in parent:
+            child.tail = "\n"
+
+
+def _xml_text(text: str) -> str:
+    return _NOT_XML.sub("\ufffd", text)
+
+
+def _hex_colour(colour: tuple[int, int, int] | list[int]) -> str:
+    red, green, blue = colour
+    return f"#{red:02x}{green:02x}{blue:02x}"

@@ -1,0 +1,225 @@
+"""What holds for the command as a whole: speed of --help, exit codes, errors, and documentation that is complete."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+import cubicsplat_cli
+from cubicsplat_cli import __main__
+from cubicsplat_cli._version import __version__
+from cubicsplat_cli.cli import app as app_module
+from cubicsplat_cli.cli import options
+from cubicsplat_cli.errors import InputError, UsageError
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+COMMANDS = dict(typer.main.get_command(app_module.app).commands)
+HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "svgwrite", "PIL", "scipy")
+OPTION = re.compile(r"(?<![\w-])(--?[a-z][a-z-]*)")
+
+
+def section(command: str) -> str:
+    """The part of docs/cli.md about one command."""
+    text = (DOCS / "cli.md").read_text(encoding="utf-8")
+    parts = re.split(r"^## cubicsplat (\w+).*$", text, flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))[command]
+
+
+def test_version(run_cli):
+    done = run_cli("--version")
+    assert (done.returncode, done.stdout.decode().strip()) == (0, f"cubicsplat {__version__}")
+    assert cubicsplat_cli.__version__ == __version__
+
+
+def test_without_a_command_help_is_shown(run_cli):
+    done = run_cli()
+    assert done.returncode == 2
+    assert b"vectorize" in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
+    done = run_cli(command, "--help")
+    assert done.returncode == 0
+    in_help = set()
+    for line in done.stdout.decode().splitlines():
+        if re.match(r"  -", line):
+            in_help |= set(OPTION.findall(re.split(r"\s{2,}", line.strip())[0]))
+    rows = [line.split("|")[1] for line in section(command).splitlines() if line.startswith("| `")]
+    in_docs = set(OPTION.findall(" ".join(rows)))
+    assert {"--help", "-h"} <= in_help
+    assert in_help == in_docs
+    declared = {
+        name for p in COMMANDS[command].params for name in [*p.opts, *p.secondary_opts] if name[0] == "-"
+    }
+    assert declared <= in_help, "the help was not understood"
+
+
+def test_documented_defaults_and_choices_are_the_real_ones():
+    rows = {}
+    for line in section("vectorize").splitlines():
+        if line.startswith("| `--"):
+            cells = [cell.strip() for cell in line.replace(r"\|", "/").split("|")[1:-1]]
+            rows[OPTION.findall(cells[0])[0]] = (cells[0], cells[1])
+    checked = 0
+    for parameter in COMMANDS["vectorize"].params:
+        name = parameter.opts[0]
+        if name in rows and parameter.default not in (None, False, True):
+            default = getattr(parameter.default, "value", parameter.default)
+            assert rows[name][1] == str(default), name
+            checked += 1
+    assert checked >= 7
+    for name, choice in (
+        ("--mode", options.ModeChoice),
+        ("--preset", options.PresetChoice),
+        ("--device", options.DeviceChoice),
+    ):
+        assert f"`{name} {'/'.join(c.value for c in choice)}`" == rows[name][0]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--version"],
+        ["--help"],
+        ["vectorize", "--help"],
+        ["eval", "--help"],
+        ["render", "--help"],
+        ["doctor", "--help"],
+        ["vectorize", "x.png", "--curves", "0"],
+        ["vectorize", "x.png", "--preset", "none"],
+        ["vectorize", "-", "--json"],
+    ],
+)
+def test_help_and_wrong_usage_import_nothing_heavy(arguments):
+    program = (
+        "import sys\n"
+        "from cubicsplat_cli.__main__ import main\n"
+        f"sys.argv = ['cubicsplat', *{arguments!r}]\n"
+        "try:\n    main()\n"
+        "except SystemExit as end:\n    print('ended', end.code)\n"
+        f"print('heavy', [name for name in {HEAVY!r} if name in sys.modules])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert "heavy []" in done.stdout, done.stderr
+    assert re.search(r"^ended [02]$", done.stdout, re.MULTILINE)
+
+
+def test_a_missing_picture_is_told_before_torch_is_imported(tmp_path):
+    program = (
+        "import sys\n"
+        "from cubicsplat_cli.__main__ import main\n"
+        f"sys.argv = ['cubicsplat', 'vectorize', {str(tmp_path / 'none.png')!r}]\n"
+        "try:\n    main()\n"
+        "except SystemExit as end:\n    print('ended', end.code, 'torch' in sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.stdout.strip() == "ended 1 False", done.stderr
+
+
+def main_with(monkeypatch, error: BaseException) -> None:
+    def fail(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(app_module, "app", fail)
+    __main__.main()
+
+
+@pytest.mark.parametrize(("error", "code"), [(InputError("bad\nfile"), 1), (UsageError("bad option"), 2)])
+def test_our_errors_are_one_line_and_an_exit_code(monkeypatch, capsys, error, code):
+    with pytest.raises(SystemExit) as end:
+        main_with(monkeypatch, error)
+    out, err = capsys.readouterr()
+    assert end.value.code == code
+    assert out == ""
+    assert err == f"cubicsplat: error: {str(error).replace(chr(10), ' ')}\n"
+
+
+def test_interrupt_ends_with_130(monkeypatch):
+    with pytest.raises(SystemExit) as end:
+        main_with(monkeypatch, KeyboardInterrupt())
+    assert end.value.code == 130
+
+
+def test_other_errors_are_not_swallowed(monkeypatch):
+    with pytest.raises(ZeroDivisionError):
+        main_with(monkeypatch, ZeroDivisionError())
+
+
+def test_public_names_exist():
+    assert set(cubicsplat_cli.__all__) <= set(dir(cubicsplat_cli))
+    for name in cubicsplat_cli.__all__:
+        assert getattr(cubicsplat_cli, name) is not None
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = cubicsplat_cli.nonsense
+
+
+def test_limits_are_those_of_the_modules_they_speak_for():
+    from cubicsplat_cli.errors import CubicSplatError
+    from cubicsplat_cli.fit import FitSettings
+    from cubicsplat_cli.fit.presets import PRESETS
+    from cubicsplat_cli.image import DEFAULT_MAX_PIXELS
+    from cubicsplat_cli.scene import Mode
+    from cubicsplat_cli.svg.quantise import MAX_PRECISION
+
+    assert options.DEFAULT_MAX_PIXELS == DEFAULT_MAX_PIXELS
+    assert options.MAX_PRECISION == MAX_PRECISION
+    assert [choice.value for choice in options.PresetChoice] == list(PRESETS)
+    assert {choice.value for choice in options.ModeChoice} == {mode.value for mode in Mode}
+    ranges = {
+        "curves": (1, options.MAX_CURVES),
+        "steps": (1, options.MAX_STEPS),
+        "segments": (1, options.MAX_SEGMENTS),
+        "samples": (options.MIN_SAMPLES, options.MAX_SAMPLES),
+        "threads": (1, options.MAX_THREADS),
+    }
+    for name, (least, most) in ranges.items():
+        for value in (least, most):
+            assert getattr(FitSettings(**{name: value}), name) == value
+        for value in (least - 1, most + 1):
+            with pytest.raises(CubicSplatError, match=name):
+                FitSettings(**{name: value})
+
+
+def test_doctor_reports_versions_renderers_and_engine(run_cli):
+    plain, as_json = run_cli("doctor"), run_cli("doctor", "--json")
+    assert plain.returncode == as_json.returncode == 0, plain.stdout
+    found = json.loads(as_json.stdout)
+    assert found["version"] == __version__
+    assert found["problems"] == []
+    assert found["packages"]["torch"]
+    assert set(found["renderers"]) == {"cairosvg", "resvg"}
+    assert found["engine"]["cpu"]["available"] is True
+    text = plain.stdout.decode()
+    assert f"cubicsplat {__version__}" in text
+    assert found["packages"]["svgwrite"] in text
+    assert "cpu" in text
+
+
+def test_doctor_names_problems(monkeypatch):
+    from cubicsplat_cli import raster
+    from cubicsplat_cli.cli import doctor
+
+    def nothing(name: str):
+        raise ImportError(f"no {name}")
+
+    monkeypatch.setattr(raster, "describe", lambda: {"cpu": {"available": False, "reason": "no library"}})
+    renderers = importlib.import_module("cubicsplat_cli.evaluate.rerender")
+    monkeypatch.setattr(renderers, "_import_module", nothing)
+    found = doctor.examine()
+    assert any("no library" in problem for problem in found["problems"])
+    assert any("renderer" in problem for problem in found["problems"])
+    with pytest.raises(typer.Exit) as end:
+        doctor.doctor(json=True)
+    assert end.value.exit_code == 1

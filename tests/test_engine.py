@@ -1,0 +1,180 @@
+"""The native engine against the reference: pictures, gradients, importance; every instruction set; any thread count."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+import torch
+from engines import FLIPPED, GRADIENT_TOLERANCE, PICTURE_TOLERANCE, compared, outliers, packed, truth
+from scenes import DEGENERATE, PAPER, as_arguments, in_double, only, random_scene, random_target
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster import reference
+from cubicsplat_cli.raster.cpu import CpuEngine, OptimiserState, Rates, instruction_sets
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Mode
+
+SETTINGS = [
+    RasterSettings("relaxed", 4.0, 6),
+    RasterSettings("relaxed", 1.0, 12),
+    RasterSettings("exact", 1.0, 24),
+]
+NAMES = [f"{s.coverage}-{s.edge_width:g}" for s in SETTINGS]
+CASES = [(mode, background) for mode in Mode for background in (PAPER, None)]
+CASE_NAMES = [f"{mode.value}-{'rgb' if background else 'rgba'}" for mode, background in CASES]
+
+
+@pytest.fixture(scope="module", params=instruction_sets())
+def engine(request):
+    engine = CpuEngine(2, request.param)
+    yield engine
+    engine.close()
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+@pytest.mark.parametrize(("mode", "background"), CASES, ids=CASE_NAMES)
+def test_picture_and_gradients_match_the_reference(engine, mode, background, settings):
+    differing = {}
+    for seed in range(4):
+        scene = random_scene(mode, 12, 3, 41, 35, seed, background=background)
+        target = random_target(scene, seed)
+        want = truth(scene, settings, target)
+        image = engine.render(packed(scene), settings)
+        differing.setdefault("image", []).append(outliers(image, want.image, PICTURE_TOLERANCE))
+        loss, got = engine.gradients(packed(scene), settings, target=target)
+        assert loss == pytest.approx(want.loss, rel=1e-3)
+        for name in compared(scene):
+            scale = float(want.gradients[name].abs().max())
+            assert scale > 1e-3, f"the test's scene has no gradient of {name}"
+            differing.setdefault(name, []).append(outliers(got[name], want.gradients[name], GRADIENT_TOLERANCE * scale))
+    for name, fractions in differing.items():
+        assert sum(fractions) / len(fractions) <= (FLIPPED if name == "image" else 0.02), f"{name}: {fractions}"
+
+
+@cache
+def degenerate_truth(name, settings):
+    """One reference for all instruction sets."""
+    scene = dict(DEGENERATE)[name]
+    return truth(scene, settings, random_target(scene))
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=NAMES)
+@pytest.mark.parametrize(("name", "scene"), DEGENERATE, ids=[name for name, _ in DEGENERATE])
+def test_degenerate_scenes(engine, name, scene, settings):
+    target = random_target(scene)
+    want = degenerate_truth(name, settings)
+    image = engine.render(packed(scene), settings)
+    assert torch.isfinite(image).all()
+    assert outliers(image, want.image, 2e-3) <= 0.02
+    _, got = engine.gradients(packed(scene), settings, target=target, importance="loo")
+    for key, value in got.items():
+        assert torch.isfinite(value).all(), key
+    for key in ("colours", "opacities"):
+        scale = max(1.0, float(want.gradients[key].abs().max()))
+        assert outliers(got[key], want.gradients[key], 0.02 * scale) == 0.0, key
+
+
+@pytest.mark.parametrize("kind", ["loo", "visibility"])
+@pytest.mark.parametrize(("mode", "background"), CASES, ids=CASE_NAMES)
+def test_importance_matches_the_reference(engine, mode, background, kind):
+    scene = random_scene(mode, 10, 3, 41, 35, 3, background=background)
+    target = random_target(scene, 3)
+    tensors, keywords = as_arguments(in_double(scene))
+    settings = SETTINGS[1]
+    want = reference.importance(*tensors, **keywords, settings=settings, target=target.double(), kind=kind)
+    _, got = engine.gradients(packed(scene), settings, target=target, importance=kind)
+    assert float(want.abs().max()) > 1.0
+    assert torch.allclose(got["importance"].double(), want, rtol=2e-3, atol=2e-3 * float(want.abs().max()))
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_leave_one_out_is_what_removing_a_curve_costs(mode):
+    engine = CpuEngine(1)
+    scene = random_scene(mode, 8, 3, 40, 40, 5, background=PAPER, opacity=(0.2, 0.6))
+    target = random_target(scene, 5)
+    settings = SETTINGS[2]
+    loss, got = engine.gradients(packed(scene), settings, target=target, importance="loo")
+    for i in range(scene.curves):
+        rest = only(scene, [j for j in range(scene.curves) if j != i])
+        without, _ = engine.gradients(packed(rest), settings, target=target)
+        assert float(got["importance"][i]) == pytest.approx(without - loss, abs=2e-3 * abs(loss))
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("coverage", ["relaxed", "exact"])
+def test_results_do_not_depend_on_threads(mode, coverage):
+    scene = random_scene(mode, 60, 3, 150, 90, 1, background=PAPER)
+    target = random_target(scene)
+    results = []
+    for threads in (1, 2, 5):
+        engine = CpuEngine(threads)
+        parameters = packed(replace(scene, colours=scene.colours * 4 - 2, opacities=scene.opacities * 4 - 2))
+        parameters.logits = True
+        for name in ("points", "colours", "opacities", "half_widths"):
+            setattr(parameters, name, getattr(parameters, name).clone())
+        state = OptimiserState.zeros(scene.curves, scene.points_per_curve)
+        importance = torch.zeros(scene.curves)
+        for _ in range(5):
+            loss = engine.step(
+                parameters, RasterSettings(coverage, 1.0, 8), target, state, Rates(0.5, 0.05, 0.05, 0.1),
+                importance=importance, importance_kind="loo",
+            )  # fmt: skip
+        results.append((loss, parameters.points, parameters.colours, parameters.half_widths, importance))
+    for other in results[1:]:
+        for a, b in zip(results[0], other, strict=True):
+            assert a == b if isinstance(a, float) else torch.equal(a, b)
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_steps_lower_the_loss(mode):
+    engine = CpuEngine(2)
+    scene = random_scene(mode, 30, 3, 64, 64, 2, background=PAPER)
+    target = random_target(scene, 7)
+    parameters = packed(scene)
+    parameters.colours, parameters.opacities, parameters.logits = torch.zeros(30, 3), torch.zeros(30), True
+    state = OptimiserState.zeros(30, scene.points_per_curve)
+    rates = Rates(0.5, 0.05, 0.05, 0.02)
+    losses = [engine.step(parameters, SETTINGS[1], target, state, rates) for _ in range(80)]
+    assert losses[-1] < 0.3 * losses[0]
+    assert int(state.ages.min()) == 80
+
+
+def test_adaptive_sampling_stays_within_the_tolerance():
+    engine = CpuEngine(1)
+    scene = random_scene(Mode.CLOSED, 10, 4, 120, 90, 4, background=PAPER, scale=0.1)
+    fine = engine.render(packed(scene), RasterSettings("exact", 1.0, 64))
+    edges = {}
+    for tolerance in (0.0, 0.02):
+        picture = engine.render(packed(scene), RasterSettings("exact", 1.0, 48, tolerance))
+        edges[tolerance] = engine.counts()["edges"]
+        assert float((picture - fine).abs().max()) < 0.05
+    assert edges[0.02] < edges[0.0]
+
+
+def test_background_gradient_is_the_transmitted_gradient():
+    engine = CpuEngine(1)
+    scene = random_scene(Mode.CLOSED, 5, 3, 30, 30, 6, background=PAPER)
+    target = random_target(scene)
+    _, got = engine.gradients(packed(scene), SETTINGS[1], target=target)
+    step = 1e-2
+    for c in range(3):
+        losses = []
+        for sign in (1, -1):
+            shifted = list(PAPER)
+            shifted[c] += sign * step
+            moved = replace(scene, background=tuple(shifted))
+            losses.append(engine.gradients(packed(moved), SETTINGS[1], target=target)[0])
+        assert float(got["background"][c]) == pytest.approx((losses[0] - losses[1]) / (2 * step), rel=1e-2)
+
+
+def test_wrong_tensors_are_named():
+    engine = CpuEngine(1)
+    scene = packed(random_scene(Mode.CLOSED, 3, 3, background=PAPER))
+    with pytest.raises(EngineError, match=r"target must be a contiguous .* CPU tensor of shape \(20, 24, 3\)"):
+        engine.gradients(scene, SETTINGS[0], target=torch.zeros(20, 24, 4))
+    with pytest.raises(EngineError, match="needs a target or an incoming gradient"):
+        engine.gradients(scene, SETTINGS[0])
+    with pytest.raises(EngineError, match="instruction set mmx"):
+        CpuEngine(1, "mmx")
