@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from ..raster.cpu import OptimiserState
-from .initial import colour_logits, control_points, draw_pixels
+from .initial import draw_pixels, new_curves
 from .parameters import Parameters
 from .presets import FitSettings
 
@@ -52,15 +52,6 @@ def reallocate(
     keep = importance.argsort()[count:].sort().values
     centres = draw_pixels(error_density(image, target, recipe.seed_blur, recipe.seed_power), count, generator)
     height, width, _ = target.shape
-    radius = recipe.seed_radius_size * (width * height) ** 0.5
-    fresh = Parameters(
-        control_points(centres, radius, settings, generator),
-        colour_logits(centres, target),
-        torch.full((count,), recipe.opacity_logit),
-        torch.full((count,), recipe.half_width),
-    )
+    fresh = new_curves(centres, recipe.seed_radius_size * (width * height) ** 0.5, target, settings, generator)
     empty = OptimiserState.zeros(count, fresh.points.shape[1])
-    joined = OptimiserState(
-        torch.cat([empty.moments, state.moments[keep]]), torch.cat([empty.ages, state.ages[keep]])
-    )
-    return fresh.joined(parameters.chosen(keep)), joined, count
+    return fresh.joined(parameters.chosen(keep)), empty.joined(state.chosen(keep)), count

@@ -8,9 +8,25 @@ import torch
 from torch import Tensor
 
 from ..scene import Mode
+from .parameters import Parameters
 from .presets import FitSettings
 
 COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the optimiser
+OPAQUE_LOGIT = 9.0  # an opacity of 0.99988
+
+
+def new_curves(
+    centres: Tensor, radius: float, target: Tensor, settings: FitSettings, generator: torch.Generator
+) -> Parameters:
+    """One curve of `radius` px at each of the centres (n, 2) px, coloured like the target (H, W, C) there."""
+    recipe, n = settings.recipe, centres.shape[0]
+    return Parameters(
+        control_points(centres, radius, settings, generator).contiguous(),
+        colour_logits(centres, target),
+        torch.full((n,), OPAQUE_LOGIT if recipe.opaque else recipe.opacity_logit),
+        torch.full((n,), recipe.half_width),
+        torch.full((n,), recipe.soft_edge),
+    )
 
 
 def control_points(centres: Tensor, radius: float, settings: FitSettings, generator: torch.Generator) -> Tensor:

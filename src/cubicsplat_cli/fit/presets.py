@@ -21,6 +21,8 @@ class Recipe:
     rate_colours: float = 0.05
     rate_opacities: float = 0.05
     rate_half_widths_size: float = 2e-4
+    rate_edge_widths: float = 0.036  # px; soft edges only
+    rate_course: str = "cosine"  # or "published": a staircase
     rate_end: float = 0.1  # of the start, cosine
     finish_rate: float = 0.2
     finish_rate_end: float = 0.1
@@ -30,14 +32,17 @@ class Recipe:
     anneal: float = 0.6  # fraction of the relaxed phase
     finish_edge_width: float = 1.0
     finish: float = 0.15  # fraction of the steps with exact coverage
-    finish_least: int = 20
+    edges: str = "crisp"  # or "soft": every curve learns its edge width, which no SVG can show
+    soft_edge: float = 2.7  # px, at the start
     # start
     opacity_logit: float = 0.0
+    opaque: bool = False
     start_radius_size: float = 0.006
     # capacity
     prune: bool = True
     importance: str = "loo"
-    gini_threshold: float = 0.0
+    prune_rule: str = "decay"  # prune_fraction falls linearly to 0; or "gini": as published, by the inequality
+    gini_threshold: float = 0.35  # of the rule "gini"
     prune_fraction: float = 0.4
     reallocations: int = 20
     reallocate_until: float = 0.95  # of the relaxed phase
@@ -46,7 +51,21 @@ class Recipe:
     seed_power: float = 1.5
     half_width: float = 1.5  # px, of a new stroke
     # polyline
+    flatten: str = "uniform"  # or "de-casteljau": adaptive subdivision to flatness 0.5 px
     tolerance: float = 0.05  # px; 0: always `samples` edges per cubic
+    # regulariser
+    geometric_reg: float = 0.0  # weight of the non-crossing penalty, in squared error per pixel
+
+    def __post_init__(self) -> None:
+        _choice("rate_course", self.rate_course, "cosine", "published")
+        _choice("edges", self.edges, "crisp", "soft")
+        _choice("importance", self.importance, "loo", "visibility")
+        _choice("prune_rule", self.prune_rule, "decay", "gini")
+        _choice("flatten", self.flatten, "uniform", "de-casteljau")
+        if not 0.0 <= self.geometric_reg < 1e6:
+            raise UsageError(f"geometric-reg must be a weight between 0 and 1000000, not {self.geometric_reg}")
+        if not 0.0 <= self.finish < 1.0:
+            raise UsageError(f"finish must lie between 0 and 1, not {self.finish}")
 
 
 @dataclass(frozen=True)
@@ -54,7 +73,8 @@ class FitSettings:
     """What to fit, and how long. Raises UsageError on values that make no sense.
 
     curves 1..1,000,000; segments per curve 1..16; samples: edges per cubic while fitting, 4..64; finish_samples: those
-    of the exact finish (S*); background: "auto" (the picture's mean colour), "none" or "#rrggbb", for opaque pictures.
+    of the exact finish (S*); background: "auto" (the picture's mean colour), "none" or "#rrggbb", for opaque pictures;
+    time_limit: seconds, > 0, that the fit may take: its schedule runs by the clock where the steps take longer.
     """
 
     curves: int = 512
@@ -68,6 +88,7 @@ class FitSettings:
     device: str = "auto"
     threads: int | None = None
     background: str = "auto"
+    time_limit: float | None = None
     recipe: Recipe = field(default_factory=Recipe)
 
     def __post_init__(self) -> None:
@@ -81,8 +102,8 @@ class FitSettings:
             _between("threads", self.threads, 1, 1024)
         if self.device not in ("auto", "cpu", "cuda"):
             raise UsageError(f"device must be auto, cpu or cuda, not {self.device!r}")
-        if self.recipe.importance not in ("loo", "visibility"):
-            raise UsageError(f"importance must be loo or visibility, not {self.recipe.importance!r}")
+        if self.time_limit is not None and not 0.0 < self.time_limit < 1e7:
+            raise UsageError(f"time-limit must be a number of seconds above 0, not {self.time_limit}")
         parse_background(self.background)
 
     @classmethod
@@ -111,6 +132,11 @@ class FitSettings:
         return asdict(self) | {"mode": self.mode.value}
 
 
+def _choice(name: str, value: str, *allowed: str) -> None:
+    if value not in allowed:
+        raise UsageError(f"{name} must be {' or '.join(allowed)}, not {value!r}")
+
+
 def _between(name: str, value: int, least: int, most: int) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
         raise UsageError(f"{name} must be a whole number between {least} and {most}, not {value!r}")
@@ -134,7 +160,18 @@ def parse_background(text: str) -> tuple[float, float, float] | None:
 
 _CLOSED = {"segments": 4}
 _OPEN = {"segments": 3, "samples": 24}
+# As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.
+_PAPER = {
+    "segments": 3, "steps": 10_000, "rate_points_size": 6e-4, "rate_colours": 0.1, "rate_opacities": 0.1,
+    "rate_course": "published", "edges": "soft", "finish": 0.0, "importance": "visibility", "prune_rule": "gini",
+    "prune_fraction": 0.2, "reallocations": 16, "reallocate_until": 0.8, "opacity_logit": 1.0, "tolerance": 0.0,
+    "seed_radius_size": 0.006, "seed_blur": 1, "seed_power": 1.0, "background": "#ffffff",
+}  # fmt: skip
 PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
+    "paper": {
+        Mode.CLOSED: _PAPER | {"samples": 12},
+        Mode.OPEN: _PAPER | {"samples": 24, "half_width": 2.0, "rate_half_widths_size": 5e-4},
+    },
     "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 600}},
     "standard": {Mode.CLOSED: _CLOSED | {"steps": 1500}, Mode.OPEN: _OPEN | {"steps": 1500}},
     "high": {Mode.CLOSED: _CLOSED | {"steps": 6000}, Mode.OPEN: _OPEN | {"steps": 6000}},

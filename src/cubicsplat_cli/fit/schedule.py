@@ -1,4 +1,7 @@
-"""What changes from step to step: edge width, step sizes, and when the exact finish begins."""
+"""What changes in the course of a fit: edge width, step sizes, replacements, and the exact finish.
+
+Everything is a function of the progress u in [0, 1], which is the share of the steps or, under a time limit, of the time.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,9 @@ import math
 from dataclasses import dataclass
 
 from .presets import Recipe
+
+# The published course of the step sizes: (from this share of the steps on, factor).
+PUBLISHED_RATES = ((0.0, 1.0), (0.5, 0.5), (0.6, 0.2), (0.9, 0.1))
 
 
 @dataclass(frozen=True)
@@ -18,37 +24,47 @@ class Phase:
 
 
 class Schedule:
-    """The course of a fit of `steps` steps."""
+    """The course of a fit."""
 
-    def __init__(self, recipe: Recipe, steps: int) -> None:
+    def __init__(self, recipe: Recipe) -> None:
         self.recipe = recipe
-        self.steps = steps
-        self.finish_steps = min(steps, max(round(recipe.finish * steps), min(steps, recipe.finish_least)))
-        self.finish_start = steps - self.finish_steps
+        self.finish_start = 1.0 - recipe.finish
+        self.reallocations_end = recipe.reallocate_until * self.finish_start
+        self._done = 0
 
-    def phase(self, step: int) -> Phase:
-        """Settings of step 0 .. steps - 1."""
+    def phase(self, progress: float) -> Phase:
+        """Settings at a progress in [0, 1)."""
         recipe = self.recipe
-        if step >= self.finish_start:
-            along = (step - self.finish_start) / max(self.finish_steps, 1)
-            rate = recipe.finish_rate * _fall(along, recipe.finish_rate_end)
-            return Phase(rate, recipe.finish_edge_width, True)
-        along = step / max(self.finish_start, 1)
+        if progress >= self.finish_start:
+            along = (progress - self.finish_start) / recipe.finish
+            return Phase(recipe.finish_rate * _fall(along, recipe.finish_rate_end), recipe.finish_edge_width, True)
+        along = progress / self.finish_start
         anneal = min(1.0, along / recipe.anneal) if recipe.anneal > 0 else 1.0
         width = recipe.edge_start * (recipe.edge_end / recipe.edge_start) ** anneal
-        return Phase(_fall(along, recipe.rate_end), width, False)
+        return Phase(self._rate(along), width, False)
 
-    def reallocation(self, step: int) -> float:
-        """Fraction of the curves to replace after this step; 0 for none."""
+    def _rate(self, along: float) -> float:
+        if self.recipe.rate_course == "cosine":
+            return _fall(along, self.recipe.rate_end)
+        return [factor for start, factor in PUBLISHED_RATES if along >= start][-1]
+
+    def reallocation(self, progress: float, gini: float | None = None) -> float:
+        """Fraction of the curves to replace at this progress."""
         recipe = self.recipe
-        done = step + 1
-        last = recipe.reallocate_until * self.finish_start
-        if not recipe.prune or recipe.reallocations < 1 or done >= last:
-            return 0.0
-        interval = max(1, round(last / (recipe.reallocations + 1)))
-        if done % interval:
-            return 0.0
-        return recipe.prune_fraction * (1.0 - done / last)
+        if recipe.prune_rule == "gini":
+            return recipe.prune_fraction * min(1.0, max(0.0, ((gini or 0.0) - recipe.gini_threshold) / 0.5))
+        return recipe.prune_fraction * max(0.0, 1.0 - progress / self.reallocations_end)
+
+    def reallocation_due(self, progress: float) -> bool:
+        """Whether the next of the evenly spaced reallocations is due; each is due once."""
+        recipe = self.recipe
+        if not recipe.prune or self._done >= recipe.reallocations or progress >= self.reallocations_end:
+            return False
+        share = (self._done + 1) / (recipe.reallocations + 1)
+        if progress < share * self.reallocations_end:
+            return False
+        self._done += 1
+        return True
 
 
 def _fall(along: float, end: float) -> float:

@@ -13,18 +13,21 @@ import torch
 from torch import Tensor
 
 from ..errors import EngineError, InputError
-from ..raster.cpu import CpuEngine, OptimiserState, Rates
+from ..raster.cpu import CpuEngine, OptimiserState, Rates, SceneTensors
 from ..raster.engines import open_engine
 from ..raster.settings import RasterSettings
 from ..scene import Scene
 from .capacity import gini, reallocate
-from .initial import colour_logits, control_points, random_centres
+from .geometric import crossing_gradient
+from .initial import new_curves, random_centres
 from .parameters import Background, Parameters
 from .presets import FitSettings, parse_background
 from .schedule import Phase, Schedule
 
 REPORT_SECONDS = 0.1
 HISTORY_ENTRIES = 50
+FLATNESS = 0.5  # px, of de Casteljau subdivision
+CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,11 @@ class Progress:
 
 @dataclass
 class FitResult:
-    """The best scene of a fit, and how it came about. samples: edges per cubic of the exact finish (S*)."""
+    """The best scene of a fit, and how it came about.
+
+    samples: edges per cubic of the exact finish (S*). replaced, dropped: curves re-seeded during the fit, and left out at
+    its end since the picture is better, or no worse, without them. notes: what the user should know.
+    """
 
     scene: Scene
     steps: int
@@ -52,7 +59,9 @@ class FitResult:
     device: dict[str, Any]
     samples: int
     replaced: int
+    dropped: int
     settings: FitSettings
+    notes: list[str]
 
 
 def psnr(loss: float, values: int) -> float:
@@ -72,8 +81,8 @@ def fit(
         raise InputError(f"the picture must have shape (height, width, 3 or 4), not {target.shape}")
     if not np.isfinite(target).all():
         raise InputError("the picture has values that are not finite")
-    trainer = Trainer(torch.from_numpy(np.ascontiguousarray(target, dtype=np.float32)), settings, on_progress)
-    return trainer.run()
+    picture = torch.from_numpy(np.ascontiguousarray(target, dtype=np.float32))
+    return Trainer(picture, settings, on_progress).run()
 
 
 def choose_background(target: Tensor, settings: FitSettings) -> Background:
@@ -99,90 +108,102 @@ class Trainer:
     step: int = 0
 
     def __post_init__(self) -> None:
-        self.height, self.width, self.channels = (int(n) for n in self.target.shape)
+        if self.target.shape[2] == 3 and self.settings.background == "none":
+            self.target = torch.cat([self.target, torch.ones_like(self.target[..., :1])], -1)
+        self.height, self.width, channels = (int(n) for n in self.target.shape)
         self.size = math.sqrt(self.width * self.height)
+        self.values = self.height * self.width * CHANNELS_COMPARED
         self.generator = torch.Generator().manual_seed(self.settings.seed)
-        self.schedule = Schedule(self.settings.recipe, self.settings.steps)
+        self.recipe = self.settings.recipe
+        self.schedule = Schedule(self.recipe)
         self.engine: CpuEngine = open_engine(self.settings.device, self.settings.threads)
-        if self.channels == 3 and self.settings.background == "none":
-            self.target = torch.cat([self.target, torch.ones(self.height, self.width, 1)], -1)
-            self.channels = 4
         self.background = choose_background(self.target, self.settings)
-        self.image = torch.empty_like(self.target)
-        self.values = self.height * self.width * 3
-        self.parameters = self._start()
+        self.image = torch.empty(self.height, self.width, channels)
+        centres = random_centres(self.settings.curves, self.target, self.generator)
+        radius = self.recipe.start_radius_size * self.size
+        self.parameters = new_curves(centres, radius, self.target, self.settings, self.generator)
         self.state = OptimiserState.zeros(self.settings.curves, int(self.parameters.points.shape[1]))
         self.best: tuple[float, Parameters] | None = None
         self.started = self.reported = time.perf_counter()
 
-    def _start(self) -> Parameters:
-        recipe, n = self.settings.recipe, self.settings.curves
-        centres = random_centres(n, self.target, self.generator)
-        radius = recipe.start_radius_size * self.size
-        return Parameters(
-            control_points(centres, radius, self.settings, self.generator).contiguous(),
-            colour_logits(centres, self.target),
-            torch.full((n,), recipe.opacity_logit),
-            torch.full((n,), recipe.half_width),
-        )
-
     def run(self) -> FitResult:
+        """All steps, or as many as there is time for."""
         interrupted = False
         try:
-            while self.step < self.settings.steps:
-                self._one_step()
+            while self.progress() < 1.0:
+                self.advance()
         except KeyboardInterrupt:
             interrupted = True
-        self._consider(self._exact_loss(), self.parameters)
+        self._consider(self._exact_loss(self.parameters), self.parameters)
+        dropped = self._drop_invisible()
         seconds = time.perf_counter() - self.started
-        assert_best = self.best[1] if self.best else self.parameters
-        self.parameters = assert_best
-        scene = self.parameters.scene(self.settings.mode, self.width, self.height, self.background)
+        scene = self.parameters.scene(
+            self.settings.mode, self.width, self.height, self.background, opaque=self.recipe.opaque
+        )
         return FitResult(
             scene, self.step, seconds, 1e3 * seconds / max(self.step, 1), self.history, interrupted,
-            self.engine.describe(), self.settings.finish_samples, self.replaced, self.settings,
+            self.engine.describe(), self.settings.finish_samples, self.replaced, dropped, self.settings, self._notes(),
         )  # fmt: skip
 
-    def _raster(self, phase: Phase) -> RasterSettings:
-        tolerance = self.settings.recipe.tolerance
-        if phase.exact:
-            return RasterSettings("exact", phase.edge_width, self.settings.finish_samples, tolerance / 4)
-        return RasterSettings("relaxed", phase.edge_width, self.settings.samples, tolerance)
+    def progress(self) -> float:
+        """Share of the steps done or, where that is more, of the time used up."""
+        share = self.step / self.settings.steps
+        if self.settings.time_limit is None:
+            return share
+        return max(share, (time.perf_counter() - self.started) / self.settings.time_limit)
 
-    def _rates(self, phase: Phase) -> Rates:
-        recipe = self.settings.recipe
-        return Rates(
-            points=phase.rate * recipe.rate_points_size * self.size,
-            colours=phase.rate * recipe.rate_colours,
-            opacities=phase.rate * recipe.rate_opacities,
-            half_widths=phase.rate * recipe.rate_half_widths_size * self.size,
-        )
-
-    def _tensors(self):
-        return self.parameters.tensors(self.settings.mode, self.width, self.height, self.background)
-
-    def _one_step(self) -> None:
-        phase = self.schedule.phase(self.step)
-        fraction = self.schedule.reallocation(self.step)
+    def advance(self) -> None:
+        """One step, with the reallocation that the schedule may ask for after it."""
+        progress = self.progress()
+        phase = self.schedule.phase(progress)
+        due = self.schedule.reallocation_due(progress)
         before = self.parameters.copy() if phase.exact else None
-        importance = torch.zeros(self.parameters.curves) if fraction > 0 else None
+        importance = torch.zeros(self.parameters.curves) if due else None
         loss = self.engine.step(
-            self._tensors(), self._raster(phase), self.target, self.state, self._rates(phase),
-            image=self.image if fraction > 0 else None, importance=importance,
-            importance_kind=self.settings.recipe.importance,
+            self._tensors(self.parameters), self._raster(phase), self.target, self.state, self._rates(phase),
+            image=self.image if due else None, importance=importance, importance_kind=self.recipe.importance,
+            points_gradient=self._regulariser(),
         )  # fmt: skip
         if not math.isfinite(loss):
             self._name_non_finite(loss)
         if before is not None:
             self._consider(loss, before)
         if importance is not None:
-            self._reallocate(importance, fraction)
+            self._reallocate(importance, progress)
         self.step += 1
         self._report(loss)
 
-    def _reallocate(self, importance: Tensor, fraction: float) -> None:
-        if gini(importance) < self.settings.recipe.gini_threshold:
-            return
+    def _tensors(self, parameters: Parameters) -> SceneTensors:
+        soft = self.recipe.edges == "soft"
+        return parameters.tensors(self.settings.mode, self.width, self.height, self.background, soft=soft)
+
+    def _raster(self, phase: Phase) -> RasterSettings:
+        coverage = "exact" if phase.exact else "relaxed"
+        samples = self.settings.finish_samples if phase.exact else self.settings.samples
+        if self.recipe.flatten == "de-casteljau":
+            return RasterSettings(coverage, phase.edge_width, 64, FLATNESS, subdivide=True)
+        tolerance = self.recipe.tolerance * (0.25 if phase.exact else 1.0)
+        return RasterSettings(coverage, phase.edge_width, samples, tolerance)
+
+    def _rates(self, phase: Phase) -> Rates:
+        recipe = self.recipe
+        return Rates(
+            points=phase.rate * recipe.rate_points_size * self.size,
+            colours=phase.rate * recipe.rate_colours,
+            opacities=0.0 if recipe.opaque else phase.rate * recipe.rate_opacities,
+            half_widths=phase.rate * recipe.rate_half_widths_size * self.size,
+            edge_widths=phase.rate * recipe.rate_edge_widths,
+        )
+
+    def _regulariser(self) -> Tensor | None:
+        if self.recipe.geometric_reg == 0.0:
+            return None
+        weight = self.recipe.geometric_reg * self.width * self.height
+        return crossing_gradient(self.parameters.points, self.settings.mode, weight)
+
+    def _reallocate(self, importance: Tensor, progress: float) -> None:
+        inequality = gini(importance)
+        fraction = self.schedule.reallocation(progress, inequality)
         self.parameters, self.state, count = reallocate(
             self.parameters, self.state, importance, self.image, self.target, fraction, self.settings, self.generator
         )
@@ -193,10 +214,29 @@ class Trainer:
         if self.best is None or loss < self.best[0]:
             self.best = (loss, parameters.copy())
 
-    def _exact_loss(self) -> float:
-        raster = RasterSettings("exact", 1.0, self.settings.finish_samples)
-        loss, _ = self.engine.gradients(self._tensors(), raster, target=self.target)
-        return loss
+    def _exact(self) -> RasterSettings:
+        return RasterSettings("exact", 1.0, self.settings.finish_samples)
+
+    def _exact_loss(self, parameters: Parameters) -> float:
+        return self.engine.gradients(self._tensors(parameters), self._exact(), target=self.target)[0]
+
+    def _drop_invisible(self) -> int:
+        """Takes the best parameters, less the curves whose leave-one-out importance is not positive."""
+        loss, parameters = self.best
+        _, out = self.engine.gradients(self._tensors(parameters), self._exact(), target=self.target, importance="loo")
+        keep = out["importance"] > 0
+        if not self.recipe.prune or bool(keep.all()) or not bool(keep.any()):
+            self.parameters = parameters
+            return 0
+        rest = parameters.chosen(keep)
+        # Two curves may each be of no use only while the other is there: so all are dropped only if that is better.
+        self.parameters = rest if self._exact_loss(rest) <= loss else parameters
+        return parameters.curves - self.parameters.curves
+
+    def _notes(self) -> list[str]:
+        if self.recipe.edges == "soft":
+            return ["soft edges cannot be written as SVG: the file differs from the fit, see the agreement"]
+        return []
 
     def _name_non_finite(self, loss: float) -> None:
         found = self.parameters.first_non_finite()
@@ -205,16 +245,17 @@ class Trainer:
 
     def _report(self, loss: float) -> None:
         now = time.perf_counter()
-        last = self.step == self.settings.steps
-        if self.step % max(1, self.settings.steps // HISTORY_ENTRIES) == 0 or last:
+        progress = self.progress()
+        if progress * HISTORY_ENTRIES >= len(self.history) + 1 or progress >= 1.0:
             level, seconds = round(psnr(loss, self.values), 3), round(now - self.started, 3)
             self.history.append({"step": self.step, "psnr_db": level, "seconds": seconds})
-        if self.on_progress and (now - self.reported >= REPORT_SECONDS or last):
+        if self.on_progress and (now - self.reported >= REPORT_SECONDS or progress >= 1.0):
             self.reported = now
-            per_step = (now - self.started) / self.step
+            elapsed = now - self.started
+            left = elapsed / max(progress, 1e-9) * max(0.0, 1.0 - progress)
             self.on_progress(
                 Progress(
-                    self.step, self.settings.steps, psnr(loss, self.values), 1e3 * per_step, self.replaced,
-                    per_step * (self.settings.steps - self.step),
-                )
+                    self.step, self.settings.steps, psnr(loss, self.values), 1e3 * elapsed / self.step, self.replaced,
+                    left,
+                )  # fmt: skip
             )

@@ -21,7 +21,7 @@ from ..errors import EngineError
 from ..scene import Mode
 from .settings import RasterSettings
 
-ABI_VERSION = 1
+ABI_VERSION = 2
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
 
 
@@ -29,14 +29,14 @@ class _Scene(ctypes.Structure):
     _fields_ = [
         ("curves", c_int32), ("segments", c_int32), ("closed", c_int32), ("width", c_int32), ("height", c_int32),
         ("channels", c_int32), ("points", c_void_p), ("colours", c_void_p), ("opacities", c_void_p),
-        ("half_widths", c_void_p), ("logits", c_int32), ("background", c_float * 4),
+        ("half_widths", c_void_p), ("edge_widths", c_void_p), ("logits", c_int32), ("background", c_float * 4),
     ]  # fmt: skip
 
 
 class _Settings(ctypes.Structure):
     _fields_ = [
-        ("exact", c_int32), ("samples", c_int32), ("tolerance", c_float), ("edge_width", c_float),
-        ("importance", c_int32),
+        ("exact", c_int32), ("samples", c_int32), ("tolerance", c_float), ("subdivide", c_int32),
+        ("edge_width", c_float), ("importance", c_int32),
     ]  # fmt: skip
 
 
@@ -46,15 +46,23 @@ class _Images(ctypes.Structure):
 
 class _Gradients(ctypes.Structure):
     _fields_ = [
-        (name, c_void_p) for name in ("points", "colours", "opacities", "half_widths", "importance", "background")
+        (name, c_void_p)
+        for name in ("points", "colours", "opacities", "half_widths", "edge_widths", "importance", "background")
     ]
 
 
 class _Training(ctypes.Structure):
-    _fields_ = [(name, c_void_p) for name in ("points", "colours", "opacities", "half_widths", "moments", "ages")] + [
+    _fields_ = [
+        (name, c_void_p)
+        for name in (
+            "points", "colours", "opacities", "half_widths", "edge_widths", "moments", "edge_moments", "ages",
+            "points_gradient",
+        )
+    ] + [
         (name, c_float)
         for name in (
-            "rate_points", "rate_colours", "rate_opacities", "rate_half_widths", "keep1", "keep2", "keep3", "epsilon",
+            "rate_points", "rate_colours", "rate_opacities", "rate_half_widths", "rate_edge_widths", "keep1", "keep2",
+            "keep3", "epsilon",
         )
     ]  # fmt: skip
 
@@ -110,7 +118,8 @@ class SceneTensors:
     """The parameters of a scene as the engine takes them; float32, contiguous, on the CPU.
 
     points (N, K, 2) px, colours (N, 3), opacities (N,), half_widths (N,) px; colours and opacities are logits where
-    `logits` is set. background: the colour behind an opaque picture, or None for premultiplied RGBA.
+    `logits` is set. background: the colour behind an opaque picture, or None for premultiplied RGBA. edge_widths (N,):
+    px, each curve's own relaxed edge in place of the settings' one.
     """
 
     mode: Mode
@@ -122,6 +131,7 @@ class SceneTensors:
     half_widths: Tensor
     background: tuple[float, float, float] | None
     logits: bool = False
+    edge_widths: Tensor | None = None
 
     @property
     def channels(self) -> int:
@@ -136,20 +146,34 @@ class Rates:
     colours: float
     opacities: float
     half_widths: float
+    edge_widths: float = 0.0
     keep: tuple[float, float, float] = (0.98, 0.92, 0.99)
     epsilon: float = 1e-2
 
 
 @dataclass
 class OptimiserState:
-    """Adan moments (N, 2K + 5, 4) and the number of updates each curve has had (N,) int32."""
+    """Adan moments (N, 2K + 5, 4), those of the edge widths (N, 4), and how many updates each curve has had (N,) int32."""
 
     moments: Tensor
+    edge_moments: Tensor
     ages: Tensor
 
     @classmethod
     def zeros(cls, curves: int, points_per_curve: int) -> OptimiserState:
-        return cls(torch.zeros(curves, 2 * points_per_curve + 5, 4), torch.zeros(curves, dtype=torch.int32))
+        moments = torch.zeros(curves, 2 * points_per_curve + 5, 4)
+        return cls(moments, torch.zeros(curves, 4), torch.zeros(curves, dtype=torch.int32))
+
+    def _tensors(self) -> tuple[Tensor, Tensor, Tensor]:
+        return self.moments, self.edge_moments, self.ages
+
+    def chosen(self, index: Tensor) -> OptimiserState:
+        """The state of the curves of an index (n,) or a mask (N,), in their order."""
+        return OptimiserState(*(t[index].contiguous() for t in self._tensors()))
+
+    def joined(self, behind: OptimiserState) -> OptimiserState:
+        """The state of these curves, then of others."""
+        return OptimiserState(*(torch.cat(pair) for pair in zip(self._tensors(), behind._tensors(), strict=True)))
 
 
 def _pointer(
@@ -207,6 +231,7 @@ class CpuEngine:
             _pointer(scene.colours, "colours", (n, 3)),
             _pointer(scene.opacities, "opacities", (n,)),
             _pointer(scene.half_widths, "half_widths", (n,)),
+            _pointer(scene.edge_widths, "edge_widths", (n,)),
             scene.logits,
             (c_float * 4)(*(scene.background or ()), 0.0),
         )  # fmt: skip
@@ -224,13 +249,15 @@ class CpuEngine:
     @staticmethod
     def _settings(settings: RasterSettings, importance: str | None) -> _Settings:
         exact = settings.coverage == "exact"
-        return _Settings(exact, settings.samples, settings.tolerance, settings.edge_width, IMPORTANCE[importance])
+        return _Settings(
+            exact, settings.samples, settings.tolerance, settings.subdivide, settings.edge_width, IMPORTANCE[importance]
+        )
 
     def _gradients(self, scene: SceneTensors, tensors: dict[str, Tensor]) -> _Gradients:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         shapes: dict[str, tuple[int, ...]] = {
-            "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "importance": (n,),
-            "background": (scene.channels,),
+            "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
+            "importance": (n,), "background": (scene.channels,),
         }  # fmt: skip
         return _Gradients(**{name: _pointer(t, f"gradient of {name}", shapes[name]) for name, t in tensors.items()})
 
@@ -266,6 +293,8 @@ class CpuEngine:
         }  # fmt: skip
         if importance:
             out["importance"] = torch.zeros(n)
+        if scene.edge_widths is not None:
+            out["edge_widths"] = torch.zeros(n)
         images, loss = self._images(scene, target, gradient, None)
         s, t, g = self._scene(scene), self._settings(settings, importance), self._gradients(scene, out)
         self._check(self._library.cs_gradients(self._handle, s, t, images, g))
@@ -283,11 +312,13 @@ class CpuEngine:
         importance: Tensor | None = None,
         importance_kind: str | None = None,
         background_gradient: Tensor | None = None,
+        points_gradient: Tensor | None = None,
     ) -> float:
         """One fused training step: forward, squared error, backward and Adan on the scene's own tensors, in place.
 
         Returns the loss (sum over the pixels) before the update. Optional outputs are filled where given: image
-        (H, W, C), importance (N,) of `importance_kind`, background_gradient (C,).
+        (H, W, C), importance (N,) of `importance_kind`, background_gradient (C,). points_gradient (N, K, 2): that of a
+        further loss term, added to the picture's.
         """
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         images, loss = self._images(scene, target, None, image)
@@ -295,10 +326,13 @@ class CpuEngine:
         g = self._gradients(scene, {name: t for name, t in wanted.items() if t is not None})
         s, t = self._scene(scene), self._settings(settings, importance_kind if importance is not None else None)
         training = _Training(
-            s.points, s.colours, s.opacities, s.half_widths,
+            s.points, s.colours, s.opacities, s.half_widths, s.edge_widths,
             _pointer(state.moments, "moments", (n, 2 * k + 5, 4)),
+            _pointer(state.edge_moments, "edge_moments", (n, 4)),
             _pointer(state.ages, "ages", (n,), torch.int32),
-            rates.points, rates.colours, rates.opacities, rates.half_widths, *rates.keep, rates.epsilon,
+            _pointer(points_gradient, "points_gradient", (n, k, 2)),
+            rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep,
+            rates.epsilon,
         )  # fmt: skip
         self._check(self._library.cs_step(self._handle, s, t, images, g, training))
         return loss.value

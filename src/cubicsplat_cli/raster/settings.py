@@ -24,13 +24,15 @@ class RasterSettings:
     coverage: "relaxed" (smooth edge of width `edge_width`) or "exact" (area coverage; its derivative is that of the
     relaxed edge). edge_width: px, > 0, the reciprocal of the coverage's slope at the outline. samples: edges per
     cubic of the polyline, 1..64. tolerance: px, >= 0; above 0 each primitive of the native engines gets only as many
-    edges per cubic, at most `samples`, as keep its polyline that near to the curve.
+    edges per cubic, at most `samples`, as keep its polyline that near to the curve. subdivide: adaptive de Casteljau
+    subdivision to the tolerance instead of uniform parameters.
     """
 
     coverage: str = "relaxed"
     edge_width: float = 1.0
     samples: int = 12
     tolerance: float = 0.0
+    subdivide: bool = False
 
     def __post_init__(self) -> None:
         if self.coverage not in ("relaxed", "exact"):
@@ -39,5 +41,7 @@ class RasterSettings:
             raise UsageError(f"edge_width must lie between 0 and 10000 px, not {self.edge_width}")
         if not 0.0 <= self.tolerance < 1e4:
             raise UsageError(f"tolerance must lie between 0 and 10000 px, not {self.tolerance}")
+        if self.subdivide and self.tolerance == 0.0:
+            raise UsageError("subdivision needs a tolerance above 0 px")
         if not 1 <= self.samples <= 64:
             raise UsageError(f"samples must lie between 1 and 64, not {self.samples}")

@@ -18,6 +18,7 @@ struct CsScene {
   const float* colours;      // N x 3, values or logits
   const float* opacities;    // N, values or logits
   const float* half_widths;  // N, px; ignored when closed
+  const float* edge_widths;  // N, px, or null: each curve's own relaxed edge instead of the settings' one
   int32_t logits;            // colours and opacities are logits
   float background[4];
 };
@@ -26,6 +27,7 @@ struct CsSettings {
   int32_t exact;      // 1: area coverage in the forward pass
   int32_t samples;    // edges per cubic, or their upper bound when tolerance > 0
   float tolerance;    // px; > 0: each primitive gets as many edges as this flatness needs
+  int32_t subdivide;  // 1: adaptive de Casteljau subdivision to the tolerance instead of uniform parameters
   float edge_width;   // px
   int32_t importance;  // 0 none, 1 visibility, 2 leave-one-out
 };
@@ -44,6 +46,7 @@ struct CsGradients {
   float* colours;
   float* opacities;
   float* half_widths;
+  float* edge_widths;
   float* importance;  // N
   float* background;  // C
 };
@@ -54,9 +57,12 @@ struct CsTraining {
   float* colours;
   float* opacities;
   float* half_widths;
-  float* moments;  // N x (2K + 5) x 4: points, colour, opacity, half-width; mean, change, square, previous gradient
-  int32_t* ages;   // N: updates each curve has had
-  float rate_points, rate_colours, rate_opacities, rate_half_widths;
+  float* edge_widths;   // null: fixed
+  float* moments;       // N x (2K + 5) x 4: points, colour, opacity, half-width; mean, change, square, previous gradient
+  float* edge_moments;  // N x 4, for edge_widths
+  int32_t* ages;        // N: updates each curve has had
+  const float* points_gradient;  // N x K x 2, or null: gradient of a further loss term, added to the picture's
+  float rate_points, rate_colours, rate_opacities, rate_half_widths, rate_edge_widths;
   float keep1, keep2, keep3, epsilon;
 };
 

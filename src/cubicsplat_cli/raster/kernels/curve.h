@@ -11,10 +11,12 @@ namespace cs {
 
 constexpr float kLogitLimit = 9.0f;      // logits are kept within +-9: beyond, the sigmoid's gradient is dead
 constexpr float kMinHalfWidth = 0.1f;    // px; a thinner stroke is seen as a fainter one
+constexpr float kMinEdgeWidth = 0.5f;    // px, of a learned edge
+constexpr float kMaxEdgeWidth = 64.0f;
 
 // Hyper-parameters of one update (Adan: Xie et al., 2022, arXiv:2208.06677; betas are the kept fractions).
 struct AdanRates {
-  float points, colours, opacities, half_widths;  // step sizes; 0 freezes the group
+  float points, colours, opacities, half_widths, edge_widths;  // step sizes; 0 freezes the group
   float keep1, keep2, keep3, epsilon;
 };
 

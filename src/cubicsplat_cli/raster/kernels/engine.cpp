@@ -224,6 +224,7 @@ const char* fault(const CsScene& s, const CsSettings& t, const CsImages& images,
   if (t.samples < 1 || t.samples > cs::kMaxSamples) return "samples must lie between 1 and 64";
   if (s.segments * t.samples > 65535) return "a curve may have at most 65535 edges";
   if (!(t.edge_width > 0.0f)) return "edge_width must be positive";
+  if (t.subdivide && !(t.tolerance > 0.0f)) return "subdivision needs a tolerance";
   if (backward && !images.target && !images.gradient) return "a backward pass needs a target or an incoming gradient";
   if (t.importance == 2 && !images.target) return "leave-one-out importance needs a target";
   return nullptr;
@@ -249,7 +250,7 @@ int32_t guarded(CsEngine* e, const CsScene* scene, const CsSettings* settings, c
 
 }  // namespace
 
-int32_t cs_abi_version() { return 1; }
+int32_t cs_abi_version() { return 2; }
 
 const char* cs_isa_names() {
   static const std::string names = [] {

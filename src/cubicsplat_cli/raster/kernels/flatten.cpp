@@ -36,6 +36,7 @@ void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const C
   f.vertices.resize(size_t(scene.curves) * f.vertex_stride * 2);
   f.chunks.resize(f.chunk_count());
   f.views.resize(f.chunk_count());
+  if (settings.subdivide) f.parameters.resize(size_t(scene.curves) * f.vertex_stride);
   f.tile_loss.resize(f.tiles());
   f.tile_background.resize(size_t(f.tiles()) * 4);
   if (f.basis.empty()) {
@@ -52,7 +53,7 @@ namespace {
 
 float sigmoid(float x) { return 1.0f / (1.0f + std::exp(-x)); }
 
-void activate(const CsScene& scene, int p, Primitive& q) {
+void activate(const CsScene& scene, float edge_width, int p, Primitive& q) {
   for (int c = 0; c < 3; c++) q.colour[c] = scene.colours[3 * p + c];
   q.opacity = scene.opacities[p];
   if (scene.logits) {
@@ -60,6 +61,7 @@ void activate(const CsScene& scene, int p, Primitive& q) {
     q.opacity = sigmoid(q.opacity);
   }
   q.half_width = scene.closed ? 0.0f : scene.half_widths[p];
+  q.edge_width = scene.edge_widths ? scene.edge_widths[p] : edge_width;
 }
 
 // Edges per cubic that keep the polyline within the tolerance: the error is at most D2 / (8 S^2) with
@@ -91,6 +93,66 @@ void evaluate_polyline(const Frame& f, const float* points, int samples, float* 
   }
   if (!f.scene.closed) std::memcpy(out, points + 2 * (k - 1), 2 * sizeof(float));
 }
+
+// Adaptive de Casteljau subdivision of one primitive: a cubic is halved until its inner control points lie within the
+// tolerance of its chord, or until the primitive's share of vertices is used up.
+struct Subdivider {
+  const Frame& f;
+  const float* points;
+  float* out;         // vertices, x and y
+  float* parameters;  // segment + t of each vertex
+  int count = 0;
+
+  void emit(float x, float y, float parameter) {
+    out[2 * count] = x;
+    out[2 * count + 1] = y;
+    parameters[count++] = parameter;
+  }
+
+  bool flat(const float* c) const {
+    float vx = c[6] - c[0], vy = c[7] - c[1], length = std::sqrt(vx * vx + vy * vy), far = 0.0f;
+    for (int j = 2; j < 6; j += 2) {
+      float x = c[j] - c[0], y = c[j + 1] - c[1];
+      float cross = std::fabs(x * vy - y * vx), along = x * vx + y * vy;
+      bool beyond = along < 0.0f || along > length * length || !(length > 0.0f);
+      far = std::max(far, beyond ? std::sqrt(x * x + y * y) : cross / length);
+    }
+    return far <= f.settings.tolerance;
+  }
+
+  // depth: how many times the cubic may still be halved; each halving doubles the edges.
+  void cubic(const float* c, float from, float to, int depth) {
+    if (depth == 0 || flat(c)) {
+      emit(c[0], c[1], from);
+      return;
+    }
+    float left[8], right[8], middle = 0.5f * (from + to);
+    for (int k = 0; k < 2; k++) {
+      float a = c[k], b = c[2 + k], d = c[4 + k], e = c[6 + k];
+      float ab = 0.5f * (a + b), bd = 0.5f * (b + d), de = 0.5f * (d + e);
+      float abd = 0.5f * (ab + bd), bde = 0.5f * (bd + de), mid = 0.5f * (abd + bde);
+      left[k] = a, left[2 + k] = ab, left[4 + k] = abd, left[6 + k] = mid;
+      right[k] = mid, right[2 + k] = bde, right[4 + k] = de, right[6 + k] = e;
+    }
+    cubic(left, from, middle, depth - 1);
+    cubic(right, middle, to, depth - 1);
+  }
+
+  // Returns the number of edges.
+  int run() {
+    int k = f.points_per_curve, depth = 0;
+    while ((2 << depth) <= f.settings.samples) depth++;
+    for (int m = 0; m < f.scene.segments; m++) {
+      float c[8];
+      std::memcpy(c, points + 6 * m, 6 * sizeof(float));
+      std::memcpy(c + 6, points + 2 * ((3 * m + 3) % k), 2 * sizeof(float));
+      cubic(c, float(m), float(m + 1), depth);
+    }
+    if (f.scene.closed) return count;
+    emit(points[2 * (k - 1)], points[2 * (k - 1) + 1], float(f.scene.segments));
+    return count - 1;
+  }
+};
 
 struct Box {
   float x0, y0, x1, y1;
@@ -290,13 +352,17 @@ void flatten(Frame& f, int index) {
   for (int p = index * kChunk; p < last; p++) {
     Primitive& q = f.primitives[p] = Primitive{};
     const float* points = f.scene.points + size_t(p) * f.points_per_curve * 2;
-    activate(f.scene, p, q);
-    q.samples = choose_samples(f, points);
-    q.edges = f.scene.segments * q.samples;
+    activate(f.scene, f.settings.edge_width, p, q);
     float* v = f.vertices.data() + size_t(p) * f.vertex_stride * 2;
-    evaluate_polyline(f, points, q.samples, v);
+    if (f.settings.subdivide) {
+      q.edges = Subdivider{f, points, v, f.parameters.data() + size_t(p) * f.vertex_stride}.run();
+    } else {
+      q.samples = choose_samples(f, points);
+      q.edges = f.scene.segments * q.samples;
+      evaluate_polyline(f, points, q.samples, v);
+    }
     // In exact mode a pixel up to half a diagonal away from the outline is partly covered.
-    float support = kHalfSupport * f.settings.edge_width;
+    float support = kHalfSupport * q.edge_width;
     q.reach = q.half_width + (f.settings.exact ? std::max(support, 0.75f) : support);
     Flattener{f, chunk, q, v, p}.run();
   }

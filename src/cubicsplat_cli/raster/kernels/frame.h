@@ -35,6 +35,7 @@ struct Frame {
   bool backward = false;
   std::vector<Primitive> primitives;
   std::vector<float> vertices;  // N x vertex_stride x 2
+  std::vector<float> parameters;  // N x vertex_stride: segment + t of each vertex, only after subdivision
   std::vector<float> basis;     // for each number of samples S: S x 4 Bernstein weights, at 4 * S (S - 1) / 2
   std::vector<Chunk> chunks;
   std::vector<ChunkView> views;

@@ -84,30 +84,32 @@ CS_INLINE void relaxed_step(F u, float support, F& phi, F& slope) {
 
 // What a pixel keeps of one curve between the forward and the backward pass.
 // coverage: 0..1. pull: d coverage / d (nearest point) is pull * (c - x). widening: d coverage / d half-width.
+// softening: d coverage / d edge width, times the edge width.
 template <class F>
 struct Coverage {
-  F coverage, pull, widening;
+  F coverage, pull, widening, softening;
 };
 
 // Fill: phi(s d), s = +1 inside. The sign is a constant of the backward pass.
 template <class F, class M>
 CS_INLINE Coverage<F> cover_fill(F squared, M inside, float support) {
   F d = square_root(squared);
-  F phi, slope;
-  relaxed_step(select(inside, d, F(0.0f) - d), support, phi, slope);
+  F phi, slope, u = select(inside, d, F(0.0f) - d);
+  relaxed_step(u, support, phi, slope);
   F away = slope / maximum(d, F(kTouching));
-  return {phi, select(inside, away, F(0.0f) - away), F(0.0f)};
+  return {phi, select(inside, away, F(0.0f) - away), F(0.0f), F(0.0f) - slope * u};
 }
 
 // Stroke of half-width r: phi(r - d) - phi(-r - d), right also for strokes thinner than a pixel.
 template <class F>
 CS_INLINE Coverage<F> cover_stroke(F squared, float half_width, float support) {
   F d = square_root(squared);
-  F outer, outer_slope, inner, inner_slope;
-  relaxed_step(F(half_width) - d, support, outer, outer_slope);
-  relaxed_step(F(-half_width) - d, support, inner, inner_slope);
+  F outer, outer_slope, inner, inner_slope, out = F(half_width) - d, in = F(-half_width) - d;
+  relaxed_step(out, support, outer, outer_slope);
+  relaxed_step(in, support, inner, inner_slope);
   F pull = (inner_slope - outer_slope) / maximum(d, F(kTouching));
-  return {outer - inner, select(d < F(kTouching), F(0.0f), pull), outer_slope + inner_slope};
+  return {outer - inner, select(d < F(kTouching), F(0.0f), pull), outer_slope + inner_slope,
+          inner_slope * in - outer_slope * out};
 }
 
 // Box-filtered stroke at one sub-sample: a ramp as wide as the sub-sample.

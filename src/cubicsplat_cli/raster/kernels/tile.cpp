@@ -20,7 +20,7 @@ enum RowKind : uint8_t { kNone, kFull, kMixed };  // coverage of a tile's row: 0
 
 // What a boundary pair keeps for the backward pass.
 struct Record {
-  float coverage[kPixels], pull[kPixels], widening[kPixels], t[kPixels], edge[kPixels];
+  float coverage[kPixels], pull[kPixels], widening[kPixels], softening[kPixels], t[kPixels], edge[kPixels];
 };
 
 struct PairState {
@@ -70,7 +70,6 @@ class Tile {
     if (columns_ > kTile) columns_ = kTile;
     rows_ = task.scene->height - task.tile_y * kTile;
     if (rows_ > kTile) rows_ = kTile;
-    support_ = 1.0f / (2.0f * kHalfSupport * task.settings->edge_width);
     edge_capacity_ = 0;
     for (uint32_t i = 0; i < task.pair_count; i++) {
       uint32_t edges = uint32_t(task.primitives[task.pairs[i]->primitive].edges);
@@ -101,7 +100,7 @@ class Tile {
  private:
   const TileTask& task_;
   Arena arena_;
-  float x0_, y0_, support_;
+  float x0_, y0_;
   int columns_, rows_;
   Pixels* pixels_;
   PairState* states_;
@@ -191,6 +190,8 @@ class Tile {
     return (number + Lanes(left)) != Lanes(0.0f);
   }
 
+  static CS_INLINE float support_of(const Primitive& q) { return 1.0f / (2.0f * kHalfSupport * q.edge_width); }
+
   static RowKind row_kind(unsigned covered) {
     return covered == kAllLanes ? kFull : (covered == 0 ? kNone : kMixed);
   }
@@ -205,12 +206,13 @@ class Tile {
       state.rows[row] = row_kind(bits(inside));
       return;
     }
-    Coverage<Lanes> cover = cover_fill(best.squared, inside, support_);
+    const float support = support_of(primitive(pair));
+    Coverage<Lanes> cover = cover_fill(best.squared, inside, support);
     Mask touching = best.squared < Lanes(kTouching * kTouching);
     if (any(touching)) {
       state.touching[row] = uint16_t(bits(touching));
       Lanes phi, slope;
-      relaxed_step(Lanes(0.0f), support_, phi, slope);
+      relaxed_step(Lanes(0.0f), support, phi, slope);
       cover.widening = slope;
       cover.pull = select(touching, Lanes(0.0f), cover.pull);
     }
@@ -224,18 +226,19 @@ class Tile {
     state.touching[row] = 0;
     state.rows[row] = kNone;
     if (!any(best.edge >= Lanes(0.0f))) return;
-    Coverage<Lanes> cover = cover_stroke(best.squared, q.half_width, support_);
+    Coverage<Lanes> cover = cover_stroke(best.squared, q.half_width, support_of(q));
     if (task_.settings->exact) cover.coverage = exact_stroke(row, q);
     keep(state, row, cover, best);
   }
 
-  static CS_INLINE void keep(PairState& state, int row, const Coverage<Lanes>& cover, const Nearest<Lanes>& best) {
+  CS_INLINE void keep(PairState& state, int row, const Coverage<Lanes>& cover, const Nearest<Lanes>& best) const {
     state.rows[row] = kMixed;
     Record& r = *state.record;
     int at = row * kTile;
     cover.coverage.store(r.coverage + at);
     cover.pull.store(r.pull + at);
     cover.widening.store(r.widening + at);
+    if (task_.scene->edge_widths) cover.softening.store(r.softening + at);
     best.t.store(r.t + at);
     best.edge.store(r.edge + at);
   }
@@ -442,7 +445,8 @@ class Tile {
       for (uint32_t e = 0; e < pair.edge_count; e++)
         sums_[e] = {Lanes(0.0f), Lanes(0.0f), Lanes(0.0f), Lanes(0.0f)};
     }
-    Lanes colour[3] = {Lanes(0.0f), Lanes(0.0f), Lanes(0.0f)}, opacity(0.0f), half_width(0.0f), important(0.0f);
+    Lanes colour[3] = {Lanes(0.0f), Lanes(0.0f), Lanes(0.0f)}, opacity(0.0f), half_width(0.0f), edge_width(0.0f),
+          important(0.0f);
     for (int row = 0; row < rows_; row++) {
       if (state.rows[row] == kNone) continue;
       int at = row * kTile;
@@ -462,12 +466,15 @@ class Tile {
       Lanes d_coverage = d_alpha * Lanes(q.opacity);
       if (!task_.scene->closed)
         half_width = fused(d_coverage, Lanes::load(state.record->widening + at), half_width);
+      if (task_.scene->edge_widths)
+        edge_width = fused(d_coverage, Lanes::load(state.record->softening + at), edge_width);
       spread(*state.record, row, d_coverage);
       if (state.touching[row]) spread_touching(q, state, row, d_coverage);
     }
     for (int c = 0; c < 3; c++) pair.colour[c] = sum(colour[c]);
     pair.opacity = sum(opacity);
     pair.half_width = sum(half_width);
+    pair.edge_width = sum(edge_width) / q.edge_width;
     pair.importance = sum(important);
     if (boundary) store_edges(pair);
   }

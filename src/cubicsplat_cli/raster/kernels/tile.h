@@ -30,13 +30,14 @@ struct Pair {
   int32_t primitive, tile;
   PairKind kind;
   uint32_t edge_begin, edge_count;  // into the chunk's edges and edge_gradients
-  float colour[3], opacity, half_width, importance;
+  float colour[3], opacity, half_width, edge_width, importance;
 };
 
 // The flattened form of one primitive.
 struct Primitive {
   int32_t edges, samples;
   float colour[3], opacity, half_width;
+  float edge_width;             // px, of the relaxed edge
   float orientation;            // sign of the polyline's signed area (fills)
   float reach;                  // px; farther from the outline nothing depends on its place
   int32_t row_begin, row_end;   // pixel rows whose crossings are listed
