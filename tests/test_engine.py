@@ -169,6 +169,63 @@ def test_background_gradient_is_the_transmitted_gradient():
         assert float(got["background"][c]) == pytest.approx((losses[0] - losses[1]) / (2 * step), rel=1e-2)
 
 
+@pytest.mark.parametrize("mode", list(Mode))
+def test_a_learned_edge_width_has_the_gradient_of_finite_differences(mode):
+    engine = CpuEngine(1)
+    scene = packed(random_scene(mode, 6, 3, 48, 40, 3, background=PAPER, half_width=(2.0, 3.0)))
+    scene.edge_widths = torch.linspace(1.5, 3.0, 6)
+    target = random_target(random_scene(mode, 6, 3, 48, 40, 3, background=PAPER), 3)
+    _, got = engine.gradients(scene, SETTINGS[0], target=target)
+    assert float(got["edge_widths"].abs().max()) > 0.1
+    step = 0.02
+    for i in range(6):
+        losses = []
+        for sign in (1, -1):
+            scene.edge_widths = torch.linspace(1.5, 3.0, 6)
+            scene.edge_widths[i] += sign * step
+            losses.append(engine.gradients(scene, SETTINGS[0], target=target)[0])
+        slope = (losses[0] - losses[1]) / (2 * step)
+        assert float(got["edge_widths"][i]) == pytest.approx(slope, rel=0.05, abs=0.02)
+
+
+def test_equal_edge_widths_are_the_common_one():
+    engine = CpuEngine(1)
+    scene = packed(random_scene(Mode.CLOSED, 6, 3, background=PAPER))
+    common = engine.render(scene, RasterSettings("relaxed", 2.5, 8))
+    scene.edge_widths = torch.full((6,), 2.5)
+    assert torch.equal(common, engine.render(scene, RasterSettings("relaxed", 1.0, 8)))
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_subdivision_draws_the_same_curves_with_the_same_gradients(mode):
+    engine = CpuEngine(1)
+    scene = random_scene(mode, 8, 3, 60, 50, 2, background=PAPER)
+    target = random_target(scene)
+    fine, subdivided = RasterSettings("relaxed", 2.0, 64), RasterSettings("relaxed", 2.0, 64, 0.02, subdivide=True)
+    difference = (engine.render(packed(scene), fine) - engine.render(packed(scene), subdivided)).abs()
+    assert 0.0 < float(difference.max()) < 0.02
+    want = engine.gradients(packed(scene), fine, target=target)[1]
+    got = engine.gradients(packed(scene), subdivided, target=target)[1]
+    for name in compared(scene):
+        assert outliers(got[name], want[name], 0.02 * float(want[name].abs().max())) <= 0.05, name
+
+
+def test_a_further_gradient_moves_the_points():
+    engine = CpuEngine(1)
+    scene = random_scene(Mode.CLOSED, 3, 2, background=PAPER)
+    target = engine.render(packed(scene), SETTINGS[1])  # no error: the picture asks for nothing
+    parameters = packed(scene)
+    parameters.points = parameters.points.clone()
+    further = torch.zeros_like(parameters.points)
+    further[1, 2, 0] = 5.0
+    state = OptimiserState.zeros(3, scene.points_per_curve)
+    engine.step(parameters, SETTINGS[1], target, state, Rates(0.5, 0.0, 0.0, 0.0), points_gradient=further)
+    moved = parameters.points - scene.points
+    assert float(moved[1, 2, 0]) == pytest.approx(-0.5, rel=1e-2)
+    moved[1, 2, 0] = 0.0
+    assert float(moved.abs().max()) < 1e-3
+
+
 def test_wrong_tensors_are_named():
     engine = CpuEngine(1)
     scene = packed(random_scene(Mode.CLOSED, 3, 3, background=PAPER))

@@ -15,8 +15,9 @@ Background = tuple[float, float, float] | None
 
 @dataclass
 class Parameters:
-    """points (N, K, 2) px, colour_logits (N, 3), opacity_logits (N,), half_widths (N,) px, edge_widths (N,) px; front to
-    back. The edge widths count only where edges are soft.
+    """points (N, K, 2) px, colour_logits (N, 3), opacity_logits (N,), half_widths (N,) px, edge_widths (N,) px.
+
+    Front to back. The edge widths count only where edges are soft.
     """
 
     points: Tensor

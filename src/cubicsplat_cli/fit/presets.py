@@ -44,7 +44,7 @@ class Recipe:
     prune_rule: str = "decay"  # prune_fraction falls linearly to 0; or "gini": as published, by the inequality
     gini_threshold: float = 0.35  # of the rule "gini"
     prune_fraction: float = 0.4
-    reallocations: int = 20
+    reallocate_every: int = 75  # steps
     reallocate_until: float = 0.95  # of the relaxed phase
     seed_radius_size: float = 0.012
     seed_blur: int = 9  # px, odd
@@ -164,7 +164,7 @@ _OPEN = {"segments": 3, "samples": 24}
 _PAPER = {
     "segments": 3, "steps": 10_000, "rate_points_size": 6e-4, "rate_colours": 0.1, "rate_opacities": 0.1,
     "rate_course": "published", "edges": "soft", "finish": 0.0, "importance": "visibility", "prune_rule": "gini",
-    "prune_fraction": 0.2, "reallocations": 16, "reallocate_until": 0.8, "opacity_logit": 1.0, "tolerance": 0.0,
+    "prune_fraction": 0.2, "reallocate_every": 500, "reallocate_until": 0.8, "opacity_logit": 1.0, "tolerance": 0.0,
     "seed_radius_size": 0.006, "seed_blur": 1, "seed_power": 1.0, "background": "#ffffff",
 }  # fmt: skip
 PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {

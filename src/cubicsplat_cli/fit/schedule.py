@@ -1,6 +1,6 @@
 """What changes in the course of a fit: edge width, step sizes, replacements, and the exact finish.
 
-Everything is a function of the progress u in [0, 1], which is the share of the steps or, under a time limit, of the time.
+Nearly all is a function of the progress in [0, 1]: the share of the steps or, under a time limit, of the time.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ class Schedule:
         self.recipe = recipe
         self.finish_start = 1.0 - recipe.finish
         self.reallocations_end = recipe.reallocate_until * self.finish_start
-        self._done = 0
 
     def phase(self, progress: float) -> Phase:
         """Settings at a progress in [0, 1)."""
@@ -55,16 +54,10 @@ class Schedule:
             return recipe.prune_fraction * min(1.0, max(0.0, ((gini or 0.0) - recipe.gini_threshold) / 0.5))
         return recipe.prune_fraction * max(0.0, 1.0 - progress / self.reallocations_end)
 
-    def reallocation_due(self, progress: float) -> bool:
-        """Whether the next of the evenly spaced reallocations is due; each is due once."""
+    def reallocation_due(self, step: int, progress: float) -> bool:
+        """Whether curves are to be replaced after this step."""
         recipe = self.recipe
-        if not recipe.prune or self._done >= recipe.reallocations or progress >= self.reallocations_end:
-            return False
-        share = (self._done + 1) / (recipe.reallocations + 1)
-        if progress < share * self.reallocations_end:
-            return False
-        self._done += 1
-        return True
+        return recipe.prune and (step + 1) % recipe.reallocate_every == 0 and progress < self.reallocations_end
 
 
 def _fall(along: float, end: float) -> float:

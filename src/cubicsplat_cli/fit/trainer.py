@@ -46,8 +46,8 @@ class Progress:
 class FitResult:
     """The best scene of a fit, and how it came about.
 
-    samples: edges per cubic of the exact finish (S*). replaced, dropped: curves re-seeded during the fit, and left out at
-    its end since the picture is better, or no worse, without them. notes: what the user should know.
+    samples: edges per cubic of the exact finish (S*). replaced, dropped: curves re-seeded during the fit, and left out
+    at its end since the picture is better, or no worse, without them. notes: what the user should know.
     """
 
     scene: Scene
@@ -156,7 +156,7 @@ class Trainer:
         """One step, with the reallocation that the schedule may ask for after it."""
         progress = self.progress()
         phase = self.schedule.phase(progress)
-        due = self.schedule.reallocation_due(progress)
+        due = self.schedule.reallocation_due(self.step, progress)
         before = self.parameters.copy() if phase.exact else None
         importance = torch.zeros(self.parameters.curves) if due else None
         loss = self.engine.step(
@@ -253,9 +253,5 @@ class Trainer:
             self.reported = now
             elapsed = now - self.started
             left = elapsed / max(progress, 1e-9) * max(0.0, 1.0 - progress)
-            self.on_progress(
-                Progress(
-                    self.step, self.settings.steps, psnr(loss, self.values), 1e3 * elapsed / self.step, self.replaced,
-                    left,
-                )  # fmt: skip
-            )
+            level, per_step = psnr(loss, self.values), 1e3 * elapsed / self.step
+            self.on_progress(Progress(self.step, self.settings.steps, level, per_step, self.replaced, left))

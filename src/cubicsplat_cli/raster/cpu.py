@@ -153,7 +153,7 @@ class Rates:
 
 @dataclass
 class OptimiserState:
-    """Adan moments (N, 2K + 5, 4), those of the edge widths (N, 4), and how many updates each curve has had (N,) int32."""
+    """Adan moments (N, 2K + 5, 4), those of the edge widths (N, 4), and each curve's number of updates (N,) int32."""
 
     moments: Tensor
     edge_moments: Tensor

@@ -2,6 +2,7 @@
 //
 // Compiled once per instruction set (CS_ISA names the namespace); no standard containers here, see tile.h.
 
+#include "exact.h"
 #include "lanes.h"
 #include "tile.h"
 
@@ -39,14 +40,6 @@ struct LaneSums {
   Lanes start_x, start_y, end_x, end_y;
 };
 
-// Crossings of one sub-scanline, sorted by x.
-struct SubRow {
-  float* x;
-  float* direction;
-  int count;
-  float left;  // winding number at the tile's left side
-};
-
 size_t align(size_t bytes) { return (bytes + 63) & ~size_t(63); }
 
 // Hands out pieces of the tile's scratch memory.
@@ -82,9 +75,9 @@ class Tile {
     words_ = (edge_capacity_ + 63) / 64;
     reached_ = arena_.take<uint64_t>(size_t(words_) * kTile);
     band_ = arena_.take<Edge>(edge_capacity_);
-    for (int k = 0; k < kExactRows; k++) {
-      sub_[k].x = arena_.take<float>(edge_capacity_);
-      sub_[k].direction = arena_.take<float>(edge_capacity_);
+    for (SubRow& s : fill_.rows) {
+      s.x = arena_.take<float>(edge_capacity_);
+      s.direction = arena_.take<float>(edge_capacity_);
     }
   }
 
@@ -110,7 +103,7 @@ class Tile {
   uint64_t* reached_;   // for each row, a bit for each edge within reach
   Edge* band_;          // edges of the current primitive in the tile's rows (exact fills)
   uint32_t band_count_ = 0;
-  SubRow sub_[kExactRows];
+  FillArea fill_;
 
   const Primitive& primitive(const Pair& pair) const { return task_.primitives[pair.primitive]; }
   const ChunkView& chunk(const Pair& pair) const { return task_.chunks[pair.primitive / task_.chunk_size]; }
@@ -216,7 +209,7 @@ class Tile {
       cover.widening = slope;
       cover.pull = select(touching, Lanes(0.0f), cover.pull);
     }
-    if (task_.settings->exact) cover.coverage = exact_fill(row);
+    if (task_.settings->exact) cover.coverage = exact_fill(float(row));
     keep(state, row, cover, best);
   }
 
@@ -256,54 +249,10 @@ class Tile {
     }
   }
 
-  // Number of sub-scanlines of the row that lie above y.
-  static CS_INLINE int sub_rows_above(float y, float row) {
-    float k = (y - row) * float(kExactRows) + 0.5f;
-    return k <= 0.0f ? 0 : (k >= float(kExactRows) ? kExactRows : int(k));
-  }
-
-  static void insert_crossing(SubRow& s, float x, float direction) {
-    int i = s.count++;
-    for (; i > 0 && s.x[i - 1] > x; i--) {
-      s.x[i] = s.x[i - 1];
-      s.direction[i] = s.direction[i - 1];
-    }
-    s.x[i] = x;
-    s.direction[i] = direction;
-  }
-
-  // Area of the fill in each pixel of a row: horizontally exact, averaged over the row's sub-scanlines.
-  Lanes exact_fill(int row) {
-    for (SubRow& s : sub_) s.count = 0, s.left = 0.0f;
-    for (uint32_t i = 0; i < band_count_; i++) {
-      const Edge& e = band_[i];
-      float by = e.ay + e.vy, top = e.vy < 0.0f ? by : e.ay, bottom = e.vy < 0.0f ? e.ay : by;
-      int k0 = sub_rows_above(top, float(row)), k1 = sub_rows_above(bottom, float(row));
-      if (k0 >= k1) continue;
-      float direction = e.vy > 0.0f ? 1.0f : -1.0f, step = e.vx / e.vy;
-      bool left = e.ax <= 0.0f && e.ax + e.vx <= 0.0f;
-      for (int k = k0; k < k1; k++) {
-        if (left)
-          sub_[k].left += direction;
-        else
-          insert_crossing(sub_[k], e.ax + (float(row) + (float(k) + 0.5f) / kExactRows - e.ay) * step, direction);
-      }
-    }
-    const Lanes right = lane_numbers() + Lanes(1.0f);
-    Lanes area(0.0f);
-    float full = 0.0f;
-    for (const SubRow& s : sub_) {
-      float number = s.left;
-      if (number != 0.0f) full += 1.0f;
-      for (int i = 0; i < s.count; i++) {
-        bool before = number != 0.0f, after = (number += s.direction[i]) != 0.0f;
-        if (before == after) continue;
-        Lanes beyond = minimum(maximum(right - Lanes(s.x[i]), Lanes(0.0f)), Lanes(1.0f));
-        area = after ? area + beyond : area - beyond;
-      }
-    }
-    Lanes mean = (area + Lanes(full)) * Lanes(1.0f / kExactRows);
-    return minimum(maximum(mean, Lanes(0.0f)), Lanes(1.0f));
+  Lanes exact_fill(float row) {
+    fill_.start();
+    for (uint32_t i = 0; i < band_count_; i++) fill_.add(band_[i], row);
+    return fill_.area();
   }
 
   // Area of the stroke in each pixel of a row, from sub-samples filtered by a box of their own size.

@@ -1,0 +1,133 @@
+// Stage flatten: parameters -> activated values, polylines and bounds; then the curves of each super-tile.
+#pragma once
+
+#include "warp.cuh"
+
+namespace cs {
+
+CS_INLINE float sigmoid(float x) { return 1.0f / (1.0f + expf(-x)); }
+
+// Edges per cubic that keep the polyline within the tolerance: the error is at most D2 / (8 S^2) with
+// D2 = 6 max |second difference of the control points|. The same for all lanes of the warp.
+CS_INLINE int choose_samples(const Frame& f, const float* points, int lane) {
+  const float tolerance = f.step->tolerance;
+  if (!(tolerance > 0.0f)) return f.samples;
+  float worst = 0.0f;
+  for (int i = lane; i < 2 * f.segments; i += kWarp) {
+    int first = 3 * (i >> 1) + (i & 1), last = first + 2 == f.points_per_curve ? 0 : first + 2;
+    const float *a = points + 2 * first, *b = a + 2, *c = points + 2 * last;
+    float x = a[0] - 2.0f * b[0] + c[0], y = a[1] - 2.0f * b[1] + c[1];
+    worst = fmaxf(worst, x * x + y * y);
+  }
+  float need = ceilf(sqrtf(6.0f * sqrtf(warp_most(worst)) / (8.0f * tolerance)));
+  int low = least(3, f.samples);
+  // Written so that a NaN gives the lower bound.
+  if (!(need > float(low))) return low;
+  return need < float(f.samples) ? int(need) : f.samples;
+}
+
+// Vertex `index` of the polyline. The products are spelled as fused multiply-adds, so that the two edges that meet in
+// a vertex compute the same bits wherever the function is inlined: a winding number depends on it.
+CS_INLINE float2 vertex(const Frame& f, const float* points, int index, int samples) {
+  int segment = index / samples, s = index - segment * samples;
+  if (segment == f.segments) {
+    segment = kClosed ? 0 : segment - 1;
+    s = kClosed ? 0 : samples;
+  }
+  const float* p = points + 6 * segment;
+  const float* end = kClosed && segment + 1 == f.segments ? points : p + 6;
+  float w[4];
+  bernstein(float(s) / float(samples), w);
+  float2 v;
+  v.x = fmaf(w[3], end[0], fmaf(w[2], p[4], fmaf(w[1], p[2], w[0] * p[0])));
+  v.y = fmaf(w[3], end[1], fmaf(w[2], p[5], fmaf(w[1], p[3], w[0] * p[1])));
+  return v;
+}
+
+// Box of the vertices seen so far, and twice the signed area seen from the first vertex.
+struct Outline {
+  float left, top, right, bottom, area;
+};
+
+CS_INLINE Outline write_edges(const Frame& f, const float* points, int curve, int samples, int edges, int lane) {
+  Outline o{kFar, kFar, -kFar, -kFar, 0.0f};
+  const float2 origin = vertex(f, points, 0, samples);
+  const size_t at = size_t(curve) * f.edge_stride;
+  for (int e = lane; e < edges; e += kWarp) {
+    float2 a = vertex(f, points, e, samples), b = vertex(f, points, e + 1, samples);
+    Edge edge = make_edge(a.x, a.y, b.x, b.y);
+    f.edges[at + e] = make_float4(a.x, a.y, b.x, b.y);
+    f.inverses[at + e] = make_float2(edge.ux, edge.uy);
+    o.left = fminf(o.left, fminf(a.x, b.x));
+    o.right = fmaxf(o.right, fmaxf(a.x, b.x));
+    o.top = fminf(o.top, fminf(a.y, b.y));
+    o.bottom = fmaxf(o.bottom, fmaxf(a.y, b.y));
+    o.area += (a.x - origin.x) * edge.vy - (a.y - origin.y) * edge.vx;
+  }
+  o.left = warp_least(o.left);
+  o.right = warp_most(o.right);
+  o.top = warp_least(o.top);
+  o.bottom = warp_most(o.bottom);
+  o.area = warp_sum(o.area);
+  return o;
+}
+
+CS_INLINE void write_attributes(const Frame& f, int curve, int edges, const Outline& o, int lane) {
+  float colour[3], opacity = f.opacities[curve];
+  for (int c = 0; c < 3; c++) colour[c] = f.colours[3 * size_t(curve) + c];
+  if (f.logits) {
+    for (int c = 0; c < 3; c++) colour[c] = sigmoid(colour[c]);
+    opacity = sigmoid(opacity);
+  }
+  const float half_width = kClosed ? 0.0f : f.half_widths[curve];
+  // In exact mode a pixel up to half a diagonal away from the outline is partly covered.
+  const float support = kHalfSupport * f.step->edge_width;
+  const float reach = half_width + (f.exact ? fmaxf(support, 0.75f) : support);
+  if (lane != 0) return;
+  float* a = f.attributes + size_t(curve) * kAttributes;
+  for (int c = 0; c < 3; c++) a[c] = colour[c];
+  a[kOpacity] = opacity;
+  a[kHalfWidth] = half_width;
+  a[kReach] = reach;
+  a[kOrientation] = o.area > 0.0f ? 1.0f : (o.area < 0.0f ? -1.0f : 0.0f);
+  a[kEdges] = float(edges);
+  f.bounds[curve] = make_float4(o.left - reach, o.top - reach, o.right + reach, o.bottom + reach);
+}
+
+// One warp per curve.
+CS_INLINE void flatten_curve(const Frame& f) {
+  const int lane = threadIdx.x % kWarp, curve = blockIdx.x * (kSmallThreads / kWarp) + threadIdx.x / kWarp;
+  if (curve >= f.curves) return;
+  const float* points = f.points + size_t(curve) * f.points_per_curve * 2;
+  const int samples = choose_samples(f, points, lane), edges = f.segments * samples;
+  const Outline outline = write_edges(f, points, curve, samples, edges, lane);
+  write_attributes(f, curve, edges, outline, lane);
+  if (!f.backward) return;
+  float* gradients = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;
+  for (int i = lane; i < 2 * (edges + 1); i += kWarp) gradients[i] = 0.0f;
+  if (lane < kSums) f.sums[size_t(curve) * kSums + lane] = 0.0f;
+}
+
+CS_INLINE bool touches(const float4& box, float left, float top, float right, float bottom) {
+  return box.x < right && box.z > left && box.y < bottom && box.w > top;
+}
+
+// One warp per 32 curves and 32 super-tiles: a word of each super-tile's set. A set of bits needs no sort, keeps the
+// order of the curves, and has a fixed size, so it cannot overflow.
+CS_INLINE void bin_curves(const Frame& f) {
+  const int lane = threadIdx.x % kWarp, word = blockIdx.x * (kSmallThreads / kWarp) + threadIdx.x / kWarp;
+  if (word >= f.words) return;
+  const int curve = word * kWarp + lane, supers = f.supers_x * f.supers_y;
+  const float4 box = curve < f.curves ? f.bounds[curve] : make_float4(kFar, kFar, -kFar, -kFar);
+  const float side = float(kTile << f.super_shift);
+  const int first = blockIdx.y * kWarp, last = least(first + kWarp, supers);
+  unsigned kept = 0;
+  for (int super = first; super < last; super++) {
+    float left = float(super % f.supers_x) * side, top = float(super / f.supers_x) * side;
+    unsigned hits = ballot(touches(box, left, top, left + side, top + side));
+    if (super - first == lane) kept = hits;
+  }
+  if (first + lane < last) f.super_masks[size_t(first + lane) * f.words + word] = kept;
+}
+
+}  // namespace cs
