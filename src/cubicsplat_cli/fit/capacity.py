@@ -7,7 +7,8 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from ..raster.cpu import OptimiserState
-from .initial import draw_pixels, new_curves
+from .blobs import blob_points, find_blobs
+from .initial import colours_at, control_points, draw_pixels, new_curves
 from .parameters import Parameters
 from .presets import FitSettings
 
@@ -52,6 +53,12 @@ def reallocate(
     keep = importance.argsort()[count:].sort().values
     centres = draw_pixels(error_density(image, target, recipe.seed_blur, recipe.seed_power), count, generator)
     height, width, _ = target.shape
-    fresh = new_curves(centres, recipe.seed_radius_size * (width * height) ** 0.5, target, settings, generator)
+    size = recipe.seed_size * recipe.unit(width, height, parameters.curves)
+    if recipe.seeding == "blobs":
+        blobs = find_blobs(centres, image, target, size, generator)
+        points, colour_logits = blob_points(blobs, settings, generator), blobs.colour_logits
+    else:
+        points, colour_logits = control_points(centres, size, settings, generator), colours_at(centres, target)
+    fresh = new_curves(points, colour_logits, settings)
     empty = OptimiserState.zeros(count, fresh.points.shape[1])
     return fresh.joined(parameters.chosen(keep)), empty.joined(state.chosen(keep)), count

@@ -15,14 +15,12 @@ COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the 
 OPAQUE_LOGIT = 9.0  # an opacity of 0.99988
 
 
-def new_curves(
-    centres: Tensor, radius: float, target: Tensor, settings: FitSettings, generator: torch.Generator
-) -> Parameters:
-    """One curve of `radius` px at each of the centres (n, 2) px, coloured like the target (H, W, C) there."""
-    recipe, n = settings.recipe, centres.shape[0]
+def new_curves(points: Tensor, colour_logits: Tensor, settings: FitSettings) -> Parameters:
+    """Curves with the recipe's first opacity and widths at control points (n, K, 2), with colour logits (n, 3)."""
+    recipe, n = settings.recipe, points.shape[0]
     return Parameters(
-        control_points(centres, radius, settings, generator).contiguous(),
-        colour_logits(centres, target),
+        points.contiguous(),
+        colour_logits.contiguous(),
         torch.full((n,), OPAQUE_LOGIT if recipe.opaque else recipe.opacity_logit),
         torch.full((n,), recipe.half_width),
         torch.full((n,), recipe.soft_edge),
@@ -45,15 +43,19 @@ def control_points(centres: Tensor, radius: float, settings: FitSettings, genera
     return centres[:, None, :] + radius * (along + wobble)
 
 
-def colour_logits(centres: Tensor, target: Tensor) -> Tensor:
+def colours_at(centres: Tensor, target: Tensor) -> Tensor:
     """Logits (n, 3) of the target's colour (H, W, C) at the centres; straight colour where it is premultiplied."""
-    height, width, channels = target.shape
+    height, width, _ = target.shape
     x = centres[:, 0].long().clamp(0, width - 1)
     y = centres[:, 1].long().clamp(0, height - 1)
-    colour = target[y, x]
-    if channels == 4:
-        colour = colour[:, :3] / colour[:, 3:].clamp(min=1e-3)
-    return torch.logit(colour[:, :3].clamp(COLOUR_MARGIN, 1 - COLOUR_MARGIN))
+    return colour_to_logits(target[y, x])
+
+
+def colour_to_logits(colours: Tensor) -> Tensor:
+    """Logits (n, 3) of colours (n, 3), or of the straight colours of premultiplied (n, 4)."""
+    if colours.shape[-1] == 4:
+        colours = colours[:, :3] / colours[:, 3:].clamp(min=1e-3)
+    return torch.logit(colours.clamp(COLOUR_MARGIN, 1 - COLOUR_MARGIN))
 
 
 def random_centres(count: int, target: Tensor, generator: torch.Generator) -> Tensor:

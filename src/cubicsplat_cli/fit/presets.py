@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -14,13 +15,18 @@ MOST_STEPS = 10_000_000
 
 @dataclass(frozen=True)
 class Recipe:
-    """Numbers of the optimisation. Lengths called *_size are fractions of sqrt(width * height)."""
+    """Numbers of the optimisation.
 
+    Lengths named *_size and the rates of points and half-widths are fractions of the length unit: "spacing" is
+    sqrt(width * height / curves), the side of a curve's share of the picture; "canvas" half the picture's width.
+    """
+
+    length_unit: str = "spacing"
     # step sizes
-    rate_points_size: float = 5e-3
+    rate_points: float = 0.11
     rate_colours: float = 0.05
     rate_opacities: float = 0.05
-    rate_half_widths_size: float = 2e-4
+    rate_half_widths: float = 4.5e-3
     rate_edge_widths: float = 0.036  # px; soft edges only
     rate_course: str = "cosine"  # or "published": a staircase
     rate_end: float = 0.1  # of the start, cosine
@@ -37,16 +43,17 @@ class Recipe:
     # start
     opacity_logit: float = 0.0
     opaque: bool = False
-    start_radius_size: float = 0.006
+    start_size: float = 0.14  # radius
     # capacity
     prune: bool = True
     importance: str = "loo"
     prune_rule: str = "decay"  # prune_fraction falls linearly to 0; or "gini": as published, by the inequality
     gini_threshold: float = 0.35  # of the rule "gini"
-    prune_fraction: float = 0.4
-    reallocate_every: int = 75  # steps
+    prune_fraction: float = 0.6
+    reallocation_density: float = 0.8  # times the square root of the steps: how many reallocations there are
     reallocate_until: float = 0.95  # of the relaxed phase
-    seed_radius_size: float = 0.012
+    seeding: str = "blobs"  # ellipses over patches of like residual; or "discs" at pixels, as published
+    seed_size: float = 0.27  # of blobs the standard deviation of the window, of discs the radius
     seed_blur: int = 9  # px, odd
     seed_power: float = 1.5
     half_width: float = 1.5  # px, of a new stroke
@@ -57,6 +64,8 @@ class Recipe:
     geometric_reg: float = 0.0  # weight of the non-crossing penalty, in squared error per pixel
 
     def __post_init__(self) -> None:
+        _choice("length_unit", self.length_unit, "spacing", "canvas")
+        _choice("seeding", self.seeding, "blobs", "discs")
         _choice("rate_course", self.rate_course, "cosine", "published")
         _choice("edges", self.edges, "crisp", "soft")
         _choice("importance", self.importance, "loo", "visibility")
@@ -66,6 +75,11 @@ class Recipe:
             raise UsageError(f"geometric-reg must be a weight between 0 and 1000000, not {self.geometric_reg}")
         if not 0.0 <= self.finish < 1.0:
             raise UsageError(f"finish must lie between 0 and 1, not {self.finish}")
+
+
+    def unit(self, width: int, height: int, curves: int) -> float:
+        """The length unit in px."""
+        return 0.5 * width if self.length_unit == "canvas" else math.sqrt(width * height / curves)
 
 
 @dataclass(frozen=True)
@@ -92,7 +106,7 @@ class FitSettings:
     recipe: Recipe = field(default_factory=Recipe)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mode", Mode(self.mode))
+        object.__setattr__(self, "mode", _mode(self.mode))
         _between("curves", self.curves, 1, MOST_CURVES)
         _between("steps", self.steps, 1, MOST_STEPS)
         _between("segments", self.segments, 1, 16)
@@ -111,7 +125,7 @@ class FitSettings:
         """A preset with explicit values on top; a value of None means the preset's. Recipe numbers may be given too."""
         if preset not in PRESETS:
             raise UsageError(f"unknown preset {preset!r}; choose one of {', '.join(PRESETS)}")
-        mode = Mode(mode)
+        mode = _mode(mode)
         chosen = {name: value for name, value in overrides.items() if value is not None}
         own = {f.name for f in fields(cls)}
         recipe_names = {f.name for f in fields(Recipe)}
@@ -130,6 +144,13 @@ class FitSettings:
     def public(self) -> dict[str, Any]:
         """Plain values for the metrics file and the settings hash."""
         return asdict(self) | {"mode": self.mode.value}
+
+
+def _mode(mode: Mode | str) -> Mode:
+    try:
+        return Mode(mode)
+    except ValueError:
+        raise UsageError(f"mode must be closed or open, not {mode!r}") from None
 
 
 def _choice(name: str, value: str, *allowed: str) -> None:
@@ -162,15 +183,15 @@ _CLOSED = {"segments": 4}
 _OPEN = {"segments": 3, "samples": 24}
 # As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.
 _PAPER = {
-    "segments": 3, "steps": 10_000, "rate_points_size": 6e-4, "rate_colours": 0.1, "rate_opacities": 0.1,
-    "rate_course": "published", "edges": "soft", "finish": 0.0, "importance": "visibility", "prune_rule": "gini",
-    "prune_fraction": 0.2, "reallocate_every": 500, "reallocate_until": 0.8, "opacity_logit": 1.0, "tolerance": 0.0,
-    "seed_radius_size": 0.006, "seed_blur": 1, "seed_power": 1.0, "background": "#ffffff",
+    "segments": 3, "steps": 10_000, "length_unit": "canvas", "rate_points": 1e-3, "start_size": 0.01,
+    "rate_colours": 0.1, "rate_opacities": 0.1, "rate_course": "published", "edges": "soft", "finish": 0.0, "importance": "visibility", "prune_rule": "gini",
+    "prune_fraction": 0.2, "reallocation_density": 0.16, "reallocate_until": 0.8, "opacity_logit": 1.0,
+    "tolerance": 0.0, "seeding": "discs", "seed_size": 0.01, "seed_blur": 1, "seed_power": 1.0, "background": "#ffffff",
 }  # fmt: skip
 PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
     "paper": {
         Mode.CLOSED: _PAPER | {"samples": 12},
-        Mode.OPEN: _PAPER | {"samples": 24, "half_width": 2.0, "rate_half_widths_size": 5e-4},
+        Mode.OPEN: _PAPER | {"samples": 24, "half_width": 2.0, "rate_half_widths": 8e-4},
     },
     "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 600}},
     "standard": {Mode.CLOSED: _CLOSED | {"steps": 1500}, Mode.OPEN: _OPEN | {"steps": 1500}},

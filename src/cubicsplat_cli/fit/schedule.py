@@ -26,8 +26,11 @@ class Phase:
 class Schedule:
     """The course of a fit."""
 
-    def __init__(self, recipe: Recipe) -> None:
+    def __init__(self, recipe: Recipe, steps: int) -> None:
         self.recipe = recipe
+        # Long fits gain from more reallocations, but each needs more steps for its new curves to settle.
+        self.reallocations = round(recipe.reallocation_density * math.sqrt(steps)) if recipe.prune else 0
+        self._done = 0
         self.finish_start = 1.0 - recipe.finish
         self.reallocations_end = recipe.reallocate_until * self.finish_start
 
@@ -54,10 +57,13 @@ class Schedule:
             return recipe.prune_fraction * min(1.0, max(0.0, ((gini or 0.0) - recipe.gini_threshold) / 0.5))
         return recipe.prune_fraction * max(0.0, 1.0 - progress / self.reallocations_end)
 
-    def reallocation_due(self, step: int, progress: float) -> bool:
-        """Whether curves are to be replaced after this step."""
-        recipe = self.recipe
-        return recipe.prune and (step + 1) % recipe.reallocate_every == 0 and progress < self.reallocations_end
+    def reallocation_due(self, progress: float) -> bool:
+        """Whether the next of the evenly spaced reallocations is due; each is due once."""
+        share = (self._done + 1) / (self.reallocations + 1)
+        if progress >= self.reallocations_end or progress < share * self.reallocations_end:
+            return False
+        self._done += 1
+        return True
 
 
 def _fall(along: float, end: float) -> float:

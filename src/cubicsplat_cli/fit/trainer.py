@@ -19,10 +19,12 @@ from ..raster.settings import RasterSettings
 from ..scene import Scene
 from .capacity import gini, reallocate
 from .geometric import crossing_gradient
-from .initial import new_curves, random_centres
+from .initial import colours_at, control_points, new_curves, random_centres
 from .parameters import Background, Parameters
 from .presets import FitSettings, parse_background
 from .schedule import Phase, Schedule
+from .settle import settle
+from .threads import one_torch_thread
 
 REPORT_SECONDS = 0.1
 HISTORY_ENTRIES = 50
@@ -111,17 +113,18 @@ class Trainer:
         if self.target.shape[2] == 3 and self.settings.background == "none":
             self.target = torch.cat([self.target, torch.ones_like(self.target[..., :1])], -1)
         self.height, self.width, channels = (int(n) for n in self.target.shape)
-        self.size = math.sqrt(self.width * self.height)
         self.values = self.height * self.width * CHANNELS_COMPARED
         self.generator = torch.Generator().manual_seed(self.settings.seed)
         self.recipe = self.settings.recipe
-        self.schedule = Schedule(self.recipe)
+        self.unit = self.recipe.unit(self.width, self.height, self.settings.curves)
+        self.schedule = Schedule(self.recipe, self.settings.steps)
         self.engine: CpuEngine = open_engine(self.settings.device, self.settings.threads)
         self.background = choose_background(self.target, self.settings)
         self.image = torch.empty(self.height, self.width, channels)
         centres = random_centres(self.settings.curves, self.target, self.generator)
-        radius = self.recipe.start_radius_size * self.size
-        self.parameters = new_curves(centres, radius, self.target, self.settings, self.generator)
+        radius = self.recipe.start_size * self.unit
+        points = control_points(centres, radius, self.settings, self.generator)
+        self.parameters = new_curves(points, colours_at(centres, self.target), self.settings)
         self.state = OptimiserState.zeros(self.settings.curves, int(self.parameters.points.shape[1]))
         self.best: tuple[float, Parameters] | None = None
         self.started = self.reported = time.perf_counter()
@@ -130,8 +133,9 @@ class Trainer:
         """All steps, or as many as there is time for."""
         interrupted = False
         try:
-            while self.progress() < 1.0:
-                self.advance()
+            with one_torch_thread():
+                while self.progress() < 1.0:
+                    self.advance()
         except KeyboardInterrupt:
             interrupted = True
         self._consider(self._exact_loss(self.parameters), self.parameters)
@@ -141,7 +145,7 @@ class Trainer:
             self.settings.mode, self.width, self.height, self.background, opaque=self.recipe.opaque
         )
         return FitResult(
-            scene, self.step, seconds, 1e3 * seconds / max(self.step, 1), self.history, interrupted,
+            settle(scene), self.step, seconds, 1e3 * seconds / max(self.step, 1), self.history, interrupted,
             self.engine.describe(), self.settings.finish_samples, self.replaced, dropped, self.settings, self._notes(),
         )  # fmt: skip
 
@@ -156,7 +160,7 @@ class Trainer:
         """One step, with the reallocation that the schedule may ask for after it."""
         progress = self.progress()
         phase = self.schedule.phase(progress)
-        due = self.schedule.reallocation_due(self.step, progress)
+        due = self.schedule.reallocation_due(progress)
         before = self.parameters.copy() if phase.exact else None
         importance = torch.zeros(self.parameters.curves) if due else None
         loss = self.engine.step(
@@ -188,10 +192,10 @@ class Trainer:
     def _rates(self, phase: Phase) -> Rates:
         recipe = self.recipe
         return Rates(
-            points=phase.rate * recipe.rate_points_size * self.size,
+            points=phase.rate * recipe.rate_points * self.unit,
             colours=phase.rate * recipe.rate_colours,
             opacities=0.0 if recipe.opaque else phase.rate * recipe.rate_opacities,
-            half_widths=phase.rate * recipe.rate_half_widths_size * self.size,
+            half_widths=phase.rate * recipe.rate_half_widths * self.unit,
             edge_widths=phase.rate * recipe.rate_edge_widths,
         )
 
