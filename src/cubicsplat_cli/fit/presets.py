@@ -184,7 +184,8 @@ _OPEN = {"segments": 3, "samples": 24}
 # As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.
 _PAPER = {
     "segments": 3, "steps": 10_000, "length_unit": "canvas", "rate_points": 1e-3, "start_size": 0.01,
-    "rate_colours": 0.1, "rate_opacities": 0.1, "rate_course": "published", "edges": "soft", "finish": 0.0, "importance": "visibility", "prune_rule": "gini",
+    "rate_colours": 0.1, "rate_opacities": 0.1, "rate_course": "published",
+    "edges": "soft", "finish": 0.0, "importance": "visibility", "prune_rule": "gini",
     "prune_fraction": 0.2, "reallocation_density": 0.16, "reallocate_until": 0.8, "opacity_logit": 1.0,
     "tolerance": 0.0, "seeding": "discs", "seed_size": 0.01, "seed_blur": 1, "seed_power": 1.0, "background": "#ffffff",
 }  # fmt: skip

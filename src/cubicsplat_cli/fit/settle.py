@@ -17,16 +17,24 @@ from ..scene import Scene
 
 LEVELS = 255
 OPACITY_STEPS = 1000  # the file's opacities have three decimals
+# cairo keeps the high byte of a 16-bit value: an opacity o becomes floor(o * 65535 / 256).
+HIGH_BYTE = 65535 / 256
 _ROUNDING = 1e-9
 
 
 def settle(scene: Scene) -> Scene:
     """The scene with colours and opacities on the grid that 8-bit renderers keep; everything else as it is."""
     levels = (scene.opacities.double() * LEVELS).round()
-    # Upwards to the file's decimals, so that truncation finds the level again.
-    opacities = (levels / LEVELS * OPACITY_STEPS - _ROUNDING).ceil() / OPACITY_STEPS
     colours = _colours(scene.colours.double(), levels.unsqueeze(1))
-    return replace(scene, opacities=opacities.float().clamp(0, 1), colours=colours.float())
+    return replace(scene, opacities=_opacities(levels).float(), colours=colours.float())
+
+
+def _opacities(levels: Tensor) -> Tensor:
+    """The file's opacity nearest to level / 255 that becomes this level in cairo; (N,) of 0..255."""
+    nearest = (levels / LEVELS * OPACITY_STEPS).round()
+    least = (levels / HIGH_BYTE * OPACITY_STEPS - _ROUNDING).ceil()
+    most = ((levels + 1) / HIGH_BYTE * OPACITY_STEPS - _ROUNDING).floor().clamp(max=OPACITY_STEPS)
+    return nearest.maximum(least).minimum(most) / OPACITY_STEPS
 
 
 def _colours(colours: Tensor, levels: Tensor) -> Tensor:
