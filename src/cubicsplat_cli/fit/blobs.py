@@ -56,8 +56,11 @@ def find_blobs(
     x, y = x.clamp(0, width - 1), y.clamp(0, height - 1)
     residual = _blurred(target - image)
     likeness = _likeness(residual[y, x], residual[seeds[:, 1].long(), seeds[:, 0].long()])
-    weights = on_canvas * likeness.square() * torch.exp(-0.5 * offsets.square().sum(-1))
-    weights = weights / weights.sum(1, keepdim=True).clamp(min=1e-6)
+    window = on_canvas * torch.exp(-0.5 * offsets.square().sum(-1))
+    weights = window * likeness.square()
+    # A seed drawn beside an error, in its blur, has no residual of its own: then the window is the patch.
+    weights = torch.where(weights.sum(1, keepdim=True) > 1e-3, weights, window)
+    weights = weights / weights.sum(1, keepdim=True)
     centres = (weights[..., None] * places).sum(1)
     away = places - centres[:, None]
     covariance = torch.einsum("np,npi,npj->nij", weights, away, away) + LEAST_VARIANCE * torch.eye(2)
@@ -82,7 +85,10 @@ def blob_points(blobs: Blobs, settings: FitSettings, generator: torch.Generator)
 
 
 def _blurred(residual: Tensor) -> Tensor:
-    planes = residual[..., :3].permute(2, 0, 1)[None]
+    if residual.shape[-1] == 4:
+        # Over black and over white, as the loss sees it: black on nothing differs in alpha alone.
+        residual = torch.cat([residual[..., :3], residual[..., :3] - residual[..., 3:]], -1)
+    planes = residual.permute(2, 0, 1)[None]
     blurred = avg_pool2d(planes, RESIDUAL_BLUR, 1, RESIDUAL_BLUR // 2, count_include_pad=False)
     return blurred[0].permute(1, 2, 0)
 

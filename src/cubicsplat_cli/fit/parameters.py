@@ -62,6 +62,9 @@ class Parameters:
 
     def first_non_finite(self) -> tuple[int, str] | None:
         """(curve, parameter) of the first value that is not finite."""
+        # One bad value makes the sum bad: asked before every step, this must cost next to nothing.
+        if bool(torch.isfinite(torch.stack([t.sum() for t in self._tensors()]).sum())):
+            return None
         for name in ("points", "colour_logits", "opacity_logits", "half_widths", "edge_widths"):
             bad = ~torch.isfinite(getattr(self, name)).reshape(self.curves, -1).all(1)
             if bad.any():

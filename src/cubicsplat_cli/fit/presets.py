@@ -23,7 +23,7 @@ class Recipe:
 
     length_unit: str = "spacing"
     # step sizes
-    rate_points: float = 0.11
+    rate_points: float = 0.24
     rate_colours: float = 0.05
     rate_opacities: float = 0.05
     rate_half_widths: float = 4.5e-3
@@ -51,11 +51,11 @@ class Recipe:
     gini_threshold: float = 0.35  # of the rule "gini"
     prune_fraction: float = 0.6
     reallocation_density: float = 0.8  # times the square root of the steps: how many reallocations there are
-    reallocate_until: float = 0.95  # of the relaxed phase
+    reallocate_until: float = 0.9  # of the relaxed phase
     seeding: str = "blobs"  # ellipses over patches of like residual; or "discs" at pixels, as published
     seed_size: float = 0.27  # of blobs the standard deviation of the window, of discs the radius
     seed_blur: int = 9  # px, odd
-    seed_power: float = 1.5
+    seed_power: float = 1.25
     half_width: float = 1.5  # px, of a new stroke
     # polyline
     flatten: str = "uniform"  # or "de-casteljau": adaptive subdivision to flatness 0.5 px
@@ -194,7 +194,7 @@ PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
         Mode.CLOSED: _PAPER | {"samples": 12},
         Mode.OPEN: _PAPER | {"samples": 24, "half_width": 2.0, "rate_half_widths": 8e-4},
     },
-    "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 600}},
-    "standard": {Mode.CLOSED: _CLOSED | {"steps": 1500}, Mode.OPEN: _OPEN | {"steps": 1500}},
+    "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 400}},
+    "standard": {Mode.CLOSED: _CLOSED | {"steps": 2500}, Mode.OPEN: _OPEN | {"steps": 2000}},
     "high": {Mode.CLOSED: _CLOSED | {"steps": 6000}, Mode.OPEN: _OPEN | {"steps": 6000}},
 }

@@ -138,6 +138,7 @@ class Trainer:
                     self.advance()
         except KeyboardInterrupt:
             interrupted = True
+        self._check_finite()
         self._consider(self._exact_loss(self.parameters), self.parameters)
         dropped = self._drop_invisible()
         seconds = time.perf_counter() - self.started
@@ -158,6 +159,7 @@ class Trainer:
 
     def advance(self) -> None:
         """One step, with the reallocation that the schedule may ask for after it."""
+        self._check_finite()
         progress = self.progress()
         phase = self.schedule.phase(progress)
         due = self.schedule.reallocation_due(progress)
@@ -169,7 +171,7 @@ class Trainer:
             points_gradient=self._regulariser(),
         )  # fmt: skip
         if not math.isfinite(loss):
-            self._name_non_finite(loss)
+            self._broke_down(f"the loss is {loss}")
         if before is not None:
             self._consider(loss, before)
         if importance is not None:
@@ -229,7 +231,9 @@ class Trainer:
         loss, parameters = self.best
         _, out = self.engine.gradients(self._tensors(parameters), self._exact(), target=self.target, importance="loo")
         keep = out["importance"] > 0
-        if not self.recipe.prune or bool(keep.all()) or not bool(keep.any()):
+        # A scene has at least one curve.
+        keep[out["importance"].argmax()] = True
+        if not self.recipe.prune or bool(keep.all()):
             self.parameters = parameters
             return 0
         rest = parameters.chosen(keep)
@@ -242,9 +246,13 @@ class Trainer:
             return ["soft edges cannot be written as SVG: the file differs from the fit, see the agreement"]
         return []
 
-    def _name_non_finite(self, loss: float) -> None:
+    def _check_finite(self) -> None:
+        """Before a step: within it one bad curve spoils every curve that it shares a pixel with."""
         found = self.parameters.first_non_finite()
-        where = f"curve {found[0]} has a non-finite value in {found[1]}" if found else f"the loss is {loss}"
+        if found is not None:
+            self._broke_down(f"curve {found[0]} has a non-finite value in {found[1]}")
+
+    def _broke_down(self, where: str) -> None:
         raise EngineError(f"the fit broke down at step {self.step}: {where}; lower the step sizes or change --seed")
 
     def _report(self, loss: float) -> None:

@@ -1,0 +1,215 @@
+"""Which curves go, where new ones come, and what they look like."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cubicsplat_cli.fit import FitSettings
+from cubicsplat_cli.fit.blobs import blob_points, find_blobs
+from cubicsplat_cli.fit.capacity import error_density, gini, reallocate
+from cubicsplat_cli.fit.initial import colours_at, control_points, draw_pixels, new_curves, random_centres
+from cubicsplat_cli.fit.parameters import Parameters
+from cubicsplat_cli.raster.cpu import OptimiserState
+from cubicsplat_cli.scene import Mode
+
+MODES = pytest.mark.parametrize("mode", ["closed", "open"])
+VALUES = st.lists(st.floats(-10, 1e6, allow_nan=False, width=32), min_size=1, max_size=30)
+
+
+def random_numbers(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def settings(mode: str = "closed", **changes) -> FitSettings:
+    return FitSettings.from_preset("standard", mode, curves=10, threads=1, **changes)
+
+
+# --- inequality --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([1, 1, 1, 1], 0.0), ([0, 0, 0, 1], 0.75), ([1, 3], 0.25), ([3, 1], 0.25), ([1, 2, 3], 2 / 9),
+        ([-5, 1], 0.5), ([0, 0], 0.0), ([-1, -2], 0.0), ([7], 0.0), ([], 0.0),
+    ],
+)  # fmt: skip
+def test_gini_by_hand(values, expected):
+    assert gini(torch.tensor(values, dtype=torch.float32)) == pytest.approx(expected, abs=1e-9)
+
+
+@given(values=VALUES, factor=st.floats(0.01, 100))
+def test_gini_lies_between_equal_and_one_takes_all_whatever_the_unit_and_order(values, factor):
+    found = gini(torch.tensor(values, dtype=torch.float64))
+    assert -1e-12 <= found <= 1 - 1 / len(values) + 1e-12
+    assert gini(torch.tensor(values[::-1], dtype=torch.float64) * factor) == pytest.approx(found, abs=1e-9)
+
+
+# --- where new curves are wanted ---------------------------------------------------------------------------
+
+
+def test_error_density_is_the_squared_error_blurred_and_raised():
+    target = torch.zeros(9, 9, 3)
+    target[4, 4, 0] = 2.0
+    assert error_density(torch.zeros_like(target), target, 1, 1.0)[4, 4] == 4.0
+    blurred = error_density(torch.zeros_like(target), target, 3, 0.5)
+    assert blurred[3:6, 3:6].flatten().tolist() == pytest.approx([(4 / 9) ** 0.5] * 9)
+    assert blurred.sum() == pytest.approx(9 * (4 / 9) ** 0.5)
+    corner = torch.zeros(9, 9, 3)
+    corner[0, 0, 0] = 2.0
+    assert error_density(torch.zeros_like(corner), corner, 3, 1.0)[0, 0] == 1.0, "a mean of the pixels that exist"
+
+
+def test_pixels_are_drawn_in_proportion():
+    density = torch.tensor([[0.0, 1.0, 0.0], [3.0, 0.0, 0.0]])
+    drawn = draw_pixels(density, 4000, random_numbers())
+    places, counts = drawn.unique(dim=0, return_counts=True)
+    assert places.tolist() == [[0.5, 1.5], [1.5, 0.5]]
+    assert int(counts[0]) / 4000 == pytest.approx(0.75, abs=0.03)
+    everywhere = draw_pixels(torch.zeros(2, 3), 600, random_numbers())
+    assert len(everywhere.unique(dim=0)) == 6, "without any error every pixel is as good"
+
+
+# --- reallocation ------------------------------------------------------------------------------------------
+
+
+def population(mode: str, count: int = 10) -> tuple[Parameters, OptimiserState]:
+    """Curves and optimiser states that can be told apart by their numbers."""
+    chosen = settings(mode)
+    points = control_points(torch.full((count, 2), 20.0), 3.0, chosen, random_numbers())
+    parameters = new_curves(points, torch.arange(3.0 * count).reshape(count, 3) / 100, chosen)
+    state = OptimiserState.zeros(count, points.shape[1])
+    state.ages += torch.arange(1, count + 1, dtype=torch.int32)
+    return parameters, state
+
+
+@MODES
+@pytest.mark.parametrize(("fraction", "replaced"), [(0.35, 3), (0.05, 0), (0.0, 0), (0.9, 9)])
+def test_the_least_important_are_replaced_and_the_others_keep_their_order(mode, fraction, replaced):
+    parameters, state = population(mode)
+    importance = torch.tensor([5.0, -1.0, 3.0, 9.0, 0.5, 7.0, 8.0, 2.0, 6.0, 4.0])
+    target = torch.rand(40, 50, 3, generator=random_numbers(1))
+    image = torch.zeros_like(target)
+    after, states, count = reallocate(
+        parameters, state, importance, image, target, fraction, settings(mode), random_numbers(2)
+    )
+    assert count == replaced
+    assert after.curves == 10
+    gone = set(importance.argsort()[:replaced].tolist())
+    kept = [index for index in range(10) if index not in gone]
+    assert (after.points[replaced:] == parameters.points[kept]).all()
+    assert (after.colour_logits[replaced:] == parameters.colour_logits[kept]).all()
+    assert states.ages.tolist() == [0] * replaced + [index + 1 for index in kept]
+    assert (states.moments[:replaced] == 0).all()
+    assert torch.isfinite(after.points).all()
+    if replaced:
+        assert not any((after.points[0] == points).all() for points in parameters.points)
+
+
+@MODES
+@pytest.mark.parametrize("channels", [3, 4])
+def test_new_curves_come_where_the_error_is_in_the_pictures_colour(mode, channels):
+    parameters, state = population(mode)
+    target = torch.zeros(60, 80, channels)
+    target[35:50, 50:70] = torch.tensor([0.8, 0.3, 0.1, 1.0][:channels])
+    after, _, count = reallocate(
+        parameters, state, torch.arange(10.0), torch.zeros_like(target), target, 0.5, settings(mode), random_numbers()
+    )
+    assert count == 5
+    centres = after.points[:5].mean(1)
+    assert ((centres - torch.tensor([60.0, 42.5])).abs() < torch.tensor([14.0, 11.0])).all()
+    colours = after.colour_logits[:5].sigmoid()
+    # One drawn beside the patch, in the blur of its error, is a mixture.
+    assert (colours - torch.tensor([0.8, 0.3, 0.1])).abs().max(1).values.median() < 0.15
+
+
+def test_patches_follow_the_shape_of_the_error():
+    """A long bar gives long ellipses along it; a picture without error gives small ones where they were drawn."""
+    target = torch.zeros(80, 80, 3)
+    target[38:42, 10:70] = 1.0
+    seeds = torch.tensor([[40.5, 40.5]]).expand(20, 2)
+    blobs = find_blobs(seeds, torch.zeros_like(target), target, 8.0, random_numbers())
+    short, long = blobs.axes[:, :, 0].norm(dim=1), blobs.axes[:, :, 1].norm(dim=1)
+    assert (long > 1.5 * short).all()
+    direction = blobs.axes[:, :, 1] / long[:, None]
+    assert (direction[:, 0].abs() > 0.99).all()
+    assert (blobs.centres - seeds).abs().max() < 3
+    rings = blob_points(blobs, settings("closed"), random_numbers())
+    assert rings.shape == (20, 12, 2)
+    assert (rings.mean(1) - blobs.centres).abs().max() < 1e-3
+    strokes = blob_points(blobs, settings("open"), random_numbers())
+    assert strokes.shape == (20, 10, 2)
+    assert ((strokes[:, -1] - strokes[:, 0]).abs()[:, 0] > 5).all()
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_patches_stay_at_their_seeds_where_nothing_differs(channels):
+    target = torch.full((30, 40, channels), 0.5)
+    seeds = torch.tensor([[30.5, 20.5], [5.5, 6.5]])
+    blobs = find_blobs(seeds, target.clone(), target, 5.0, random_numbers())
+    assert (blobs.centres - seeds).abs().max() < 1
+
+
+def test_patches_see_what_differs_in_alpha_alone():
+    target = torch.zeros(40, 40, 4)
+    target[20:30, 5:15, 3] = 1.0
+    seeds = torch.tensor([[10.5, 25.5]])
+    blobs = find_blobs(seeds, torch.zeros_like(target), target, 4.0, random_numbers())
+    assert (blobs.centres - torch.tensor([10.0, 25.0])).abs().max() < 2
+
+
+# --- first curves ------------------------------------------------------------------------------------------
+
+
+def test_first_curves_are_discs_or_bent_strokes_of_the_asked_size():
+    centres = torch.tensor([[10.0, 20.0], [30.0, 5.0]])
+    discs = control_points(centres, 4.0, settings("closed", segments=3), random_numbers())
+    assert discs.shape == (2, 9, 2)
+    assert (discs - centres[:, None]).norm(dim=-1) == pytest.approx(torch.full((2, 9), 4.0), abs=1e-4)
+    strokes = control_points(centres, 4.0, settings("open", segments=3), random_numbers())
+    assert strokes.shape == (2, 10, 2)
+    assert ((strokes[:, -1] - strokes[:, 0]).norm(dim=-1) - 12).abs().max() < 4
+
+
+def test_first_curves_of_a_transparent_picture_lie_on_it_and_have_its_straight_colour():
+    target = torch.zeros(20, 30, 4)
+    target[4:8, 10:16] = torch.tensor([0.4, 0.2, 0.1, 0.5])
+    centres = random_centres(50, target, random_numbers())
+    assert ((centres > torch.tensor([10.0, 4.0])) & (centres < torch.tensor([16.0, 8.0]))).all()
+    assert (colours_at(centres, target).sigmoid() - torch.tensor([0.8, 0.4, 0.2])).abs().max() < 1e-4
+    opaque = random_centres(500, torch.zeros(20, 30, 3), random_numbers())
+    assert opaque.min() >= 0
+    assert (opaque.max(0).values - torch.tensor([30.0, 20.0])).abs().max() < 1
+
+
+def test_black_and_white_stay_within_reach_of_the_optimiser():
+    target = torch.stack([torch.zeros(1, 3), torch.ones(1, 3)])
+    logits = colours_at(torch.tensor([[0.5, 0.5], [0.5, 1.5], [9.0, -3.0]]), target)
+    assert logits.abs().max() < 4
+    assert (logits[2] == logits[0]).all(), "places off the canvas take the nearest pixel"
+
+
+# --- parameters --------------------------------------------------------------------------------------------
+
+
+def test_the_first_bad_value_is_named_by_curve_and_parameter():
+    parameters, _ = population("closed")
+    assert parameters.first_non_finite() is None
+    parameters.opacity_logits[2] = float("inf")
+    assert parameters.first_non_finite() == (2, "opacity_logits")
+    parameters.points[6, 3, 1] = float("nan")
+    assert parameters.first_non_finite() == (6, "points")
+
+
+def test_copies_are_copies_and_scenes_are_activated():
+    parameters, _ = population("open")
+    copy = parameters.copy()
+    copy.points += 1
+    assert (copy.points != parameters.points).all()
+    scene = parameters.scene(Mode.OPEN, 40, 30, None, opaque=False)
+    assert scene.colours[1].tolist() == pytest.approx(torch.tensor([0.03, 0.04, 0.05]).sigmoid().tolist())
+    assert (parameters.scene(Mode.OPEN, 40, 30, None, opaque=True).opacities == 1).all()
+    assert (parameters.scene(Mode.CLOSED, 40, 30, None, opaque=False).half_widths == 0).all()
