@@ -1,4 +1,4 @@
-"""Independent rendering, its fallback and its limits; PSNR and SSIM; the report."""
+"""Independent rendering, its fallback and its limits; PSNR, SSIM and agreement; the report."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from scenes import PAPER, as_arguments, random_scene
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate import (
     Quality,
+    agreement_db,
     available_renderers,
     compare,
     compare_premultiplied,
     rerender,
-    rerender_untrusted,
 )
-from cubicsplat_cli.evaluate.report import agreement_db, quality_fields, to_json
+from cubicsplat_cli.evaluate.report import gap_db, quality_fields, to_json
 from cubicsplat_cli.image import Picture
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -171,97 +171,6 @@ def test_impossible_sizes_are_refused(width, height):
         rerender(svg_of(two_squares(None)), width, height)
 
 
-# --- SVG files of others -----------------------------------------------------------------------------------
-
-XLINK = 'xmlns:xlink="http://www.w3.org/1999/xlink"'
-OPEN_TAG = f'<svg xmlns="http://www.w3.org/2000/svg" {XLINK} width="20" height="10">'
-
-
-def foreign(body: str, before: str = "") -> bytes:
-    return f"{before}{OPEN_TAG}{body}</svg>".encode()
-
-
-@BOTH
-def test_ordinary_files_of_others_are_drawn(renderer):
-    doctype = (
-        '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
-    )
-    body = (
-        "<style>.a{fill:url(#g)}</style>"
-        '<defs><linearGradient id="g"><stop stop-color="#f00"/></linearGradient>'
-        '<rect id="r" width="10" height="10"/></defs>'
-        '<a href="https://example.org"><use xlink:href="#r" class="a"/></a>'
-    )
-    rendered, size = rerender_untrusted(foreign(body, doctype), source="x.svg", scale=2, renderer=renderer)
-    assert (size.width, size.height) == (20, 10)
-    assert rendered.pixels.shape == (20, 40, 4)
-    assert rendered.pixels[10, 5].tolist() == [255, 0, 0, 255]
-    assert rendered.pixels[10, 30, 3] == 0
-
-
-@BOTH
-def test_other_shapes_are_centred(renderer):
-    svg = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 10"><rect width="10" height="10"/></svg>'
-    rendered, _ = rerender_untrusted(svg, source="x.svg", width=30, height=10, renderer=renderer)
-    assert rendered.pixels.shape == (10, 30, 4)
-    opaque = rendered.pixels[5, :, 3] == 255
-    assert opaque.tolist() == [False] * 10 + [True] * 10 + [False] * 10
-
-
-@BOTH
-@pytest.mark.parametrize(
-    ("svg", "said"),
-    [
-        (b"", "empty"),
-        (b"  \n", "empty"),
-        (b"GIF89a", "well-formed"),
-        (b"<html/>", "no SVG"),
-        (b"\x1f\x8b\x08rest", "gunzip"),
-        (foreign("")[:-5], "well-formed"),
-        (foreign("", '<!DOCTYPE svg [<!ENTITY a "b">]>'), "entity"),
-        (foreign("", '<!DOCTYPE svg [<!ENTITY % a SYSTEM "file:///etc/passwd"> %a;]>'), "entity"),
-        (foreign('<image href="data:image/png;base64,AAAA"/>'), "<image>"),
-        (foreign('<image xlink:href="file:///etc/hostname"/>'), "<image>"),
-        (foreign('<x:image xmlns:x="http://www.w3.org/2000/svg" href="a.png"/>'), "<image>"),
-        (foreign('<filter><feImage href="http://localhost/"/></filter>'), "<feImage>"),
-        (foreign("<foreignObject/>"), "<foreignObject>"),
-        (foreign('<use xlink:href="other.svg#a"/>'), "outside"),
-        (foreign('<use href="http://localhost/a.svg#a"/>'), "outside"),
-        (foreign('<rect width="9" height="9" fill="url(http://localhost/#a)"/>'), "outside"),
-        (foreign("<rect style=\"fill:url('//localhost/#a')\"/>"), "outside"),
-        (foreign("<style>@import 'http://localhost/a.css';</style>"), "outside"),
-        (foreign("<style>rect{fill:url( a.svg#b )}</style>"), "outside"),
-        (foreign("", '<?xml-stylesheet href="http://localhost/a.css"?>'), "outside"),
-        (b'<svg xmlns="http://www.w3.org/2000/svg"/>', "no size"),
-        (b'<svg xmlns="http://www.w3.org/2000/svg" width="100%" height="1e999"/>', "no size"),
-        (b'<svg xmlns="http://www.w3.org/2000/svg" width="0" height="5"/>', "no size"),
-        (foreign("<g>" * 300 + "</g>" * 300), "levels"),
-        (b'<?xml version="1.0" encoding="nonsense"?>' + foreign(""), "encoding|well-formed"),
-    ],
-)
-def test_dangerous_or_broken_files_are_refused(svg, said, renderer, monkeypatch):
-    monkeypatch.setattr("socket.socket.connect", lambda *_: pytest.fail("a file made us open a connection"))
-    with pytest.raises(InputError, match=said):
-        rerender_untrusted(svg, source="x.svg", renderer=renderer)
-
-
-def test_files_over_the_size_limit_are_refused(monkeypatch):
-    monkeypatch.setattr("cubicsplat_cli.evaluate.untrusted.MAX_SVG_BYTES", 100)
-    with pytest.raises(InputError, match="100 bytes"):
-        rerender_untrusted(foreign("<g/>" * 50), source="x.svg")
-
-
-def test_what_cairosvg_cannot_draw_is_one_clear_error():
-    with pytest.raises(InputError, match="cairosvg cannot draw"):
-        rerender_untrusted(foreign('<use id="u" href="#u"/>'), source="x.svg", renderer="cairosvg")
-
-
-@pytest.mark.parametrize("scale", [0, -1, float("nan"), float("inf")])
-def test_scale_must_be_positive(scale):
-    with pytest.raises(UsageError, match="scale"):
-        rerender_untrusted(foreign(""), source="x.svg", scale=scale)
-
-
 # --- measures ----------------------------------------------------------------------------------------------
 
 
@@ -359,6 +268,56 @@ def test_json_never_holds_what_is_not_json():
     assert text.endswith("\n")
 
 
-def test_agreement_is_own_minus_file():
-    assert agreement_db(Quality(30.0, 0.9, False), Quality(30.5, 0.9, False)) == pytest.approx(0.5)
-    assert agreement_db(Quality(None, 1.0, True), Quality(30.5, 0.9, False)) is None
+def test_gap_is_own_minus_file():
+    assert gap_db(Quality(30.0, 0.9, False), Quality(30.5, 0.9, False)) == pytest.approx(0.5)
+    assert gap_db(Quality(None, 1.0, True), Quality(30.5, 0.9, False)) is None
+    assert gap_db(Quality(30.5, 0.9, False), Quality(None, 1.0, True)) is None
+
+
+# --- agreement of two renderers ----------------------------------------------------------------------------
+
+
+def test_agreement_is_the_psnr_between_the_two_pictures_and_not_a_difference_of_figures():
+    own = np.full((8, 8, 3), 0.5, np.float32)
+    own[::2] += 0.1
+    drawn = np.full((8, 8, 4), 255, np.uint8)
+    drawn[..., :3] = round(0.5 * 255)
+    drawn[1::2, :, :3] = round(0.6 * 255)
+    # Both are equally far from any picture that is symmetric to them, and yet they do not agree at all.
+    assert agreement_db(own, drawn) == pytest.approx(20.0, abs=0.1)
+    same = np.rint(own * 255) / 255
+    opaque = np.dstack([np.rint(own * 255), np.full((8, 8), 255)]).astype(np.uint8)
+    assert agreement_db(same, opaque) is None
+
+
+def test_agreement_with_transparency_is_the_worse_over_black_and_white():
+    # Half transparent black against opaque black: alike over black, half apart over white.
+    own = np.zeros((4, 4, 4), np.float32)
+    own[..., 3] = 0.5
+    opaque = np.zeros((4, 4, 4), np.uint8)
+    opaque[..., 3] = 255
+    assert agreement_db(own, opaque) == pytest.approx(-20 * math.log10(0.5), abs=1e-6)
+    # Half transparent white against opaque white: alike over white, half apart over black.
+    own[..., :3] = 0.5
+    assert agreement_db(own, np.full((4, 4, 4), 255, np.uint8)) == pytest.approx(-20 * math.log10(0.5), abs=1e-6)
+
+
+def test_agreement_of_engine_and_file_on_a_crowd_of_curves():
+    from cubicsplat_cli.raster import render_scene
+
+    scene = random_scene(Mode.CLOSED, curves=20, width=64, height=48, background=PAPER, opacity=(0.3, 1.0), seed=5)
+    drawn = rerender(svg_of(scene), 64, 48).pixels
+    assert agreement_db(render_scene(scene, threads=1), drawn) > 40
+    assert agreement_db(render_scene(random_scene(Mode.CLOSED, width=64, height=48, background=PAPER)), drawn) < 30
+
+
+def test_agreement_needs_pictures_of_one_size_and_finite_values():
+    drawn = np.zeros((4, 4, 4), np.uint8)
+    with pytest.raises(InputError, match="sizes"):
+        agreement_db(np.zeros((4, 5, 3)), drawn)
+    with pytest.raises(InputError, match="finite"):
+        agreement_db(np.full((4, 4, 3), np.inf), drawn)
+    with pytest.raises(InputError, match="uint8"):
+        agreement_db(np.zeros((4, 4, 3)), drawn.astype(np.float32))
+    with pytest.raises(InputError, match="3 or 4"):
+        agreement_db(np.zeros((4, 4)), drawn)

@@ -13,7 +13,7 @@ from cubicsplat_cli.image import Picture
 
 SCHEMA = 1
 # Decimals of the measured figures; more would only suggest a precision that no measure has.
-_DECIMALS = {"psnr_db": 4, "ssim": 5, "agreement_db": 4}
+_DECIMALS = {"psnr_db": 4, "ssim": 5, "agreement_db": 4, "gap_db": 4, "change_db": 4}
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ def input_fields(picture: Picture, path: str) -> dict[str, Any]:
 def quality_fields(quality: Quality) -> dict[str, Any]:
     """psnr_db, ssim and identical of one comparison, and why SSIM is null where it is."""
     fields: dict[str, Any] = {
-        "psnr_db": _rounded("psnr_db", quality.psnr_db),
-        "ssim": _rounded("ssim", quality.ssim),
+        "psnr_db": rounded("psnr_db", quality.psnr_db),
+        "ssim": rounded("ssim", quality.ssim),
         "identical": quality.identical,
     }
     if quality.ssim_note is not None:
@@ -61,7 +61,7 @@ def quality_fields(quality: Quality) -> dict[str, Any]:
     return fields
 
 
-def agreement_db(svg: Quality, surrogate: Quality) -> float | None:
+def gap_db(svg: Quality, surrogate: Quality) -> float | None:
     """PSNR of the own picture minus PSNR of the SVG, dB; None when either is identical to the reference."""
     if svg.psnr_db is None or surrogate.psnr_db is None:
         return None
@@ -81,12 +81,18 @@ def build_report(
     renderer: str,
     surrogate: Quality,
     surrogate_samples: int,
+    agreement_db: float | None,
     history: Sequence[Mapping[str, Any]],
     replaced: int,
+    dropped: int | None = None,
     interrupted: bool,
     notes: Sequence[str],
 ) -> dict[str, Any]:
-    """The report of one vectorised picture as plain JSON values (schema 1)."""
+    """The report of one vectorised picture as plain JSON values (schema 1).
+
+    agreement_db: `metrics.agreement_db` of the own picture and the drawn SVG; None where no value differs. replaced,
+    dropped: curves seeded anew during the fit, and left out at its end (None: not known).
+    """
     return {
         "schema": SCHEMA,
         "program": "cubicsplat",
@@ -104,9 +110,11 @@ def build_report(
         "quality": {
             "svg": {"renderer": renderer, **quality_fields(svg_quality)},
             "surrogate": {"samples": surrogate_samples, **quality_fields(surrogate)},
-            "agreement_db": _rounded("agreement_db", agreement_db(svg_quality, surrogate)),
+            "agreement_db": rounded("agreement_db", agreement_db),
+            "gap_db": rounded("gap_db", gap_db(svg_quality, surrogate)),
         },
         "replaced": replaced,
+        "dropped": dropped,
         "interrupted": interrupted,
         "notes": list(notes),
         "history": [dict(entry) for entry in history],
@@ -118,7 +126,8 @@ def to_json(report: Mapping[str, Any]) -> str:
     return json.dumps(_finite(report), indent=2, allow_nan=False, ensure_ascii=True) + "\n"
 
 
-def _rounded(name: str, value: float | None) -> float | None:
+def rounded(name: str, value: float | None) -> float | None:
+    """A figure cut to the decimals its kind is reported with."""
     return None if value is None else round(value, _DECIMALS[name])
 
 

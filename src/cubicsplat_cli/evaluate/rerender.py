@@ -6,7 +6,8 @@ import importlib
 import io
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -58,16 +59,28 @@ def rerender(svg: bytes, width: int, height: int, *, renderer: str | None = None
     EngineError when the renderer (or, for None, every renderer) is missing.
     """
     _check_size(width, height)
-    module, name, note = _choose(renderer)
-    try:
+    module, name, note = choose_renderer(renderer)
+    with drawing_with(name):
         pixels = _DRAW[name](module, svg, width, height)
+    return Rendered(_centred(pixels, width, height), full_name(module, name), note)
+
+
+@contextmanager
+def drawing_with(name: str) -> Iterator[None]:
+    """Turns whatever a renderer raises into one InputError."""
+    try:
+        yield
     except (KeyboardInterrupt, MemoryError):
         raise
     except Exception as error:
         # Both renderers answer an SVG they cannot draw with nearly any exception; the file is what is wrong.
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{name} cannot draw the SVG ({reason}); check the file in a viewer") from error
-    return Rendered(_centred(pixels, width, height), f"{_PACKAGES[name]} {module.__version__}", note)
+
+
+def full_name(module: ModuleType, name: str) -> str:
+    """Package and version of a renderer, as reports name it."""
+    return f"{_PACKAGES[name]} {module.__version__}"
 
 
 def rerender_untrusted(
@@ -112,8 +125,11 @@ def _check_size(width: int, height: int) -> None:
         )
 
 
-def _choose(renderer: str | None) -> tuple[ModuleType, str, str | None]:
-    """The module to draw with, its renderer name, and the note when it is not the preferred one."""
+def choose_renderer(renderer: str | None) -> tuple[ModuleType, str, str | None]:
+    """The module to draw with, its renderer name, and the note when it is not the preferred one.
+
+    Raises UsageError for an unknown name, EngineError where the renderer (for None: every renderer) is missing.
+    """
     if renderer is not None:
         if renderer not in RENDERERS:
             raise UsageError(f"renderer must be one of {', '.join(RENDERERS)}, not {renderer!r}")
@@ -151,7 +167,7 @@ def _load(name: str) -> tuple[ModuleType | None, str | None]:
 _import_module: Callable[[str], ModuleType] = importlib.import_module
 
 
-def _refuse_url(url: str, _resource_type: str) -> bytes:
+def refuse_url(url: str, _resource_type: str) -> bytes:
     raise InputError(f"the SVG refers to {url[:80]}, which is never fetched")
 
 
@@ -161,9 +177,9 @@ def _draw_cairosvg(module: ModuleType, svg: bytes, width: int, height: int) -> n
         raise InputError("the SVG is empty")
     surface = importlib.import_module(f"{module.__name__}.surface")
     png = surface.PNGSurface.convert(
-        bytestring=svg, unsafe=False, url_fetcher=_refuse_url, output_width=width, output_height=height
+        bytestring=svg, unsafe=False, url_fetcher=refuse_url, output_width=width, output_height=height
     )
-    return _decode_png(png)
+    return decode_png(png)
 
 
 def _draw_resvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:
@@ -172,13 +188,13 @@ def _draw_resvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.n
     png = module.svg_to_bytes(
         svg_string=svg.decode("utf-8"), width=width, height=height, skip_system_fonts=fonts
     )
-    return _decode_png(bytes(png))
+    return decode_png(bytes(png))
 
 
 _DRAW = {"cairosvg": _draw_cairosvg, "resvg": _draw_resvg}
 
 
-def _decode_png(png: bytes) -> np.ndarray:
+def decode_png(png: bytes) -> np.ndarray:
     # Pillow's size limit guards against files of others; this one was drawn here at a checked size.
     from PIL.PngImagePlugin import PngImageFile
 

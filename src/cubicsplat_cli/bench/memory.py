@@ -1,0 +1,41 @@
+"""How much memory this process has: now, and at most so far."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+_STATUS = Path("/proc/self/status")
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Bytes of this process in physical memory: `resident` now, `peak` the most so far; None where unknown."""
+
+    resident: int | None
+    peak: int | None
+
+
+def memory() -> Memory:
+    """From Linux's process status, else the peak that `getrusage` knows; Windows has neither."""
+    try:
+        return from_status(_STATUS.read_text(encoding="ascii"))
+    except OSError:
+        return Memory(None, _peak_of_getrusage())
+
+
+def from_status(text: str) -> Memory:
+    """The figures in the text of /proc/self/status."""
+    found = {name: 1024 * int(kilobytes) for name, kilobytes in re.findall(r"^(Vm\w+):\s*(\d+) kB$", text, re.M)}
+    return Memory(found.get("VmRSS"), found.get("VmHWM"))
+
+
+def _peak_of_getrusage() -> int | None:
+    try:
+        import resource
+    except ImportError:
+        return None
+    # Kilobytes everywhere but on macOS.
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

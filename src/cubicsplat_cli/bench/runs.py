@@ -1,0 +1,202 @@
+"""Fits of the pictures of a folder, one after the other; a bad picture is reported and the others go on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, field, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cubicsplat_cli
+from cubicsplat_cli._version import __version__
+from cubicsplat_cli.errors import CubicSplatError
+from cubicsplat_cli.evaluate.report import to_json
+from cubicsplat_cli.fit import FitSettings, Progress
+from cubicsplat_cli.image import Picture, load_picture, write_atomically
+from cubicsplat_cli.jobs.pipeline import vectorize
+from cubicsplat_cli.provenance import settings_hash
+
+# Of the coordinates in the SVG: the command line's default.
+PRECISION = 2
+
+Watch = Callable[[str], AbstractContextManager[Callable[[Progress], None] | None]]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One fit: which picture, with which settings, as a part of which configuration of the benchmark."""
+
+    path: Path
+    configuration: str
+    settings: FitSettings
+
+
+@dataclass(frozen=True)
+class Run:
+    """Figures of one fitted picture. psnr_db, ssim: of the SVG file, drawn by `renderer`. own_psnr_db: of the engine's
+    picture. agreement_db: between the two pictures. gap_db: own minus SVG. seconds: with writing and measuring.
+    """
+
+    picture: str
+    configuration: str
+    mode: str
+    curves: int
+    psnr_db: float | None
+    ssim: float | None
+    own_psnr_db: float | None
+    agreement_db: float | None
+    gap_db: float | None
+    seconds: float
+    fit_seconds: float
+    steps: int
+    bytes: int
+    paths: int
+    renderer: str
+    cached: bool
+
+
+@dataclass
+class Runs:
+    """What came out: figures with the SVG of each, and failures as (picture, configuration, error); the configuration
+    of a picture that cannot be read is empty.
+    """
+
+    done: list[tuple[Run, bytes]] = field(default_factory=list)
+    failed: list[tuple[str, str, str]] = field(default_factory=list)
+
+    def of(self, configuration: str) -> list[Run]:
+        """The figures of one configuration, in the order of the pictures."""
+        return [run for run, _ in self.done if run.configuration == configuration]
+
+
+def run_all(jobs: Iterable[Job], cache: Path | None, watch: Watch, tell: Callable[[str], None]) -> Runs:
+    """Every job, from the cache where it was done before.
+
+    watch: makes the progress callback of a fit, a context manager of its name. tell: gets a line per picture. Raises
+    KeyboardInterrupt when a fit was interrupted (what was done is in the cache).
+    """
+    runs = Runs()
+    unreadable: set[Path] = set()
+    for job in jobs:
+        if job.path in unreadable:
+            continue
+        name = f"{job.path.name}, {job.configuration}"
+        try:
+            picture = load_picture(job.path)
+        except CubicSplatError as error:
+            unreadable.add(job.path)
+            _fail(runs, job.path.name, "", error, tell)
+            continue
+        try:
+            run, svg = _run(job, picture, cache, watch)
+        except CubicSplatError as error:
+            _fail(runs, job.path.name, job.configuration, error, tell)
+            continue
+        runs.done.append((run, svg))
+        level = "identical" if run.psnr_db is None else f"{run.psnr_db:.2f} dB"
+        tell(f"{name}: {level}  {run.seconds:.1f} s{'  (from the cache)' if run.cached else ''}")
+    return runs
+
+
+def _fail(runs: Runs, picture: str, configuration: str, error: Exception, tell: Callable[[str], None]) -> None:
+    text = " ".join(str(error).split())
+    runs.failed.append((picture, configuration, text))
+    tell(f"{picture}{', ' if configuration else ''}{configuration}: failed: {text}")
+
+
+def _run(job: Job, picture: Picture, cache: Path | None, watch: Watch) -> tuple[Run, bytes]:
+    entry = None if cache is None else CacheEntry(cache, job, picture)
+    found = None if entry is None else entry.read()
+    if found is not None:
+        return found
+    with watch(f"{job.path.name}, {job.configuration}") as on_progress:
+        result = vectorize(picture, job.settings, precision=PRECISION, title=job.path.name, on_progress=on_progress)
+    if result.result.interrupted:
+        raise KeyboardInterrupt
+    run = run_of_report(job, result.report)
+    if entry is not None:
+        entry.write(run, result.svg)
+    return run, result.svg
+
+
+def run_of_report(job: Job, report: dict[str, Any]) -> Run:
+    """The figures in the metrics JSON of one picture."""
+    quality, timing = report["quality"], report["timing"]
+    return Run(
+        picture=job.path.name,
+        configuration=job.configuration,
+        mode=job.settings.mode.value,
+        curves=job.settings.curves,
+        psnr_db=quality["svg"]["psnr_db"],
+        ssim=quality["svg"]["ssim"],
+        own_psnr_db=quality["surrogate"]["psnr_db"],
+        agreement_db=quality["agreement_db"],
+        gap_db=quality["gap_db"],
+        seconds=timing["total_s"],
+        fit_seconds=timing["fit_s"],
+        steps=timing["steps"],
+        bytes=report["output"]["bytes"],
+        paths=report["output"]["paths"],
+        renderer=quality["svg"]["renderer"],
+        cached=False,
+    )
+
+
+class CacheEntry:
+    """Where the result of one job is kept: a JSON and an SVG whose names hold all that decides the result."""
+
+    def __init__(self, folder: Path, job: Job, picture: Picture) -> None:
+        decisive = job.settings.public() | {
+            "picture": picture.sha256,
+            "precision": PRECISION,
+            "version": __version__,
+            "code": code_digest(),
+        }
+        self.job = job
+        stem = f"{job.path.stem}-{job.settings.mode.value}-{job.settings.curves}-{settings_hash(decisive)}"
+        self.json, self.svg = folder / f"{stem}.json", folder / f"{stem}.svg"
+
+    def read(self) -> tuple[Run, bytes] | None:
+        """What was kept, or None where nothing was, or not all of it."""
+        if not (self.json.is_file() and self.svg.is_file()):
+            return None
+        kept, svg = json.loads(self.json.read_text(encoding="utf-8")), self.svg.read_bytes()
+        known = {member.name for member in fields(Run)}
+        if kept.get("sha256") != hashlib.sha256(svg).hexdigest() or set(kept.get("run", ())) != known:
+            return None
+        # The same fit may belong to another configuration by now.
+        named = {"picture": self.job.path.name, "configuration": self.job.configuration, "cached": True}
+        return Run(**kept["run"] | named), svg
+
+    def write(self, run: Run, svg: bytes) -> None:
+        """Keeps a result; the JSON, which makes it count, comes last."""
+        self.json.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(self.svg, svg)
+        kept = {"sha256": hashlib.sha256(svg).hexdigest(), "run": asdict(run)}
+        write_atomically(self.json, to_json(kept).encode())
+
+
+@lru_cache(maxsize=1)
+def code_digest() -> str:
+    """SHA-256 of the files that decide a result, so that one of other code is never taken for this code's."""
+    digest = hashlib.sha256()
+    for path in _code_files():
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _code_files() -> Iterator[Path]:
+    root = Path(cubicsplat_cli.__file__).parent
+    for package in ("fit", "raster", "svg", "evaluate"):
+        files = (path for path in (root / package).rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+        yield from sorted(files)
+
+
+def mean(values: Iterable[float | None]) -> float | None:
+    """Mean of the values that there are; None where there is none."""
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known else None

@@ -1,0 +1,163 @@
+"""What one training step costs in the middle of a fit, and where the time goes."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import torch
+
+from cubicsplat_cli._version import __version__
+from cubicsplat_cli.bench.memory import Memory, memory
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.fit import FitSettings
+from cubicsplat_cli.fit.threads import one_torch_thread
+from cubicsplat_cli.fit.trainer import Trainer
+from cubicsplat_cli.provenance import PROGRAM
+
+# Steps of the exact finish that are not timed: they bring its larger polylines and tile lists into memory.
+_EXACT_WARMUP = 5
+
+
+def total_steps(warmup: int, steps: int, finish: float) -> int:
+    """Least length of a fit in which the timed steps end no later than half-way, and whose exact finish, a share
+    `finish` of it, is long enough to time as many.
+    """
+    needed = 2 * (warmup + steps)
+    return max(needed, math.ceil((steps + _EXACT_WARMUP + 1) / finish)) if finish > 0 else needed
+
+
+def measure_step(
+    target: np.ndarray, name: str, settings: FitSettings, *, warmup: int, steps: int, baseline: Memory
+) -> dict[str, Any]:
+    """The report of `bench step` as plain values.
+
+    target: (H, W, 3), or (H, W, 4) premultiplied, float32. name: of the picture. settings: of the fit, whose number
+    of steps is raised where it is too short to be measured in its middle. warmup, steps: done before timing, and
+    timed, in each phase. baseline: memory before the target was made. Raises UsageError for a warm-up below 0 or steps
+    below 1.
+    """
+    if warmup < 0 or steps < 1:
+        raise UsageError(f"warmup-steps must be at least 0 and steps at least 1, not {warmup} and {steps}")
+    finish = settings.recipe.finish
+    settings = settings.with_(steps=max(settings.steps, total_steps(warmup, steps, finish)), time_limit=None)
+    trainer = Trainer(torch.from_numpy(np.ascontiguousarray(target, dtype=np.float32)), settings)
+    with one_torch_thread():
+        for _ in range(warmup):
+            trainer.advance()
+        relaxed = _time(trainer, steps)
+        exact = None
+        if finish > 0:
+            trainer.step = math.ceil((1.0 - finish) * settings.steps)
+            for _ in range(_EXACT_WARMUP):
+                trainer.advance()
+            exact = _time(trainer, steps)
+    height, width, channels = target.shape
+    return {
+        "schema": 1,
+        "program": PROGRAM,
+        "version": __version__,
+        "bench": "step",
+        "picture": {"name": name, "width": width, "height": height, "channels": channels},
+        "settings": settings.public(),
+        "device": trainer.engine.describe(),
+        "warmup_steps": warmup,
+        "timed_steps": steps,
+        "relaxed": relaxed,
+        "exact": exact,
+        "memory": _memory_fields(baseline, memory()),
+    }
+
+
+def _time(trainer: Trainer, steps: int) -> dict[str, Any]:
+    """Times so many steps from where the fit stands."""
+    phase = trainer.schedule.phase(trainer.progress())
+    # Engines that work asynchronously know neither; their steps are timed as a whole.
+    measures_itself = hasattr(trainer.engine, "timings") and hasattr(trainer.engine, "counts")
+    seconds: list[float] = []
+    stages: list[dict[str, float]] = []
+    counts: list[dict[str, int]] = []
+    for _ in range(steps):
+        replaced, started = trainer.replaced, time.perf_counter()
+        trainer.advance()
+        if torch.cuda.is_initialized():
+            torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - started)
+        engine = trainer.engine.timings() if measures_itself else {"engine": seconds[-1]}
+        # What a step takes beside the engine is Python and, now and then, the replacement of curves.
+        rest = seconds[-1] - sum(engine.values())
+        changed = trainer.replaced > replaced
+        stages.append({**engine, "replacement": rest if changed else 0.0, "other": 0.0 if changed else rest})
+        counts.append(trainer.engine.counts() if measures_itself else {})
+    total = sum(seconds)
+    p10, median, p90 = (1e3 * float(value) for value in np.percentile(seconds, (10, 50, 90)))
+    return {
+        "coverage": "exact" if phase.exact else "relaxed",
+        "edge_width_px": round(phase.edge_width, 3),
+        "median_ms": round(median, 3),
+        "p10_ms": round(p10, 3),
+        "p90_ms": round(p90, 3),
+        "mean_ms": round(1e3 * total / steps, 3),
+        "stages": {
+            name: {
+                "ms": round(1e3 * sum(stage[name] for stage in stages) / steps, 3),
+                "share": round(sum(stage[name] for stage in stages) / total, 4),
+            }
+            for name in stages[0]
+        },
+        "pairs": {name: int(np.median([count[name] for count in counts])) for name in counts[0]},
+    }
+
+
+def _memory_fields(before: Memory, after: Memory) -> dict[str, float | None]:
+    """Megabytes (10^6 bytes): the process before, now and at most, and what the fit took of it."""
+    return {
+        "before_mb": _megabytes(before.resident),
+        "resident_mb": _megabytes(after.resident),
+        "peak_mb": _megabytes(after.peak),
+        "resident_above_mb": _difference(after.resident, before.resident),
+        "peak_above_mb": _difference(after.peak, before.resident),
+    }
+
+
+def _megabytes(count: int | None) -> float | None:
+    return None if count is None else round(count / 1e6, 1)
+
+
+def _difference(after: int | None, before: int | None) -> float | None:
+    return None if after is None or before is None else _megabytes(after - before)
+
+
+def step_lines(report: dict[str, Any]) -> str:
+    """The report as a few lines for people."""
+    picture, settings, device = report["picture"], report["settings"], report["device"]
+    machine = ", ".join(f"{name} {value}" for name, value in device.items())
+    lines = [
+        f"{picture['name']}, {picture['width']} x {picture['height']} px, {settings['curves']} {settings['mode']} "
+        f"curves of {settings['segments']} segments; {machine}"
+    ]
+    for name in ("relaxed", "exact"):
+        figures = report[name]
+        if figures is None:
+            continue
+        lines.append(
+            f"{name:8} median {figures['median_ms']:.2f} ms  p10 {figures['p10_ms']:.2f}  p90 {figures['p90_ms']:.2f}"
+            f"  edge {figures['edge_width_px']:.2f} px"
+        )
+        stages = "  ".join(f"{stage} {100 * part['share']:.1f} %" for stage, part in figures["stages"].items())
+        pairs = "  ".join(f"{kind} {count}" for kind, count in figures["pairs"].items())
+        lines.append(f"         {stages}")
+        lines += [f"         pairs: {pairs}"] if pairs else []
+    lines.append("memory   " + _memory_text(report["memory"]))
+    return "\n".join(lines) + "\n"
+
+
+def _memory_text(figures: dict[str, float | None]) -> str:
+    if figures["peak_above_mb"] is None:
+        return f"peak {figures['peak_mb']} MB in all" if figures["peak_mb"] is not None else "not known here"
+    return (
+        f"{figures['resident_above_mb']:.0f} MB above the {figures['before_mb']:.0f} MB before the fit, "
+        f"{figures['peak_above_mb']:.0f} MB at most"
+    )

@@ -1,0 +1,283 @@
+"""`cubicsplat bench`: measurements that anyone can repeat."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.options import (
+    MAX_CURVES,
+    MAX_SEED,
+    MAX_STEPS,
+    MAX_THREADS,
+    DeviceChoice,
+    ModeChoice,
+    PresetChoice,
+)
+from cubicsplat_cli.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.bench.runs import Runs
+
+bench = typer.Typer(no_args_is_help=True, help="Measure speed, quality and the parts of the method.")
+
+_MOST_SIDE = 16_384
+_SHEET_PICTURES = 4
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of pictures.", show_default=False)]
+CurvesList = Annotated[str, typer.Option("--curves", metavar="N,...", help="Numbers of curves.")]
+ModeList = Annotated[str, typer.Option("--mode", metavar="MODE,...", help="closed, open or both.")]
+Preset = Annotated[PresetChoice, typer.Option("--preset", help="Effort of the fits.")]
+Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Take the first so many pictures only.")]
+Steps = Annotated[
+    int | None,
+    typer.Option("--steps", min=1, max=MAX_STEPS, help="Optimisation steps.  [default: from the preset]"),
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=MAX_SEED, help="Seed of all random choices.")]
+Device = Annotated[DeviceChoice, typer.Option("--device", help="Where to compute.")]
+Threads = Annotated[
+    int | None,
+    typer.Option("--threads", min=1, max=MAX_THREADS, help="CPU threads.  [default: one per core]"),
+]
+Cache = Annotated[
+    Path | None,
+    typer.Option("--cache", metavar="DIR", help="Keep each result here, and take it from here the next time."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print everything as JSON.")]
+Csv = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Also write one row per fit as a table.")]
+Markdown = Annotated[bool, typer.Option("--markdown", help="Print the tables as Markdown.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print results and errors only.")]
+
+
+@bench.command("step")
+def step(
+    image: Annotated[
+        Path | None,
+        typer.Argument(metavar="IMAGE", help="Picture to fit.  [default: a drawn one]", show_default=False),
+    ] = None,
+    size: Annotated[str, typer.Option("--size", metavar="WxH", help="Size of the drawn picture.")] = "768x512",
+    curves: Annotated[int, typer.Option("--curves", min=1, max=MAX_CURVES, help="Number of curves.")] = 512,
+    mode: Annotated[ModeChoice, typer.Option("--mode", help="Filled shapes or strokes.")] = ModeChoice.closed,
+    preset: Preset = PresetChoice.standard,
+    warmup_steps: Annotated[
+        int, typer.Option("--warmup-steps", min=0, max=MAX_STEPS, help="Steps before the timed ones.")
+    ] = 300,
+    steps: Annotated[
+        int, typer.Option("--steps", min=1, max=MAX_STEPS, help="Timed steps, in each of the two phases.")
+    ] = 100,
+    seed: Seed = 0,
+    device: Device = DeviceChoice.auto,
+    threads: Threads = None,
+    json: Json = False,
+) -> None:
+    """Time of one training step in the middle of a fit, where it goes, and the memory it takes."""
+    match = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", size)
+    if match is None or max(int(side) for side in match.groups()) > _MOST_SIDE:
+        raise UsageError(f"--size must be WIDTHxHEIGHT in pixels, at most {_MOST_SIDE} a side, not {size!r}")
+    import torch  # noqa: F401  (what the interpreter takes with torch is not the fit's memory)
+
+    from cubicsplat_cli.bench.memory import memory
+
+    baseline = memory()
+    from cubicsplat_cli.bench.step import measure_step, step_lines
+    from cubicsplat_cli.evaluate.report import to_json
+    from cubicsplat_cli.fit import FitSettings
+
+    if image is None:
+        from cubicsplat_cli.bench.synthetic import synthetic_picture
+
+        target, name = synthetic_picture(int(match[1]), int(match[2])), "synthetic"
+    else:
+        from cubicsplat_cli.image import load_picture
+
+        target, name = load_picture(image).target(), str(image)
+    settings = FitSettings.from_preset(
+        preset.value, mode=mode.value, curves=curves, seed=seed, device=device.value, threads=threads
+    )
+    report = measure_step(target, name, settings, warmup=warmup_steps, steps=steps, baseline=baseline)
+    typer.echo(to_json(report) if json else step_lines(report), nl=False)
+
+
+@bench.command("quality")
+def quality(
+    folder: Folder,
+    curves: CurvesList = "512",
+    mode: ModeList = "closed",
+    preset: Preset = PresetChoice.standard,
+    limit: Limit = None,
+    steps: Steps = None,
+    seed: Seed = 0,
+    device: Device = DeviceChoice.auto,
+    threads: Threads = None,
+    cache: Cache = None,
+    sheet: Annotated[
+        Path | None,
+        typer.Option(
+            "--sheet",
+            metavar="FILE",
+            help="Also write a PNG to look at: original, SVG and error of the first four pictures.",
+        ),
+    ] = None,
+    json: Json = False,
+    csv: Csv = None,
+    markdown: Markdown = False,
+    quiet: Quiet = False,
+) -> None:
+    """PSNR, SSIM, agreement, time and size of the SVG files of a folder of pictures, and their means."""
+    counts, modes = _counts(curves), _modes(mode)
+    _check_csv(csv)
+    _check_sheet(sheet)
+    pictures = _pictures(folder, limit)
+    from cubicsplat_cli.bench import quality as benchmark
+
+    jobs = benchmark.quality_jobs(pictures, modes, counts, preset.value, _overrides(steps, seed, device, threads))
+    runs = _run(jobs, cache, Reporter(quiet=quiet, verbose=False))
+    names = [benchmark.configuration_name(m, c) for m in modes for c in counts]
+    if json:
+        _print_json(benchmark.quality_report(runs, names))
+    else:
+        typer.echo(benchmark.quality_tables(runs, names, markdown=markdown), nl=False)
+    _write_csv(csv, runs)
+    if sheet is not None:
+        _write_sheet(sheet, runs, pictures)
+    _end(runs)
+
+
+@bench.command("ablation")
+def ablation(
+    folder: Folder,
+    curves: CurvesList = "256,512",
+    mode: ModeList = "closed,open",
+    preset: Preset = PresetChoice.standard,
+    limit: Limit = 4,
+    steps: Steps = None,
+    rows: Annotated[
+        str | None, typer.Option("--rows", metavar="ROW,...", help="Only these rows, and the base.  [default: all]")
+    ] = None,
+    seed: Seed = 0,
+    device: Device = DeviceChoice.auto,
+    threads: Threads = None,
+    cache: Cache = None,
+    json: Json = False,
+    csv: Csv = None,
+    markdown: Markdown = False,
+    quiet: Quiet = False,
+) -> None:
+    """What each part of the method is worth: the same fits with one thing changed at a time."""
+    counts, modes = _counts(curves), _modes(mode)
+    _check_csv(csv)
+    pictures = _pictures(folder, limit)
+    from cubicsplat_cli.bench import ablation as benchmark
+
+    chosen = benchmark.chosen_rows(None if rows is None else _list(rows))
+    overrides = _overrides(steps, seed, device, threads)
+    jobs = benchmark.ablation_jobs(pictures, chosen, modes, counts, preset.value, overrides)
+    runs = _run(jobs, cache, Reporter(quiet=quiet, verbose=False))
+    if json:
+        _print_json(benchmark.ablation_report(runs, chosen, modes, counts))
+    else:
+        typer.echo(benchmark.ablation_table(runs, chosen, modes, counts, markdown=markdown), nl=False)
+    _write_csv(csv, runs)
+    _end(runs)
+
+
+def _overrides(steps: int | None, seed: int, device: DeviceChoice, threads: int | None) -> dict[str, Any]:
+    return {"steps": steps, "seed": seed, "device": device.value, "threads": threads}
+
+
+def _list(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _counts(text: str) -> list[int]:
+    """The value of --curves: whole numbers with commas between them, each once."""
+    counts = [int(part) if re.fullmatch(r"\d{1,7}", part) else 0 for part in _list(text)]
+    if not counts or not all(1 <= count <= MAX_CURVES for count in counts):
+        raise UsageError(f"--curves must be numbers between 1 and {MAX_CURVES} with commas between them, not {text!r}")
+    return list(dict.fromkeys(counts))
+
+
+def _modes(text: str) -> list[str]:
+    modes = list(dict.fromkeys(_list(text)))
+    known = [choice.value for choice in ModeChoice]
+    if not modes or not all(mode in known for mode in modes):
+        raise UsageError(f"--mode must be {' or '.join(known)}, or both with a comma, not {text!r}")
+    return modes
+
+
+def _pictures(folder: Path, limit: int | None) -> list[Path]:
+    from cubicsplat_cli.evaluate.folders import pictures_in
+
+    return pictures_in(folder)[:limit]
+
+
+def _check_csv(path: Path | None) -> None:
+    if path is None:
+        return
+    if path.suffix.lower() != ".csv":
+        raise UsageError(f"the table must end in .csv, but --csv is {path}")
+    from cubicsplat_cli.image import check_writable
+
+    check_writable(path)
+
+
+def _check_sheet(path: Path | None) -> None:
+    """A sheet may replace an older sheet, never a picture of the user's."""
+    if path is None:
+        return
+    if path.suffix.lower() != ".png":
+        raise UsageError(f"the sheet must end in .png, but --sheet is {path}")
+    from cubicsplat_cli.jobs.outputs import check_outputs
+
+    check_outputs([path], force=False)
+
+
+def _run(jobs: list[Any], cache: Path | None, reporter: Reporter) -> Runs:
+    from cubicsplat_cli.bench.runs import run_all
+
+    runs = run_all(jobs, cache, reporter.progress, reporter.summary)
+    if not runs.done:
+        raise InputError(f"no picture could be fitted: {runs.failed[0][0]}: {runs.failed[0][2]}")
+    return runs
+
+
+def _print_json(report: dict[str, Any]) -> None:
+    from cubicsplat_cli.evaluate.report import to_json
+
+    typer.echo(to_json(report), nl=False)
+
+
+def _write_csv(path: Path | None, runs: Runs) -> None:
+    if path is None:
+        return
+    from dataclasses import asdict
+
+    from cubicsplat_cli.evaluate.table import csv_text
+    from cubicsplat_cli.image import write_atomically
+
+    write_atomically(path, csv_text([asdict(run) for run, _ in runs.done]).encode())
+
+
+def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
+    """Of the first pictures, each with all its configurations below one another."""
+    from cubicsplat_cli.bench.sheet import sheet_png
+    from cubicsplat_cli.image import write_atomically
+
+    shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
+    rows = [
+        (run, svg) for picture in shown[:_SHEET_PICTURES] for run, svg in runs.done if run.picture == picture.name
+    ]
+    write_atomically(path, sheet_png(rows, {picture.name: picture for picture in pictures}))
+
+
+def _end(runs: Runs) -> None:
+    """Failures come last, and make the exit code 1."""
+    for picture, configuration, error in runs.failed:
+        part = f", {configuration}" if configuration else ""
+        typer.echo(f"cubicsplat: failed: {picture}{part}: {error}", err=True)
+    if runs.failed:
+        raise typer.Exit(1)

@@ -1,0 +1,184 @@
+"""The judgement of one candidate, an SVG or a picture, against its reference: what `cubicsplat eval` reports."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate.metrics import Quality, compare, compare_premultiplied
+from cubicsplat_cli.evaluate.report import input_fields, quality_fields, rounded
+from cubicsplat_cli.evaluate.rerender import rerender_untrusted
+from cubicsplat_cli.evaluate.scaled import check_scale, downsampled_scene, downsampled_svg
+from cubicsplat_cli.image import DEFAULT_MAX_PIXELS, Picture, load_picture
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.scene import Scene
+
+# Half a percent: what rounding to whole pixels does to a small picture's shape is no mistake of the user.
+_ASPECT_TOLERANCE = 0.005
+# Edges per cubic of the engine's picture at its native size (S* of the exact finish).
+ENGINE_SAMPLES = 24
+
+
+@dataclass(frozen=True)
+class Change:
+    """One renderer's quality at native size and after drawing `factor` times as large and averaging back."""
+
+    native: Quality
+    scaled: Quality
+
+    @property
+    def change_db(self) -> float | None:
+        """Scaled minus native PSNR; None when either picture is identical to the reference."""
+        if self.native.psnr_db is None or self.scaled.psnr_db is None:
+            return None
+        return self.scaled.psnr_db - self.native.psnr_db
+
+
+@dataclass(frozen=True)
+class ScaleFigures:
+    """Scale consistency: of the file, and of the engine where the file is one of ours (else None)."""
+
+    factor: int
+    file: Change
+    engine: Change | None
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """How close a candidate is to its reference. renderer: what drew it, None for a picture."""
+
+    reference: Picture
+    reference_path: str
+    candidate_path: str
+    sha256: str
+    size: int
+    renderer: str | None
+    quality: Quality
+    scale: ScaleFigures | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def kind(self) -> str:
+        return "raster" if self.renderer is None else "svg"
+
+    def fields(self) -> dict[str, Any]:
+        """The members of the JSON report that are about this pair."""
+        found: dict[str, Any] = {
+            "reference": input_fields(self.reference, self.reference_path),
+            "candidate": {
+                "path": self.candidate_path,
+                "sha256": self.sha256,
+                "kind": self.kind,
+                "bytes": self.size,
+            },
+            "quality": {"renderer": self.renderer, **quality_fields(self.quality)},
+        }
+        if self.scale is not None:
+            found["scale"] = self._scale_fields(self.scale)
+        return found | {"notes": list(self.notes)}
+
+    def _scale_fields(self, scale: ScaleFigures) -> dict[str, Any]:
+        return {
+            "factor": scale.factor,
+            "width": self.reference.width * scale.factor,
+            "height": self.reference.height * scale.factor,
+            "svg": _change_fields(scale.file),
+            "engine": None if scale.engine is None else _change_fields(scale.engine),
+        }
+
+
+def _change_fields(change: Change) -> dict[str, Any]:
+    return {
+        "native": quality_fields(change.native),
+        "scaled": quality_fields(change.scaled),
+        "change_db": rounded("change_db", change.change_db),
+    }
+
+
+def judge(
+    reference: Picture,
+    reference_path: str,
+    data: bytes,
+    candidate_path: str,
+    *,
+    is_svg: bool,
+    renderer: str | None = None,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
+    scale: int | None = None,
+    threads: int | None = None,
+) -> Judgement:
+    """Compare the bytes of an SVG (drawn at the reference's size) or of a picture with the reference.
+
+    scale: 1..12, for an SVG: also draw it that many times as large. Raises InputError for a candidate that cannot be
+    used, UsageError for a senseless scale or one asked of a picture, EngineError where no renderer works.
+    """
+    notes = [f"{reference.source}: {note}" for note in reference.notes]
+    digest = hashlib.sha256(data).hexdigest()
+    found = (reference, reference_path, candidate_path, digest, len(data))
+    if scale is not None:
+        check_scale(scale)
+    if not is_svg:
+        if scale is not None:
+            raise UsageError(f"{candidate_path}: is a picture; --scale is about SVG files")
+        picture = load_picture(data, name=candidate_path, max_pixels=max_pixels)
+        notes.extend(f"{picture.source}: {note}" for note in picture.notes)
+        return Judgement(*found, None, compare_premultiplied(reference, picture.target()), notes=notes)
+    name, quality = _judge_svg(reference, data, candidate_path, renderer, notes)
+    figures = None
+    if scale is not None:
+        large = downsampled_svg(
+            data, reference.width, reference.height, scale, source=candidate_path, renderer=renderer
+        )
+        file = Change(quality, compare_premultiplied(reference, large.pixels))
+        figures = ScaleFigures(scale, file, _engine(reference, data, candidate_path, scale, threads, notes))
+    return Judgement(*found, name, quality, figures, notes)
+
+
+def _judge_svg(
+    reference: Picture, data: bytes, source: str, renderer: str | None, notes: list[str]
+) -> tuple[str, Quality]:
+    """The renderer's name and the quality of an SVG drawn at the reference's size; may add to `notes`."""
+    rendered, size = rerender_untrusted(
+        data, source=source, width=reference.width, height=reference.height, renderer=renderer
+    )
+    if abs(size.width * reference.height / (size.height * reference.width) - 1.0) > _ASPECT_TOLERANCE:
+        notes.append(
+            f"{source}: its shape, {size.width:g} x {size.height:g}, is not that of the reference, "
+            f"{reference.width} x {reference.height}; it is centred and leaves borders"
+        )
+    if rendered.note is not None:
+        notes.append(rendered.note)
+    return rendered.renderer, compare(reference, rendered.pixels)
+
+
+def _engine(
+    reference: Picture, data: bytes, source: str, scale: int, threads: int | None, notes: list[str]
+) -> Change | None:
+    """The engine's figures where the file is one of ours at the reference's size; else None and a note."""
+    scene = _own_scene(data, source, notes)
+    if scene is None:
+        return None
+    if (scene.width, scene.height) != (reference.width, reference.height):
+        notes.append(f"{source}: no figures of the engine, because its size is not that of the reference")
+        return None
+    qualities = (
+        compare_premultiplied(
+            reference, downsampled_scene(scene, factor, samples=ENGINE_SAMPLES, threads=threads)
+        )
+        for factor in (1, scale)
+    )
+    return Change(*qualities)
+
+
+def _own_scene(data: bytes, source: str, notes: list[str]) -> Scene | None:
+    # Reading the file back needs torch, which takes seconds to import.
+    from cubicsplat_cli.svg import read_svg
+
+    try:
+        return read_svg(data)
+    except InputError as error:
+        notes.append(f"{source}: no figures of the engine: {error}")
+        return None

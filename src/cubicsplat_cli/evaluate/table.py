@@ -1,0 +1,48 @@
+"""Rows of figures as text: CSV for programs, aligned columns or Markdown for people."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows with the same members as CSV with a header; None is an empty field, a float has at most six decimals."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    if rows:
+        writer.writerow(rows[0].keys())
+    for row in rows:
+        writer.writerow(_csv_field(value) for value in row.values())
+    return buffer.getvalue()
+
+
+def _csv_field(value: Any) -> Any:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6f}".rstrip("0").rstrip(".") if isinstance(value, float) else value
+
+
+def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], *, markdown: bool = False) -> str:
+    """Cells as lines of equally wide columns, the first to the left and the others to the right; ends in a newline."""
+    cells = [[cell.replace("|", "\\|") if markdown else cell for cell in row] for row in (header, *rows)]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(header))]
+    lines = [
+        [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
+        for row in cells
+    ]
+    if not markdown:
+        return "".join("  ".join(line).rstrip() + "\n" for line in lines)
+    rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
+    return "".join("| " + " | ".join(line) + " |\n" for line in (lines[0], rule, *lines[1:]))
+
+
+def number(value: float | None, decimals: int, *, sign: bool = False) -> str:
+    """A figure with so many decimals, or a dash where there is none."""
+    if value is None:
+        return "-"
+    return f"{value:{'+' if sign else ''}.{decimals}f}"

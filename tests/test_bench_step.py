@@ -1,0 +1,168 @@
+"""`bench step`: its picture, its figures and its memory."""
+
+from __future__ import annotations
+
+import builtins
+import json
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cubicsplat_cli.bench import memory as memory_module
+from cubicsplat_cli.bench.memory import Memory, from_status, memory
+from cubicsplat_cli.bench.step import measure_step, step_lines, total_steps
+from cubicsplat_cli.bench.synthetic import synthetic_picture
+from cubicsplat_cli.cli.bench import bench
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.fit import FitSettings
+
+SMALL = {"curves": 6, "threads": 1, "steps": 20}
+
+
+def measured(mode: str = "closed", **changes):
+    settings = FitSettings.from_preset("standard", mode=mode, **SMALL | changes)
+    return measure_step(synthetic_picture(32, 24), "synthetic", settings, warmup=4, steps=6, baseline=memory())
+
+
+def test_the_drawn_picture_is_the_same_every_time_and_has_all_kinds_of_content():
+    picture = synthetic_picture(96, 64)
+    assert picture.shape == (64, 96, 3)
+    assert picture.dtype == np.float32
+    assert picture.min() >= 0
+    assert picture.max() <= 1
+    assert (picture == synthetic_picture(96, 64)).all()
+    # To 1/100, so that another machine's sine does not matter.
+    assert float(picture.mean()) == pytest.approx(0.515, abs=0.005)
+    steps = np.abs(np.diff(picture, axis=1)).max(axis=-1)
+    assert (steps > 0.2).mean() > 0.01, "sharp edges"
+    assert (steps < 0.02).mean() > 0.3, "smooth parts"
+    small, large = synthetic_picture(96, 64), synthetic_picture(192, 128)
+    halved = large.reshape(64, 2, 96, 2, 3).mean(axis=(1, 3))
+    assert np.abs(halved - small).mean() < 0.02, "the same picture at another size"
+
+
+@pytest.mark.parametrize("mode", ["closed", "open"])
+def test_figures_of_both_phases(mode):
+    report = measured(mode)
+    assert report["settings"]["mode"] == mode
+    for name in ("relaxed", "exact"):
+        figures = report[name]
+        assert figures["coverage"] == name
+        assert 0 < figures["p10_ms"] <= figures["median_ms"] <= figures["p90_ms"]
+        stages = figures["stages"]
+        assert set(stages) >= {"flatten", "bin", "raster", "update", "replacement", "other"}
+        assert sum(part["share"] for part in stages.values()) == pytest.approx(1.0, abs=1e-3)
+        assert all(part["share"] >= 0 for part in stages.values())
+        assert stages["raster"]["ms"] > 0
+        assert figures["pairs"]["boundary"] > 0
+        assert figures["pairs"]["edges"] >= figures["pairs"]["boundary"]
+    assert report["relaxed"]["edge_width_px"] > report["exact"]["edge_width_px"]
+    assert report["device"]["name"] == "cpu"
+
+
+def test_without_an_exact_finish_there_is_none():
+    report = measured(finish=0.0)
+    assert report["exact"] is None
+    assert "exact" not in step_lines(report).split("memory")[0].split("\n", 1)[1]
+
+
+def test_an_engine_that_does_not_time_itself_is_one_stage(monkeypatch):
+    from cubicsplat_cli.raster.cpu import CpuEngine
+
+    monkeypatch.delattr(CpuEngine, "timings")
+    report = measured()
+    assert set(report["relaxed"]["stages"]) == {"engine", "replacement", "other"}
+    assert report["relaxed"]["stages"]["engine"]["share"] == pytest.approx(1.0)
+    assert report["relaxed"]["pairs"] == {}
+    assert "pairs" not in step_lines(report)
+
+
+@pytest.mark.parametrize("finish", [0.0, 0.15, 0.5])
+def test_timed_steps_lie_in_their_phase(finish):
+    warmup, steps = 30, 20
+    total = total_steps(warmup, steps, finish)
+    assert (warmup + steps) / total <= min(0.5, 1 - finish)
+    if finish:
+        first = np.ceil((1 - finish) * total)
+        assert first + steps + 5 <= total, "the fit does not end while steps are timed"
+
+
+def test_senseless_counts_are_refused():
+    settings = FitSettings.from_preset("standard", **SMALL)
+    for warmup, steps in ((-1, 5), (0, 0)):
+        with pytest.raises(UsageError, match="steps"):
+            measure_step(synthetic_picture(8, 8), "s", settings, warmup=warmup, steps=steps, baseline=Memory(1, 1))
+
+
+# --- memory ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads Linux's process status")
+def test_memory_grows_by_what_is_taken():
+    before = memory()
+    block = np.ones(40_000_000, np.uint8)
+    after = memory()
+    assert 30e6 < after.resident - before.resident < 80e6
+    assert after.peak >= after.resident
+    del block
+
+
+def test_status_is_read_in_bytes():
+    text = "Name:\tx\nVmPeak:\t  999 kB\nVmHWM:\t   20 kB\nVmRSS:\t   10 kB\nThreads:\t1\n"
+    assert from_status(text) == Memory(10_240, 20_480)
+    assert from_status("Name:\tx\n") == Memory(None, None)
+
+
+def test_systems_without_a_status_file_tell_the_peak_or_nothing(monkeypatch, tmp_path):
+    monkeypatch.setattr(memory_module, "_STATUS", tmp_path / "none")
+    found = memory()
+    assert found.resident is None
+    assert found.peak > 10e6
+    report = measured()
+    assert report["memory"]["resident_above_mb"] is None
+    assert "in all" in step_lines(report)
+    original = builtins.__import__
+
+    def without_resource(name: str, *rest, **options):
+        if name == "resource":
+            raise ImportError(name)
+        return original(name, *rest, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without_resource)
+    assert memory() == Memory(None, None)
+    assert "not known" in step_lines(measured())
+
+
+# --- the command -------------------------------------------------------------------------------------------
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(bench, ["step", *(str(argument) for argument in arguments)])
+
+
+QUICK = ("--curves", 6, "--threads", 1, "--warmup-steps", 2, "--steps", 3, "--preset", "draft")
+
+
+def test_step_prints_lines_or_json():
+    done = run("--size", "40x24", *QUICK)
+    assert done.exit_code == 0, done.exception
+    first, relaxed = done.stdout.splitlines()[:2]
+    assert first.startswith("synthetic, 40 x 24 px, 6 closed curves of 4 segments")
+    assert relaxed.startswith("relaxed")
+    assert done.stdout.splitlines()[-1].startswith("memory")
+    done = run("--size", "40x24", *QUICK, "--json", "--mode", "open")
+    found = json.loads(done.stdout, parse_constant=pytest.fail)
+    assert (found["bench"], found["settings"]["mode"], found["timed_steps"]) == ("step", "open", 3)
+    assert found["memory"]["before_mb"] is None or found["memory"]["before_mb"] > 50
+
+
+def test_step_of_a_picture_file(logo):
+    found = json.loads(run(logo, *QUICK, "--json").stdout)
+    assert found["picture"] == {"name": str(logo), "width": 32, "height": 32, "channels": 4}
+
+
+@pytest.mark.parametrize("size", ["40", "0x5", "40x", "axb", "99999x5", "-4x4"])
+def test_senseless_sizes_are_refused(size):
+    assert isinstance(run(f"--size={size}").exception, UsageError)

@@ -1,0 +1,243 @@
+"""Scale consistency: tiles cover a picture once, parts drawn equal the whole drawn, and the figures of known cases."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import PAPER, random_scene, rectangle, scene_of
+
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate import compare_premultiplied, rerender, scaled, tiles
+from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg, scaled_samples
+from cubicsplat_cli.evaluate.tiles import Tile, area_means, crop
+from cubicsplat_cli.evaluate.untrusted import SvgSize
+from cubicsplat_cli.image import Picture
+from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.svg import quantise_scene, write_svg
+
+BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])
+GROUNDS = pytest.mark.parametrize("background", [None, PAPER])
+
+
+def svg_of(scene: Scene) -> bytes:
+    return write_svg(scene, title="t", comment="cubicsplat test").encode()
+
+
+def psnr(first: np.ndarray, second: np.ndarray) -> float:
+    return -10 * math.log10(float(np.mean((first - second) ** 2)) + 1e-20)
+
+
+def premultiplied(pixels: np.ndarray) -> np.ndarray:
+    values = pixels / 255.0
+    values[..., :3] *= values[..., 3:]
+    return values
+
+
+@given(
+    width=st.integers(1, 90), height=st.integers(1, 90), scale=st.integers(1, 12), pixels=st.integers(1, 40_000),
+    side=st.integers(12, 400),
+)  # fmt: skip
+def test_tiles_cover_every_pixel_once_and_stay_small(width, height, scale, pixels, side):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tiles, "MAX_TILE_SIDE", side)
+        found = list(tiles.tiles(width, height, scale, pixels))
+    count = np.zeros((height, width), int)
+    for tile in found:
+        count[tile.rows, tile.columns] += 1
+        assert tile.width * scale <= side
+        assert tile.height * scale <= side
+        least = tile.width * scale * scale  # one row of a tile
+        assert tile.width * tile.height * scale * scale <= max(pixels, least)
+    assert (count == 1).all()
+
+
+def test_24k_pixels_in_tiles_of_bounded_size():
+    found = list(tiles.tiles(2040, 1344, 12, scaled.TILE_PIXELS))
+    assert sum(tile.width * tile.height for tile in found) == 2040 * 1344
+    assert max(tile.width * tile.height * 144 for tile in found) <= scaled.TILE_PIXELS
+    assert len(found) < 200, "each tile costs a pass over the whole file"
+
+
+def test_area_means_are_exact_means_of_blocks():
+    values = np.random.default_rng(1).integers(0, 256, (6, 12, 4), dtype=np.uint8)
+    want = values.astype(np.float64).reshape(2, 3, 4, 3, 4).mean(axis=(1, 3))
+    assert np.abs(area_means(values, 3) - want).max() < 1e-4
+    assert np.abs(area_means(values.astype(np.float32), 3) - want).max() < 1e-4
+    assert area_means(np.full((24, 24, 3), 255, np.uint8), 12).max() == 255
+
+
+@BOTH
+@GROUNDS
+def test_tiles_of_a_file_together_are_the_whole_drawing(renderer, background, monkeypatch):
+    svg = svg_of(random_scene(Mode.OPEN, curves=8, width=50, height=34, background=background, seed=2))
+    whole = premultiplied(rerender(svg, 150, 102, renderer=renderer).pixels.astype(np.float64))
+    want = whole.reshape(34, 3, 50, 3, 4).mean(axis=(1, 3))
+    monkeypatch.setattr(scaled, "TILE_PIXELS", 500)
+    monkeypatch.setattr(tiles, "MAX_TILE_SIDE", 60)
+    got = downsampled_svg(svg, 50, 34, 3, renderer=renderer)
+    assert got.renderer.startswith({"cairosvg": "cairosvg ", "resvg": "resvg_py "}[renderer])
+    assert want.std() > 0.05
+    # Straight and premultiplied 8-bit pixels round differently; nothing else may differ with cairo. resvg's outlines
+    # depend a little on where the canvas begins.
+    assert np.abs(got.pixels - want).max() < (1.5 / 255 if renderer == "cairosvg" else 0.05)
+    assert psnr(got.pixels, want) > 45
+
+
+@BOTH
+def test_scale_one_is_the_native_drawing(renderer):
+    svg = svg_of(random_scene(Mode.CLOSED, curves=6, width=40, height=30, background=PAPER))
+    native = rerender(svg, 40, 30, renderer=renderer).pixels / 255.0
+    # resvg clips shapes at the border of its canvas with a little less precision.
+    assert np.abs(downsampled_svg(svg, 40, 30, 1, renderer=renderer).pixels - native).max() < 2.5 / 255
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+@GROUNDS
+def test_tiles_of_a_scene_together_are_the_whole_render(mode, background, monkeypatch):
+    scene = random_scene(mode, curves=8, width=50, height=34, background=background, seed=3)
+    scene.points[0] -= 500.0  # the tiles without this curve are right only if it is never drawn
+    large = replace(
+        scene, width=150, height=102, points=scene.points * 3, half_widths=scene.half_widths * 3
+    )
+    whole = render_scene(large, samples=scaled_samples(24, 3), threads=1)
+    want = whole.reshape(34, 3, 50, 3, -1).mean(axis=(1, 3))
+    monkeypatch.setattr(scaled, "TILE_PIXELS", 500)
+    monkeypatch.setattr(tiles, "MAX_TILE_SIDE", 60)
+    got = downsampled_scene(scene, 3, threads=1)
+    assert got.shape == want.shape
+    assert np.abs(got - want).max() < 2e-3
+
+
+@pytest.mark.parametrize("scale", [1, 2, 5])
+def test_a_scene_of_whole_pixels_is_the_same_at_every_scale(scale):
+    scene = scene_of(
+        Mode.CLOSED, [rectangle(2, 3, 9, 8), rectangle(5, 1, 11, 6)], 13, 10, background=PAPER, opacity=0.5
+    )
+    native = render_scene(scene, threads=1)
+    assert np.abs(downsampled_scene(scene, scale, threads=1) - native).max() < 1e-3
+    file = downsampled_svg(svg_of(scene), 13, 10, scale).pixels[..., :3]
+    assert np.abs(file - native).max() < 2 / 255
+
+
+def test_conflation_of_a_shared_edge_shows_natively_and_fades_with_scale():
+    """Two white halves that meet in the middle of a pixel column, on black: natively 1 - 1/4 of light is there."""
+    halves = [rectangle(0, 0, 4.5, 8), rectangle(4.5, 0, 9, 8)]
+    scene = scene_of(Mode.CLOSED, halves, 9, 8, background=(0.0, 0.0, 0.0), opacity=1.0)
+    scene.colours[:] = 1.0
+    levels = [float(downsampled_scene(scene, scale, threads=1)[4, 4, 0]) for scale in (1, 2, 4)]
+    assert levels[0] == pytest.approx(0.75, abs=2e-3)
+    # At an even scale the edge lies between two pixels of the large picture.
+    assert levels[1:] == pytest.approx([1.0, 1.0], abs=2e-3)
+
+
+def test_engine_and_file_agree_at_scale():
+    scene = quantise_scene(random_scene(Mode.CLOSED, curves=12, width=48, height=36, background=PAPER, seed=4), 2)
+    own = downsampled_scene(scene, 4, threads=1)
+    file = downsampled_svg(svg_of(scene), 48, 36, 4).pixels[..., :3]
+    assert own.std() > 0.05
+    assert psnr(own, file) > 45
+    # Against itself a render has lost next to nothing: what "scale consistent" means.
+    native = Picture(render_scene(scene, threads=1), None, "x", "0")
+    assert compare_premultiplied(native, own).psnr_db > 38
+
+
+@pytest.mark.parametrize("scale", [0, 13, -1, 2.5, True, None])
+def test_senseless_scales_are_refused(scale):
+    with pytest.raises(UsageError, match="scale"):
+        downsampled_svg(b"", 5, 5, scale)
+    with pytest.raises(UsageError, match="scale"):
+        downsampled_scene(random_scene(Mode.CLOSED), scale)
+
+
+def test_bad_scenes_and_files_are_refused():
+    scene = random_scene(Mode.CLOSED)
+    scene.points[1, 0, 0] = math.nan
+    with pytest.raises(InputError, match="curve 1"):
+        downsampled_scene(scene, 2)
+    with pytest.raises(InputError, match=r"here\.svg"):
+        downsampled_svg(b"<html/>", 5, 5, 2, source="here.svg")
+    loop = b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><use id="u" href="#u"/></svg>'
+    with pytest.raises(InputError, match="cairosvg cannot draw"):
+        downsampled_svg(loop, 9, 9, 2, renderer="cairosvg")
+
+
+def test_a_missing_libcairo_is_told(monkeypatch):
+    def without(name: str):
+        if name == "cairosvg":
+            raise OSError("no library")
+        return importlib.import_module(name)
+
+    monkeypatch.setattr(importlib.import_module("cubicsplat_cli.evaluate.rerender"), "_import_module", without)
+    found = downsampled_svg(svg_of(random_scene(Mode.CLOSED)), 24, 20, 2)
+    assert found.renderer.startswith("resvg_py ")
+    assert "libcairo" in found.note
+
+
+def test_samples_grow_with_the_root_of_the_scale():
+    assert [scaled_samples(24, scale) for scale in (1, 4, 9)] == [24, 48, 64]
+    # The error, D2 / (8 S^2), is then the same in pixels of the large picture, as far as 64 edges allow.
+    assert 4 / scaled_samples(24, 4) ** 2 == pytest.approx(1 / 24**2)
+
+
+PREFIXED = (
+    '<?xml version="1.0"?><!DOCTYPE s:svg><!-- <svg> --><s:svg xmlns:s="http://www.w3.org/2000/svg" id="a>b"'
+    " width='20' height='10'><s:rect width='10' height='10' fill='#f00'/></s:svg>\n"
+)
+
+
+PERCENT = (
+    '<svg xmlns="http://www.w3.org/2000/svg" width="20" height="10"><rect width="50%" height="100%" fill="red"/></svg>'
+)
+SHIFTED = (
+    '\ufeff<svg xmlns="http://www.w3.org/2000/svg" viewBox="-5 0 20 10"><path d="M-5 0h10v10h-10z" fill="red"/></svg>'
+)
+
+
+@pytest.mark.parametrize("svg", [PERCENT, SHIFTED, PREFIXED])
+@BOTH
+def test_files_of_others_are_cropped_right(svg, renderer, monkeypatch):
+    """Left half red, right half nothing, whatever the root looks like."""
+    monkeypatch.setattr(tiles, "MAX_TILE_SIDE", 14)
+    got = downsampled_svg(svg.encode(), 20, 10, 2, renderer=renderer).pixels
+    want = np.zeros((10, 20, 4))
+    want[:, :10] = (1, 0, 0, 1)
+    assert np.abs(got - want).max() < 1e-6
+
+
+def test_an_empty_root_and_other_encodings():
+    empty = '<svg xmlns="http://www.w3.org/2000/svg" width="8" height="4"/>'
+    assert crop(empty.encode(), SvgSize(8, 4), 16, 8, Tile(0, 0, 4, 4)).endswith('overflow="visible"/></svg>')
+    assert (downsampled_svg(empty.encode(), 8, 4, 2, renderer="resvg").pixels == 0).all()
+    latin = '<?xml version="1.0" encoding="latin-1"?><svg width="8" height="4"><title>é</title></svg>'
+    with pytest.raises(InputError, match="UTF-8"):
+        downsampled_svg(latin.encode("latin-1"), 8, 4, 2, renderer="resvg")
+
+
+def test_memory_is_that_of_a_tile(monkeypatch):
+    """The engine is never asked for more than one tile, and gets only the curves that touch it."""
+    seen: list[tuple[int, int]] = []
+    from cubicsplat_cli import raster
+
+    original = raster.render_scene
+
+    def spy(scene: Scene, **options):
+        seen.append((scene.width * scene.height, scene.curves))
+        return original(scene, **options)
+
+    monkeypatch.setattr(raster, "render_scene", spy)
+    monkeypatch.setattr(scaled, "TILE_PIXELS", 2000)
+    dots = [rectangle(x, y, x + 2, y + 2) for x in (2, 30) for y in (2, 12, 22)]
+    scene = scene_of(Mode.CLOSED, dots, 40, 26, background=PAPER)
+    assert torch.isfinite(scene.points).all()
+    downsampled_scene(scene, 4, threads=1)
+    assert len(seen) > 5
+    assert max(pixels for pixels, _ in seen) <= 2000
+    assert max(curves for _, curves in seen) <= 3
