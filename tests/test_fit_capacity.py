@@ -80,7 +80,7 @@ def population(mode: str, count: int = 10) -> tuple[Parameters, OptimiserState]:
     """Curves and optimiser states that can be told apart by their numbers."""
     chosen = settings(mode)
     points = control_points(torch.full((count, 2), 20.0), 3.0, chosen, random_numbers())
-    parameters = new_curves(points, torch.arange(3.0 * count).reshape(count, 3) / 100, chosen)
+    parameters = new_curves(points, torch.arange(3.0 * count).reshape(count, 3) / 100, 1.5, chosen)
     state = OptimiserState.zeros(count, points.shape[1])
     state.ages += torch.arange(1, count + 1, dtype=torch.int32)
     return parameters, state

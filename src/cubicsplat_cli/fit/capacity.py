@@ -53,12 +53,13 @@ def reallocate(
     keep = importance.argsort()[count:].sort().values
     centres = draw_pixels(error_density(image, target, recipe.seed_blur, recipe.seed_power), count, generator)
     height, width, _ = target.shape
-    size = recipe.seed_size * recipe.unit(width, height, parameters.curves)
+    unit = recipe.unit(width, height, parameters.curves)
+    size = recipe.seed_size * unit
     if recipe.seeding == "blobs":
         blobs = find_blobs(centres, image, target, size, generator)
         points, colour_logits = blob_points(blobs, settings, generator), blobs.colour_logits
     else:
         points, colour_logits = control_points(centres, size, settings, generator), colours_at(centres, target)
-    fresh = new_curves(points, colour_logits, settings)
+    fresh = new_curves(points, colour_logits, recipe.half_width_size * unit, settings)
     empty = OptimiserState.zeros(count, fresh.points.shape[1])
     return fresh.joined(parameters.chosen(keep)), empty.joined(state.chosen(keep)), count

@@ -15,14 +15,14 @@ COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the 
 OPAQUE_LOGIT = 9.0  # an opacity of 0.99988
 
 
-def new_curves(points: Tensor, colour_logits: Tensor, settings: FitSettings) -> Parameters:
-    """Curves with the recipe's first opacity and widths at control points (n, K, 2), with colour logits (n, 3)."""
+def new_curves(points: Tensor, colour_logits: Tensor, half_width: float, settings: FitSettings) -> Parameters:
+    """Curves at control points (n, K, 2), with colour logits (n, 3), a half-width in px and the recipe's opacity."""
     recipe, n = settings.recipe, points.shape[0]
     return Parameters(
         points.contiguous(),
         colour_logits.contiguous(),
         torch.full((n,), OPAQUE_LOGIT if recipe.opaque else recipe.opacity_logit),
-        torch.full((n,), recipe.half_width),
+        torch.full((n,), half_width),
         torch.full((n,), recipe.soft_edge),
     )
 

@@ -26,7 +26,7 @@ class Recipe:
     rate_points: float = 0.24
     rate_colours: float = 0.05
     rate_opacities: float = 0.05
-    rate_half_widths: float = 4.5e-3
+    rate_half_widths: float = 0.045
     rate_edge_widths: float = 0.036  # px; soft edges only
     rate_course: str = "cosine"  # or "published": a staircase
     rate_end: float = 0.1  # of the start, cosine
@@ -56,7 +56,7 @@ class Recipe:
     seed_size: float = 0.27  # of blobs the standard deviation of the window, of discs the radius
     seed_blur: int = 9  # px, odd
     seed_power: float = 1.25
-    half_width: float = 1.5  # px, of a new stroke
+    half_width_size: float = 0.09  # of a new stroke
     # polyline
     flatten: str = "uniform"  # or "de-casteljau": adaptive subdivision to flatness 0.5 px
     tolerance: float = 0.05  # px; 0: always `samples` edges per cubic
@@ -192,7 +192,7 @@ _PAPER = {
 PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
     "paper": {
         Mode.CLOSED: _PAPER | {"samples": 12},
-        Mode.OPEN: _PAPER | {"samples": 24, "half_width": 2.0, "rate_half_widths": 8e-4},
+        Mode.OPEN: _PAPER | {"samples": 24, "half_width_size": 5e-3, "rate_half_widths": 8e-4},
     },
     "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 400}},
     "standard": {Mode.CLOSED: _CLOSED | {"steps": 2500}, Mode.OPEN: _OPEN | {"steps": 2000}},

@@ -124,7 +124,8 @@ class Trainer:
         centres = random_centres(self.settings.curves, self.target, self.generator)
         radius = self.recipe.start_size * self.unit
         points = control_points(centres, radius, self.settings, self.generator)
-        self.parameters = new_curves(points, colours_at(centres, self.target), self.settings)
+        half_width = self.recipe.half_width_size * self.unit
+        self.parameters = new_curves(points, colours_at(centres, self.target), half_width, self.settings)
         self.state = OptimiserState.zeros(self.settings.curves, int(self.parameters.points.shape[1]))
         self.best: tuple[float, Parameters] | None = None
         self.started = self.reported = time.perf_counter()
