@@ -69,8 +69,16 @@ def test_explicit_values_win_over_every_preset(preset, mode):
     assert (changed.steps, changed.segments, changed.samples, changed.background) == (77, 5, 9, "none")
     assert (changed.recipe.prune, changed.recipe.rate_colours) == (False, 0.125)
     for field in fields(Recipe):
-        if field.name not in ("prune", "rate_colours"):
+        if field.name not in ("prune", "rate_colours", "tolerance"):
             assert getattr(changed.recipe, field.name) == getattr(plain.recipe, field.name), field.name
+
+
+def test_explicit_samples_are_used_exactly():
+    assert FitSettings.from_preset("standard").recipe.tolerance > 0.0
+    for samples, finish in ((8, 24), (48, 48)):
+        settings = FitSettings.from_preset("standard", samples=samples)
+        assert (settings.samples, settings.finish_samples, settings.recipe.tolerance) == (samples, finish, 0.0)
+    assert FitSettings.from_preset("standard", samples=8, tolerance=0.1).recipe.tolerance == 0.1
 
 
 def test_none_means_the_presets_value():

@@ -122,7 +122,10 @@ class FitSettings:
 
     @classmethod
     def from_preset(cls, preset: str = "standard", mode: Mode | str = Mode.CLOSED, **overrides: Any) -> FitSettings:
-        """A preset with explicit values on top; a value of None means the preset's. Recipe numbers may be given too."""
+        """A preset with explicit values on top; a value of None means the preset's. Recipe numbers may be given too.
+
+        Explicit samples are used exactly; otherwise they are the most that a curve's flatness may ask for.
+        """
         if preset not in PRESETS:
             raise UsageError(f"unknown preset {preset!r}; choose one of {', '.join(PRESETS)}")
         mode = _mode(mode)
@@ -132,6 +135,9 @@ class FitSettings:
         unknown = [name for name in chosen if name not in own | recipe_names]
         if unknown:
             raise UsageError(f"unknown setting {unknown[0]!r}")
+        if "samples" in chosen:
+            # Asked for by number: exactly so many edges per cubic, and S* = max(S, 24) as published.
+            chosen = {"tolerance": 0.0, "finish_samples": max(24, chosen["samples"])} | chosen
         base = dict(PRESETS[preset][mode])
         recipe = {name: base.pop(name) for name in list(base) if name in recipe_names}
         recipe |= {name: value for name, value in chosen.items() if name in recipe_names}

@@ -243,9 +243,15 @@ class Trainer:
         return parameters.curves - self.parameters.curves
 
     def _notes(self) -> list[str]:
-        if self.recipe.edges == "soft":
-            return ["soft edges cannot be written as SVG: the file differs from the fit, see the agreement"]
-        return []
+        if self.recipe.edges != "soft":
+            return []
+        relaxed = RasterSettings("relaxed", 1.0, self.settings.samples)
+        soft = self.engine.gradients(self._tensors(self.parameters), relaxed, target=self.target)[0]
+        crisp = self._exact_loss(self.parameters)
+        return [
+            f"no SVG can show soft edges: with them the fit has {psnr(soft, self.values):.2f} dB, "
+            f"with the file's crisp edges {psnr(crisp, self.values):.2f} dB"
+        ]
 
     def _check_finite(self) -> None:
         """Before a step: within it one bad curve spoils every curve that it shares a pixel with."""
