@@ -1,4 +1,4 @@
-# make demo | test | test-slow | test-gpu | lint | native | clean
+# make demo | test | test-slow | test-gpu | bench-gpu | sanitize-gpu | fuzz | lint | native | clean
 # Tests run against the installed package, so every target that runs something installs it first when a source changed.
 PYTHON ?= python3
 VENV ?= .venv
@@ -7,6 +7,7 @@ DEMO_OPTIONS ?=
 PYTEST_OPTIONS ?=
 TESTS ?= tests
 JOBS ?= 2
+FUZZ_INPUTS ?= 100000
 
 ifeq ($(OS),Windows_NT)
 BIN := $(VENV)/Scripts
@@ -24,7 +25,7 @@ PACKAGE_STAMP := $(VENV)/.stamp-package
 TEST_STAMP := $(VENV)/.stamp-test
 
 .NOTPARALLEL:
-.PHONY: demo test test-slow test-gpu lint native clean install
+.PHONY: demo test test-slow test-gpu bench-gpu sanitize-gpu fuzz lint native clean install
 .DEFAULT_GOAL := demo
 
 demo: $(PACKAGE_STAMP)
@@ -42,6 +43,19 @@ test-slow: $(TEST_STAMP)
 
 test-gpu: $(TEST_STAMP)
 	$(PY) -m pytest -m gpu --timeout 1200 $(PYTEST_OPTIONS) $(TESTS)
+
+# Times and memory of a step on the GPU against the stated targets (docs/cuda.md).
+bench-gpu: $(PACKAGE_STAMP)
+	$(PY) tools/bench_gpu.py
+
+# The parity suite under NVIDIA's memory and race checkers, which come with the CUDA toolkit.
+sanitize-gpu: $(TEST_STAMP)
+	compute-sanitizer --tool memcheck --error-exitcode 1 $(PY) -m pytest -m gpu -q tests/test_cuda_engine.py
+	compute-sanitizer --tool racecheck --error-exitcode 1 $(PY) -m pytest -m gpu -q tests/test_cuda_engine.py -k "match or steps_are"
+
+# What reads files of others, with damaged ones: no crash, no hang, no traceback. Finds are kept in tests/fuzz.
+fuzz: $(TEST_STAMP)
+	$(PY) tools/fuzz.py --inputs $(FUZZ_INPUTS)
 
 lint: $(BIN)/ruff
 	$(BIN)/ruff check .

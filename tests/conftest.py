@@ -27,13 +27,12 @@ def cli_command() -> list[str]:
 def run_cli() -> RunCli:
     """Run `cubicsplat` with arguments in a process of its own; stdout and stderr are bytes."""
 
-    def run(*arguments: object, data: bytes | None = None, cwd: Path | None = None, timeout: float = 180):
+    def run(*arguments: object, data: bytes | None = None, timeout: float = 180):
         return subprocess.run(
             [*cli_command(), *(str(argument) for argument in arguments)],
             input=data,
             stdin=subprocess.DEVNULL if data is None else None,
             capture_output=True,
-            cwd=cwd,
             timeout=timeout,
             check=False,
         )

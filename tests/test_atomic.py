@@ -204,3 +204,37 @@ def test_the_temporary_file_is_in_the_same_folder(tmp_path, monkeypatch):
     ((temporary, target),) = seen
     assert temporary.parent == target.parent
     assert temporary != target
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
+def test_temporary_files_of_the_dead_are_removed_and_those_of_the_living_stay(tmp_path):
+    import fcntl
+
+    path = tmp_path / "out.svg"
+    dead, living = (tmp_path / f".out.svg.{digit * 12}.tmp" for digit in "ab")
+    others = [tmp_path / name for name in (".other.svg.aaaaaaaaaaaa.tmp", ".out.svg.tmp", ".out.svg.aaaaaaaaaaaX.tmp")]
+    for temporary in (dead, living, *others):
+        temporary.write_bytes(b"half")
+    with living.open("rb+") as writer:
+        fcntl.flock(writer, fcntl.LOCK_EX)
+        write_atomically(path, b"whole")
+    assert sorted(tmp_path.iterdir()) == sorted([path, living, *others])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
+def test_a_temporary_file_that_was_taken_for_a_dead_ones_is_made_again(tmp_path, monkeypatch):
+    from cubicsplat_cli.image import atomic
+
+    real, removed = atomic._lock, []
+
+    def lock_after_a_cleaner(descriptor: int) -> bool:
+        if not removed:
+            removed.extend(tmp_path.glob(".*.tmp"))
+            removed[0].unlink()
+        return real(descriptor)
+
+    monkeypatch.setattr(atomic, "_lock", lock_after_a_cleaner)
+    write_atomically(tmp_path / "out.svg", b"whole")
+    assert removed
+    assert (tmp_path / "out.svg").read_bytes() == b"whole"
+    assert list(tmp_path.iterdir()) == [tmp_path / "out.svg"]

@@ -1,9 +1,10 @@
-"""What holds for the command as a whole: speed of --help, exit codes, errors, and documentation that is complete."""
+"""What holds for the command as a whole: fast --help, exit codes, errors, and complete documentation."""
 
 from __future__ import annotations
 
 import importlib
 import json
+import os
 import re
 import subprocess
 import sys
@@ -11,13 +12,20 @@ from pathlib import Path
 
 import pytest
 import typer
+from conftest import cli_command
 
 import cubicsplat_cli
 from cubicsplat_cli import __main__
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.cli import app as app_module
+from cubicsplat_cli.cli import doctor as doctor_module
 from cubicsplat_cli.cli import options
 from cubicsplat_cli.errors import InputError, UsageError
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 COMMANDS = dict(typer.main.get_command(app_module.app).commands)
@@ -56,9 +64,7 @@ def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
     in_docs = set(OPTION.findall(" ".join(rows)))
     assert {"--help", "-h"} <= in_help
     assert in_help == in_docs
-    declared = {
-        name for p in COMMANDS[command].params for name in [*p.opts, *p.secondary_opts] if name[0] == "-"
-    }
+    declared = {name for p in COMMANDS[command].params for name in [*p.opts, *p.secondary_opts] if name[0] == "-"}
     assert declared <= in_help, "the help was not understood"
 
 
@@ -80,6 +86,9 @@ def test_documented_defaults_and_choices_are_the_real_ones():
         ("--mode", options.ModeChoice),
         ("--preset", options.PresetChoice),
         ("--device", options.DeviceChoice),
+        ("--importance", options.ImportanceChoice),
+        ("--flatten", options.FlattenChoice),
+        ("--edges", options.EdgesChoice),
     ):
         assert f"`{name} {'/'.join(c.value for c in choice)}`" == rows[name][0]
 
@@ -107,9 +116,7 @@ def test_help_and_wrong_usage_import_nothing_heavy(arguments):
         "except SystemExit as end:\n    print('ended', end.code)\n"
         f"print('heavy', [name for name in {HEAVY!r} if name in sys.modules])\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60)
     assert "heavy []" in done.stdout, done.stderr
     assert re.search(r"^ended [02]$", done.stdout, re.MULTILINE)
 
@@ -122,9 +129,7 @@ def test_a_missing_picture_is_told_before_torch_is_imported(tmp_path):
         "try:\n    main()\n"
         "except SystemExit as end:\n    print('ended', end.code, 'torch' in sys.modules)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60)
     assert done.stdout.strip() == "ended 1 False", done.stderr
 
 
@@ -175,7 +180,7 @@ def test_limits_are_those_of_the_modules_they_speak_for():
 
     assert options.DEFAULT_MAX_PIXELS == DEFAULT_MAX_PIXELS
     assert options.MAX_PRECISION == MAX_PRECISION
-    assert [choice.value for choice in options.PresetChoice] == list(PRESETS)
+    assert {choice.value for choice in options.PresetChoice} == set(PRESETS)
     assert {choice.value for choice in options.ModeChoice} == {mode.value for mode in Mode}
     ranges = {
         "curves": (1, options.MAX_CURVES),
@@ -192,16 +197,17 @@ def test_limits_are_those_of_the_modules_they_speak_for():
                 FitSettings(**{name: value})
 
 
-def test_doctor_reports_versions_renderers_and_engine(run_cli):
-    plain, as_json = run_cli("doctor"), run_cli("doctor", "--json")
-    assert plain.returncode == as_json.returncode == 0, plain.stdout
-    found = json.loads(as_json.stdout)
+def test_doctor_reports_versions_renderers_and_engine(run_cli, capsys):
+    done = run_cli("doctor", "--json")
+    assert done.returncode == 0, done.stdout
+    found = json.loads(done.stdout)
     assert found["version"] == __version__
     assert found["problems"] == []
     assert found["packages"]["torch"]
     assert set(found["renderers"]) == {"cairosvg", "resvg"}
     assert found["engine"]["cpu"]["available"] is True
-    text = plain.stdout.decode()
+    doctor_module.doctor()
+    text = capsys.readouterr().out
     assert f"cubicsplat {__version__}" in text
     assert found["packages"]["svgwrite"] in text
     assert "cpu" in text
@@ -223,3 +229,61 @@ def test_doctor_names_problems(monkeypatch):
     with pytest.raises(typer.Exit) as end:
         doctor.doctor(json=True)
     assert end.value.exit_code == 1
+
+
+def seconds_of(*arguments: str) -> float:
+    """CPU seconds of the command, the least of three: a busy machine is not its fault."""
+    found = []
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([*cli_command(), *arguments], capture_output=True, check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        found.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return min(found)
+
+
+@pytest.mark.skipif(resource is None, reason="no resource module on this system")
+@pytest.mark.parametrize(
+    ("arguments", "most"), [(["--version"], 0.15), (["--help"], 0.5), (["vectorize", "--help"], 0.5)]
+)
+def test_version_and_help_are_quick(arguments, most):
+    assert seconds_of(*arguments) < most
+
+
+def test_completion_knows_commands_options_and_choices():
+    def completed(words: str) -> list[str]:
+        asked = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" ")), "_CUBICSPLAT_COMPLETE": "complete_bash"}
+        done = subprocess.run(cli_command(), env={**os.environ, **asked}, capture_output=True, text=True, check=False)
+        return done.stdout.split()
+
+    assert completed("cubicsplat vec") == ["vectorize"]
+    assert {"--curves", "--cluster"} <= set(completed("cubicsplat vectorize --c"))
+    assert completed("cubicsplat vectorize --preset h") == ["high"]
+
+
+@pytest.mark.parametrize("arguments", [["vectorize", ""], ["vectorize", "x.png", "-o", ""]])
+def test_an_empty_name_is_an_unset_variable(arguments, run_cli):
+    done = run_cli(*arguments)
+    assert done.returncode == 2
+    assert b"a file name is empty" in done.stderr
+
+
+def test_every_fit_setting_has_one_option_and_the_library_takes_it():
+    from cubicsplat_cli.cli.fit_options import FitOptions, fit_overrides
+    from cubicsplat_cli.fit import FitSettings
+
+    names = list(FitOptions.__annotations__)
+    declared = {p.name for p in COMMANDS["vectorize"].params}
+    assert set(names) <= declared
+    preset, overrides = fit_overrides({name: getattr(FitOptions, name) for name in names})
+    assert FitSettings.from_preset(preset, **overrides) == FitSettings.from_preset()
+    chosen = {
+        "curves": 9, "mode": "open", "preset": "draft", "steps": 3, "time_limit": 4.5, "segments": 2, "samples": 9,
+        "device": "cpu", "threads": 2, "seed": 5, "background": "teal", "opaque": True, "prune": False,
+        "importance": "visibility", "geometric_reg": 0.5, "flatten": "de-casteljau", "edges": "soft",
+    }  # fmt: skip
+    assert set(chosen) == set(names)
+    settings = FitSettings.from_preset(*fit_overrides(chosen)[:1], **fit_overrides(chosen)[1])
+    for name, value in {**chosen, "background": "#008080"}.items():
+        holder = settings if hasattr(settings, name) else settings.recipe
+        assert getattr(holder, name) == value, name

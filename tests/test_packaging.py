@@ -71,7 +71,7 @@ def test_installed_package_is_this_checkout(installed):
 
 def test_kernel_texts_are_installed(installed):
     names = {str(file) for file in installed.files}
-    texts = [path for path in KERNELS.iterdir() if path.suffix in (".h", ".cpp", ".cu")]
+    texts = [path for path in KERNELS.iterdir() if path.suffix in (".h", ".cpp", ".cu", ".cuh")]
     assert {path.suffix for path in texts} >= {".h", ".cpp"}
     for path in texts:
         assert f"cubicsplat_cli/raster/kernels/{path.name}" in names

@@ -17,7 +17,7 @@ from scenes import PAPER, random_scene
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.scene import Mode, Scene
 from cubicsplat_cli.svg import quantise_scene, read_svg, write_svg
-from cubicsplat_cli.svg.pathdata import format_number
+from cubicsplat_cli.svg.pathdata import format_number, path_strings
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 
 COMMENT = "cubicsplat 9.9.9, seed 7, settings 0123456789ab"
@@ -29,8 +29,18 @@ def written(scene: Scene, precision: int = 2) -> str:
     return write_svg(scene, precision=precision, title="a picture", comment=COMMENT)
 
 
+def group_of(text: str) -> ElementTree.Element:
+    return ElementTree.fromstring(text).find(f"{NAMESPACE}g")
+
+
 def paths_of(text: str) -> list[ElementTree.Element]:
-    return ElementTree.fromstring(text).findall(f"{NAMESPACE}g/{NAMESPACE}path")
+    return group_of(text).findall(f"{NAMESPACE}path")
+
+
+def unit_of(text: str) -> float:
+    """Pixels of one unit of the paths."""
+    transform = group_of(text).get("transform", "scale(1)")
+    return float(re.fullmatch(r"scale\(([\d.]+)\)", transform)[1])
 
 
 def assert_same(first: Scene, second: Scene) -> None:
@@ -127,17 +137,44 @@ def test_reader_gives_back_exactly_the_quantised_scene(scene, precision):
     text = written(scene, precision)
     quantised = quantise_scene(scene, precision)
     assert_same(read_svg(text), quantised)
-    step = 10.0**-precision
-    allowed = step / 2 + 1e-6 * quantised.points.abs()
-    assert (torch.abs(quantised.points - scene.points) <= allowed).all()
+    for asked, kept in zip(scene.points.double(), quantised.points.double(), strict=True):
+        allowed = 10.0**-precision / 2 + 1e-6 * kept.abs()
+        ways = descriptions(asked, closed=scene.mode is Mode.CLOSED)
+        assert any((torch.abs(kept - way) <= allowed).all() for way in ways)
+
+
+def descriptions(points: torch.Tensor, *, closed: bool) -> list[torch.Tensor]:
+    """Every sequence of control points, (K, 2) each, that draws the same curve."""
+    if not closed:
+        return [points, points.flip(0)]
+    turned = [points.roll(-3 * first, 0) for first in range(len(points) // 3)]
+    return [way for ring in turned for way in (ring, torch.cat([ring[:1], ring[1:].flip(0)]))]
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_every_curve_is_written_in_its_shortest_description(mode):
+    rng = np.random.default_rng(8)
+    scene = random_scene(mode, curves=40, width=900, height=700)
+    scene.points += torch.tensor(rng.normal(0.0, 60.0, (40, 1, 2)), dtype=torch.float32)
+    chosen = [len(path.get("d")) for path in paths_of(written(scene))][::-1]
+    grid = np.rint(scene.points.double().numpy() * 100).astype(np.int64)
+    shorter_than_given = 0
+    for points, length in zip(grid, chosen, strict=True):
+        ways = [way.numpy() for way in descriptions(torch.tensor(points), closed=mode is Mode.CLOSED)]
+        lengths = [len(path_strings(way[None], closed=mode is Mode.CLOSED)[0]) for way in ways]
+        assert length <= min(lengths) + 1, "the estimate may err by a letter, not by more"
+        shorter_than_given += length < lengths[0]
+    assert shorter_than_given > 5
 
 
 @settings(deadline=None, max_examples=40)
 @given(scene=scenes(), precision=st.integers(0, 4))
 def test_relative_coordinates_do_not_drift(scene, precision):
     wanted = quantise_scene(scene, precision).points.double().numpy()[::-1]
-    for path, points in zip(paths_of(written(scene, precision)), wanted, strict=True):
-        found = independent_points(path.get("d"))
+    text = written(scene, precision)
+    assert unit_of(text) == pytest.approx(10.0**-precision)
+    for path, points in zip(paths_of(text), wanted, strict=True):
+        found = independent_points(path.get("d")) * unit_of(text)
         if scene.mode is Mode.CLOSED:
             np.testing.assert_allclose(found[-1], found[0], atol=1e-6 * (1 + np.abs(found).max()))
             found = found[:-1]
@@ -162,7 +199,8 @@ def test_document_follows_the_contract(mode):
     shared = {"fill-rule": "nonzero"}
     if not closed:
         shared = {"fill": "none", "stroke-linecap": "round", "stroke-linejoin": "round"}
-    assert group.attrib == shared
+    assert group.attrib == {"id": "curves", "transform": "scale(.01)", **shared}
+    assert rect.get("id") == "background"
     paint = "fill" if closed else "stroke"
     assert len(group) == 7
     for path, index in zip(group, reversed(range(7)), strict=True):
@@ -173,9 +211,8 @@ def test_document_follows_the_contract(mode):
     assert f"{paint}-opacity" not in group[7 - 1 - 2].attrib
     assert group[7 - 1 - 4].get(f"{paint}-opacity") == ".25"
     if not closed:
-        assert float(group[-1].get("stroke-width")) == pytest.approx(
-            2 * float(scene.half_widths[0]), abs=0.005
-        )
+        width = float(group[-1].get("stroke-width")) * unit_of(text)
+        assert width == pytest.approx(2 * float(scene.half_widths[0]), abs=0.005)
 
 
 def test_without_background_nothing_lies_behind_the_curves():
@@ -183,7 +220,7 @@ def test_without_background_nothing_lies_behind_the_curves():
     assert [child.tag.removeprefix(NAMESPACE) for child in root] == ["title", "g"]
 
 
-@pytest.mark.parametrize(("opaque", "limit"), [(True, 130), (False, 150)])
+@pytest.mark.parametrize(("opaque", "limit"), [(True, 111), (False, 131)])
 def test_small_closed_curves_of_three_segments_are_compact(opaque, limit):
     scene = small_curves(512, opaque=opaque)
     paths = [line for line in written(scene).splitlines() if line.startswith("<path")]
@@ -197,8 +234,10 @@ def test_each_cubic_takes_the_shorter_form():
         [[[900.0, 900.0], [1, 1], [2, 3], [3, 4], [4, 5], [5, 6], [901, 902], [902, 903], [901, 904]]]
     )
     scene = Scene(Mode.CLOSED, 999, 999, points, torch.zeros(1, 3), torch.ones(1), torch.zeros(1), None)
-    (path,) = paths_of(written(scene))
-    assert path.get("d") == "M900 900C1 1 2 3 3 4 4 5 5 6 901 902c1 1 0 2-1-2z"
+    text = written(scene, 0)
+    (path,) = paths_of(text)
+    assert unit_of(text) == 1
+    assert path.get("d") == "M3 4c1 1 2 2 898 898 1 1 0 2-1-2C1 1 2 3 3 4z"
 
 
 def test_stroke_widths_keep_two_decimals_at_low_precision():
@@ -311,11 +350,17 @@ def test_reader_refuses_files_over_the_size_limit(monkeypatch):
 
 
 def test_reader_takes_commas_newlines_and_plus_signs():
-    (plain,) = paths_of(with_path("M1 2c1 2 3-4 0 0z").replace("\n", " "))[:1]
-    assert plain is not None
     loose = read_svg(with_path("M 1,2\n C +2 4,\t4 -2  1.0 2.00 Z"))
     assert_same(loose, read_svg(with_path("M1 2c1 2 3-4 0 0z")))
-    assert loose.points[0].tolist() == [[1.0, 2.0], [2.0, 4.0], [4.0, -2.0]]
+    wanted = torch.tensor([[1.0, 2.0], [2.0, 4.0], [4.0, -2.0]]) / 100
+    assert torch.allclose(loose.points[0], wanted)
+
+
+def test_reader_takes_files_in_pixels_without_a_transform_or_names():
+    """As version 0.1.0 wrote them at first."""
+    text = re.sub(r' (?:id="\w+"|transform="[^"]+")', "", with_path("M1.5 2c1 2 3-4 0 0z"))
+    assert "transform" not in text
+    assert read_svg(text).points[0].tolist() == [[1.5, 2.0], [2.5, 4.0], [4.5, -2.0]]
 
 
 def test_scene_with_gradients_is_written():

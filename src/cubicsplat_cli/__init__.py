@@ -17,7 +17,7 @@ _HOME = {
     "load_picture": "cubicsplat_cli.image",
     "read_svg": "cubicsplat_cli.svg",
     "render_scene": "cubicsplat_cli.raster",
-    "vectorize": "cubicsplat_cli.cli.pipeline",
+    "vectorize": "cubicsplat_cli.jobs.pipeline",
     "write_svg": "cubicsplat_cli.svg",
 }
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.cli.doctor import doctor
 from cubicsplat_cli.cli.eval import evaluate
 from cubicsplat_cli.cli.render import render
@@ -16,7 +17,7 @@ app = typer.Typer(
     name="cubicsplat",
     help="Turn an image into an SVG of N cubic Bezier shapes, and report how good that SVG is.",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     # A traceback of a bug is for a bug report: plain, complete, and without the values of local variables.
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -44,3 +45,4 @@ app.command("vectorize")(vectorize)
 app.command("eval")(evaluate)
 app.command("render")(render)
 app.command("doctor")(doctor)
+app.add_typer(bench, name="bench")

@@ -1,4 +1,4 @@
-"""What goes to stderr: the live progress, notes, and the summary line. stdout is for results alone."""
+"""What goes to stderr: the live progress, notes, and the summary lines. stdout is for results alone."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cubicsplat_cli.fit import Progress
+    from rich.progress import Progress as Bars
 
 # Lines of `-v` when no bar can be drawn: the first report, then one per tenth of the steps or five seconds.
 _PLAIN_SHARE = 0.1
@@ -20,48 +21,84 @@ _PLAIN_SECONDS = 5.0
 
 
 class Reporter:
-    """Writes to stderr: nothing but errors when quiet, settings and plain progress too when verbose."""
+    """Writes to stderr: nothing but errors when quiet, settings and plain progress too when verbose.
 
-    def __init__(self, *, quiet: bool, verbose: bool) -> None:
+    bars: whether live progress may be drawn at all (where stderr is a terminal that can).
+    """
+
+    def __init__(self, *, quiet: bool, verbose: bool, bars: bool = True) -> None:
         self.quiet = quiet
         self.verbose = verbose
+        self.bars = bars
+        self._live: Bars | None = None
 
     def note(self, text: str) -> None:
         """Something the user should know that is no error."""
         if not self.quiet:
-            self._print(f"cubicsplat: note: {_one_line(text)}")
+            self._print(f"cubicsplat: note: {one_line(text)}")
 
     def detail(self, text: str) -> None:
         """Something for `-v` only."""
         if self.verbose and not self.quiet:
-            self._print(_one_line(text))
+            self._print(one_line(text))
 
     def summary(self, text: str) -> None:
-        """The one line per file at the end."""
+        """The one line of a picture, or of the closing table."""
         if not self.quiet:
-            self._print(_one_line(text))
+            self._print(one_line(text))
+
+    def error(self, text: str) -> None:
+        """What went wrong, said to the quiet too."""
+        self._print(f"cubicsplat: error: {one_line(text)}")
 
     @contextmanager
-    def progress(self, name: str) -> Iterator[Callable[[Progress], None] | None]:
+    def progress(self, name: str) -> Iterator[Callable[[Any], None] | None]:
         """A callback for `fit`: a live bar on a terminal, plain lines with `-v` elsewhere, else None."""
-        if self.quiet or not (sys.stderr.isatty() or self.verbose):
+        if self.quiet:
             yield None
-        elif sys.stderr.isatty():
-            with _live_bar(name) as callback:
-                yield callback
+        elif self.bars and _can_hold_a_bar():
+            with self._live_bars() as bars:
+                task = bars.add_task(one_line(name), total=1, text="starting")
+                yield lambda at: bars.update(task, completed=at.step, total=at.steps, text=progress_text(at))
         else:
-            yield self._plain_lines()
+            yield self._plain_lines() if self.verbose else None
 
-    def _plain_lines(self) -> Callable[[Progress], None]:
+    @contextmanager
+    def progress_of_many(self, pictures: int) -> Iterator[ManyBars | None]:
+        """One bar for all pictures and one for each under way, on a terminal; else None."""
+        if self.quiet or not self.bars or not _can_hold_a_bar():
+            yield None
+            return
+        with self._live_bars() as bars:
+            yield ManyBars(bars, pictures)
+
+    @contextmanager
+    def _live_bars(self) -> Iterator[Bars]:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn
+
+        # Rich honours NO_COLOR. File names may hold square brackets, which must not be read as markup.
+        columns = (
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=24),
+            TextColumn("{task.completed:.0f}/{task.total:.0f}", markup=False),
+            TextColumn("{task.fields[text]}", markup=False),
+        )
+        console = Console(stderr=True, highlight=False)
+        with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bars:
+            self._live = bars
+            try:
+                yield bars
+            finally:
+                self._live = None
+
+    def _plain_lines(self) -> Callable[[Any], None]:
         printed_step, printed_at = 0, -math.inf
 
-        def show(progress: Progress) -> None:
+        def show(progress: Any) -> None:
             nonlocal printed_step, printed_at
             now = time.monotonic()
-            due = (
-                progress.step >= printed_step + _PLAIN_SHARE * progress.steps
-                or progress.step == progress.steps
-            )
+            due = progress.step >= printed_step + _PLAIN_SHARE * progress.steps or progress.step == progress.steps
             if due or now - printed_at >= _PLAIN_SECONDS:
                 printed_step, printed_at = progress.step, now
                 self._print(f"step {progress.step}/{progress.steps}  {progress_text(progress)}")
@@ -69,10 +106,43 @@ class Reporter:
         return show
 
     def _print(self, text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
+        if self._live is not None:
+            self._live.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            print(text, file=sys.stderr, flush=True)
 
 
-def progress_text(progress: Progress) -> str:
+class ManyBars:
+    """The display of a run over many pictures."""
+
+    def __init__(self, bars: Bars, pictures: int) -> None:
+        self._bars = bars
+        self._all = bars.add_task("pictures", total=max(1, pictures), text="")
+        self._under_way: dict[str, Any] = {}
+
+    def begin(self, name: str) -> None:
+        """A picture is begun; or begun again."""
+        self._drop(name)
+        # Its folders would leave no room for the rest.
+        shown = one_line(Path(name).name or name)
+        self._under_way[name] = self._bars.add_task(shown, total=1, text="starting")
+
+    def step(self, name: str, at: Any) -> None:
+        """How far its fit is."""
+        if name in self._under_way:
+            self._bars.update(self._under_way[name], completed=at.step, total=at.steps, text=progress_text(at))
+
+    def end(self, name: str) -> None:
+        """It is done, in whatever way."""
+        self._drop(name)
+        self._bars.advance(self._all)
+
+    def _drop(self, name: str) -> None:
+        if name in self._under_way:
+            self._bars.remove_task(self._under_way.pop(name))
+
+
+def progress_text(progress: Any) -> str:
     """PSNR, milliseconds a step, curves replaced and time left; what is not known yet is left out."""
     parts = []
     if progress.psnr_db is not None and math.isfinite(progress.psnr_db):
@@ -108,28 +178,15 @@ def file_size(count: int) -> str:
     return f"{count / 1e6:.1f} MB"
 
 
-@contextmanager
-def _live_bar(name: str) -> Iterator[Callable[[Progress], None]]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    # Rich honours NO_COLOR. File names may hold square brackets, which must not be read as markup.
-    console = Console(stderr=True, highlight=False)
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=24),
-        TextColumn("{task.completed:.0f}/{task.total:.0f}", markup=False),
-        TextColumn("{task.fields[text]}", markup=False),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(_one_line(name), total=1, text="starting")
-
-        def show(progress: object) -> None:
-            bar.update(task, completed=progress.step, total=progress.steps, text=progress_text(progress))
-
-        yield show
-
-
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """Control characters (a file name may hold any) escaped, so that a message stays one line."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def _can_hold_a_bar() -> bool:
+    """A terminal that can move its cursor."""
+    if not sys.stderr.isatty():
+        return False
+    from rich.console import Console
+
+    return Console(stderr=True).is_interactive

@@ -36,9 +36,7 @@ def examine() -> dict[str, Any]:
     problems: list[str] = []
     renderers = available_renderers()
     if all(info.version is None for info in renderers):
-        problems.append(
-            "no SVG renderer works: " + "; ".join(info.problem or info.name for info in renderers)
-        )
+        problems.append("no SVG renderer works: " + "; ".join(info.problem or info.name for info in renderers))
     return {
         "version": __version__,
         "python": platform.python_version(),

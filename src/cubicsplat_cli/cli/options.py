@@ -17,7 +17,8 @@ MAX_PRECISION = 6
 # The picture loader's own default, repeated because importing the loader takes longer than printing help.
 DEFAULT_MAX_PIXELS = 100_000_000
 
-STDIO = "-"
+MAX_JOBS = 1024
+MAX_SIZE = 1_000_000
 
 
 class ModeChoice(str, Enum):
@@ -33,6 +34,28 @@ class PresetChoice(str, Enum):
     draft = "draft"
     standard = "standard"
     high = "high"
+    paper = "paper"
+
+
+class ImportanceChoice(str, Enum):
+    """What a curve's importance is."""
+
+    loo = "loo"
+    visibility = "visibility"
+
+
+class FlattenChoice(str, Enum):
+    """How curves become polylines."""
+
+    uniform = "uniform"
+    de_casteljau = "de-casteljau"
+
+
+class EdgesChoice(str, Enum):
+    """What the edges of curves look like during the fit."""
+
+    crisp = "crisp"
+    soft = "soft"
 
 
 class DeviceChoice(str, Enum):

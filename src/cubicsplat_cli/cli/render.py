@@ -9,20 +9,22 @@ from typing import Annotated
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import STDIO, RendererChoice
-from cubicsplat_cli.cli.outputs import check_outputs, same_file
+from cubicsplat_cli.cli.options import RendererChoice
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.jobs.outputs import STDIO, check_outputs
+from cubicsplat_cli.jobs.paths import same_file
+from cubicsplat_cli.jobs.stdout import write_stdout
 
 
 def render(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="SVG to draw.")],
+    source: Annotated[str, typer.Argument(metavar="IN", help="SVG to draw, or - for standard input.")],
     output: Annotated[
         str | None,
         typer.Option(
             "--output",
             "-o",
             metavar="OUT",
-            help="PNG to write, or - for standard output.  [default: the input's name with .png]",
+            help="PNG to write, or - for standard output.  [default: the input's name with .png, or -]",
             show_default=False,
         ),
     ] = None,
@@ -37,30 +39,40 @@ def render(
     ] = False,
 ) -> None:
     """Draw an SVG as a PNG, its transparency kept. Files it refers to are never fetched."""
-    path = None if output == STDIO else source.with_suffix(".png") if output is None else Path(output)
+    given = None if source == STDIO else Path(source)
+    path = _place(given, output)
     if path is not None:
         if path.suffix.lower() != ".png":
             raise UsageError(f"the output must end in .png, but is {path}; choose another with -o")
-        if same_file(path, source):
+        if given is not None and same_file(path, given):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
         check_outputs([path], force=force)
 
-    from cubicsplat_cli.cli.files import read_file
-    from cubicsplat_cli.cli.png import encode_png
+    from cubicsplat_cli.cli.files import read_file, unpacked
     from cubicsplat_cli.evaluate import rerender_untrusted
     from cubicsplat_cli.image import write_atomically
+    from cubicsplat_cli.image.png import encode_png
 
-    rendered, _ = rerender_untrusted(
-        read_file(source), source=str(source), scale=scale, renderer=renderer.wanted()
-    )
+    svg = unpacked(sys.stdin.buffer.read(), "stdin") if given is None else read_file(given)
+    name = "stdin" if given is None else source
+    rendered, _ = rerender_untrusted(svg, source=name, scale=scale, renderer=renderer.wanted())
     data = encode_png(rendered.pixels)
     reporter = Reporter(quiet=quiet, verbose=False)
     if rendered.note is not None:
         reporter.note(rendered.note)
     if path is None:
-        sys.stdout.buffer.write(data)
-        sys.stdout.buffer.flush()
+        write_stdout(data)
         return
     write_atomically(path, data)
     height, width = rendered.pixels.shape[:2]
     reporter.summary(f"{path}  {width} x {height} px  {rendered.renderer}")
+
+
+def _place(source: Path | None, output: str | None) -> Path | None:
+    """Where the PNG goes; None: standard output."""
+    if output == STDIO or (output is None and source is None):
+        return None
+    if output is not None:
+        return Path(output)
+    # Without a name there is nothing to make a name of; reading it will say that it is no file.
+    return source.with_suffix(".png") if source.name else None

@@ -36,6 +36,15 @@ class Parameters:
     def copy(self) -> Parameters:
         return Parameters(*(t.clone() for t in self._tensors()))
 
+    def to(self, device: torch.device | str) -> Parameters:
+        """The curves on a device; the same tensors where they are there already."""
+        return Parameters(*(t.to(device) for t in self._tensors()))
+
+    def overwrite(self, other: Parameters) -> None:
+        """Takes over other curves' values in place: a captured CUDA graph keeps the addresses."""
+        for mine, theirs in zip(self._tensors(), other._tensors(), strict=True):
+            mine.copy_(theirs)
+
     def chosen(self, index: Tensor) -> Parameters:
         """The curves of an index (n,) or a mask (N,), in their order."""
         return Parameters(*(t[index].contiguous() for t in self._tensors()))

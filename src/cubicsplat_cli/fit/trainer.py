@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..errors import EngineError, InputError
 from ..raster.cpu import CpuEngine, OptimiserState, Rates, SceneTensors
-from ..raster.engines import open_engine
+from ..raster.engines import Engine, open_engine
 from ..raster.settings import RasterSettings
 from ..scene import Scene
 from .capacity import gini, reallocate
@@ -28,6 +28,7 @@ from .threads import one_torch_thread
 
 REPORT_SECONDS = 0.1
 HISTORY_ENTRIES = 50
+LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
 FLATNESS = 0.5  # px, of de Casteljau subdivision
 CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
 
@@ -118,15 +119,17 @@ class Trainer:
         self.recipe = self.settings.recipe
         self.unit = self.recipe.unit(self.width, self.height, self.settings.curves)
         self.schedule = Schedule(self.recipe, self.settings.steps)
-        self.engine: CpuEngine = open_engine(self.settings.device, self.settings.threads)
+        self.engine: Engine = open_engine(self.settings.device, self.settings.threads)
+        device = self.engine.device
+        self.goal = self.target.to(device)  # the target where the engine is; new curves are made on the CPU
         self.background = choose_background(self.target, self.settings)
-        self.image = torch.empty(self.height, self.width, channels)
+        self.image = torch.empty(self.height, self.width, channels, device=device)
         centres = random_centres(self.settings.curves, self.target, self.generator)
         radius = self.recipe.start_size * self.unit
         points = control_points(centres, radius, self.settings, self.generator)
         half_width = self.recipe.half_width_size * self.unit
-        self.parameters = new_curves(points, colours_at(centres, self.target), half_width, self.settings)
-        self.state = OptimiserState.zeros(self.settings.curves, int(self.parameters.points.shape[1]))
+        self.parameters = new_curves(points, colours_at(centres, self.target), half_width, self.settings).to(device)
+        self.state = OptimiserState.zeros(self.settings.curves, int(self.parameters.points.shape[1])).to(device)
         self.best: tuple[float, Parameters] | None = None
         self.started = self.reported = time.perf_counter()
 
@@ -143,7 +146,7 @@ class Trainer:
         self._consider(self._exact_loss(self.parameters), self.parameters)
         dropped = self._drop_invisible()
         seconds = time.perf_counter() - self.started
-        scene = self.parameters.scene(
+        scene = self.parameters.to("cpu").scene(
             self.settings.mode, self.width, self.height, self.background, opaque=self.recipe.opaque
         )
         return FitResult(
@@ -160,21 +163,22 @@ class Trainer:
 
     def advance(self) -> None:
         """One step, with the reallocation that the schedule may ask for after it."""
-        self._check_finite()
+        if self._looks():
+            self._check_finite()
         progress = self.progress()
         phase = self.schedule.phase(progress)
         due = self.schedule.reallocation_due(progress)
         before = self.parameters.copy() if phase.exact else None
-        importance = torch.zeros(self.parameters.curves) if due else None
+        importance = torch.zeros(self.parameters.curves, device=self.engine.device) if due else None
         loss = self.engine.step(
-            self._tensors(self.parameters), self._raster(phase), self.target, self.state, self._rates(phase),
+            self._tensors(self.parameters), self._raster(phase), self.goal, self.state, self._rates(phase),
             image=self.image if due else None, importance=importance, importance_kind=self.recipe.importance,
             points_gradient=self._regulariser(),
         )  # fmt: skip
-        if not math.isfinite(loss):
-            self._broke_down(f"the loss is {loss}")
+        if (self._looks() or phase.exact or due) and not math.isfinite(loss):
+            self._broke_down(f"the loss is {float(loss)}")
         if before is not None:
-            self._consider(loss, before)
+            self._consider(float(loss), before)
         if importance is not None:
             self._reallocate(importance, progress)
         self.step += 1
@@ -209,11 +213,14 @@ class Trainer:
         return crossing_gradient(self.parameters.points, self.settings.mode, weight)
 
     def _reallocate(self, importance: Tensor, progress: float) -> None:
-        inequality = gini(importance)
-        fraction = self.schedule.reallocation(progress, inequality)
-        self.parameters, self.state, count = reallocate(
-            self.parameters, self.state, importance, self.image, self.target, fraction, self.settings, self.generator
-        )
+        importance = importance.cpu()
+        fraction = self.schedule.reallocation(progress, gini(importance))
+        parameters, state, count = reallocate(
+            self.parameters.to("cpu"), self.state.to("cpu"), importance, self.image.cpu(), self.target, fraction,
+            self.settings, self.generator,
+        )  # fmt: skip
+        self.parameters.overwrite(parameters)
+        self.state.overwrite(state)
         self.replaced += count
 
     def _consider(self, loss: float, parameters: Parameters) -> None:
@@ -225,12 +232,12 @@ class Trainer:
         return RasterSettings("exact", 1.0, self.settings.finish_samples)
 
     def _exact_loss(self, parameters: Parameters) -> float:
-        return self.engine.gradients(self._tensors(parameters), self._exact(), target=self.target)[0]
+        return self.engine.gradients(self._tensors(parameters), self._exact(), target=self.goal)[0]
 
     def _drop_invisible(self) -> int:
         """Takes the best parameters, less the curves whose leave-one-out importance is not positive."""
         loss, parameters = self.best
-        _, out = self.engine.gradients(self._tensors(parameters), self._exact(), target=self.target, importance="loo")
+        _, out = self.engine.gradients(self._tensors(parameters), self._exact(), target=self.goal, importance="loo")
         keep = out["importance"] > 0
         # A scene has at least one curve.
         keep[out["importance"].argmax()] = True
@@ -246,12 +253,16 @@ class Trainer:
         if self.recipe.edges != "soft":
             return []
         relaxed = RasterSettings("relaxed", 1.0, self.settings.samples)
-        soft = self.engine.gradients(self._tensors(self.parameters), relaxed, target=self.target)[0]
+        soft = self.engine.gradients(self._tensors(self.parameters), relaxed, target=self.goal)[0]
         crisp = self._exact_loss(self.parameters)
         return [
             f"no SVG can show soft edges: with them the fit has {psnr(soft, self.values):.2f} dB, "
             f"with the file's crisp edges {psnr(crisp, self.values):.2f} dB"
         ]
+
+    def _looks(self) -> bool:
+        """Whether to look at this step's numbers: always where that costs nothing, now and then on a GPU."""
+        return self.engine.device.type == "cpu" or self.step % LOOK_EVERY == 0
 
     def _check_finite(self) -> None:
         """Before a step: within it one bad curve spoils every curve that it shares a pixel with."""
@@ -260,17 +271,21 @@ class Trainer:
             self._broke_down(f"curve {found[0]} has a non-finite value in {found[1]}")
 
     def _broke_down(self, where: str) -> None:
-        raise EngineError(f"the fit broke down at step {self.step}: {where}; lower the step sizes or change --seed")
+        step = self.step
+        if not isinstance(self.engine, CpuEngine) and (fault := self.engine.fault()):
+            # It may have happened some steps ago: the engine has noted where and when.
+            where, step = f"curve {fault[0]} has a non-finite value", fault[1]
+        raise EngineError(f"the fit broke down at step {step}: {where}; lower the step sizes or change --seed")
 
-    def _report(self, loss: float) -> None:
+    def _report(self, loss: float | Tensor) -> None:
         now = time.perf_counter()
         progress = self.progress()
         if progress * HISTORY_ENTRIES >= len(self.history) + 1 or progress >= 1.0:
-            level, seconds = round(psnr(loss, self.values), 3), round(now - self.started, 3)
+            level, seconds = round(psnr(float(loss), self.values), 3), round(now - self.started, 3)
             self.history.append({"step": self.step, "psnr_db": level, "seconds": seconds})
         if self.on_progress and (now - self.reported >= REPORT_SECONDS or progress >= 1.0):
             self.reported = now
             elapsed = now - self.started
             left = elapsed / max(progress, 1e-9) * max(0.0, 1.0 - progress)
-            level, per_step = psnr(loss, self.values), 1e3 * elapsed / self.step
+            level, per_step = psnr(float(loss), self.values), 1e3 * elapsed / self.step
             self.on_progress(Progress(self.step, self.settings.steps, level, per_step, self.replaced, left))

@@ -1,17 +1,29 @@
-"""Writing a file so that anybody looking at any moment sees either the old one or the whole new one."""
+"""Writing a file so that anybody looking at any moment sees either the old one or the whole new one.
+
+A process that is killed while it writes leaves its temporary file behind. The writer holds a lock on that file, which
+dies with it, so that the next writer of the same target can tell a dead one's file from a living one's and remove it.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
+import re
 import secrets
 import stat
 from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows, where a file that is open elsewhere cannot be removed anyway
+    fcntl = None
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.image.load import printable
 
 _CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+_NAME_PART = 40  # characters of the target's name in that of its temporary file
 _NO_SPACE = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 
@@ -26,8 +38,9 @@ def write_atomically(path: Path, data: bytes) -> None:
     path = Path(path)
     target, mode = _check_target(path)
     temporary = _temporary_name(target)
+    _remove_left_behind(target)
     try:
-        with os.fdopen(os.open(temporary, _CREATE, 0o666), "wb") as file:
+        with os.fdopen(_create_locked(temporary), "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
@@ -58,7 +71,54 @@ def check_writable(path: Path) -> None:
 
 
 def _temporary_name(target: Path) -> Path:
-    return target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}.tmp")
+    return target.with_name(f".{target.name[:_NAME_PART]}.{secrets.token_hex(6)}.tmp")
+
+
+def _create_locked(temporary: Path) -> int:
+    """A descriptor of the new file, locked while it is open."""
+    while True:
+        descriptor = os.open(temporary, _CREATE, 0o666)
+        if not _lock(descriptor) or os.fstat(descriptor).st_nlink > 0:
+            return descriptor
+        # Another writer took it for a dead one's, in the moment between the two calls.
+        os.close(descriptor)
+
+
+def _lock(descriptor: int) -> bool:
+    """Lock a file against its removal; False where locks do not exist (Windows, some network file systems)."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+    except OSError:
+        return False
+    return True
+
+
+def _remove_left_behind(target: Path) -> None:
+    """Remove temporary files of writers of `target` that were killed."""
+    pattern = re.compile(re.escape(f".{target.name[:_NAME_PART]}.") + r"[0-9a-f]{12}\.tmp")
+    try:
+        found = [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]
+    except OSError:  # a folder that can be written but not listed: there is nothing to be found out
+        return
+    for path in found:
+        # An error here means that the file is in use, or gone already, or not ours to touch.
+        with contextlib.suppress(OSError):
+            _remove_if_dead(path)
+
+
+def _remove_if_dead(temporary: Path) -> None:
+    """Remove a temporary file that nobody is writing; OSError where it is being written."""
+    if fcntl is None:
+        temporary.unlink()
+        return
+    descriptor = os.open(temporary, os.O_RDWR)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        temporary.unlink()
+    finally:
+        os.close(descriptor)
 
 
 def _check_target(path: Path) -> tuple[Path, int | None]:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 import stat
+import tempfile
 import threading
 import warnings
 from collections.abc import Iterator
@@ -81,7 +83,7 @@ def load_picture(
         data = source
     else:
         shown = printable(name or str(source))
-        data = _read_file(Path(source), shown)
+        data = read_picture_file(Path(source), shown)
     _check_bytes(len(data), shown)
     decoded = _open_and_decode(data, shown, max_pixels)
     return Picture(
@@ -98,8 +100,12 @@ def printable(name: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in name)
 
 
-def _read_file(path: Path, shown: str) -> bytes:
-    """The bytes of a regular file; never opens anything else."""
+def read_picture_file(path: Path, name: str | None = None) -> bytes:
+    """The bytes of a regular file of at most 1 GiB; never opens anything else.
+
+    `name` replaces the path in messages. Raises `InputError` that says what is in the way.
+    """
+    shown = printable(name or str(path))
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
@@ -123,6 +129,34 @@ def _check_bytes(size: int, shown: str) -> None:
     if size > MAX_FILE_BYTES:
         limit = MAX_FILE_BYTES >> 20
         raise InputError(f"{shown}: is {size >> 20} MiB, the limit is {limit} MiB; give a smaller file")
+
+
+@contextmanager
+def _libtiff_listened_to(data: bytes) -> Iterator[list[str]]:
+    """The lines that libtiff, unlike every other decoder, prints to stderr itself: gathered, and kept off it.
+
+    They would come between ours. Only for TIFF, since whatever else the process says meanwhile is lost. The list is
+    filled on leaving.
+    """
+    lines: list[str] = []
+    if not data.startswith((b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")):
+        yield lines
+        return
+    with tempfile.TemporaryFile() as heard:
+        try:
+            saved = os.dup(2)
+        except OSError:  # stderr is closed: nothing can be printed
+            yield lines
+            return
+        try:
+            os.dup2(heard.fileno(), 2)
+            yield lines
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            heard.seek(0)
+            text = heard.read(4096).decode(errors="replace")
+            lines.extend(dict.fromkeys(printable(" ".join(line.split())) for line in text.splitlines()))
 
 
 @contextmanager
@@ -152,10 +186,15 @@ def _pillow_settings() -> Iterator[list[str]]:
 
 def _open_and_decode(data: bytes, shown: str, max_pixels: int) -> Decoded:
     try:
-        with _pillow_settings() as notes, Image.open(io.BytesIO(data), formats=FORMATS) as image:
+        with (
+            _pillow_settings() as notes,
+            _libtiff_listened_to(data) as lines,
+            Image.open(io.BytesIO(data), formats=FORMATS) as image,
+        ):
             _check_pixels(image, shown, max_pixels)
             decoded = decode(image, data, shown)
-        return replace(decoded, notes=(*decoded.notes, *notes))
+        heard = [f"the decoder says: {line}" for line in lines[:1]]
+        return replace(decoded, notes=(*decoded.notes, *notes, *heard))
     except InputError:
         raise
     except UnidentifiedImageError as error:
@@ -178,7 +217,7 @@ def _check_pixels(image: Image.Image, shown: str, max_pixels: int) -> None:
     if width * height > max_pixels:
         raise InputError(
             f"{shown}: is {width} x {height} = {width * height / 1e6:.1f} megapixels, the limit is "
-            f"{max_pixels / 1e6:g}; scale it down first"
+            f"{max_pixels / 1e6:g}; raise it with --max-pixels, or scale the picture down first"
         )
 
 

@@ -175,6 +175,15 @@ class OptimiserState:
         """The state of these curves, then of others."""
         return OptimiserState(*(torch.cat(pair) for pair in zip(self._tensors(), behind._tensors(), strict=True)))
 
+    def to(self, device: torch.device | str) -> OptimiserState:
+        """The state on a device; the same tensors where they are there already."""
+        return OptimiserState(*(t.to(device) for t in self._tensors()))
+
+    def overwrite(self, other: OptimiserState) -> None:
+        """Takes over another state's values in place: a captured CUDA graph keeps the addresses."""
+        for mine, theirs in zip(self._tensors(), other._tensors(), strict=True):
+            mine.copy_(theirs)
+
 
 def _pointer(
     tensor: Tensor | None, name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32
@@ -198,6 +207,7 @@ class CpuEngine:
     """
 
     name = "cpu"
+    device = torch.device("cpu")  # where its tensors live
 
     def __init__(self, threads: int | None = None, isa: str | None = None) -> None:
         self._library = library()

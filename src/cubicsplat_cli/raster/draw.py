@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import EngineError
 from ..scene import Scene
 from .cpu import CpuEngine, SceneTensors, instruction_sets
+from .cuda import CudaEngine
 from .settings import RasterSettings
 
 
@@ -36,11 +37,23 @@ def render_scene(
 
 def describe() -> dict[str, Any]:
     """Which engines this installation can run, and why not: for `cubicsplat doctor`."""
+    engines = {"cpu": _describe(CpuEngine), "cuda": _describe(CudaEngine)}
+    if engines["cpu"]["available"]:
+        engines["cpu"]["instruction_sets"] = instruction_sets()
+    # What `--device auto` takes.
+    chosen = "cuda" if engines["cuda"]["available"] else "cpu"
+    for name, state in engines.items():
+        state["used"] = name == chosen
+    return engines
+
+
+def _describe(engine_class: type[CpuEngine] | type[CudaEngine]) -> dict[str, Any]:
+    """The engine itself, or the reason why there is none."""
     try:
-        engine = CpuEngine()
+        engine = engine_class()
     except EngineError as error:
-        return {"cpu": {"available": False, "reason": str(error)}}
+        return {"available": False, "reason": str(error)}
     try:
-        return {"cpu": {"available": True, **engine.describe(), "instruction_sets": instruction_sets()}}
+        return {"available": True, **engine.describe()}
     finally:
         engine.close()

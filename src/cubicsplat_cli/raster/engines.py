@@ -2,12 +2,50 @@
 
 from __future__ import annotations
 
+import sys
+import threading
+
+import torch
+
 from ..errors import EngineError
 from .cpu import CpuEngine
+from .cuda import CudaEngine
+from .cuda_driver import missing_piece
+
+Engine = CpuEngine | CudaEngine
+
+_of_thread = threading.local()
+_of_gpu: dict[int, CudaEngine] = {}
+_lock = threading.Lock()
 
 
-def open_engine(device: str = "auto", threads: int | None = None) -> CpuEngine:
-    """Opens the engine for `device` ("auto", "cpu" or "cuda"). Raises EngineError where it cannot run."""
+def open_engine(device: str = "auto", threads: int | None = None) -> Engine:
+    """Opens the engine for `device`: "cpu", "cuda", or "auto", CUDA's where there is a GPU that passes its self-test.
+
+    Raises EngineError with the reason where the engine that was asked for cannot run. Where "auto" finds a GPU that it
+    cannot use, it says so on stderr.
+    """
     if device == "cuda":
-        raise EngineError("the CUDA engine is not part of this version; use --device cpu")
+        return CudaEngine()
+    if device == "auto" and missing_piece() is None:
+        try:
+            return CudaEngine()
+        except EngineError as error:
+            print(f"cubicsplat: using the CPU: {error}", file=sys.stderr)
     return CpuEngine(threads)
+
+
+def shared_engine(device: torch.device) -> Engine:
+    """An engine for tensors on a device, for calls that keep nothing (`render`, `gradients`).
+
+    The GPU's is shared by all threads, of which autograd has its own; a CPU engine belongs to the calling thread.
+    """
+    if device.type == "cpu":
+        if not hasattr(_of_thread, "engine"):
+            _of_thread.engine = CpuEngine()
+        return _of_thread.engine
+    index = torch.cuda.current_device() if device.index is None else device.index
+    with _lock:
+        if index not in _of_gpu:
+            _of_gpu[index] = CudaEngine(index)
+        return _of_gpu[index]

@@ -5,24 +5,13 @@ The backward operator runs the same tile code with the incoming image gradient i
 
 from __future__ import annotations
 
-import threading
-
 import torch
 from torch import Tensor
 
 from ..scene import Mode, Scene
-from .cpu import CpuEngine, SceneTensors
+from .cpu import SceneTensors
+from .engines import shared_engine
 from .settings import RasterSettings
-
-_local = threading.local()
-
-
-def shared_engine(threads: int | None = None) -> CpuEngine:
-    """The calling thread's CPU engine (an engine is not to be shared between threads)."""
-    engines: dict[int | None, CpuEngine] = _local.__dict__.setdefault("engines", {})
-    if threads not in engines:
-        engines[threads] = CpuEngine(threads)
-    return engines[threads]
 
 
 def _pack(
@@ -38,13 +27,13 @@ def _settings(exact: bool, edge_width: float, samples: int, tolerance: float) ->
     return RasterSettings("exact" if exact else "relaxed", edge_width, samples, tolerance)
 
 
-@torch.library.custom_op("cubicsplat::render", mutates_args=(), device_types="cpu")
+@torch.library.custom_op("cubicsplat::render", mutates_args=(), device_types=("cpu", "cuda"))
 def render_op(
     points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, closed: bool, width: int, height: int,
     background: list[float], exact: bool, edge_width: float, samples: int, tolerance: float,
 ) -> Tensor:  # fmt: skip
     scene = _pack(points, colours, opacities, half_widths, closed, width, height, background)
-    return shared_engine().render(scene, _settings(exact, edge_width, samples, tolerance))
+    return shared_engine(points.device).render(scene, _settings(exact, edge_width, samples, tolerance))
 
 
 @render_op.register_fake
@@ -55,14 +44,14 @@ def _render_fake(
     return points.new_empty((height, width, 3 if background else 4))
 
 
-@torch.library.custom_op("cubicsplat::render_backward", mutates_args=(), device_types="cpu")
+@torch.library.custom_op("cubicsplat::render_backward", mutates_args=(), device_types=("cpu", "cuda"))
 def render_backward_op(
     gradient: Tensor, points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, closed: bool,
     width: int, height: int, background: list[float], exact: bool, edge_width: float, samples: int, tolerance: float,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
     scene = _pack(points, colours, opacities, half_widths, closed, width, height, background)
     settings = _settings(exact, edge_width, samples, tolerance)
-    _, out = shared_engine().gradients(scene, settings, gradient=gradient.detach().contiguous())
+    _, out = shared_engine(points.device).gradients(scene, settings, gradient=gradient.detach().contiguous())
     return out["points"], out["colours"], out["opacities"], out["half_widths"]
 
 
@@ -100,9 +89,10 @@ def render(
 ) -> Tensor:
     """Draws N curves, differentiably: (H, W, 3) over `background`, or (H, W, 4) premultiplied RGBA without one.
 
-    points (N, K, 2) px, colours (N, 3) and opacities (N,) in [0, 1], half_widths (N,) px; float32, front to back. The
-    same arguments and, up to rounding, the same picture and gradients as `reference.render`. With exact coverage the
-    gradient is that of the relaxed edge. Raises InputError (shapes, ranges, non-finite values) and EngineError.
+    points (N, K, 2) px, colours (N, 3) and opacities (N,) in [0, 1], half_widths (N,) px; float32, front to back; all
+    on the CPU or on one CUDA GPU, where the picture is made. The same arguments and, up to rounding, the same picture
+    and gradients as `reference.render`. With exact coverage the gradient is that of the relaxed edge. Raises InputError
+    (shapes, ranges, non-finite values) and EngineError.
     """
     Scene(mode, width, height, points, colours, opacities, half_widths, background).validate()
     return render_op(

@@ -1,7 +1,8 @@
 """The numbers of a scene as an SVG file can hold them.
 
 Coordinates are whole multiples of 10^-precision px, colours have 8 bits, opacities three decimals. Everything
-here is an integer until the very end, so the writer, `quantise_scene` and the reader agree to the last bit.
+here is an integer until the very end, so the writer, `quantise_scene` and the reader agree to the last bit. A
+curve may begin at another of its anchors, or run backwards, where that is shorter to write.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import torch
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.svg.shortest import shortest_description
 
 MAX_PRECISION = 6
 OPACITY_DECIMALS = 3
@@ -77,7 +79,7 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
         width=scene.width,
         height=scene.height,
         precision=precision,
-        points=_round(points, 10**precision),
+        points=shortest_description(_round(points, 10**precision), closed=scene.mode is Mode.CLOSED),
         colours=_round(_array(scene.colours), 255),
         opacities=_round(_array(scene.opacities), 10**OPACITY_DECIMALS),
         stroke_widths=_round(2.0 * half_widths, 10**width_decimals),

@@ -14,16 +14,20 @@ import torch
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.svg.writer import BACKGROUND_ID, CURVES_ID
 
 MAX_SVG_BYTES = 256 * 1024 * 1024
 MAX_NUMBER_LENGTH = 24
+MAX_SHOWN = 120  # characters of a message that come from the file
 
 _TOKEN = re.compile(r"[\s,]*(?:([A-Za-z])|([+-]?)(?:(\d+)\.?(\d*)|\.(\d+)))")
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 _DECIMAL = re.compile(r"(?:\d+(?:\.\d*)?|\.\d+)")
 _ROOT_ATTRIBUTES = {"width", "height", "viewBox", "version", "baseProfile"}
-_RECT_ATTRIBUTES = {"x", "y", "width", "height", "fill"}
+_SCALE = re.compile(r"scale\((?:1|\.(0{0,5})1)\)")
+_RECT_ATTRIBUTES = {"id", "x", "y", "width", "height", "fill"}
 _GROUP_ATTRIBUTES = {
+    "id": CURVES_ID,
     "fill-rule": "nonzero",
     "fill": "none",
     "stroke-linecap": "round",
@@ -75,6 +79,7 @@ class _Collector:
     size: tuple[int, int] | None = None
     background: tuple[float, float, float] | None = None
     mode: Mode | None = None
+    shift: int = 0  # the paths' unit is 10^-shift px
     stack: list[str] = field(default_factory=list)
     points: list[list[tuple[float, float]]] = field(default_factory=list)
     colours: list[tuple[float, float, float]] = field(default_factory=list)
@@ -101,6 +106,8 @@ class _Collector:
     def foreign(self, what: str) -> InputError:
         """The error for a document that is not ours, with the line where that shows."""
         line = self.parser.CurrentLineNumber if self.parser is not None else 0
+        if len(what) > MAX_SHOWN:  # it quotes the file
+            what = f"{what[:MAX_SHOWN]}..."
         return InputError(
             f"this SVG was not written by cubicsplat or was edited: line {line} {what}; "
             "`cubicsplat render` and `cubicsplat eval` take any SVG"
@@ -122,6 +129,8 @@ class _Collector:
 
     def _rect(self, attributes: dict[str, str]) -> None:
         self._known(attributes, _RECT_ATTRIBUTES)
+        if attributes.get("id", BACKGROUND_ID) != BACKGROUND_ID:
+            raise self.foreign(f"has a <rect> called {attributes['id']!r}")
         place = (attributes.get("x", "0"), attributes.get("y", "0"))
         size = (attributes.get("width"), attributes.get("height"))
         if self.size is None or place != ("0", "0") or size != (str(self.size[0]), str(self.size[1])):
@@ -129,10 +138,15 @@ class _Collector:
         self.background = self._colour(attributes.get("fill", ""))
 
     def _group(self, attributes: dict[str, str]) -> None:
+        scale = _SCALE.fullmatch(attributes.pop("transform", "scale(1)"))
+        if scale is None:
+            raise self.foreign("has a transform other than the scale of a precision")
+        self.shift = 0 if scale[1] is None else len(scale[1]) + 1
         self._known(attributes, set(_GROUP_ATTRIBUTES))
         for name, value in attributes.items():
             if value != _GROUP_ATTRIBUTES[name]:
                 raise self.foreign(f"has {name}={value!r}")
+        attributes.pop("id", None)
         if set(attributes) == {"fill-rule"}:
             self.mode = Mode.CLOSED
         elif set(attributes) == {"fill", "stroke-linecap", "stroke-linejoin"}:
@@ -154,7 +168,7 @@ class _Collector:
         self.colours.append(self._colour(attributes.get(paint, "")))
         self.opacities.append(self._decimal(attributes.get(f"{paint}-opacity", "1"), 1.0))
         width = attributes.get("stroke-width", "") if self.mode is Mode.OPEN else "0"
-        self.half_widths.append(self._decimal(width, float("inf")) / 2.0)
+        self.half_widths.append(self._decimal(width, float("inf"), self.shift) / 2.0)
 
     def _colour(self, text: str) -> tuple[float, float, float]:
         if not _COLOUR.fullmatch(text):
@@ -162,10 +176,12 @@ class _Collector:
         red, green, blue = bytes.fromhex(text[1:])
         return (red / 255, green / 255, blue / 255)
 
-    def _decimal(self, text: str, largest: float) -> float:
+    def _decimal(self, text: str, largest: float, shift: int = 0) -> float:
+        """A number in 0..largest times 10^-shift, rounded once."""
         if len(text) > MAX_NUMBER_LENGTH or not _DECIMAL.fullmatch(text) or float(text) > largest:
             raise self.foreign(f"has the number {text!r} where one in 0..{largest:g} is wanted")
-        return float(text)
+        whole, _, fraction = text.partition(".")
+        return int(whole + fraction) / 10 ** (len(fraction) + shift)
 
     def _control_points(self, d: str) -> list[tuple[float, float]]:
         """Control points of one path, exact: added up as integers of the path's finest decimal."""
@@ -194,7 +210,7 @@ class _Collector:
             if coordinates[-2:] != coordinates[:2]:
                 raise self.foreign("has a closed curve that does not return to its start")
             coordinates = coordinates[:-2]
-        scale = 10**decimals
+        scale = 10 ** (decimals + self.shift)
         return [(x / scale, y / scale) for x, y in zip(coordinates[::2], coordinates[1::2], strict=True)]
 
     def _walk(self, letters: list[tuple[str, int]], numbers: list[int]) -> list[int]:

@@ -11,6 +11,7 @@ from cubicsplat_cli.scene import Mode, Scene
 from cubicsplat_cli.svg.pathdata import format_number, path_strings
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, to_grid
 
+BACKGROUND_ID, CURVES_ID = "background", "curves"
 # XML 1.0 allows tab, newline, carriage return and these ranges; a file name may hold anything.
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -28,7 +29,7 @@ def write_svg(scene: Scene, *, precision: int = 2, title: str, comment: str) -> 
     )
     if grid.background is not None:
         size = (grid.width, grid.height)
-        drawing.add(drawing.rect(insert=(0, 0), size=size, fill=_hex_colour(grid.background)))
+        drawing.add(drawing.rect(id=BACKGROUND_ID, insert=(0, 0), size=size, fill=_hex_colour(grid.background)))
     drawing.add(_curve_group(drawing, grid))
     root = drawing.get_xml()
     _finish(root, title, comment)
@@ -41,11 +42,14 @@ def _curve_group(drawing: svgwrite.Drawing, grid: GridScene) -> svgwrite.contain
     """The group with what all curves share, and in it the paths; index 0 is the front, so it comes last."""
     closed = grid.mode is Mode.CLOSED
     if closed:
-        group = drawing.g(fill_rule="nonzero")
+        group = drawing.g(id=CURVES_ID, fill_rule="nonzero")
     else:
-        group = drawing.g(fill="none", stroke_linecap="round", stroke_linejoin="round")
+        group = drawing.g(id=CURVES_ID, fill="none", stroke_linecap="round", stroke_linejoin="round")
+    if grid.precision > 0:
+        # One unit of the paths is one step of their grid: whole numbers are the shortest.
+        group.update({"transform": f"scale({format_number(1, grid.precision)})"})
     paint = "fill" if closed else "stroke"
-    data = path_strings(grid.points, grid.precision, closed=closed)
+    data = path_strings(grid.points, closed=closed)
     colours, opacities, widths = grid.colours.tolist(), grid.opacities.tolist(), grid.stroke_widths.tolist()
     for index in reversed(range(len(data))):
         # A list of one string: svgwrite would take a bare string apart into characters.
@@ -53,7 +57,7 @@ def _curve_group(drawing: svgwrite.Drawing, grid: GridScene) -> svgwrite.contain
         if opacities[index] < 10**OPACITY_DECIMALS:
             attributes[f"{paint}_opacity"] = format_number(opacities[index], OPACITY_DECIMALS)
         if not closed:
-            attributes["stroke_width"] = format_number(widths[index], grid.width_decimals)
+            attributes["stroke_width"] = format_number(widths[index], grid.width_decimals - grid.precision)
         group.add(drawing.path(d=[data[index]], **attributes))
     return group
 

@@ -82,9 +82,10 @@ CS_INLINE Found unpack(const Outlined& o, unsigned short code, float px, float p
   return found;
 }
 
-CS_INLINE Coverage<float> relaxed_coverage(const Found& found, float half_width, float support) {
+CS_INLINE Coverage<float> relaxed_coverage(const Found& found, const Outlined& o) {
+  const float support = o.attributes[kSupport];
   if (kClosed) return cover_fill(found.nearest.squared, found.inside, support);
-  return cover_stroke(found.nearest.squared, half_width, support);
+  return cover_stroke(found.nearest.squared, o.attributes[kHalfWidth], support);
 }
 
 // The leftmost crossing of the sub-scanline at y that lies after (x, number); false where there is none.

@@ -24,6 +24,12 @@ struct SubRow {
   }
 };
 
+// An edge by both of its ends: an end computed as start + direction could round to the other side of a sub-scanline than
+// the next edge's start, and the winding number would leak along the whole row.
+struct BandEdge {
+  float ax, ay, bx, by;
+};
+
 // Edges come in relative to the tile's corner; the tile is one row of lanes wide.
 struct FillArea {
   SubRow rows[kExactRows];
@@ -41,12 +47,13 @@ struct FillArea {
     return k <= 0.0f ? 0 : (k >= float(kExactRows) ? kExactRows : int(k));
   }
 
-  void add(const Edge& e, float row) {
-    float by = e.ay + e.vy, top = e.vy < 0.0f ? by : e.ay, bottom = e.vy < 0.0f ? e.ay : by;
+  void add(const BandEdge& e, float row) {
+    bool up = e.by < e.ay;
+    float top = up ? e.by : e.ay, bottom = up ? e.ay : e.by;
     int first = above(top, row), last = above(bottom, row);
     if (first >= last) return;
-    float direction = e.vy > 0.0f ? 1.0f : -1.0f, step = e.vx / e.vy;
-    bool left = e.ax <= 0.0f && e.ax + e.vx <= 0.0f;
+    float direction = up ? -1.0f : 1.0f, step = (e.bx - e.ax) / (e.by - e.ay);
+    bool left = e.ax <= 0.0f && e.bx <= 0.0f;
     for (int k = first; k < last; k++) {
       if (left)
         rows[k].left += direction;

@@ -1,7 +1,7 @@
 // Stage flatten: parameters -> activated values, polylines and bounds; then the curves of each super-tile.
 #pragma once
 
-#include "warp.cuh"
+#include "subdivide.cuh"
 
 namespace cs {
 
@@ -44,26 +44,15 @@ CS_INLINE float2 vertex(const Frame& f, const float* points, int index, int samp
   return v;
 }
 
-// Box of the vertices seen so far, and twice the signed area seen from the first vertex.
-struct Outline {
-  float left, top, right, bottom, area;
-};
-
-CS_INLINE Outline write_edges(const Frame& f, const float* points, int curve, int samples, int edges, int lane) {
-  Outline o{kFar, kFar, -kFar, -kFar, 0.0f};
+// Polyline at uniform parameters.
+CS_INLINE void sample_curve(const Frame& f, const float* points, int curve, int samples, int lane, Outline& o) {
   const float2 origin = vertex(f, points, 0, samples);
   const size_t at = size_t(curve) * f.edge_stride;
-  for (int e = lane; e < edges; e += kWarp) {
-    float2 a = vertex(f, points, e, samples), b = vertex(f, points, e + 1, samples);
-    Edge edge = make_edge(a.x, a.y, b.x, b.y);
-    f.edges[at + e] = make_float4(a.x, a.y, b.x, b.y);
-    f.inverses[at + e] = make_float2(edge.ux, edge.uy);
-    o.left = fminf(o.left, fminf(a.x, b.x));
-    o.right = fmaxf(o.right, fmaxf(a.x, b.x));
-    o.top = fminf(o.top, fminf(a.y, b.y));
-    o.bottom = fmaxf(o.bottom, fmaxf(a.y, b.y));
-    o.area += (a.x - origin.x) * edge.vy - (a.y - origin.y) * edge.vx;
-  }
+  for (int e = lane; e < f.segments * samples; e += kWarp)
+    add_edge(f, at + e, vertex(f, points, e, samples), vertex(f, points, e + 1, samples), origin, o);
+}
+
+CS_INLINE Outline combined(Outline o) {
   o.left = warp_least(o.left);
   o.right = warp_most(o.right);
   o.top = warp_least(o.top);
@@ -72,7 +61,7 @@ CS_INLINE Outline write_edges(const Frame& f, const float* points, int curve, in
   return o;
 }
 
-CS_INLINE void write_attributes(const Frame& f, int curve, int edges, const Outline& o, int lane) {
+CS_INLINE void write_attributes(const Frame& f, int curve, int edges, int samples, const Outline& o, int lane) {
   float colour[3], opacity = f.opacities[curve];
   for (int c = 0; c < 3; c++) colour[c] = f.colours[3 * size_t(curve) + c];
   if (f.logits) {
@@ -81,7 +70,8 @@ CS_INLINE void write_attributes(const Frame& f, int curve, int edges, const Outl
   }
   const float half_width = kClosed ? 0.0f : f.half_widths[curve];
   // In exact mode a pixel up to half a diagonal away from the outline is partly covered.
-  const float support = kHalfSupport * f.step->edge_width;
+  const float edge_width = f.edge_widths ? f.edge_widths[curve] : f.step->edge_width;
+  const float support = kHalfSupport * edge_width;
   const float reach = half_width + (f.exact ? fmaxf(support, 0.75f) : support);
   if (lane != 0) return;
   float* a = f.attributes + size_t(curve) * kAttributes;
@@ -91,6 +81,9 @@ CS_INLINE void write_attributes(const Frame& f, int curve, int edges, const Outl
   a[kReach] = reach;
   a[kOrientation] = o.area > 0.0f ? 1.0f : (o.area < 0.0f ? -1.0f : 0.0f);
   a[kEdges] = float(edges);
+  a[kEdgeWidth] = edge_width;
+  a[kSupport] = 1.0f / (2.0f * support);
+  a[kSamples] = float(samples);
   f.bounds[curve] = make_float4(o.left - reach, o.top - reach, o.right + reach, o.bottom + reach);
 }
 
@@ -99,9 +92,16 @@ CS_INLINE void flatten_curve(const Frame& f) {
   const int lane = threadIdx.x % kWarp, curve = blockIdx.x * (kSmallThreads / kWarp) + threadIdx.x / kWarp;
   if (curve >= f.curves) return;
   const float* points = f.points + size_t(curve) * f.points_per_curve * 2;
-  const int samples = choose_samples(f, points, lane), edges = f.segments * samples;
-  const Outline outline = write_edges(f, points, curve, samples, edges, lane);
-  write_attributes(f, curve, edges, outline, lane);
+  Outline outline{kFar, kFar, -kFar, -kFar, 0.0f};
+  int samples = 0, edges;
+  if (f.subdivide) {
+    edges = subdivide_curve(f, points, curve, lane, outline);
+  } else {
+    samples = choose_samples(f, points, lane);
+    edges = f.segments * samples;
+    sample_curve(f, points, curve, samples, lane, outline);
+  }
+  write_attributes(f, curve, edges, samples, combined(outline), lane);
   if (!f.backward) return;
   float* gradients = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;
   for (int i = lane; i < 2 * (edges + 1); i += kWarp) gradients[i] = 0.0f;

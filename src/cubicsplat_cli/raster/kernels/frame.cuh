@@ -30,11 +30,14 @@ constexpr int kSumStride = kStrips * 8 + 8;  // floats per pair; the padding spr
 constexpr float kFar = 3e38f;  // px; farther than anything drawn
 constexpr int kSmallThreads = 128;           // of the kernels that give each curve a warp
 
-// The flattened form of one curve: 8 floats.
-enum Attribute { kRed, kGreen, kBlue, kOpacity, kHalfWidth, kReach, kOrientation, kEdges, kAttributes };
+// The flattened form of one curve: 12 floats. kSupport: 1 / (1.5 edge widths). kSamples: 0 where it was subdivided.
+enum Attribute {
+  kRed, kGreen, kBlue, kOpacity, kHalfWidth, kReach, kOrientation, kEdges, kEdgeWidth, kSupport, kSamples,
+  kAttributes = 12
+};
 
 // What a curve's pixels add up to: 8 floats.
-enum Sum { kSumRed, kSumGreen, kSumBlue, kSumOpacity, kSumHalfWidth, kSumImportance, kSums = 8 };
+enum Sum { kSumRed, kSumGreen, kSumBlue, kSumOpacity, kSumHalfWidth, kSumImportance, kSumEdgeWidth, kSums = 8 };
 
 // What may change from step to step: lives in device memory, so that a captured graph reads the values of its replay.
 struct Step {
@@ -46,6 +49,7 @@ struct Step {
   float* image;         // H x W x C, or null
   float* importance;    // N, or null
   float* background_gradient;  // C, or null
+  const float* points_gradient;  // N x K x 2, or null: of a further loss term
   double* loss;         // 1, or null
 };
 
@@ -60,14 +64,16 @@ struct Frame {
   int words;        // of a super-tile's set of curves, one bit each
   int mask_words;   // of a set of one curve's edges
   int batch, slots; // pairs per batch; slots per warp
-  int logits, backward, exact;
+  int logits, backward, exact, subdivide;
   // parameters of the curves; changed in place where moments are given
   float *points, *colours, *opacities, *half_widths;
+  float* edge_widths;  // N, or null: each curve's own relaxed edge instead of step->edge_width
   // the flattened curves
   float4* bounds;     // N: left, top, right, bottom, reach included
   float4* edges;      // N x edge_stride: start and end
   float2* inverses;   // N x edge_stride: v / |v|^2
-  float* attributes;  // N x 8
+  float* attributes;  // N x 12
+  float* parameters;  // N x (edge_stride + 1): segment + t of each vertex of a subdivided curve
   unsigned* super_masks;  // super-tiles x words
   // pictures
   const float *target, *gradient;  // H x W x C; see cuda.py
@@ -76,9 +82,10 @@ struct Frame {
   float* sums;              // N x 8
   float* tile_sums;         // tiles x 8: loss, gradient of the background
   // gradients of the parameters as given; null where not wanted
-  float *out_points, *out_colours, *out_opacities, *out_half_widths;
+  float *out_points, *out_colours, *out_opacities, *out_half_widths, *out_edge_widths;
   // optimiser; null without a training step
   float4* moments;  // N x (2K + 5): mean, change, square, previous gradient
+  float4* edge_moments;  // N, for edge_widths
   int* ages;        // N
   int* status;      // 1 + the first curve with a value that is not finite, 0 for none; number of that step
   const Step* step;
@@ -100,6 +107,9 @@ constexpr int kFlagsAt = kBackdropsAt + kBatch * kStrips * 4;
 constexpr int kScanAt = kFlagsAt + kBatch * 4;
 constexpr int kSumsAt = kScanAt + 2 * kStrips * 4;
 constexpr int kSlotsAt = kSumsAt + kBatch * kSumStride * 4;
+#ifdef CS_SHARED_BYTES
+static_assert(kSlotsAt == CS_SHARED_BYTES, "cuda_frame.py differs from frame.cuh");
+#endif
 constexpr int kCodeBytes = kThreads * 2;   // of one slot: the nearest edge and the side of every pixel
 constexpr int kExactBytes = kThreads * 4;  // of one slot more in exact mode: its coverage
 

@@ -15,7 +15,6 @@ struct Place {
   float px, py;     // the pixel's centre
   bool valid;       // inside the picture
   size_t pixel;     // its first value in a picture
-  float support;    // 1 / (1.5 edge widths)
 };
 
 CS_INLINE Place place(const Frame& f) {
@@ -32,13 +31,13 @@ CS_INLINE Place place(const Frame& f) {
   p.py = float(y) + 0.5f;
   p.valid = x < f.width && y < f.height;
   p.pixel = (size_t(y) * f.width + x) * kChannels;
-  p.support = 1.0f / (2.0f * kHalfSupport * f.step->edge_width);
   return p;
 }
 
 // How far the forward pass came, which the backward pass repeats.
 struct Progress {
   int batches;    // visited before every pixel of the tile was finished
+  int pairs;      // of the last batch
   bool retained;  // a single batch holds the whole tile: its lists are still there
 };
 
@@ -47,7 +46,7 @@ struct Progress {
 template <bool Exact, class Visit>
 CS_INLINE Progress each_batch(const Frame& f, const Lists& s, const Place& p, int limit, Visit visit) {
   const int tile_x = p.tile % f.tiles_x, tile_y = p.tile / f.tiles_x;
-  Progress progress{0, false};
+  Progress progress{0, 0, false};
   for (int base = 0;; base += kListed) {
     const int found = list_curves(f, s, tile_x, tile_y, base) - base, listed = least(found, kListed);
     progress.retained = base == 0 && found <= f.batch;
@@ -56,6 +55,7 @@ CS_INLINE Progress each_batch(const Frame& f, const Lists& s, const Place& p, in
       cull_batch<Exact>(f, s, first, count, p.left, p.top);
       __syncthreads();
       progress.batches++;
+      progress.pairs = count;
       const bool live = visit(first, count);
       // Also the barrier after which the batch's lists may be overwritten.
       if (!__syncthreads_or(live) || progress.batches == limit) return progress;
@@ -79,7 +79,7 @@ template <bool Exact>
 CS_INLINE float outline_coverage(const Frame& f, const Lists& s, const Outlined& o, const Place& p, int backdrop, int slot) {
   const Found found = find(o, backdrop, p.lane / kStripWidth, p.px, p.py);
   const float covered = Exact ? exact_coverage(o, found, p.px, p.py, p.lane)
-                              : relaxed_coverage(found, o.attributes[kHalfWidth], p.support).coverage;
+                              : relaxed_coverage(found, o).coverage;
   if (f.backward && slot < f.slots) {
     s.codes(slot)[threadIdx.x] = pack(found);
     if (Exact) s.coverages(f, slot)[threadIdx.x] = covered;
@@ -108,24 +108,25 @@ CS_INLINE bool forward_batch(const Frame& f, const Lists& s, const Place& p, int
   return live;
 }
 
-// What a finished pixel knows: its colour F, its error against the target, and dL/dF.
+// What a finished pixel knows: its colour F, and dL/dF.
 struct Finished {
-  float colour[kChannels], error[kChannels], gradient[kChannels];
+  float colour[kChannels], gradient[kChannels];
 };
 
 // Writes the picture, and the tile's loss and background gradient. Ends with a barrier.
 CS_INLINE Finished finish(const Frame& f, const Lists& s, const Place& p, const Forward& pixel) {
   const Step& step = *f.step;
   Finished done;
+  float error[kChannels];
   for (int c = 0; c < kChannels; c++) {
     done.colour[c] = fmaf(pixel.transmittance, step.background[c], pixel.accumulated[c]);
     if (p.valid && step.image) step.image[p.pixel + c] = done.colour[c];
-    done.error[c] = p.valid && f.target ? done.colour[c] - f.target[p.pixel + c] : 0.0f;
+    error[c] = p.valid && f.target ? done.colour[c] - f.target[p.pixel + c] : 0.0f;
     done.gradient[c] = 0.0f;
   }
   if (!f.tile_sums) return done;
-  float sums[8] = {f.target ? pixel_loss<kChannels>(done.error) : 0.0f};
-  if (f.target) pixel_loss_gradient<kChannels>(done.error, done.gradient);
+  float sums[8] = {f.target ? pixel_loss<kChannels>(error) : 0.0f};
+  if (f.target) pixel_loss_gradient<kChannels>(error, done.gradient);
   if (f.gradient)
     for (int c = 0; c < kChannels; c++) done.gradient[c] = p.valid ? f.gradient[p.pixel + c] : 0.0f;
   for (int c = 0; c < kChannels; c++) sums[1 + c] = pixel.transmittance * done.gradient[c];
@@ -142,18 +143,5 @@ CS_INLINE Finished finish(const Frame& f, const Lists& s, const Place& p, const 
   __syncthreads();
   return done;
 }
-
-// State of a pixel on the way back, which runs front to back too.
-struct Returning {
-  Backward<float> state;
-  float before[kChannels];  // colour accumulated so far, for the leave-one-out importance
-  int kept;
-};
-
-// Derivatives that a pixel's outline takes part in.
-struct Outline­Pull {
-  float x, y, t;  // on the nearest point, and its place on the edge
-  int edge;       // -1: none
-};
 
 }  // namespace cs

@@ -74,7 +74,7 @@ class Tile {
     sums_ = arena_.take<LaneSums>(edge_capacity_);
     words_ = (edge_capacity_ + 63) / 64;
     reached_ = arena_.take<uint64_t>(size_t(words_) * kTile);
-    band_ = arena_.take<Edge>(edge_capacity_);
+    band_ = arena_.take<BandEdge>(edge_capacity_);
     for (SubRow& s : fill_.rows) {
       s.x = arena_.take<float>(edge_capacity_);
       s.direction = arena_.take<float>(edge_capacity_);
@@ -101,18 +101,18 @@ class Tile {
   Edge* edges_;         // of the current pair, relative to the tile's corner
   LaneSums* sums_;      // their gradients, lane by lane
   uint64_t* reached_;   // for each row, a bit for each edge within reach
-  Edge* band_;          // edges of the current primitive in the tile's rows (exact fills)
+  BandEdge* band_;      // edges of the current primitive in the tile's rows (exact fills)
   uint32_t band_count_ = 0;
   FillArea fill_;
 
   const Primitive& primitive(const Pair& pair) const { return task_.primitives[pair.primitive]; }
   const ChunkView& chunk(const Pair& pair) const { return task_.chunks[pair.primitive / task_.chunk_size]; }
 
-  Edge local_edge(const Pair& pair, int e) const {
+  BandEdge local_ends(const Pair& pair, int e) const {
     const Primitive& q = primitive(pair);
     const float* v = task_.vertices + size_t(pair.primitive) * task_.vertex_stride * 2;
     const float *a = v + 2 * e, *b = v + 2 * (task_.scene->closed && e + 1 == q.edges ? 0 : e + 1);
-    return make_edge(a[0] - x0_, a[1] - y0_, b[0] - x0_, b[1] - y0_);
+    return {a[0] - x0_, a[1] - y0_, b[0] - x0_, b[1] - y0_};
   }
 
   void start() {
@@ -129,7 +129,8 @@ class Tile {
     words_ = (pair.edge_count + 63) / 64;
     for (uint32_t i = 0; i < words_ * kTile; i++) reached_[i] = 0;
     for (uint32_t i = 0; i < pair.edge_count; i++) {
-      const Edge e = edges_[i] = local_edge(pair, numbers[i]);
+      const BandEdge ends = local_ends(pair, numbers[i]);
+      const Edge e = edges_[i] = make_edge(ends.ax, ends.ay, ends.bx, ends.by);
       float low = (e.vy < 0.0f ? e.ay + e.vy : e.ay) - reach - 0.5f, high = (e.vy < 0.0f ? e.ay : e.ay + e.vy) + reach - 0.5f;
       int first = low > 0.0f ? int(low) : 0, last = high < float(rows_) ? int(high) + 1 : rows_;
       for (int row = first; row < last; row++) reached_[row * words_ + i / 64] |= uint64_t(1) << (i % 64);
@@ -244,8 +245,8 @@ class Tile {
     if (task_.tile_y < q.band_begin || task_.tile_y >= q.band_end) return;
     const uint32_t* starts = lists.band_starts + q.band_index + (task_.tile_y - q.band_begin);
     for (uint32_t i = starts[0]; i < starts[1]; i++) {
-      Edge e = local_edge(pair, lists.band_edges[i]);
-      if (e.ax < float(kTile) || e.ax + e.vx < float(kTile)) band_[band_count_++] = e;
+      const BandEdge e = local_ends(pair, lists.band_edges[i]);
+      if (e.ax < float(kTile) || e.bx < float(kTile)) band_[band_count_++] = e;
     }
   }
 

@@ -1,4 +1,4 @@
-"""The comment that says which program, seed and settings made a file, and how to find it again.
+"""The comment that says which program, seed, settings and input made a file, and how to find it again.
 
 The mark in a PNG is its Software text, in a JSON file its "program" member. Imports nothing heavy: the
 command line uses this before torch is loaded.
@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from typing import Any
 
 PROGRAM = "cubicsplat"
 # The mark sits in the first lines of every file we write; a longer search would only cost time.
 HEAD_BYTES = 4096
+
+_HASHES = re.compile(rb"<!-- cubicsplat \S+, seed \d+, settings ([0-9a-f]{12}), input ([0-9a-f]{64}) -->")
 
 
 def settings_hash(settings: Mapping[str, Any]) -> str:
@@ -22,9 +25,15 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def provenance_comment(version: str, seed: int, digest: str) -> str:
-    """The text of the SVG's comment: version, seed and settings hash."""
-    return f"{PROGRAM} {version}, seed {seed}, settings {digest}"
+def provenance_comment(version: str, seed: int, digest: str, sha256: str) -> str:
+    """The text of the SVG's comment: version, seed, settings hash, and the SHA-256 of the input's bytes."""
+    return f"{PROGRAM} {version}, seed {seed}, settings {digest}, input {sha256}"
+
+
+def hashes_in(head: bytes) -> tuple[str, str] | None:
+    """Settings hash and input SHA-256 from the first bytes of an SVG of ours, or None."""
+    match = _HASHES.search(head[:HEAD_BYTES])
+    return None if match is None else (match[1].decode(), match[2].decode())
 
 
 def svg_is_ours(head: bytes) -> bool:

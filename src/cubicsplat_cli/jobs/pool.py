@@ -1,0 +1,235 @@
+"""Jobs on this machine: worker processes that outlive a bad picture, and die with the command that started them.
+
+Each worker is a fresh interpreter (spawned, since neither torch nor threads survive a fork) that gets one job at a time
+through a pipe. A worker that dies takes only its job down, and that is tried once more in a new one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+from multiprocessing.connection import Connection, wait
+from typing import TYPE_CHECKING
+
+from cubicsplat_cli.jobs.plan import Job, Request
+from cubicsplat_cli.jobs.work import FAILED, FileSink, Outcome, Step, Watcher, attempt, nothing
+
+if TYPE_CHECKING:
+    from multiprocessing.process import BaseProcess
+
+    from cubicsplat_cli.fit import Progress
+
+ATTEMPTS = 2
+# How often a stop is looked for while nothing happens.
+_POLL_SECONDS = 0.2
+_STOP = "stop"
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Whom to tell about the jobs under way: that one starts, how far it is, and what is odd about it."""
+
+    start: Callable[[Job], None] = nothing
+    note: Callable[[Job, str], None] = nothing
+    step: Callable[[Job, Step], None] = nothing
+
+
+def share_threads(threads: int | None, workers: int) -> list[int]:
+    """Threads of each worker: together as many as asked for (None: one per core), and one each at least."""
+    total = threads if threads is not None else cores()
+    each, rest = divmod(total, workers)
+    return [max(1, each + (index < rest)) for index in range(workers)]
+
+
+def cores() -> int:
+    """The CPU cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def run_jobs(
+    jobs: Iterator[Job],
+    request: Request,
+    *,
+    workers: int,
+    threads: int | None,
+    listener: Listener,
+    stopping: Callable[[], bool],
+) -> Iterator[Outcome]:
+    """The outcomes of `jobs` in the order in which they end; `jobs` is asked for the next when a worker is free.
+
+    Once `stopping()` is true nothing is begun any more, and the fits under way end early with the best they have.
+    """
+    pool = _Pool(request, share_threads(threads, workers), listener)
+    try:
+        yield from pool.run(jobs, stopping)
+    finally:
+        pool.close()
+
+
+@dataclass
+class _Worker:
+    """A process, our end of its pipe, and what it is doing."""
+
+    slot: int
+    process: BaseProcess
+    pipe: Connection
+    job: Job | None = None
+
+
+@dataclass
+class _Pool:
+    request: Request
+    threads: list[int]
+    listener: Listener
+    workers: list[_Worker] = field(default_factory=list)
+    again: deque[Job] = field(default_factory=deque)
+    deaths: dict[str, int] = field(default_factory=dict)
+
+    def run(self, jobs: Iterator[Job], stopping: Callable[[], bool]) -> Iterator[Outcome]:
+        told = False
+        while True:
+            if not stopping():
+                self._hand_out(jobs)
+            elif not told:
+                told = True
+                self._tell_to_stop()
+            busy = [worker for worker in self.workers if worker.job is not None]
+            if not busy:
+                return
+            # A pipe is ready when its worker has something to say, and when it died.
+            for pipe in wait([worker.pipe for worker in busy], _POLL_SECONDS):
+                worker = next(worker for worker in busy if worker.pipe is pipe)
+                outcome = self._listen(worker)
+                if outcome is not None:
+                    yield outcome
+
+    def close(self) -> None:
+        """End all workers: the idle ones by request, the others by force."""
+        for worker in self.workers:
+            with contextlib.suppress(OSError):
+                if worker.job is None:
+                    worker.pipe.send(None)
+                else:
+                    worker.process.terminate()
+            worker.pipe.close()
+        for worker in self.workers:
+            worker.process.join()
+
+    def _hand_out(self, jobs: Iterator[Job]) -> None:
+        """A job for each slot that is free; workers are started as there is work for them."""
+        taken = {worker.slot for worker in self.workers if worker.job is not None}
+        for slot in range(len(self.threads)):
+            if slot in taken:
+                continue
+            job = self.again.popleft() if self.again else next(jobs, None)
+            if job is None:
+                return
+            worker = next((worker for worker in self.workers if worker.slot == slot), None) or self._start(slot)
+            worker.job = job
+            self.listener.start(job)
+            with contextlib.suppress(OSError):  # it died while idle: `_listen` finds that out
+                worker.pipe.send(job)
+
+    def _start(self, slot: int) -> _Worker:
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_work, args=(theirs, self.request, self.threads[slot]), daemon=True)
+        with _interrupts_held():
+            process.start()
+        theirs.close()
+        worker = _Worker(slot, process, ours)
+        self.workers.append(worker)
+        return worker
+
+    def _listen(self, worker: _Worker) -> Outcome | None:
+        """Take one message of a worker: its outcome where it is done with its job."""
+        job = worker.job
+        try:
+            kind, content = worker.pipe.recv()
+        except (EOFError, OSError):
+            return self._bury(worker)
+        if kind == "step":
+            self.listener.step(job, Step(**content))
+        else:
+            worker.job = None
+            return content
+        return None
+
+    def _bury(self, worker: _Worker) -> Outcome | None:
+        """A worker died: its job goes to another, unless it has killed too many."""
+        worker.process.join()
+        worker.pipe.close()
+        self.workers.remove(worker)
+        job, how = worker.job, _describe(worker.process.exitcode)
+        self.deaths[job.name] = self.deaths.get(job.name, 0) + 1
+        if self.deaths[job.name] < ATTEMPTS:
+            self.listener.note(job, f"{job.name}: its worker process died ({how}); it is tried again")
+            self.again.append(job)
+            return None
+        text = f"{job.name}: its worker process died {ATTEMPTS} times ({how}); try fewer --jobs, or --max-size"
+        return Outcome(job, FAILED, error=text, exit_code=1)
+
+    def _tell_to_stop(self) -> None:
+        self.again.clear()
+        for worker in self.workers:
+            if worker.job is not None:
+                with contextlib.suppress(OSError):
+                    worker.pipe.send(_STOP)
+
+
+def _describe(exitcode: int | None) -> str:
+    if exitcode is None or exitcode >= 0:
+        return f"exit code {exitcode}"
+    try:
+        name = signal.Signals(-exitcode).name
+    except ValueError:
+        name = f"signal {-exitcode}"
+    return f"{name}, perhaps for lack of memory" if name == "SIGKILL" else name
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C goes to every process of a terminal; a process started in here never gets it, and we get it after."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _work(pipe: Connection, request: Request, threads: int) -> None:
+    """The life of a worker process: jobs from the pipe, one after the other, until there are no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        while True:
+            job = pipe.recv()
+            if job is None:
+                return
+            if job == _STOP:  # it came when the job was done already
+                continue
+            outcome = attempt(job, request, threads=threads, sink=FileSink(job), watcher=_teller(pipe))
+            pipe.send(("outcome", outcome))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        # The command that started this process is gone; what was under way is done anew by its next run.
+        os._exit(1)
+
+
+def _teller(pipe: Connection) -> Watcher:
+    """Says through the pipe how a job goes on, and ends its fit early when told to."""
+
+    def step(progress: Progress) -> None:
+        pipe.send(("step", asdict(progress)))
+        if progress.step < progress.steps and pipe.poll() and pipe.recv() == _STOP:
+            raise KeyboardInterrupt
+
+    return Watcher(step=step)

@@ -1,0 +1,115 @@
+"""From what the user named (files, patterns, folders) to the pictures to vectorise."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.jobs.outputs import STDIO, is_ours
+from cubicsplat_cli.jobs.paths import is_folder
+
+# In a folder, these are taken for pictures; a file that is named itself may be called anything.
+PICTURE_SUFFIXES = frozenset(
+    (".png", ".jpg", ".jpeg", ".jpe", ".webp", ".bmp", ".dib", ".tif", ".tiff", ".gif", ".ppm", ".pgm", ".pbm", ".pnm")
+)
+
+
+@dataclass(frozen=True)
+class Source:
+    """One picture: its path, and the folder below an output folder that mirrors where it was found."""
+
+    path: Path
+    below: Path = Path()
+
+
+@dataclass
+class Found:
+    """What the arguments led to: pictures in a fixed order, and by name what could not be followed."""
+
+    sources: list[Source] = field(default_factory=list)
+    problems: list[tuple[str, InputError]] = field(default_factory=list)
+    left_out: list[Path] = field(default_factory=list)
+
+
+def is_batch(arguments: list[str]) -> bool:
+    """Whether the arguments may mean more than one picture: several, a folder, or a pattern."""
+    first = arguments[0]
+    return len(arguments) > 1 or (first != STDIO and (is_folder(Path(first)) or _is_pattern(first)))
+
+
+def find_sources(arguments: list[str], *, recursive: bool) -> Found:
+    """Follow every argument: a file as it is, a folder to the pictures in it (with `recursive` at any depth), and a
+    pattern (`*`, `?`, `[]`, `**`) that no shell has resolved to the files that match.
+
+    Each picture comes once. Pictures that cubicsplat itself drew are left out, so that a second run over a folder
+    does not vectorise the results of the first. Raises UsageError for standard input among other arguments.
+    """
+    if STDIO in arguments:
+        raise UsageError("standard input (-) can only be the one input; name files and folders in another run")
+    found = Found()
+    for argument in arguments:
+        path = Path(argument)
+        if is_folder(path):
+            _take_folder(path, recursive, found)
+        elif _is_pattern(argument):
+            _take_pattern(argument, found)
+        else:
+            _take_file(Source(path), found)
+    found.sources = list(_without_repetition(found.sources))
+    return found
+
+
+def _is_pattern(argument: str) -> bool:
+    return glob.has_magic(argument) and not os.path.lexists(argument)
+
+
+def _take_file(source: Source, found: Found) -> None:
+    if is_ours(source.path):
+        found.left_out.append(source.path)
+    else:
+        found.sources.append(source)
+
+
+def _take_pattern(pattern: str, found: Found) -> None:
+    # Path.glob takes no absolute patterns.
+    matches = sorted(Path(name) for name in glob.glob(pattern, recursive=True))  # noqa: PTH207
+    matches = [path for path in matches if not is_folder(path)]
+    if not matches:
+        found.problems.append((pattern, InputError(f"{pattern}: no file matches; check the pattern")))
+    for path in matches:
+        _take_file(Source(path), found)
+
+
+def _take_folder(folder: Path, recursive: bool, found: Found) -> None:
+    def unreadable(error: OSError) -> None:
+        message = f"{error.filename}: folder cannot be read ({error.strerror}); check its permissions"
+        found.problems.append((str(error.filename), InputError(message)))
+
+    count, deeper = 0, False
+    for place, folders, files in os.walk(folder, onerror=unreadable):
+        # Hidden folders hold caches and version control, no pictures of the user.
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in sorted(files):
+            path = Path(place, name)
+            if path.suffix.lower() in PICTURE_SUFFIXES and not name.startswith("."):
+                count += 1
+                _take_file(Source(path, Path(place).relative_to(folder)), found)
+        if not recursive:
+            deeper = bool(folders)
+            break
+    if count == 0 and not found.problems:
+        hint = "with -r the folders in it are searched too" if deeper else "give a folder with pictures"
+        found.problems.append((str(folder), InputError(f"{folder}: is a folder without pictures; {hint}")))
+
+
+def _without_repetition(sources: list[Source]) -> Iterator[Source]:
+    seen = set()
+    for source in sources:
+        key = source.path.absolute()
+        if key not in seen:
+            seen.add(key)
+            yield source

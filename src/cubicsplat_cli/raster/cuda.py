@@ -1,0 +1,288 @@
+"""The CUDA engine: the same methods as the CPU engine, on tensors that live on the GPU.
+
+A step is four kernels (flatten, bin, raster, update) with nothing in between, so it is captured in a CUDA graph and
+replayed; a tiny kernel before each replay brings the values that change from step to step. Nothing waits for the GPU
+but what hands a number to Python: `gradients()` for its loss, and whoever reads the loss of a step. See docs/cuda.md.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..errors import EngineError
+from ..scene import Mode
+from .cpu import OptimiserState, Rates, SceneTensors
+from .cuda_compile import Program
+from .cuda_driver import CudaDriver, Driver, Kernels
+from .cuda_frame import (
+    SMALL_THREADS,
+    THREADS,
+    WARP,
+    Frame,
+    Sizes,
+    StepValues,
+    Workspace,
+    attach,
+    blocks,
+    make_frame,
+    pointer,
+    set_rates,
+    shared_bytes,
+    slots_for,
+    step_values,
+)
+from .cuda_selftest import self_test
+from .settings import RasterSettings
+
+PLANS_KEPT = 2  # prepared steps: those of the relaxed phase and of the exact finish
+
+
+@dataclass
+class _Plan:
+    """A step that has been prepared, and captured when it came a second time."""
+
+    frame: Frame
+    kernels: Kernels
+    workspace: Workspace
+    step: Tensor  # the device's StepValues
+    kept: tuple[object, ...]  # whatever else the frame points to
+    ran: bool = False
+    replay: Callable[[], None] | None = None
+
+
+class CudaEngine:
+    """The CUDA engine on one GPU. Steps are not to be made from several Python threads at once.
+
+    device: torch's number of the GPU (default: its current one). driver: another device, for tests. Raises EngineError
+    with the reason where it cannot run. Every program is tried on a tiny scene before its first use (`self_test`).
+    """
+
+    name = "cuda"
+
+    def __init__(self, device: int | None = None, *, driver: Driver | None = None) -> None:
+        self._driver: Driver = driver or CudaDriver(device)
+        self.device = self._driver.device
+        self._programs: dict[Program, Kernels] = {}
+        self._plans: OrderedDict[bytes, _Plan] = OrderedDict()
+        self._number = 0
+        self._status = self._allocate("the status", 2, torch.int32).zero_()
+        self._load(Program(Mode.CLOSED, 3))
+
+    def close(self) -> None:
+        """Frees the prepared steps and their memory; the next step prepares its own again."""
+        self._plans.clear()
+
+    def describe(self) -> dict[str, object]:
+        return {"name": self.name, **self._driver.describe()}
+
+    def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:
+        """Draws the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
+        image = self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
+        values = step_values(scene, settings, None)
+        values.image = image.data_ptr()
+        self._run(scene, settings, values, backward=False)
+        return image.view(scene.height, scene.width, scene.channels)
+
+    def gradients(
+        self,
+        scene: SceneTensors,
+        settings: RasterSettings,
+        *,
+        gradient: Tensor | None = None,
+        target: Tensor | None = None,
+        importance: str | None = None,
+    ) -> tuple[float, dict[str, Tensor]]:
+        """Gradients of every parameter as given, for an incoming dL/dF (`gradient`) or for the squared error against
+        `target`, both (H, W, C). Returns the loss (0 without a target) and points, colours, opacities, half_widths,
+        background, edge_widths where the scene has them and, if asked for ("visibility" or "loo"), importance (N,).
+        """
+        if gradient is None and target is None:
+            raise EngineError("the CUDA engine failed: a backward pass needs a target or an incoming gradient")
+        if importance == "loo" and target is None:
+            raise EngineError("the CUDA engine failed: leave-one-out importance needs a target")
+        if importance == "loo" and gradient is not None:
+            # The kernels know a pixel's error from its gradient, so it has to be the squared error's.
+            loss, out = self.gradients(scene, settings, gradient=gradient, target=target)
+            out["importance"] = self.gradients(scene, settings, target=target, importance="loo")[1]["importance"]
+            return loss, out
+        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
+        shapes: dict[str, tuple[int, ...]] = {
+            "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,),
+            "background": (scene.channels,),
+        }  # fmt: skip
+        if scene.edge_widths is not None:
+            shapes["edge_widths"] = (n,)
+        if importance:
+            shapes["importance"] = (n,)
+        out = {name: torch.zeros(shape, device=self.device) for name, shape in shapes.items()}
+        loss = torch.zeros((), dtype=torch.float64, device=self.device)
+        values = step_values(scene, settings, importance)
+        values.loss, values.background_gradient = loss.data_ptr(), out["background"].data_ptr()
+        if importance:
+            values.importance = out["importance"].data_ptr()
+        parameters = {f"out_{name}": t for name, t in out.items() if name not in ("background", "importance")}
+        self._run(scene, settings, values, backward=True, target=target, gradient=gradient, outputs=parameters)
+        return float(loss) if target is not None else 0.0, out  # reading it waits for the GPU
+
+    def step(
+        self,
+        scene: SceneTensors,
+        settings: RasterSettings,
+        target: Tensor,
+        state: OptimiserState,
+        rates: Rates,
+        *,
+        image: Tensor | None = None,
+        importance: Tensor | None = None,
+        importance_kind: str | None = None,
+        background_gradient: Tensor | None = None,
+        points_gradient: Tensor | None = None,
+    ) -> Tensor:
+        """One fused training step: forward, squared error, backward and Adan on the scene's own tensors, in place.
+
+        The same as `CpuEngine.step`, but it does not wait: the loss (sum over the pixels) before the update comes as a
+        float64 tensor without dimensions on the GPU, and float() of it waits. A step on the same tensors as before is
+        replayed from a CUDA graph, so change tensors in place where you can.
+        """
+        frame = self._training_frame(scene, settings, target, state)
+        plan = self._plan(frame, scene, settings, (scene, target, state))
+        n, k = frame.curves, frame.points_per_curve
+        values = step_values(scene, settings, importance_kind if importance is not None else None, self._number)
+        set_rates(values, rates)
+        values.image = pointer(image, "image", (scene.height, scene.width, scene.channels), self.device)
+        values.importance = pointer(importance, "importance", (n,), self.device)
+        values.background_gradient = pointer(
+            background_gradient, "gradient of background", (scene.channels,), self.device
+        )
+        values.points_gradient = pointer(points_gradient, "points_gradient", (n, k, 2), self.device)
+        loss = torch.empty((), dtype=torch.float64, device=self.device)
+        values.loss = loss.data_ptr()
+        self._number += 1
+        with self._driver.active():
+            self._set_step(plan.kernels, values, plan.step)
+            self._repeat(plan)
+        return loss
+
+    def fault(self) -> tuple[int, int] | None:
+        """(curve, step) of the first parameter that ceased to be finite, this engine's steps counted from 0; waits."""
+        curve, step = (int(n) for n in self._status.tolist())
+        return (curve - 1, step) if curve else None
+
+    def bytes_for(self, scene: SceneTensors, settings: RasterSettings) -> int:
+        """Memory that a step on such a scene takes beside the scene, the optimiser and the pictures."""
+        sizes = Sizes.of(scene, settings, True)
+        return Workspace(sizes, lambda _, count, dtype: torch.empty(count, dtype=dtype, device="meta")).bytes
+
+    # How a call is prepared
+
+    def _allocate(self, what: str, count: int, dtype: torch.dtype) -> Tensor:
+        try:
+            return torch.empty(count, dtype=dtype, device=self.device)
+        except RuntimeError as error:  # torch.OutOfMemoryError is one; its CPU allocator raises a plain one
+            if "memory" not in str(error):
+                raise
+            size = count * dtype.itemsize / 1e6
+            raise EngineError(
+                f"the GPU has no room for {what} ({size:.0f} MB more); lower --curves, --samples or --max-size, or "
+                "use --device cpu"
+            ) from error
+
+    def _load(self, program: Program) -> Kernels:
+        if program not in self._programs:
+            self._programs[program] = self._driver.load(program)
+            try:
+                self_test(self, program)
+            except EngineError:
+                del self._programs[program]
+                raise
+        return self._programs[program]
+
+    def _slots(self, settings: RasterSettings) -> int:
+        return slots_for(settings.coverage, self._driver.shared_per_block, self._driver.shared_per_sm)
+
+    def _set_step(self, kernels: Kernels, values: StepValues, step: Tensor) -> None:
+        kernels.launch("set_step", (1, 1), WARP, 0, values, ctypes.c_void_p(step.data_ptr()))
+
+    def _launch(self, kernels: Kernels, frame: Frame) -> None:
+        """Queues the kernels of one step, render or gradient."""
+        per_block = SMALL_THREADS // WARP
+        coverage = "exact" if frame.exact else "relaxed"
+        curves = blocks(frame.curves, per_block)
+        supers = blocks(frame.supers_x * frame.supers_y, WARP)
+        kernels.launch("flatten", (curves, 1), SMALL_THREADS, 0, frame)
+        kernels.launch("bin", (blocks(frame.words, per_block), supers), SMALL_THREADS, 0, frame)
+        shared = shared_bytes(coverage, frame.slots)
+        kernels.launch(f"raster_{coverage}", (frame.tiles_x * frame.tiles_y, 1), THREADS, shared, frame)
+        if frame.backward:
+            kernels.launch("update", (1 + curves, 1), SMALL_THREADS, 0, frame)
+
+    def _run(
+        self,
+        scene: SceneTensors,
+        settings: RasterSettings,
+        values: StepValues,
+        *,
+        backward: bool,
+        target: Tensor | None = None,
+        gradient: Tensor | None = None,
+        outputs: dict[str, Tensor] | None = None,
+    ) -> None:
+        """One call without a graph, in buffers of its own, so that calls on several streams do not meet."""
+        sizes = Sizes.of(scene, settings, backward)
+        frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
+        shape = (scene.height, scene.width, scene.channels)
+        frame.target = pointer(target, "target", shape, self.device)
+        frame.gradient = pointer(gradient, "gradient", shape, self.device)
+        kernels = self._load(Program(scene.mode, scene.channels))
+        with self._driver.active():
+            step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
+            workspace = Workspace(sizes, self._allocate)
+            attach(frame, workspace.tensors() | (outputs or {}) | {"step": step, "status": self._status})
+            self._set_step(kernels, values, step)
+            self._launch(kernels, frame)
+
+    def _training_frame(
+        self, scene: SceneTensors, settings: RasterSettings, target: Tensor, state: OptimiserState
+    ) -> Frame:
+        sizes = Sizes.of(scene, settings, True)
+        n, k = sizes.curves, sizes.points_per_curve
+        frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
+        frame.target = pointer(target, "target", (scene.height, scene.width, scene.channels), self.device)
+        frame.moments = pointer(state.moments, "moments", (n, 2 * k + 5, 4), self.device)
+        frame.edge_moments = pointer(state.edge_moments, "edge_moments", (n, 4), self.device)
+        frame.ages = pointer(state.ages, "ages", (n,), self.device, torch.int32)
+        return frame
+
+    def _plan(
+        self, frame: Frame, scene: SceneTensors, settings: RasterSettings, kept: tuple[object, ...]
+    ) -> _Plan:
+        """The prepared step for these tensors and settings; what differs from step to step is not part of a frame."""
+        key = bytes(frame) + f"{scene.mode} {scene.channels}".encode()
+        if key in self._plans:
+            self._plans.move_to_end(key)
+            return self._plans[key]
+        kernels = self._load(Program(scene.mode, scene.channels))
+        with self._driver.active():
+            while len(self._plans) >= PLANS_KEPT:
+                self._plans.popitem(last=False)
+            workspace = Workspace(Sizes.of(scene, settings, True), self._allocate)
+            step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
+        attach(frame, workspace.tensors() | {"step": step, "status": self._status})
+        plan = self._plans[key] = _Plan(frame, kernels, workspace, step, kept)
+        return plan
+
+    def _repeat(self, plan: _Plan) -> None:
+        """Runs a plan: directly at first, which also loads the kernels, and from a graph ever after."""
+        if not plan.ran:
+            self._launch(plan.kernels, plan.frame)
+            plan.ran = True
+            return
+        if plan.replay is None:
+            plan.replay = self._driver.capture(lambda: self._launch(plan.kernels, plan.frame))
+        plan.replay()

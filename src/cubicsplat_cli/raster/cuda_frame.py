@@ -1,0 +1,262 @@
+"""What the CUDA kernels are told: mirrors of kernels/frame.cuh, field by field, and the buffers they work in."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from ctypes import c_float, c_int, c_void_p
+from dataclasses import dataclass
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from ..errors import EngineError
+from ..scene import Mode
+from .cpu import IMPORTANCE, Rates, SceneTensors
+from .settings import RasterSettings
+
+# Twins of the constants in frame.cuh.
+WARP = 32
+TILE = 16
+THREADS = 256
+SMALL_THREADS = 128
+STRIPS = 8
+LISTED = 512
+BATCH = 32
+MASK_WORDS = 1024
+MOST_SLOTS = 16
+ATTRIBUTES = 12
+SUMS = 8
+CODE_BYTES = THREADS * 2
+EXACT_BYTES = THREADS * 4
+FIXED_SHARED = 4 * (
+    LISTED + BATCH * ATTRIBUTES + MASK_WORDS + BATCH * STRIPS + BATCH + 2 * STRIPS + BATCH * (STRIPS * 8 + 8)
+)
+LEFT_MASKS_BYTES = MASK_WORDS * 4
+RESERVED_SHARED = 1024  # bytes of each block that the system keeps for itself
+BLOCKS_PER_SM = {"relaxed": 4, "exact": 3}  # what the kernels' registers allow (launch bounds)
+
+MOST_EDGES = MASK_WORDS // STRIPS * WARP  # of one curve: a set of them must fit into a batch
+MOST_SEGMENTS = 42  # a row crosses a cubic three times at most, and windings are kept in signed bytes
+MOST_SUPERS = 1024
+SUPER_SHIFT = 3
+
+
+class StepValues(ctypes.Structure):
+    """`Step`: what may change between two replays of a captured step."""
+
+    _fields_ = [
+        ("edge_width", c_float), ("tolerance", c_float), ("background", c_float * 4),
+        ("rates", c_float * 9), ("importance_kind", c_int), ("number", c_int),
+        ("image", c_void_p), ("importance", c_void_p), ("background_gradient", c_void_p), ("points_gradient", c_void_p),
+        ("loss", c_void_p),
+    ]  # fmt: skip
+
+
+class Frame(ctypes.Structure):
+    """`Frame`: what stays the same while a captured step lives."""
+
+    _fields_ = [
+        (name, c_int)
+        for name in (
+            "curves", "segments", "points_per_curve", "samples", "edge_stride", "width", "height", "tiles_x", "tiles_y",
+            "super_shift", "supers_x", "supers_y", "words", "mask_words", "batch", "slots", "logits", "backward",
+            "exact", "subdivide",
+        )
+    ] + [
+        (name, c_void_p)
+        for name in (
+            "points", "colours", "opacities", "half_widths", "edge_widths",
+            "bounds", "edges", "inverses", "attributes", "parameters", "super_masks",
+            "target", "gradient", "vertex_gradients", "sums", "tile_sums",
+            "out_points", "out_colours", "out_opacities", "out_half_widths", "out_edge_widths",
+            "moments", "edge_moments", "ages", "status", "step",
+        )
+    ]  # fmt: skip
+
+
+def pointer(
+    tensor: Tensor | None,
+    name: str,
+    shape: tuple[int, ...],
+    device: torch.device,
+    dtype: torch.dtype = torch.float32,
+) -> int | None:
+    """Address of a tensor that the kernels can use. Raises EngineError that names it where they cannot."""
+    if tensor is None:
+        return None
+    fits = tuple(tensor.shape) == shape and tensor.dtype == dtype
+    if not fits or tensor.device != device or not tensor.is_contiguous():
+        raise EngineError(
+            f"{name} must be a contiguous {dtype} tensor of shape {shape} on {device}, "
+            f"not {tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
+        )
+    return tensor.data_ptr()
+
+
+def blocks(count: int, per_block: int) -> int:
+    """Blocks that hold `count` things; at least one, since an empty grid cannot be launched."""
+    return max(1, -(-count // per_block))
+
+
+def slots_for(coverage: str, shared_per_block: int, shared_per_sm: int) -> int:
+    """Boundary pairs per strip whose nearest edges fit into shared memory without costing a resident block."""
+    exact = coverage == "exact"
+    fixed = FIXED_SHARED + (LEFT_MASKS_BYTES if exact else 0)
+    room = min(shared_per_sm // BLOCKS_PER_SM[coverage] - RESERVED_SHARED, shared_per_block)
+    return max(0, min(MOST_SLOTS, (room - fixed) // (CODE_BYTES + (EXACT_BYTES if exact else 0))))
+
+
+def shared_bytes(coverage: str, slots: int) -> int:
+    """Dynamic shared memory of a block of the raster kernel."""
+    if coverage == "exact":
+        return FIXED_SHARED + slots * (CODE_BYTES + EXACT_BYTES) + LEFT_MASKS_BYTES
+    return FIXED_SHARED + slots * CODE_BYTES
+
+
+def _supers(tiles: tuple[int, int], shift: int) -> tuple[int, int]:
+    return -(-tiles[0] >> shift), -(-tiles[1] >> shift)
+
+
+@lru_cache(maxsize=64)
+def _super_shift(tiles: tuple[int, int]) -> int:
+    shift = SUPER_SHIFT
+    while math.prod(_supers(tiles, shift)) > MOST_SUPERS:
+        shift += 1
+    return shift
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What the buffers' sizes depend on."""
+
+    curves: int
+    segments: int
+    points_per_curve: int
+    width: int
+    height: int
+    samples: int
+    subdivide: bool
+    backward: bool
+
+    @classmethod
+    def of(cls, scene: SceneTensors, settings: RasterSettings, backward: bool) -> Sizes:
+        """Sizes of a scene; raises EngineError where this engine cannot draw it."""
+        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
+        closed = scene.mode is Mode.CLOSED
+        segments = k // 3
+        if segments < 1 or k != 3 * segments + (0 if closed else 1) or scene.width < 1 or scene.height < 1:
+            raise EngineError(f"a {scene.mode.value} curve cannot have {k} control points, or the canvas is empty")
+        if segments > MOST_SEGMENTS or segments * settings.samples > MOST_EDGES:
+            raise EngineError(
+                f"the CUDA engine draws curves of at most {MOST_SEGMENTS} segments and {MOST_EDGES} edges, not "
+                f"{segments} and {segments * settings.samples}; use fewer segments or samples, or the CPU"
+            )
+        return cls(n, segments, k, scene.width, scene.height, settings.samples, settings.subdivide, backward)
+
+    @property
+    def edge_stride(self) -> int:
+        return self.segments * self.samples
+
+    @property
+    def tiles(self) -> tuple[int, int]:
+        return -(-self.width // TILE), -(-self.height // TILE)
+
+    @property
+    def super_shift(self) -> int:
+        """Tiles per side of a super-tile, as a power of two."""
+        return _super_shift(self.tiles)
+
+    @property
+    def supers(self) -> tuple[int, int]:
+        """Columns and rows of super-tiles."""
+        return _supers(self.tiles, self.super_shift)
+
+    @property
+    def words(self) -> int:
+        return blocks(self.curves, WARP)
+
+    @property
+    def mask_words(self) -> int:
+        return blocks(self.edge_stride, WARP)
+
+    @property
+    def batch(self) -> int:
+        return min(BATCH, MASK_WORDS // (STRIPS * self.mask_words))
+
+
+Allocate = Callable[[str, int, torch.dtype], Tensor]
+
+
+class Workspace:
+    """The buffers between the kernels, for scenes of one size."""
+
+    def __init__(self, sizes: Sizes, allocate: Allocate) -> None:
+        """allocate(what, count, dtype) gives an uninitialised tensor, or raises EngineError."""
+        self.sizes = sizes
+        n, stride, tiles = max(sizes.curves, 1), sizes.edge_stride, sizes.tiles[0] * sizes.tiles[1]
+
+        def floats(what: str, count: int) -> Tensor:
+            return allocate(what, count, torch.float32)
+
+        self.bounds = floats("the curves' bounds", 4 * n)
+        self.edges = floats("the curves' edges", 4 * n * stride)
+        self.inverses = floats("the curves' edges", 2 * n * stride)
+        self.attributes = floats("the curves' values", ATTRIBUTES * n)
+        self.parameters = floats("the curves' vertices", n * (stride + 1)) if sizes.subdivide else None
+        self.super_masks = allocate("the super-tiles", sizes.supers[0] * sizes.supers[1] * sizes.words, torch.int32)
+        self.vertex_gradients = self.sums = self.tile_sums = None
+        if sizes.backward:
+            self.vertex_gradients = floats("the vertices' gradients", 2 * n * (stride + 1))
+            self.sums = floats("the curves' gradients", SUMS * n)
+            self.tile_sums = floats("the tiles' sums", 8 * tiles)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Every buffer by the name of its field in `Frame`."""
+        return {name: t for name, t in vars(self).items() if isinstance(t, Tensor)}
+
+    @property
+    def bytes(self) -> int:
+        return sum(t.numel() * t.element_size() for t in self.tensors().values())
+
+
+def make_frame(
+    scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device
+) -> Frame:
+    """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors."""
+    n, k = sizes.curves, sizes.points_per_curve
+    return Frame(
+        curves=n, segments=sizes.segments, points_per_curve=k, samples=sizes.samples, edge_stride=sizes.edge_stride,
+        width=sizes.width, height=sizes.height, tiles_x=sizes.tiles[0], tiles_y=sizes.tiles[1],
+        super_shift=sizes.super_shift, supers_x=sizes.supers[0], supers_y=sizes.supers[1], words=sizes.words,
+        mask_words=sizes.mask_words, batch=sizes.batch, slots=slots, logits=scene.logits, backward=sizes.backward,
+        exact=settings.coverage == "exact", subdivide=settings.subdivide,
+        points=pointer(scene.points, "points", (n, k, 2), device),
+        colours=pointer(scene.colours, "colours", (n, 3), device),
+        opacities=pointer(scene.opacities, "opacities", (n,), device),
+        half_widths=pointer(scene.half_widths, "half_widths", (n,), device),
+        edge_widths=pointer(scene.edge_widths, "edge_widths", (n,), device),
+    )  # fmt: skip
+
+
+def attach(frame: Frame, tensors: dict[str, Tensor]) -> None:
+    """Puts the addresses of tensors into the fields of their names."""
+    for name, tensor in tensors.items():
+        setattr(frame, name, tensor.data_ptr())
+
+
+def step_values(scene: SceneTensors, settings: RasterSettings, importance: str | None, number: int = 0) -> StepValues:
+    """The values of one call, without rates and outputs."""
+    return StepValues(
+        edge_width=settings.edge_width, tolerance=settings.tolerance,
+        background=(c_float * 4)(*(scene.background or ()), 0.0), importance_kind=IMPORTANCE[importance], number=number,
+    )  # fmt: skip
+
+
+def set_rates(values: StepValues, rates: Rates) -> None:
+    """Puts the rates in the order of `AdanRates` in curve.h."""
+    values.rates = (c_float * 9)(
+        rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep, rates.epsilon
+    )

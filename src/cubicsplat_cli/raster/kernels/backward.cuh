@@ -1,0 +1,193 @@
+// Stage raster, the way back: gradients of the curves that a tile's pixels see, and what each curve is worth.
+#pragma once
+
+#include "raster.cuh"
+
+namespace cs {
+
+// State of a pixel on the way back, which runs front to back too. It is all that the walk keeps in registers, so the
+// colour F and the error are not in it.
+struct Returning {
+  Backward<float> state;
+  float gradient[kChannels];  // dL/dF
+  float before[kChannels];    // colour accumulated so far, less F: for the leave-one-out importance
+  int kept;
+};
+
+// The error e = F - target whose squared loss has the gradient g: pixel_loss_gradient() solved for e.
+CS_INLINE void error_of_gradient(const float* g, float* e) {
+  const float alpha = kChannels == 3 ? 0.0f : (2.0f * g[kChannels - 1] + g[0] + g[1] + g[2]) * (1.0f / 3.0f);
+  for (int c = 0; c < 3; c++) e[c] = 0.5f * (g[c] + alpha);
+  if (kChannels == 4) e[kChannels - 1] = alpha;
+}
+
+// Counted from F, so that F itself is not needed: acc - F in place of acc, and 0 in place of F.
+CS_INLINE float importance_of(float alpha, float weight, const float* colour, Returning& pixel) {
+  const float zero[kChannels] = {};
+  float error[kChannels];
+  error_of_gradient(pixel.gradient, error);
+  return leave_one_out<kChannels>(alpha, weight, colour, zero, error, pixel.before);
+}
+
+// One pixel's view of one curve on the way back.
+struct Seeing {
+  Found found;
+  Coverage<float> cover;
+};
+
+template <bool Exact>
+CS_INLINE Seeing look_again(const Frame& f, const Lists& s, const Outlined& o, const Place& p, int backdrop, int slot,
+                            int kept) {
+  const bool stored = slot < kept && slot < f.slots;  // the same for the whole warp
+  Seeing seeing;
+  seeing.found = stored ? unpack(o, s.codes(slot)[threadIdx.x], p.px, p.py)
+                        : find(o, backdrop, p.lane / kStripWidth, p.px, p.py);
+  seeing.cover = relaxed_coverage(seeing.found, o);
+  if (Exact)
+    seeing.cover.coverage = stored ? s.coverages(f, slot)[threadIdx.x] : exact_coverage(o, seeing.found, p.px, p.py, p.lane);
+  return seeing;
+}
+
+// Gradient of the loss with respect to the nearest point of the outline.
+CS_INLINE void pull_of(const Outlined& o, const Seeing& seeing, const Place& p, float d_coverage, float& x, float& y) {
+  const Edge e = o.edge(int(seeing.found.nearest.edge));
+  if (kClosed && seeing.found.nearest.squared < kTouching * kTouching) {
+    // The centre lies on the outline: the outward normal stands for (c - x) / d.
+    float phi, slope;
+    relaxed_step(0.0f, o.attributes[kSupport], phi, slope);
+    const float length = square_root(e.vx * e.vx + e.vy * e.vy);
+    const float g = length > 0.0f ? d_coverage * slope * o.attributes[kOrientation] / length : 0.0f;
+    x = g * e.vy;
+    y = -g * e.vx;
+    return;
+  }
+  const float strength = seeing.cover.pull * d_coverage, t = seeing.found.nearest.t;
+  x = strength * (fmaf(t, e.vx, e.ax) - p.px);
+  y = strength * (fmaf(t, e.vy, e.ay) - p.py);
+}
+
+// Adds the pulls of the strip's pixels to the ends of their edges. Few edges pass through a strip, so the warp sums up
+// one edge after the other and makes one atomic access for each.
+CS_INLINE void scatter(const Frame& f, const Outlined& o, unsigned curve, int edge, float x, float y, float t, int lane) {
+  const int edges = int(o.attributes[kEdges]);
+  float* gradients = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;
+  unsigned left = ballot(edge >= 0 && !(x == 0.0f && y == 0.0f));
+  while (left) {
+    const int current = __shfl_sync(kFullWarp, edge, lowest(left));
+    const bool mine = (left >> lane & 1u) && edge == current;
+    left &= ~ballot(mine);
+    float values[4] = {0.0f, 0.0f, 0.0f, 0.0f};
+    if (mine) {
+      values[2] = x * t;
+      values[3] = y * t;
+      values[0] = x - values[2];
+      values[1] = y - values[3];
+    }
+    const float total = sum_of_four(values, lane);
+    if (lane % 8 == 0) {
+      const int i = lane / 8;
+      int vertex = current + i / 2;
+      if (kClosed && vertex == edges) vertex = 0;
+      atomicAdd(gradients + 2 * vertex + i % 2, total);
+    }
+  }
+}
+
+// Sums the strip's gradients of one curve into the pair's place for this strip.
+CS_INLINE void store_sums(const Lists& s, int pair, const Place& p, float* values, bool few) {
+  float* sums = s.sums(pair) + p.strip * 8;
+  if (few) {
+    const float total = sum_of_four(values, p.lane);
+    if (p.lane % 8 == 0) sums[p.lane / 8] = total;
+    return;
+  }
+  const float total = sum_of_eight(values, p.lane);
+  if (p.lane % 4 == 0) sums[p.lane / 4] = total;
+}
+
+template <bool Exact>
+CS_INLINE void return_pair(const Frame& f, const Lists& s, const Place& p, int pair, unsigned curve, bool outline, int kept,
+                           int kind, Returning& pixel) {
+  const float* attributes = s.attributes(pair);
+  const Outlined o = outlined(f, s, pair, curve, p.strip);
+  Seeing seeing{{{0.0f, 0.0f, -1.0f}, true}, {1.0f, 0.0f, 0.0f, 0.0f}};
+  if (outline) seeing = look_again<Exact>(f, s, o, p, s.backdrops(pair)[p.strip], pixel.kept++, kept);
+  const int edge = int(seeing.found.nearest.edge);
+  if (!any(seeing.cover.coverage > 0.0f || edge >= 0)) return;
+  const float raw = attributes[kOpacity] * seeing.cover.coverage, alpha = fminf(raw, kMaxAlpha);
+  float weight, d_alpha = composite_backward<kChannels>(alpha, attributes, pixel.gradient, pixel.state, weight);
+  if (raw > kMaxAlpha) d_alpha = 0.0f;
+  const float d_coverage = d_alpha * attributes[kOpacity];
+  float values[8];
+  for (int c = 0; c < 3; c++) values[c] = weight * pixel.gradient[c];
+  values[kSumOpacity] = d_alpha * seeing.cover.coverage;
+  values[kSumHalfWidth] = d_coverage * seeing.cover.widening;
+  values[kSumImportance] = kind == 1 ? weight : 0.0f;
+  values[kSumEdgeWidth] = d_coverage * seeing.cover.softening;
+  values[7] = 0.0f;
+  if (kind == 2) values[kSumImportance] = importance_of(alpha, weight, attributes, pixel);
+  // Colour and opacity come first; a fill of common edge width has no more when nobody asks for its importance.
+  store_sums(s, pair, p, values, kClosed && kind == 0 && !f.edge_widths);
+  if (!outline) return;
+  float x = 0.0f, y = 0.0f;
+  if (edge >= 0) pull_of(o, seeing, p, d_coverage, x, y);
+  scatter(f, o, curve, edge, x, y, seeing.found.nearest.t, p.lane);
+}
+
+template <bool Exact>
+CS_INLINE void return_batch(const Frame& f, const Lists& s, const Place& p, int first, int count, int kept, int kind,
+                            Returning& pixel) {
+  unsigned pairs = strip_pairs(s, count, 0, p);
+  const unsigned outlines = strip_pairs(s, count, kStrips, p);
+  for (; pairs && any(pixel.state.transmittance >= kMinTransmittance); pairs &= pairs - 1) {
+    const int pair = lowest(pairs);
+    return_pair<Exact>(f, s, p, pair, s.listed()[first + pair], (outlines >> pair & 1u) != 0, kept, kind, pixel);
+  }
+}
+
+// Adds the batch's sums to those of the curves: eight threads a pair. Leaves zeros behind for the next batch.
+CS_INLINE void add_sums(const Frame& f, const Lists& s, int first, int count) {
+  const int pair = threadIdx.x / 8, kind = threadIdx.x % 8;
+  if (pair >= count) return;
+  float total = 0.0f;
+  for (int strip = 0; strip < kStrips; strip++) {
+    float& sum = s.sums(pair)[strip * 8 + kind];
+    total += sum;
+    sum = 0.0f;
+  }
+  if (total != 0.0f) atomicAdd(f.sums + size_t(s.listed()[first + pair]) * kSums + kind, total);
+}
+
+template <bool Exact>
+CS_INLINE void raster_tile(const Frame& f, unsigned char* memory) {
+  const Lists s{memory};
+  const Place p = place(f);
+  Forward pixel;
+  pixel.transmittance = p.valid ? 1.0f : 0.0f;
+  for (int c = 0; c < kChannels; c++) pixel.accumulated[c] = 0.0f;
+  pixel.kept = 0;
+  const Progress progress = each_batch<Exact>(
+      f, s, p, -1, [&](int first, int count) { return forward_batch<Exact>(f, s, p, first, count, pixel); });
+  const Finished done = finish(f, s, p, pixel);
+  if (!f.backward || progress.batches == 0) return;
+
+  const int kind = f.step->importance_kind, kept = pixel.kept;
+  Returning way{{p.valid ? 1.0f : 0.0f, 0.0f}, {}, {}, 0};
+  for (int c = 0; c < kChannels; c++) {
+    way.gradient[c] = done.gradient[c];
+    way.before[c] = -done.colour[c];
+    way.state.behind = fmaf(done.colour[c], done.gradient[c], way.state.behind);
+  }
+  const auto visit = [&](int first, int count) {
+    return_batch<Exact>(f, s, p, first, count, kept, kind, way);
+    __syncthreads();
+    add_sums(f, s, first, count);
+    return true;
+  };
+  if (progress.retained)
+    visit(0, progress.pairs);
+  else
+    each_batch<Exact>(f, s, p, progress.batches, visit);
+}
+
+}  // namespace cs

@@ -1,0 +1,149 @@
+// Stage update: vertex gradients -> control-point gradients -> parameters; and the picture's loss.
+#pragma once
+
+#include "warp.cuh"
+
+namespace cs {
+
+CS_INLINE float bernstein_weight(int j, float t) {
+  float w[4];
+  bernstein(t, w);
+  return j == 0 ? w[0] : (j == 1 ? w[1] : (j == 2 ? w[2] : w[3]));
+}
+
+// Gradient of coordinate i of a curve's control points: the transpose of the polyline's matrix of Bernstein weights.
+CS_INLINE float point_gradient(const Frame& f, const float* vertices, int i, int samples) {
+  const int point = i >> 1, axis = i & 1, segment = point / 3, j = point - 3 * segment;
+  const float step = 1.0f / float(samples);
+  float g = 0.0f;
+  if (segment < f.segments)
+    for (int s = 0; s < samples; s++)
+      g = fmaf(bernstein_weight(j, float(s) * step), vertices[2 * (segment * samples + s) + axis], g);
+  if (j != 0) return g;
+  // An anchor is the end of the segment before, too.
+  const int before = segment > 0 ? segment - 1 : (kClosed ? f.segments - 1 : -1);
+  if (before >= 0)
+    for (int s = 1; s < samples; s++)
+      g = fmaf(bernstein_weight(3, float(s) * step), vertices[2 * (before * samples + s) + axis], g);
+  if (!kClosed && segment == f.segments) g += vertices[2 * (f.segments * samples) + axis];
+  return g;
+}
+
+// The same for a subdivided curve, whose vertices know their segment and parameter.
+CS_INLINE float subdivided_gradient(const Frame& f, const float* vertices, const float* parameters, int i, int edges) {
+  const int point = i >> 1, axis = i & 1;
+  float g = 0.0f;
+  for (int v = 0; v < edges + (kClosed ? 0 : 1); v++) {
+    const int segment = least(int(parameters[v]), f.segments - 1);
+    const int j = kClosed && point == 0 && segment + 1 == f.segments ? 3 : point - 3 * segment;
+    if (kClosed && f.segments == 1 && point == 0) {  // the one anchor is start and end at once
+      const float t = parameters[v];
+      g = fmaf(bernstein_weight(0, t) + bernstein_weight(3, t), vertices[2 * v + axis], g);
+    } else if (j >= 0 && j < 4) {
+      g = fmaf(bernstein_weight(j, parameters[v] - float(segment)), vertices[2 * v + axis], g);
+    }
+  }
+  return g;
+}
+
+// A parameter of a curve: where it lies, the derivative of its activation, and how the optimiser treats it.
+struct Parameter {
+  float *value, *gradient_out;
+  float slope, rate, low, high;
+};
+
+CS_INLINE Parameter point_parameter(const Frame& f, int curve, int i, const AdanRates& r) {
+  const size_t at = size_t(curve) * f.points_per_curve * 2 + i;
+  return {f.points + at, f.out_points ? f.out_points + at : nullptr, 1.0f, r.points, -kFar, kFar};
+}
+
+// i: 0-2 colour, 3 opacity, 4 half-width, 5 edge width.
+CS_INLINE Parameter paint_parameter(const Frame& f, int curve, int i, const AdanRates& r) {
+  if (i == 5)
+    return {f.edge_widths + curve, f.out_edge_widths ? f.out_edge_widths + curve : nullptr,
+            1.0f / f.attributes[size_t(curve) * kAttributes + kEdgeWidth], r.edge_widths, kMinEdgeWidth, kMaxEdgeWidth};
+  const float active = f.attributes[size_t(curve) * kAttributes + i];
+  const float slope = f.logits ? active * (1.0f - active) : 1.0f;
+  const size_t colour = 3 * size_t(curve) + i;
+  if (i < kSumOpacity)
+    return {f.colours + colour, f.out_colours ? f.out_colours + colour : nullptr, slope, r.colours, -kLogitLimit, kLogitLimit};
+  if (i == kSumOpacity)
+    return {f.opacities + curve, f.out_opacities ? f.out_opacities + curve : nullptr, slope, r.opacities, -kLogitLimit,
+            kLogitLimit};
+  return {f.half_widths + curve, f.out_half_widths ? f.out_half_widths + curve : nullptr, 1.0f, r.half_widths,
+          kMinHalfWidth, kFar};
+}
+
+CS_INLINE void train(const Frame& f, int curve, const Parameter& p, float gradient, float4& kept, int age) {
+  const AdanRates r = f.step->rates;
+  const float n = float(age);
+  const AdanBias bias{1.0f - powf(r.keep1, n), 1.0f - powf(r.keep2, n), sqrtf(1.0f - powf(r.keep3, n)), age == 1};
+  AdanMoments moments{kept.x, kept.y, kept.z, kept.w};
+  const float next = *p.value - adan(gradient, moments, r, bias, p.rate);
+  kept = make_float4(moments.mean, moments.change, moments.square, moments.previous);
+  *p.value = limit(next, p.low, p.high);
+  // Comparisons with NaN are false, and an infinity is no smaller than itself.
+  if (!(fabsf(next) < kFar) && atomicCAS(f.status, 0, curve + 1) == 0) f.status[1] = f.step->number;
+}
+
+CS_INLINE float coordinate_gradient(const Frame& f, int curve, int i, const float* attributes) {
+  const float* vertices = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;
+  float g;
+  if (f.subdivide)
+    g = subdivided_gradient(f, vertices, f.parameters + size_t(curve) * (f.edge_stride + 1), i, int(attributes[kEdges]));
+  else
+    g = point_gradient(f, vertices, i, int(attributes[kSamples]));
+  const float* further = f.step->points_gradient;
+  return further ? g + further[size_t(curve) * f.points_per_curve * 2 + i] : g;
+}
+
+// One warp per curve, one parameter per lane.
+CS_INLINE void update_curve(const Frame& f, int curve, int lane) {
+  const float* attributes = f.attributes + size_t(curve) * kAttributes;
+  const float* sums = f.sums + size_t(curve) * kSums;
+  const int coordinates = 2 * f.points_per_curve, paints = f.edge_widths ? 6 : 5;
+  const AdanRates rates = f.step->rates;
+  const int age = f.moments ? f.ages[curve] + 1 : 0;
+  for (int i = lane; i < coordinates + paints; i += kWarp) {
+    const int paint = i - coordinates;
+    if (kClosed && paint == kSumHalfWidth) continue;
+    const Parameter p = paint < 0 ? point_parameter(f, curve, i, rates) : paint_parameter(f, curve, paint, rates);
+    const float gradient =
+        p.slope * (paint < 0 ? coordinate_gradient(f, curve, i, attributes) : sums[paint == 5 ? kSumEdgeWidth : paint]);
+    if (p.gradient_out) *p.gradient_out = gradient;
+    if (!f.moments) continue;
+    float4& kept = paint == 5 ? f.edge_moments[curve] : f.moments[size_t(curve) * (coordinates + 5) + i];
+    train(f, curve, p, gradient, kept, age);
+  }
+  if (f.step->importance && lane == 0) f.step->importance[curve] = sums[kSumImportance];
+  __syncwarp();
+  if (f.moments && lane == 0) f.ages[curve] = age;
+}
+
+// Loss and background gradient of the whole picture: the tiles' sums, added in a fixed order by one block.
+CS_INLINE void total_tiles(const Frame& f) {
+  __shared__ double partial[kSmallThreads / kWarp][8];
+  const int thread = threadIdx.x, kind = thread % 8, tiles = f.tiles_x * f.tiles_y;
+  double sum = 0.0;
+  for (int tile = thread / 8; tile < tiles; tile += kSmallThreads / 8) sum += f.tile_sums[size_t(tile) * 8 + kind];
+  for (int step = 8; step < kWarp; step <<= 1) sum += __shfl_xor_sync(kFullWarp, sum, step);
+  if (thread % kWarp < 8) partial[thread / kWarp][kind] = sum;
+  __syncthreads();
+  if (thread > kChannels) return;
+  sum = 0.0;
+  for (int warp = 0; warp < kSmallThreads / kWarp; warp++) sum += partial[warp][thread];
+  if (thread == 0 && f.step->loss) *f.step->loss = sum;
+  if (thread > 0 && f.step->background_gradient) f.step->background_gradient[thread - 1] = float(sum);
+}
+
+// The first block adds up the tiles, the others take a curve a warp.
+CS_INLINE void update_or_total(const Frame& f) {
+  if (blockIdx.x == 0) {
+    total_tiles(f);
+    return;
+  }
+  const int curve = (blockIdx.x - 1) * (kSmallThreads / kWarp) + threadIdx.x / kWarp;
+  if (curve < f.curves) update_curve(f, curve, threadIdx.x % kWarp);
+}
+
+}  // namespace cs

@@ -1,0 +1,98 @@
+"""Helpers of the tests that start the real command: in the background, and with what its files are made of."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import pytest
+from conftest import cli_command, smooth_pixels
+from PIL import Image
+
+SHORT = ("--curves", 12, "--steps", 30, "--threads", 1)
+
+
+def strict_json(data: bytes | str) -> dict:
+    """JSON without NaN and Infinity."""
+    return json.loads(data, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def json_lines(data: bytes) -> dict[str, dict]:
+    """What `--json` printed: name of the file -> object, one line each."""
+    values = [strict_json(line) for line in data.splitlines()]
+    return {Path(value["input"]["path"]).name: value for value in values}
+
+
+def start(*arguments: object, **keywords) -> subprocess.Popen:
+    """The command in the background, with Ctrl-C as a terminal has it (a test run may have it switched off)."""
+    return subprocess.Popen(
+        [*cli_command(), *map(str, arguments)],
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        **keywords,
+    )
+
+
+def on_terminal(arguments: list[object], environment: dict[str, str]) -> tuple[int, str]:
+    """Exit code and stderr of the command when stderr is a terminal."""
+    import pty
+
+    inherited = {name: value for name, value in os.environ.items() if not name.endswith("_COLOR")}
+    parent, child = pty.openpty()
+    process = subprocess.Popen(
+        [*cli_command(), *map(str, arguments)],
+        stderr=child,
+        stdout=subprocess.DEVNULL,
+        env={**inherited, "TERM": "xterm-256color", "COLUMNS": "120", **environment},
+    )
+    os.close(child)
+    chunks = []
+    while True:
+        try:
+            chunk = os.read(parent, 65536)
+        except OSError:  # Linux answers so when the other end is closed
+            break
+        if not chunk:
+            break
+        chunks.append(chunk)
+    os.close(parent)
+    return process.wait(timeout=60), b"".join(chunks).decode(errors="replace")
+
+
+def wait_until(true: Callable[[], object], seconds: float = 60.0) -> None:
+    """Wait for a condition; fail the test when it does not come about."""
+    until = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < until, "it did not come about in time"
+        time.sleep(0.02)
+
+
+def save_pictures(folder: Path, names: Iterable[str]) -> None:
+    """Small pictures, each another one."""
+    for index, name in enumerate(names):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(smooth_pixels(24 + 3 * index, 20 + 2 * index)).save(path)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Relative name -> bytes of every file below a folder, hidden ones included; JSON without its times and paths."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            data = path.read_bytes()
+            found[str(path.relative_to(folder))] = _lasting(data) if path.suffix == ".json" else data
+    return found
+
+
+def _lasting(data: bytes) -> bytes:
+    report = strict_json(data)
+    for name in ("timing", "history", "output", "input", "device"):
+        report.pop(name)
+    report["settings"].pop("threads")
+    return json.dumps(report, sort_keys=True).encode()

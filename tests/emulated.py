@@ -1,0 +1,113 @@
+"""The CUDA kernels on an emulator: a driver for `CudaEngine` that needs no GPU. See cuda_emulator/README.md."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from contextlib import nullcontext
+from functools import cache
+from pathlib import Path
+
+import torch
+
+from cubicsplat_cli.raster.cuda_compile import KERNELS, Program, sources
+from cubicsplat_cli.raster.cuda_frame import Frame
+
+EMULATOR = Path(__file__).with_name("cuda_emulator")
+LIBRARIES = Path(__file__).parent.parent / "build" / "emulator"
+OPTIONS = ["-std=c++17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unknown-pragmas"]
+
+
+def compiler() -> str | None:
+    """A C++ compiler that knows GCC's extensions, or None."""
+    return next((found for name in ("g++", "clang++", "c++") if (found := shutil.which(name))), None)
+
+
+@cache
+def build(program: Program, extra: tuple[str, ...] = ()) -> Path:
+    """The emulated kernels as a shared library, compiled once per text and kept in build/emulator."""
+    command = [compiler() or "g++", *OPTIONS, *extra, *program.definitions(), f"-I{EMULATOR}", f"-I{KERNELS}"]
+    digest = hashlib.sha256("\n".join(command).encode())
+    for path in sorted(EMULATOR.glob("*.*")):
+        digest.update(path.read_bytes())
+    for text in sources().values():
+        digest.update(text)
+    library = LIBRARIES / f"{program.mode.value}-{program.channels}-{digest.hexdigest()[:24]}.so"
+    if not library.exists():
+        LIBRARIES.mkdir(parents=True, exist_ok=True)
+        part = library.with_suffix(f".{os.getpid()}.part")
+        made = subprocess.run(
+            [*command, str(EMULATOR / "emulator.cpp"), "-o", str(part)], capture_output=True, text=True, check=False
+        )
+        assert made.returncode == 0, made.stderr
+        part.replace(library)
+    return library
+
+
+class EmulatedKernels:
+    """Launches run at once, block after block. Arguments are copied first, as a GPU's queue does."""
+
+    def __init__(self, driver: EmulatedDriver, library: ctypes.CDLL) -> None:
+        self._driver = driver
+        self._library = library
+        library.emulator_launch.restype = ctypes.c_char_p
+        library.emulator_launch.argtypes = [
+            ctypes.c_char_p, *[ctypes.c_uint] * 3, ctypes.c_size_t, ctypes.POINTER(Frame), ctypes.c_uint,
+        ]  # fmt: skip
+
+    def launch(self, name: str, grid: tuple[int, int], threads: int, shared: int, *arguments) -> None:
+        copies = [type(argument).from_buffer_copy(argument) for argument in arguments]
+        if self._driver.recording is not None:
+            self._driver.recording.append(lambda: self._run(name, grid, threads, shared, *copies))
+        else:
+            self._run(name, grid, threads, shared, *copies)
+
+    def _run(self, name: str, grid: tuple[int, int], threads: int, shared: int, *arguments) -> None:
+        self._driver.launches.append((name, grid, threads, shared))
+        if name == "set_step":
+            self._library.emulator_set_step(ctypes.byref(arguments[0]), arguments[1])
+            return
+        error = self._library.emulator_launch(
+            name.encode(), *grid, threads, shared, ctypes.byref(arguments[0]), self._driver.order
+        )
+        assert error is None, error.decode()
+
+
+class EmulatedDriver:
+    """A device in the CPU's memory. order: seed of the order in which its threads run; 0: as they are numbered."""
+
+    def __init__(self, shared_per_sm: int = 228 * 1024, order: int = 0, extra: tuple[str, ...] = ()) -> None:
+        self.device = torch.device("cpu")
+        self.shared_per_block = 48 * 1024
+        self.shared_per_sm = shared_per_sm
+        self.order = order
+        self.extra = extra
+        self.launches: list[tuple] = []
+        self.recording: list[Callable[[], None]] | None = None
+
+    def load(self, program: Program) -> EmulatedKernels:
+        return EmulatedKernels(self, ctypes.CDLL(str(build(program, self.extra))))
+
+    def capture(self, body: Callable[[], None]) -> Callable[[], None]:
+        recorded: list[Callable[[], None]] = []
+        self.recording = recorded
+        try:
+            body()
+        finally:
+            self.recording = None
+
+        def replay() -> None:
+            for launch in recorded:
+                launch()
+
+        return replay
+
+    def active(self) -> nullcontext:
+        return nullcontext()
+
+    def describe(self) -> dict[str, object]:
+        return {"gpu": "emulated"}

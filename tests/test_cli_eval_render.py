@@ -1,0 +1,138 @@
+"""`cubicsplat eval` and `cubicsplat render` as users start them."""
+
+from __future__ import annotations
+
+import json
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import smooth_pixels
+from PIL import Image
+from scenes import PAPER, random_scene
+
+from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.svg import write_svg
+
+RED = '<svg xmlns="http://www.w3.org/2000/svg" width="40" height="28"><rect width="40" height="28" fill="red"/></svg>'
+
+
+@pytest.fixture
+def drawing(tmp_path: Path) -> Path:
+    """An SVG of ours, 40 x 28, transparent behind."""
+    path = tmp_path / "drawing.svg"
+    scene = random_scene(Mode.CLOSED, width=40, height=28)
+    path.write_text(write_svg(scene, title="t", comment="cubicsplat test"))
+    return path
+
+
+def figures(done) -> dict:
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout, parse_constant=pytest.fail)
+
+
+def test_eval_of_an_svg(photo, tmp_path, run_cli):
+    candidate = tmp_path / "red.svg"
+    candidate.write_text(RED)
+    found = figures(run_cli("eval", photo, candidate, "--json"))
+    error = smooth_pixels(40, 28) / 255.0 - np.array([1.0, 0.0, 0.0])
+    assert found["quality"]["psnr_db"] == pytest.approx(-10 * np.log10((error**2).mean()), abs=1e-3)
+    assert found["quality"]["renderer"].startswith("cairosvg ")
+    assert found["candidate"]["kind"] == "svg"
+    assert found["candidate"]["bytes"] == len(RED)
+    assert found["reference"]["path"] == str(photo)
+    other = figures(run_cli("eval", photo, candidate, "--json", "--renderer", "resvg"))
+    assert other["quality"]["renderer"].startswith("resvg_py ")
+    assert other["quality"]["psnr_db"] == pytest.approx(found["quality"]["psnr_db"], abs=1e-3)
+
+
+def test_eval_of_pictures_and_its_plain_line(photo, tmp_path, run_cli):
+    same = figures(run_cli("eval", photo, photo, "--json"))
+    assert same["quality"] == {"renderer": None, "psnr_db": None, "ssim": 1.0, "identical": True}
+    assert same["candidate"]["kind"] == "raster"
+    done = run_cli("eval", photo, photo)
+    assert done.stdout.decode() == f"{photo}  identical  SSIM 1.0000\n"
+    darker = tmp_path / "darker.png"
+    Image.fromarray(smooth_pixels(40, 28) // 2).save(darker)
+    assert " dB  SSIM 0." in run_cli("eval", photo, darker).stdout.decode()
+
+
+def test_eval_says_when_shapes_differ(photo, tmp_path, run_cli):
+    candidate = tmp_path / "wide.svg"
+    candidate.write_text(RED.replace('height="28"', 'height="10"', 1))
+    done = run_cli("eval", photo, candidate, "--json")
+    assert "shape" in done.stderr.decode()
+    assert "shape" in figures(done)["notes"][0]
+    assert run_cli("eval", photo, candidate, "-q").stderr == b""
+
+
+@pytest.mark.parametrize("kind", ["missing", "other size", "not a picture", "dangerous svg", "folder"])
+def test_eval_refuses_with_one_line(kind, photo, tmp_path, run_cli):
+    candidate = tmp_path / "candidate.png"
+    if kind == "other size":
+        Image.fromarray(smooth_pixels(20, 28)).save(candidate)
+    elif kind == "not a picture":
+        candidate.write_text("hello")
+    elif kind == "dangerous svg":
+        candidate = tmp_path / "c.svg"
+        candidate.write_text(RED.replace("</svg>", '<image href="file:///etc/hostname"/></svg>'))
+    elif kind == "folder":
+        candidate = tmp_path
+    done = run_cli("eval", photo, candidate)
+    assert done.returncode == 1
+    assert done.stdout == b""
+    assert done.stderr.decode().startswith("cubicsplat: error: ")
+    assert done.stderr.count(b"\n") == 1
+
+
+def test_render_keeps_transparency_and_scales(drawing, run_cli):
+    done = run_cli("render", drawing, "--scale", 2.5)
+    assert done.returncode == 0, done.stderr
+    with Image.open(drawing.with_suffix(".png")) as image:
+        assert image.size == (100, 70)
+        alpha = np.asarray(image)[..., 3]
+    assert alpha.min() == 0
+    assert alpha.max() > 50
+    assert b"100 x 70 px" in done.stderr
+    assert run_cli("render", drawing).returncode == 0, "our own PNG is replaced without --force"
+
+
+def test_render_to_stdout(drawing, run_cli):
+    done = run_cli("render", drawing, "-o", "-", "-q", "--renderer", "resvg")
+    assert done.returncode == 0
+    assert done.stderr == b""
+    with Image.open(BytesIO(done.stdout)) as image:
+        assert (image.size, image.mode) == ((40, 28), "RGBA")
+    assert not drawing.with_suffix(".png").exists()
+
+
+def test_render_of_an_opaque_svg_is_the_picture_that_eval_judges(tmp_path, run_cli):
+    path = tmp_path / "o.svg"
+    scene = random_scene(Mode.OPEN, width=40, height=28, background=PAPER)
+    path.write_text(write_svg(scene, title="t", comment="cubicsplat test"))
+    assert run_cli("render", path).returncode == 0
+    png = path.with_suffix(".png")
+    with Image.open(png) as image:
+        assert image.mode == "RGB"
+    assert figures(run_cli("eval", png, path, "--json"))["quality"]["identical"] is True
+
+
+def test_render_refuses(drawing, photo, run_cli):
+    for arguments, code, said in (
+        (["--scale", 0], 2, "scale"),
+        (["--scale", "nan"], 2, "scale"),
+        (["--scale", 1e6], 1, "smaller scale"),
+        (["-o", "x.jpg"], 2, ".png"),
+        (["-o", photo], 2, "--force"),
+        (["-o", drawing.parent / "none" / "x.png"], 1, "does not exist"),
+        (["--renderer", "inkscape"], 2, "--renderer"),
+    ):
+        done = run_cli("render", drawing, *arguments)
+        assert done.returncode == code, arguments
+        assert said in done.stderr.decode(), arguments
+    assert run_cli("render", drawing.parent / "missing.svg").returncode == 1
+    assert run_cli("render", photo, "-o", photo, "--force").returncode == 2, "the input itself"
+    assert {path.name for path in drawing.parent.iterdir()} == {"drawing.svg", "photo.png"}
+    with Image.open(photo) as image:
+        assert (np.asarray(image) == smooth_pixels(40, 28)).all()

@@ -1,0 +1,253 @@
+"""`cubicsplat vectorize` as users start it: files, figures, streams, refusals, Ctrl-C. Tiny pictures, few steps."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_runs import SHORT, on_terminal, save_pictures, start, strict_json
+from PIL import Image
+
+from cubicsplat_cli.evaluate import compare, rerender
+from cubicsplat_cli.image import load_picture
+from cubicsplat_cli.svg import read_svg
+
+SUMMARY = r"{name}  1?\d curves  [\d.]+ kB  SVG [\d.]+ dB  SSIM [\d.]+  [\d.]+ s  cpu"
+
+
+def test_writes_svg_png_and_json_whose_figures_are_those_of_the_file(photo, run_cli):
+    done = run_cli("vectorize", photo, *SHORT)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == b""
+    svg, png, report = (photo.with_name(name) for name in ("photo.svg", "photo.rendered.png", "photo.json"))
+    assert re.fullmatch(SUMMARY.format(name=re.escape(str(svg))), done.stderr.decode().strip())
+    scene = read_svg(svg.read_bytes())
+    assert (scene.width, scene.height) == (40, 28)
+    assert 6 <= scene.curves <= 12
+    found = strict_json(report.read_bytes())
+    picture = load_picture(photo)
+    quality = compare(picture, rerender(svg.read_bytes(), 40, 28).pixels)
+    assert found["quality"]["svg"]["psnr_db"] == pytest.approx(quality.psnr_db, abs=1e-3)
+    assert found["quality"]["svg"]["ssim"] == pytest.approx(quality.ssim, abs=1e-4)
+    assert compare(picture, np.asarray(Image.open(png))).psnr_db == pytest.approx(quality.psnr_db, abs=1e-6)
+    assert quality.psnr_db > 12, "30 steps do better than this"
+    own = found["quality"]["surrogate"]["psnr_db"]
+    assert found["quality"]["gap_db"] == pytest.approx(own - quality.psnr_db, abs=1e-3)
+    assert abs(found["quality"]["gap_db"]) < 0.5
+    assert found["quality"]["agreement_db"] > 35
+
+
+def test_report_follows_schema_one(photo, run_cli, tmp_path):
+    out = tmp_path / "sub" / "x.svg"
+    out.parent.mkdir()
+    done = run_cli("vectorize", photo, "-o", out, "--json", "--no-png", "-q", "--seed", 3, *SHORT)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == b""
+    found = strict_json(done.stdout)
+    assert done.stdout.count(b"\n") == 1, "one line a picture"
+    assert found.pop("status") == "done"
+    assert strict_json(out.with_suffix(".json").read_bytes()) == found
+    assert sorted(path.name for path in out.parent.iterdir()) == ["x.json", "x.svg"]
+    assert found["schema"] == 1
+    assert found["input"]["path"] == str(photo)
+    assert (found["input"]["width"], found["input"]["height"], found["input"]["alpha"]) == (40, 28, False)
+    data = out.read_bytes()
+    written = {"svg": str(out), "png": None, "bytes": len(data), "paths": data.count(b"<path")}
+    hashes = {"svg_sha256": hashlib.sha256(data).hexdigest(), "png_sha256": None}
+    assert found["output"] == {**written, **hashes}
+    assert (found["settings"]["curves"], found["settings"]["steps"], found["settings"]["seed"]) == (12, 30, 3)
+    assert found["settings"]["precision"] == 2
+    assert found["timing"]["steps"] == 30
+    assert found["timing"]["total_s"] >= found["timing"]["fit_s"] > 0
+    assert found["device"]["name"] == "cpu"
+    assert found["interrupted"] is False
+    assert found["history"][-1]["step"] == 30
+    source = hashlib.sha256(photo.read_bytes()).hexdigest()
+    assert found["input"]["sha256"] == source
+    comment = f"<!-- cubicsplat {found['version']}, seed 3, settings {found['settings_hash']}, input {source} -->"
+    assert comment in data.decode()
+    docs = (Path(__file__).resolve().parents[1] / "docs" / "metrics-json.md").read_text(encoding="utf-8")
+    for name, value in found.items():
+        members = [f"{name}.{inner}" for inner in value] if name in ("input", "output", "timing") else [name]
+        for member in [f"quality.{inner}" for inner in value] if name == "quality" else members:
+            assert f"`{member}`" in docs, f"{member} is not documented"
+
+
+def test_same_seed_same_file_whatever_the_threads_and_presets_order(photo, run_cli, tmp_path):
+    first, second = (tmp_path / f"{name}.svg" for name in "ab")
+    common = ("--curves", 12, "--steps", 25, "-q", "--no-png")
+    assert run_cli("vectorize", photo, "-o", first, *common, "--preset", "draft", "--threads", 1).returncode == 0
+    assert run_cli("vectorize", photo, "-o", second, "--preset", "draft", *common, "--threads", 2).returncode == 0
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_transparency_stays_transparent(logo, run_cli):
+    done = run_cli("vectorize", logo, "--curves", 12, "--steps", 80)
+    assert done.returncode == 0, done.stderr
+    svg = logo.with_suffix(".svg").read_bytes()
+    assert b"<rect" not in svg
+    pixels = rerender(svg, 32, 32).pixels
+    assert pixels[0, 0, 3] < 64
+    assert pixels[16, 14, 3] > 192
+    assert strict_json(logo.with_suffix(".json").read_bytes())["input"]["alpha"] is True
+
+
+def test_open_curves_background_and_precision(photo, run_cli):
+    done = run_cli("vectorize", photo, *SHORT, "--mode", "open", "--background", "teal", "--precision", 1)
+    assert done.returncode == 0, done.stderr
+    text = photo.with_suffix(".svg").read_text()
+    assert 'stroke-linecap="round"' in text
+    assert 'fill="#008080"' in text
+    assert not re.search(r' d="[^"]*\.\d\d', text)
+
+
+def test_svg_on_stdout_from_stdin(photo, run_cli):
+    done = run_cli("vectorize", "-", *SHORT, data=photo.read_bytes())
+    assert done.returncode == 0, done.stderr
+    assert 0 < read_svg(done.stdout).curves <= 12
+    assert re.match(rb"stdout  \d+ curves", done.stderr)
+    assert [path.name for path in photo.parent.iterdir()] == ["photo.png"]
+
+
+def test_a_time_limit_gives_a_finished_fit(photo, run_cli):
+    endless = ("--curves", 12, "--steps", 9_000_000, "--threads", 1, "--time-limit", 0.6)
+    done = run_cli("vectorize", photo, *endless, "--json", "--no-png")
+    assert done.returncode == 0, done.stderr
+    found = strict_json(done.stdout)
+    assert (found["status"], found["interrupted"]) == ("done", False)
+    assert found["timing"]["fit_s"] < 5
+    assert 10 < found["timing"]["steps"] < 9_000_000
+    assert found["settings"]["time_limit"] == 0.6
+    wrong = run_cli("vectorize", photo, "--time-limit", 0, "--force")
+    assert (wrong.returncode, b"time-limit" in wrong.stderr) == (2, True)
+
+
+def test_our_files_are_replaced_and_those_of_others_are_not(photo, run_cli):
+    svg = photo.with_suffix(".svg")
+    svg.write_text("<svg><!-- drawn by hand --></svg>")
+    before = photo.read_bytes()
+    done = run_cli("vectorize", photo, *SHORT)
+    assert done.returncode == 2
+    assert b"--force" in done.stderr
+    assert "by hand" in svg.read_text()
+    assert run_cli("vectorize", photo, *SHORT, "--force").returncode == 0
+    first = svg.read_bytes()
+    assert run_cli("vectorize", photo, *SHORT, "--seed", 9).returncode == 0, "our own file needs no --force"
+    assert svg.read_bytes() != first
+    assert photo.read_bytes() == before, "the input was changed"
+    assert not list(photo.parent.glob("*.tmp"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--curves", 0], "--curves"),
+        (["--curves", -1], "--curves"),
+        (["--curves", 10**7], "--curves"),
+        (["--steps", 0], "--steps"),
+        (["--segments", 17], "--segments"),
+        (["--samples", 3], "--samples"),
+        (["--threads", 0], "--threads"),
+        (["--seed", -1], "--seed"),
+        (["--precision", 7], "--precision"),
+        (["--max-pixels", 0], "--max-pixels"),
+        (["--mode", "round"], "--mode"),
+        (["--preset", "best"], "--preset"),
+        (["--device", "tpu"], "--device"),
+        (["--background", "#12"], "--background"),
+        (["-o", "out.png"], ".svg"),
+        (["-o", "-", "--json"], "standard output"),
+        (["--unknown"], "--unknown"),
+    ],
+)
+def test_wrong_usage_is_exit_two_with_the_option_named(arguments, said, photo, run_cli):
+    done = run_cli("vectorize", photo, *arguments)
+    assert done.returncode == 2
+    assert said in done.stderr.decode()
+    assert b"Traceback" not in done.stderr
+    assert [path.name for path in photo.parent.iterdir()] == ["photo.png"]
+
+
+def test_an_output_folder_that_does_not_exist_is_not_made(photo, run_cli):
+    done = run_cli("vectorize", photo, "-o", photo.parent / "none" / "x.svg", *SHORT)
+    assert (done.returncode, done.stdout) == (1, b"")
+    assert re.fullmatch(r"cubicsplat: error: [^\n]+ does not exist[^\n]+\n", done.stderr.decode())
+    assert list(photo.parent.iterdir()) == [photo]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_writes_the_best_svg_so_far(photo):
+    process = start("vectorize", photo, "--curves", 12, "--steps", 5_000_000, "-v")
+    lines = iter(process.stderr.readline, b"")
+    try:
+        for line in lines:
+            if line.startswith(b"step "):
+                break
+        process.send_signal(signal.SIGINT)
+        rest = b"".join(lines).decode()
+        assert process.wait(timeout=60) == 130
+    finally:
+        process.kill()
+        process.stderr.close()
+    assert "interrupted at step" in rest
+    assert "Traceback" not in rest
+    assert 0 < read_svg(photo.with_suffix(".svg").read_bytes()).curves <= 12
+    found = strict_json(photo.with_suffix(".json").read_bytes())
+    assert found["interrupted"] is True
+    assert 0 < found["timing"]["steps"] < 5_000_000
+    assert photo.with_suffix(".rendered.png").is_file()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_before_the_fit_writes_nothing(tmp_path):
+    process = start("vectorize", "-", "-o", tmp_path / "x.svg", stdin=subprocess.PIPE)
+    try:
+        time.sleep(2.0)
+        assert process.poll() is None, "it should be waiting for its input"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 130
+        assert b"Traceback" not in process.stderr.read()
+    finally:
+        process.kill()
+        process.stderr.close()
+        process.stdin.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
+def test_progress_bar_on_a_terminal_and_its_colours(photo):
+    # Square brackets in the name must not be taken for markup.
+    path = photo.with_name("[red]a[bold].png")
+    photo.rename(path)
+    arguments = ["vectorize", path, "--curves", 12, "--steps", 150, "--no-png", "--force"]
+    code, text = on_terminal(arguments, {})
+    assert code == 0
+    assert "[red]a[bold].png" in text
+    assert re.search(r"\d+/150", text)
+    assert "dB" in text
+    assert "replaced" in text
+    assert re.search(r"\x1b\[[\d;]*3\d", text), "colours on a terminal"
+    code, text = on_terminal(arguments, {"TERM": "dumb"})
+    assert code == 0
+    assert "/150" not in text, "a terminal without cursor movements cannot hold a bar"
+    assert "\x1b" not in text
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
+def test_one_display_for_many_pictures(tmp_path):
+    save_pictures(tmp_path / "in", ("a.png", "b.png", "c.png"))
+    (tmp_path / "in" / "bad.png").write_text("no picture")
+    arguments = ["vectorize", tmp_path / "in", "-o", tmp_path / "out", "-j", 2, "--curves", 12, "--steps", 2500]
+    code, text = on_terminal(arguments, {"NO_COLOR": "1"})
+    assert code == 1
+    assert re.search(r"pictures [^\n]*[0-4]/4", text), "the whole"
+    assert re.search(r"[abc]\.png [^\n]*\d+/2500 [^\n]* dB", text), "and each under way"
+    assert not re.search(r"\x1b\[[\d;]*[349]\d[\d;]*m", text), "NO_COLOR was not honoured"
+    assert text.rstrip().splitlines()[-1].startswith("cubicsplat: error: ")

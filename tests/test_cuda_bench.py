@@ -1,0 +1,34 @@
+"""The benchmark of the GPU runs, on the emulator and tiny sizes: its figures mean nothing here."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+from cuda_bodies import ENGINES, open_cuda
+
+from cubicsplat_cli.scene import Mode
+
+TOOL = Path(__file__).parent.parent / "tools" / "bench_gpu.py"
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+@pytest.mark.parametrize("mode", list(Mode))
+def test_the_benchmark_of_the_gpu(kind, mode, monkeypatch):
+    spec = importlib.util.spec_from_file_location("bench_gpu", TOOL)
+    tool = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "bench_gpu", tool)
+    spec.loader.exec_module(tool)
+    monkeypatch.setattr(tool, "ROUNDS", 1)
+    case = tool.Case(mode, 40, 32, 24, 2, 6, 1e6, 1e-6, 500.0)
+    result = tool.measure(open_cuda(kind), case, warm_up=6, repeats=1)
+    assert result["psnr_db"] > 8.0
+    assert set(result["kernel_ms"]["exact"]) == {"flatten", "bin", "raster_exact", "update"}
+    assert all(ms > 0 for ms in result["step_ms"].values())
+    text = "\n".join(tool.lines(result))
+    assert f"40x32 {mode.value} 24" in text
+    assert "target 1e+06 met" in text
+    assert tool.verdict(2.0, 1.5, 0.8) == "MISSES 1.5"
+    assert tool.verdict(0.5, 1.5, 0.8) == "goal 0.8 met"

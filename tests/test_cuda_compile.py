@@ -1,0 +1,183 @@
+"""The CUDA kernels compile with NVRTC for every kind of GPU, within stated limits; the cache never gets in the way."""
+
+from __future__ import annotations
+
+import sys
+import threading
+
+import pytest
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster import cuda_compile
+from cubicsplat_cli.raster.cuda_compile import Program, Resources
+from cubicsplat_cli.raster.cuda_frame import shared_bytes, slots_for
+from cubicsplat_cli.scene import Mode
+
+pytest.importorskip("cuda.bindings.nvrtc", reason="needs cuda-bindings")
+try:
+    cuda_compile.nvrtc()
+except EngineError as error:
+    pytest.skip(f"needs NVRTC: {error}", allow_module_level=True)
+
+PROGRAMS = [Program(mode, channels) for mode in Mode for channels in (3, 4)]
+# Of an architecture: bytes of shared memory and registers of a multiprocessor, and threads it holds.
+MULTIPROCESSORS = {
+    "sm_75": (64 * 1024, 65536, 1024),
+    "sm_80": (164 * 1024, 65536, 2048),
+    "sm_89": (100 * 1024, 65536, 1536),
+    "sm_90": (228 * 1024, 65536, 2048),
+    "sm_100": (228 * 1024, 65536, 2048),
+}
+# Most registers, and bytes spilled to local memory and read again, of each kernel: the stated limits of docs/cuda.md.
+LIMITS = {
+    "set_step": (48, 0), "flatten": (64, 0), "bin": (48, 0), "update": (64, 0),
+    "raster_relaxed": (64, 256), "raster_exact": (80, 400),
+}  # fmt: skip
+CASES = [(architecture, PROGRAMS[0]) for architecture in MULTIPROCESSORS]
+CASES += [("sm_90", program) for program in PROGRAMS[1:]] + [("sm_75", PROGRAMS[3])]
+
+
+@pytest.fixture(scope="module")
+def reports() -> dict[tuple[str, Program], tuple[bytes, dict[str, Resources]]]:
+    """Machine code and resources of every case; on two threads, since the compiler lets go of Python's lock."""
+    found = {}
+
+    def work(cases) -> None:
+        for architecture, program in cases:
+            code, log = cuda_compile.compile_text(program, architecture, ("--ptxas-options=-v",))
+            found[architecture, program] = code, cuda_compile.resources(log)
+
+    threads = [threading.Thread(target=work, args=(CASES[i::2],)) for i in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return found
+
+
+@pytest.mark.parametrize(("architecture", "program"), CASES, ids=[f"{a}-{p.name}" for a, p in CASES])
+def test_kernels_stay_within_their_limits(reports, architecture, program):
+    code, found = reports[architecture, program]
+    assert code[:4] == b"\x7fELF"
+    assert set(found) == set(LIMITS)
+    for name, (registers, spilled) in LIMITS.items():
+        assert found[name].registers <= registers, name
+        assert found[name].spilled <= spilled, name
+        assert found[name].shared <= 512, f"{name} has static shared memory beside the dynamic"
+
+
+@pytest.mark.parametrize("coverage", ["relaxed", "exact"])
+@pytest.mark.parametrize("architecture", list(MULTIPROCESSORS))
+def test_enough_blocks_fit_on_a_multiprocessor(reports, architecture, coverage):
+    """At least 16 warps at once, and shared memory that no GPU has to be asked for."""
+    shared, registers, threads = MULTIPROCESSORS[architecture]
+    bytes_taken = shared_bytes(coverage, slots_for(coverage, 48 * 1024, shared))
+    taken = reports[architecture, PROGRAMS[0]][1][f"raster_{coverage}"].registers
+    assert bytes_taken <= 48 * 1024
+    resident = min(shared // (bytes_taken + 1024), registers // (taken * 256), threads // 256)
+    assert resident >= 2
+    if architecture in ("sm_80", "sm_90", "sm_100"):
+        assert resident >= (4 if coverage == "relaxed" else 3)
+
+
+def test_a_mistake_in_the_text_is_shown_with_its_line(monkeypatch):
+    broken = cuda_compile.sources() | {cuda_compile.MAIN: b"__global__ void f() { oops; }"}
+    monkeypatch.setattr(cuda_compile, "sources", lambda: dict(broken))
+    with pytest.raises(EngineError, match=r"do not compile for sm_90[\s\S]*raster\.cu\(1\)[\s\S]*oops"):
+        cuda_compile.compile_text(PROGRAMS[0], "sm_90")
+
+
+def test_a_frame_that_differs_from_the_kernels_does_not_compile(monkeypatch):
+    wrong = [*PROGRAMS[0].definitions()[:2], "-DCS_FRAME_BYTES=8", "-DCS_STEP_BYTES=8"]
+    monkeypatch.setattr(Program, "definitions", lambda _: wrong)
+    with pytest.raises(EngineError, match=r"cuda_frame\.py differs"):
+        cuda_compile.compile_text(PROGRAMS[0], "sm_90")
+
+
+@pytest.mark.parametrize(
+    ("capability", "architecture"),
+    [((7, 5), "sm_75"), ((8, 6), "sm_86"), ((9, 0), "sm_90"), ((10, 0), "sm_100"), ((9, 9), "sm_90")],
+)
+def test_the_architecture_of_a_gpu(capability, architecture):
+    assert cuda_compile.architecture_for(capability) == architecture
+
+
+def test_gpus_too_old_and_too_new():
+    with pytest.raises(EngineError, match=r"capability is 6\.1; the CUDA engine needs 7\.5 or newer"):
+        cuda_compile.architecture_for((6, 1))
+    newest = cuda_compile.architecture_for((99, 0))
+    assert newest.startswith("compute_")
+    code, _ = cuda_compile.compile_text(PROGRAMS[0], newest)
+    assert b".entry raster_relaxed" in code
+    assert code.endswith(b"\0"), "the driver reads intermediate code up to a zero byte"
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """A cache of its own, and a compiler that only counts."""
+    calls = []
+
+    def compile_text(program, architecture):
+        calls.append(architecture)
+        return f"code {len(calls)}".encode(), ""
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(cuda_compile, "compile_text", compile_text)
+    return tmp_path / "cubicsplat" / "cuda", calls
+
+
+def get(program=PROGRAMS[0], capability=(9, 0)):
+    told = []
+    code, _ = cuda_compile.machine_code(program, capability, told.append)
+    return code, told
+
+
+def test_the_cache_spares_the_compilation_and_the_line_about_it(cache):
+    folder, calls = cache
+    first, told = get()
+    assert told == ["cubicsplat: compiling the CUDA kernels (closed, RGB) for sm_90, once on this machine"]
+    assert get() == (first, [])
+    assert calls == ["sm_90"]
+    assert [path.suffix for path in folder.iterdir()] == [".bin"], "nothing temporary is left"
+
+
+def test_the_cache_knows_programs_architectures_versions_and_texts_apart(cache, monkeypatch):
+    _, calls = cache
+    get()
+    get(PROGRAMS[1])
+    get(PROGRAMS[0], (8, 0))
+    monkeypatch.setattr(cuda_compile, "version", lambda: (99, 9))
+    get()
+    text = cuda_compile.sources()
+    monkeypatch.setattr(cuda_compile, "sources", lambda: text | {"pixel.h": text["pixel.h"] + b"\n"})
+    get()
+    assert len(calls) == 5
+
+
+@pytest.mark.parametrize("damage", [b"", b"cubicsplat cubin 1\nshort", None], ids=["empty", "short", "flipped"])
+def test_a_damaged_cache_costs_a_compilation(cache, damage):
+    folder, calls = cache
+    get()
+    (path,) = folder.iterdir()
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(bytes(data) if damage is None else damage)
+    assert get()[0] == b"code 2"
+    assert get()[0] == b"code 2", "and is mended"
+    assert len(calls) == 2
+
+
+def test_a_cache_that_cannot_be_written_costs_compilations(cache, tmp_path):
+    folder, calls = cache
+    folder.parent.write_bytes(b"a file where the folder should be")
+    assert get()[0] == b"code 1"
+    assert get()[0] == b"code 2"
+    assert len(calls) == 2
+
+
+def test_the_line_about_compiling_goes_to_stderr(cache, capsys):
+    cuda_compile.machine_code(PROGRAMS[0], (9, 0))
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1

@@ -1,0 +1,68 @@
+"""What fuzzing found once, and a short piece of it: `make fuzz` runs the long one."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tools"))
+
+from fuzz import TARGETS, Campaign, try_input  # noqa: E402
+from fuzz_inputs import make_input  # noqa: E402
+
+FINDS = sorted((ROOT / "tests" / "fuzz").glob("*-*"))
+
+
+@pytest.mark.parametrize("find", FINDS, ids=lambda path: path.name)
+@pytest.mark.timeout(20)
+def test_what_was_found_once_is_refused_or_read(find):
+    assert try_input(find.name.split("-")[0], find.read_bytes()) in ("read", "refused")
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.timeout(60)
+@pytest.mark.filterwarnings("ignore")
+def test_a_few_hundred_inputs(target):
+    outcomes = [try_input(target, make_input(target, number, seed=99)) for number in range(300)]
+    assert 20 < outcomes.count("read") < 280, "damage must matter, and must not be all that is seen"
+
+
+def test_inputs_are_repeatable():
+    assert make_input("picture", 17, 3) == make_input("picture", 17, 3)
+    assert make_input("picture", 17, 3) != make_input("picture", 18, 3)
+
+
+@pytest.mark.parametrize(("kind", "said"), [("hang", "took more than"), ("crash", "died with"), ("bug", "KeyError")])
+def test_the_watch_notices_hangs_crashes_and_bugs(kind, said, tmp_path, monkeypatch, capsys):
+    """With readers that misbehave at input 3, in the process that is watched."""
+    monkeypatch.setattr("fuzz.FINDS", tmp_path)
+    monkeypatch.setattr("fuzz.MOST_SECONDS", 1.0)
+    monkeypatch.setattr("fuzz._work", misbehave)
+    campaign = Campaign(kind, 0, 6)
+    monkeypatch.setattr("fuzz_inputs.make_input", lambda *_: b"the input")
+    campaign.run()
+    assert len(campaign.finds) == 1
+    assert (tmp_path / campaign.finds[0]).read_bytes() == b"the input"
+    assert said in capsys.readouterr().out
+    assert campaign.counts["read"] == 5
+
+
+def misbehave(pipe, kind: str, _seed: int, first: int, last: int) -> None:
+    import os
+    import time
+    from collections import Counter
+
+    for number in range(first, last):
+        pipe.send(("next", number))
+        if number == 3 and kind == "hang":
+            time.sleep(60)
+        elif number == 3 and kind == "crash":
+            os._exit(7)
+        elif number == 3:
+            pipe.send(("find", (number, "KeyError")))
+        else:
+            pipe.send(("counts", Counter(read=1)))
+    pipe.send(("end", None))

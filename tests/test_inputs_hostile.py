@@ -1,0 +1,225 @@
+"""Files, folders and disks that do not play along, through the real command: one line, an exit code, nothing left."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_runs import SHORT, contents, start, strict_json, wait_until
+from conftest import cli_command, smooth_pixels
+from image_files import encode
+from PIL import Image
+
+from cubicsplat_cli.svg import read_svg
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions, limits and signals of POSIX")
+
+_DROP_FROM_BOUNDING_SET, _OVERRIDE_PERMISSIONS, _READ_ANYTHING = 24, 1, 2
+
+
+def as_ordinary_user() -> None:
+    """In a new process: let permission bits count, as they do for everybody but root."""
+    if os.geteuid() == 0:
+        libc = ctypes.CDLL(None, use_errno=True)
+        for capability in (_OVERRIDE_PERMISSIONS, _READ_ANYTHING):
+            if libc.prctl(_DROP_FROM_BOUNDING_SET, capability, 0, 0, 0) != 0:
+                raise OSError(ctypes.get_errno(), "root cannot give up its powers here")
+
+
+def run_under(limit: Callable[[], None], *arguments: object, **keywords) -> subprocess.CompletedProcess[bytes]:
+    """The command in a process that `limit` prepares."""
+    command = [*cli_command(), *map(str, arguments)]
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    return subprocess.run(
+        command, capture_output=True, preexec_fn=limit, env=environment, timeout=120, check=False, **keywords
+    )
+
+
+def one_error(done: subprocess.CompletedProcess[bytes], code: int, *words: str) -> None:
+    assert done.returncode == code, done.stderr
+    assert done.stdout == b""
+    text = done.stderr.decode()
+    assert re.fullmatch(r"cubicsplat: error: [^\n]+\n", text), text
+    for word in words:
+        assert word in text
+
+
+@pytest.fixture
+def jpeg(tmp_path) -> Path:
+    path = tmp_path / "x.jpg"
+    Image.fromarray(smooth_pixels(24, 20)).save(path)
+    return path
+
+
+PNG = encode(Image.fromarray(np.random.default_rng(1).integers(0, 256, (40, 50, 3), dtype=np.uint8)))
+BAD = {
+    "missing.png": (None, "no such file"),
+    "empty.png": (b"", "empty"),
+    "cut.png": (PNG[: len(PNG) // 2], "damaged or truncated"),
+    "head_only.png": (PNG[:33], "is not a picture in a supported format"),
+    "text.png": (b"hello, I am text\n" * 9, "is not a picture in a supported format"),
+    "drawing.svg": (b"<svg xmlns='http://www.w3.org/2000/svg'/>", "already vector"),
+    "format.pdf": (b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n", "is not a picture in a supported format"),
+    "null\nline.png": (b"\0" * 100, "null\\nline.png"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_file_alone(name, tmp_path, run_cli):
+    data, said = BAD[name]
+    if data is not None:
+        (tmp_path / name).write_bytes(data)
+    before = contents(tmp_path)
+    one_error(run_cli("vectorize", tmp_path / name, *SHORT), 1, said)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("kind", ["fifo", "loop of links", "empty folder", "device"])
+def test_what_is_no_file(kind, tmp_path, run_cli):
+    path = tmp_path / "x.png"
+    if kind == "fifo":
+        os.mkfifo(path)
+    elif kind == "loop of links":
+        path.symlink_to(path)
+    elif kind == "device":
+        path = Path("/dev/zero")
+    else:
+        path.mkdir()
+    one_error(run_cli("vectorize", path, *SHORT, timeout=30), 1)
+    assert contents(tmp_path) == {}
+
+
+def test_unreadable(jpeg):
+    jpeg.chmod(0)
+    try:
+        one_error(run_under(as_ordinary_user, "vectorize", jpeg, *SHORT), 1, "no permission to read")
+    except subprocess.SubprocessError:
+        pytest.skip("root cannot give up its powers here")
+    jpeg.chmod(0o600)
+    assert list(jpeg.parent.iterdir()) == [jpeg]
+
+
+def test_a_folder_nobody_may_look_into(tmp_path):
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    Image.fromarray(smooth_pixels(24, 20)).save(folder / "x.jpg")
+    folder.chmod(0)
+    try:
+        for path in (folder, folder / "x.jpg", folder / "*.jpg"):
+            one_error(run_under(as_ordinary_user, "vectorize", path, *SHORT), 1, "locked")
+        one_error(run_under(as_ordinary_user, "vectorize", tmp_path, "-r", *SHORT), 1, "cannot be read")
+    except subprocess.SubprocessError:
+        pytest.skip("root cannot give up its powers here")
+    finally:
+        folder.chmod(0o755)
+    assert set(contents(folder)) == {"x.jpg"}
+
+
+def test_names_that_no_file_can_have(jpeg, run_cli):
+    one_error(run_cli("vectorize", "a" * 300 + ".png", *SHORT), 1, "name too long")
+    one_error(run_cli("vectorize", jpeg, "-o", jpeg.parent / ("a" * 300 + ".svg"), *SHORT), 1, "name too long")
+    done = run_cli("vectorize", jpeg, jpeg.with_name("b" * 300), "-o", jpeg.parent / ("a" * 300), *SHORT)
+    assert done.returncode == 1
+    assert b"Traceback" not in done.stderr
+    assert list(jpeg.parent.iterdir()) == [jpeg]
+
+
+def test_read_only_folder(jpeg, tmp_path):
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    folder.chmod(0o555)
+    try:
+        for output in (folder / "x.svg", f"{folder}/new/"):
+            one_error(run_under(as_ordinary_user, "vectorize", jpeg, "-o", output, *SHORT), 1, "locked")
+    except subprocess.SubprocessError:
+        pytest.skip("root cannot give up its powers here")
+    finally:
+        folder.chmod(0o755)
+    assert list(folder.iterdir()) == []
+
+
+def full_disk() -> None:
+    """No file may grow beyond a few bytes: the nearest to a full disk that needs no disk."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (600, 600))
+
+
+def test_full_disk(jpeg):
+    one_error(run_under(full_disk, "vectorize", jpeg, *SHORT), 1, "free some space")
+    assert list(jpeg.parent.iterdir()) == [jpeg], "no partial output, no temporary file"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_full_disk_behind_standard_output(jpeg):
+    for arguments in (("-o", "-"), ("--dry-run", "--json")):
+        with Path("/dev/full").open("wb") as full:
+            command = [*cli_command(), "vectorize", str(jpeg), *map(str, SHORT), *arguments]
+            done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, timeout=60, check=False)
+        assert done.returncode == 1, arguments
+        assert done.stderr.decode().splitlines()[-1].startswith("cubicsplat: error: standard output"), done.stderr
+        assert b"Traceback" not in done.stderr
+
+
+def test_a_reader_that_goes_away(jpeg):
+    command = [*cli_command(), "vectorize", str(jpeg), "-o", "-", "-q", *map(str, SHORT)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(timeout=60) == 1
+
+
+def test_the_input_is_never_overwritten(jpeg, run_cli):
+    svg = jpeg.with_name("really_a_jpeg.svg")
+    svg.write_bytes(jpeg.read_bytes())
+    before = contents(jpeg.parent)
+    for arguments in ([svg], [svg, "--force"], [svg, "-o", svg, "--force"], [jpeg, svg, "--force", "-o", jpeg.parent]):
+        done = run_cli("vectorize", *arguments, "--dry-run", *SHORT)
+        assert done.returncode in (1, 2), arguments
+        assert b"is the input and would be overwritten" in done.stderr
+        assert contents(jpeg.parent) == before
+
+
+def test_two_runs_on_one_output(jpeg, tmp_path):
+    results = tmp_path / "out"
+    results.mkdir()
+    arguments = ("vectorize", jpeg, "-o", results / "x.svg", "--curves", 12, "--steps", 300, "--threads", 1)
+    runs = [start(*arguments, "--seed", seed) for seed in (1, 1)]
+    for run in runs:
+        assert run.wait(timeout=120) == 0
+        run.stderr.close()
+    assert set(contents(results)) == {"x.svg", "x.png", "x.json"}
+    assert read_svg((results / "x.svg").read_bytes()).width == 24
+    report = strict_json((results / "x.json").read_bytes())
+    assert report["output"]["svg_sha256"] == hashlib.sha256((results / "x.svg").read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.3, 0.8, 1.4])
+def test_ctrl_c_at_any_moment(delay, jpeg):
+    process = start("vectorize", jpeg, "--curves", 12, "--steps", 4_000_000, "--threads", 1)
+    try:
+        wait_until(lambda: Path(f"/proc/{process.pid}/cmdline").exists() or not Path("/proc").is_dir())
+        time.sleep(delay)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    left = set(contents(jpeg.parent)) - {jpeg.name}
+    # Before Python has come to our first line, an interrupt is Python's to answer.
+    # (a shell shows -SIGINT as 130 too: Python ends so where C code met the interrupt).
+    assert process.returncode in (130, -signal.SIGINT) or (delay < 0.1 and process.returncode == 1), errors
+    assert left in (set(), {"x.svg", "x.png", "x.json"})
+    if left:
+        assert strict_json(jpeg.with_suffix(".json").read_bytes())["interrupted"] is True
+        assert read_svg(jpeg.with_suffix(".svg").read_bytes()).width == 24
+    if delay >= 0.2:
+        assert b"Traceback" not in errors

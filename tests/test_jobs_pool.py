@@ -1,0 +1,83 @@
+"""The pool of worker processes, with made-up workers: what dies, what is tried again, what is not begun."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from cubicsplat_cli.jobs import pool
+from cubicsplat_cli.jobs.outputs import Outputs
+from cubicsplat_cli.jobs.plan import Job, Request
+from cubicsplat_cli.jobs.pool import Listener, run_jobs, share_threads
+from cubicsplat_cli.jobs.work import DONE, FAILED, Outcome
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+
+
+def job(name: str) -> Job:
+    return Job(name, Path(name), Outputs(None, None, None))
+
+
+def work_or_die(pipe, _request: Request, threads: int) -> None:
+    """Does every job in no time; dies of the jobs called so, of "once" at the first attempt only."""
+    while (work := pipe.recv()) is not None:
+        if work.name == "fatal":
+            os.kill(os.getpid(), signal.SIGKILL)
+        elif work.name.endswith("once") and not Path(work.name).exists():
+            Path(work.name).touch()
+            os._exit(3)
+        pipe.send(("outcome", Outcome(work, DONE, {"threads": threads})))
+
+
+def dead_on_arrival(_pipe, _request: Request, _threads: int) -> None:
+    os._exit(9)
+
+
+def run(names: list[str], monkeypatch, worker=work_or_die, **options) -> tuple[list[Outcome], list[str]]:
+    monkeypatch.setattr(pool, "_work", worker)
+    notes: list[str] = []
+    known = {"workers": 2, "threads": 3, "stopping": lambda: False}
+    listener = Listener(note=lambda _, text: notes.append(text))
+    jobs = iter([job(name) for name in names])
+    return list(run_jobs(jobs, Request(), listener=listener, **{**known, **options})), notes
+
+
+def test_every_job_is_done_once_and_threads_are_shared(monkeypatch):
+    outcomes, notes = run(["a", "b", "c", "d", "e"], monkeypatch)
+    assert sorted(outcome.job.name for outcome in outcomes) == ["a", "b", "c", "d", "e"]
+    assert {outcome.report["threads"] for outcome in outcomes} <= {1, 2}
+    assert notes == []
+
+
+def test_a_job_that_kills_is_given_up_and_the_others_are_done(monkeypatch, tmp_path):
+    once = str(tmp_path / "once")
+    outcomes, notes = run(["a", "fatal", "b", once, "c"], monkeypatch)
+    found = {Path(outcome.job.name).name: outcome for outcome in outcomes}
+    assert {name: outcome.status for name, outcome in found.items()} == {
+        "a": DONE, "b": DONE, "c": DONE, "once": DONE, "fatal": FAILED,
+    }  # fmt: skip
+    assert "died 2 times (SIGKILL, perhaps for lack of memory)" in found["fatal"].error
+    assert sorted(Path(note.split(":")[0]).name for note in notes) == ["fatal", "once"]
+    assert any("exit code 3" in note for note in notes)
+
+
+def test_workers_that_never_start_end_with_an_error_each(monkeypatch):
+    outcomes, _ = run(["a", "b"], monkeypatch, dead_on_arrival)
+    assert [outcome.status for outcome in outcomes] == [FAILED, FAILED]
+    assert all("exit code 9" in outcome.error for outcome in outcomes)
+
+
+def test_once_stopped_nothing_is_begun(monkeypatch):
+    assert run(["a", "b"], monkeypatch, stopping=lambda: True) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("threads", "workers", "shares"), [(8, 3, [3, 3, 2]), (1, 3, [1, 1, 1]), (4, 1, [4]), (2, 2, [1, 1])]
+)
+def test_shares_of_threads(threads, workers, shares):
+    assert share_threads(threads, workers) == shares
+    assert sum(share_threads(None, 1)) == pool.cores()

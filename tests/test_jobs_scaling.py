@@ -1,0 +1,59 @@
+"""Scenes brought to another size, and pictures too large to measure as they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from conftest import smooth_pixels
+from image_files import encode
+from PIL import Image
+from scenes import PAPER, random_scene
+
+from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.fit import FitSettings
+from cubicsplat_cli.image import load_picture
+from cubicsplat_cli.jobs import pipeline, scaling
+from cubicsplat_cli.jobs.scaling import measurable, scaled_scene
+from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.svg import write_svg
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_a_scaled_scene_is_the_drawing_at_another_size(mode):
+    scene = random_scene(mode, width=40, height=30, background=PAPER)
+    large = scaled_scene(scene, 120, 90)
+    assert (large.width, large.height) == (120, 90)
+    assert torch.allclose(large.half_widths, 3 * scene.half_widths)
+    drawn = rerender(write_svg(large, precision=3, title="", comment="").encode(), 120, 90).pixels
+    wanted = rerender(write_svg(scene, precision=4, title="", comment="").encode(), 120, 90).pixels
+    assert np.abs(drawn.astype(int) - wanted).mean() < 0.5
+    assert scaled_scene(scene, 40, 30) is scene
+
+
+def test_sides_that_were_rounded_fit_again():
+    scene = random_scene(Mode.CLOSED, width=60, height=42)
+    large = scaled_scene(scene, 300, 211)
+    assert torch.allclose(large.points[..., 0], 5 * scene.points[..., 0])
+    assert torch.allclose(large.points[..., 1], 211 / 42 * scene.points[..., 1])
+
+
+def test_only_what_is_too_large_is_scaled_for_measuring(monkeypatch):
+    picture = load_picture(encode(Image.fromarray(smooth_pixels(60, 20))))
+    assert measurable(picture) is picture
+    monkeypatch.setattr(scaling, "MAX_SIDE", 30)
+    assert (measurable(picture).width, measurable(picture).height) == (30, 10)
+    monkeypatch.setattr(scaling, "MAX_MEASURED_PIXELS", 100)
+    small = measurable(picture)
+    assert 60 <= small.width * small.height <= 110
+
+
+def test_a_picture_too_large_to_draw_is_measured_smaller_and_says_so(monkeypatch):
+    monkeypatch.setattr(scaling, "MAX_SIDE", 30)
+    picture = load_picture(encode(Image.fromarray(smooth_pixels(60, 20))), name="wide.png")
+    settings = FitSettings.from_preset(curves=8, steps=20, threads=1)
+    done = pipeline.vectorize(picture, settings)
+    assert b'viewBox="0 0 60 20"' in done.svg
+    assert done.rendered.pixels.shape[:2] == (10, 30)
+    assert "quality measured at 30 x 10 pixels" in done.report["notes"]
+    assert done.report["quality"]["agreement_db"] > 35

@@ -1,0 +1,223 @@
+"""Times and memory of a training step on the GPU, for the sizes that docs/cuda.md states targets for.
+
+    python tools/bench_gpu.py [--json FILE]
+
+A step is all of it: forward pass, loss, backward pass and optimiser, replayed from its CUDA graph. The scenes are
+small discs or strokes that have been fitted for a while to a picture of gradients, discs and fine texture, so that
+curves overlap and differ in size as in a fit. Also prints what each kernel takes when it is launched by itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from cubicsplat_cli.raster.cpu import OptimiserState, Rates, SceneTensors
+from cubicsplat_cli.raster.cuda import CudaEngine
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Mode, points_from_segments
+
+ROUNDS = 7
+KEEP = (0.98, 0.92, 0.99)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene to measure, and what its relaxed step is meant to take: ms, and MB of memory."""
+
+    mode: Mode
+    width: int
+    height: int
+    curves: int
+    segments: int
+    samples: int
+    target_ms: float | None = None
+    goal_ms: float | None = None
+    target_mb: float | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{self.width}x{self.height} {self.mode.value} {self.curves}"
+
+
+CASES = [
+    Case(Mode.CLOSED, 768, 512, 512, 4, 12, 0.30, 0.15),
+    Case(Mode.OPEN, 768, 512, 512, 3, 24),
+    Case(Mode.CLOSED, 2040, 1344, 2048, 4, 12, 1.5, 0.8),
+    Case(Mode.OPEN, 2040, 1344, 2048, 3, 24, 2.5, 1.2),
+    Case(Mode.CLOSED, 2040, 1344, 32768, 4, 12, target_mb=500.0),
+]
+
+
+def picture(case: Case, device: torch.device) -> Tensor:
+    """(H, W, 3): gradients, forty discs and fine texture; the same on every machine."""
+    y, x = torch.meshgrid(torch.arange(case.height) + 0.5, torch.arange(case.width) + 0.5, indexing="ij")
+    size = math.sqrt(case.width * case.height)
+    planes = torch.stack([0.5 + 0.3 * (x / size * (2 + c) + y / size * (3 - c)).sin() for c in range(3)], -1)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(40):
+        u, v, r, *colour = torch.rand(6, generator=generator).tolist()
+        inside = (x - u * case.width) ** 2 + (y - v * case.height) ** 2 < (0.02 + 0.1 * r) ** 2 * size**2
+        planes[inside] = torch.tensor(colour)
+    texture = 0.05 * (0.9 * x).sin() * (0.7 * y).cos()
+    return (planes + texture.unsqueeze(-1)).clamp(0, 1).float().contiguous().to(device)
+
+
+def scene_of(case: Case, target: Tensor) -> SceneTensors:
+    """Curves at random places with the picture's colours: discs, or bent strokes."""
+    generator = torch.Generator().manual_seed(1)
+    n, k = case.curves, points_from_segments(case.mode, case.segments)
+    size = math.sqrt(case.width * case.height)
+    centres = torch.rand(n, 2, generator=generator) * torch.tensor([case.width, case.height])
+    turn = 2 * math.pi * torch.rand(n, 1, generator=generator)
+    radius = 0.4 * size / math.sqrt(n)
+    if case.mode is Mode.CLOSED:
+        angle = 2 * math.pi * torch.arange(k) / k + turn
+        shape = radius * torch.stack([angle.cos(), angle.sin()], -1)
+    else:
+        along = torch.linspace(-1.5, 1.5, k)[None, :, None] * torch.stack([turn.cos(), turn.sin()], -1)
+        shape = radius * (along + 0.15 * torch.randn(n, k, 2, generator=generator))
+    points = centres[:, None, :] + shape
+    x, y = centres[:, 0].long().clamp(max=case.width - 1), centres[:, 1].long().clamp(max=case.height - 1)
+    colours = torch.logit(target.cpu()[y, x].clamp(0.02, 0.98))
+    half_widths = torch.full((n,), 1.5 if case.mode is Mode.OPEN else 0.0)
+    tensors = [t.float().contiguous().to(target.device) for t in (points, colours, torch.zeros(n), half_widths)]
+    return SceneTensors(case.mode, case.width, case.height, *tensors, (0.5, 0.5, 0.5), logits=True)
+
+
+class Bench:
+    """One case on one engine."""
+
+    def __init__(self, engine: CudaEngine, case: Case, warm_up: int) -> None:
+        self.engine, self.case = engine, case
+        self.before = self._allocated()
+        self.target = picture(case, engine.device)
+        self.scene = scene_of(case, self.target)
+        n, k = self.scene.points.shape[:2]
+        empty = OptimiserState.zeros(n, k)
+        self.state = OptimiserState(*(t.to(engine.device) for t in (empty.moments, empty.edge_moments, empty.ages)))
+        size = math.sqrt(case.width * case.height)
+        self.rates = Rates(5e-3 * size, 0.05, 0.05, 2e-4 * size, keep=KEEP)
+        self.relaxed = RasterSettings("relaxed", 1.0, case.samples, 0.05)
+        self.exact = RasterSettings("exact", 1.0, 24, 0.0125)
+        self.importance = torch.zeros(n, device=engine.device)
+        for i in range(warm_up):
+            width = 4.0 ** (1.0 - i / max(warm_up, 1))
+            self.step(RasterSettings("relaxed", width, case.samples, 0.05))
+        # What follows should not change the scene while it is timed.
+        self.rates = Rates(0.0, 0.0, 0.0, 0.0, keep=KEEP)
+
+    def step(self, settings: RasterSettings, loo: bool = False) -> Tensor:
+        importance = self.importance if loo else None
+        return self.engine.step(
+            self.scene, settings, self.target, self.state, self.rates, importance=importance, importance_kind="loo"
+        )
+
+    def _allocated(self) -> int:
+        return torch.cuda.memory_allocated() if self.engine.device.type == "cuda" else 0
+
+    def _synchronize(self) -> None:
+        if self.engine.device.type == "cuda":
+            torch.cuda.synchronize()
+
+    def milliseconds(self, body: Callable[[], Any], repeats: int) -> float:
+        """Median over rounds of the mean time of `repeats` calls in a row, after a few that do not count."""
+        for _ in range(3):
+            body()
+        rounds = []
+        for _ in range(ROUNDS):
+            self._synchronize()
+            start = time.perf_counter()
+            for _ in range(repeats):
+                body()
+            self._synchronize()
+            rounds.append((time.perf_counter() - start) / repeats * 1e3)
+        return statistics.median(rounds)
+
+    def kernels(self, settings: RasterSettings, repeats: int) -> dict[str, float]:
+        """ms of each kernel launched by itself; the launch is part of it."""
+        self.loss = self.step(settings)  # kept: the launches below write to it again
+        plan = next(reversed(self.engine._plans.values()))
+        launches: list[tuple] = []
+        recorder = type("Recorder", (), {"launch": lambda _, *call: launches.append(call)})()
+        self.engine._launch(recorder, plan.frame)
+        return {
+            call[0]: self.milliseconds(lambda call=call: plan.kernels.launch(*call), repeats) for call in launches
+        }
+
+    def run(self, repeats: int) -> dict[str, Any]:
+        times = {
+            "relaxed": self.milliseconds(lambda: self.step(self.relaxed), repeats),
+            "relaxed, leave-one-out": self.milliseconds(lambda: self.step(self.relaxed, loo=True), repeats),
+            "exact": self.milliseconds(lambda: self.step(self.exact), repeats),
+        }
+        stages = {"relaxed": self.kernels(self.relaxed, repeats), "exact": self.kernels(self.exact, repeats)}
+        peak = torch.cuda.max_memory_allocated() if self.engine.device.type == "cuda" else 0
+        loss = float(self.step(self.relaxed))
+        psnr = 10.0 * math.log10(self.target.numel() / max(loss, 1e-30))
+        return {
+            "case": asdict(self.case) | {"mode": self.case.mode.value}, "name": self.case.name, "psnr_db": psnr,
+            "step_ms": times, "kernel_ms": stages, "memory_mb": (peak - self.before) / 1e6,
+        }  # fmt: skip
+
+
+def measure(engine: CudaEngine, case: Case, warm_up: int = 200, repeats: int = 50) -> dict[str, Any]:
+    """Times and memory of one case, as plain values."""
+    engine.close()
+    if engine.device.type == "cuda":
+        torch.cuda.empty_cache()
+        torch.cuda.reset_peak_memory_stats()
+    return Bench(engine, case, warm_up).run(repeats)
+
+
+def verdict(value: float, target: float | None, goal: float | None = None) -> str:
+    """How a value stands to what was aimed at."""
+    if target is None:
+        return ""
+    if goal is not None and value <= goal:
+        return f"goal {goal:g} met"
+    return f"target {target:g} met" if value <= target else f"MISSES {target:g}"
+
+
+def lines(result: dict[str, Any]) -> list[str]:
+    """One case as text."""
+    case, step, text = result["case"], result["step_ms"], []
+    aim = verdict(step["relaxed"], case["target_ms"], case["goal_ms"])
+    text.append(f"{result['name']}  ({result['psnr_db']:.1f} dB)")
+    text += [f"  step, {name:24} {ms:8.3f} ms  {aim if name == 'relaxed' else ''}" for name, ms in step.items()]
+    for coverage, kernels in result["kernel_ms"].items():
+        parts = "  ".join(f"{name} {ms:.3f}" for name, ms in kernels.items())
+        text.append(f"  kernels, {coverage}: {parts} ms")
+    text.append(f"  memory {result['memory_mb']:.0f} MB  {verdict(result['memory_mb'], case['target_mb'])}")
+    return [line.rstrip() for line in text]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    parser.add_argument("--device", type=int, help="torch's number of the GPU")
+    chosen = parser.parse_args(arguments)
+    engine = CudaEngine(chosen.device)
+    print(json.dumps(engine.describe()))
+    results = []
+    for case in CASES:
+        results.append(measure(engine, case))
+        print("\n".join(lines(results[-1])), flush=True)
+    if chosen.json:
+        chosen.json.write_text(json.dumps({"engine": engine.describe(), "results": results}, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
