@@ -81,7 +81,7 @@ def test_documented_defaults_and_choices_are_the_real_ones():
             default = getattr(parameter.default, "value", parameter.default)
             assert rows[name][1] == str(default), name
             checked += 1
-    assert checked >= 7
+    assert checked >= 6
     for name, choice in (
         ("--mode", options.ModeChoice),
         ("--preset", options.PresetChoice),

@@ -60,8 +60,9 @@ class FitOptions:
     threads: Annotated[int | None, Option("--threads", min=1, max=MAX_THREADS, help=_THREADS)] = None
     seed: Annotated[int, Option("--seed", min=0, max=MAX_SEED, help="Seed of all random choices.")] = 0
     background: Annotated[
-        str, Option("--background", metavar="COLOUR", help="auto, none (transparent), #rrggbb or a colour name.")
-    ] = "auto"
+        str | None,
+        Option("--background", metavar="COLOUR", help="auto, none (transparent), #rrggbb or a name." + _PRESET),
+    ] = None
     opaque: Annotated[bool | None, Option("--opaque/--no-opaque", help="Curves without transparency." + _PRESET)] = None
     prune: Annotated[bool | None, Option("--prune/--no-prune", help="Replace curves of little use." + _PRESET)] = None
     importance: Annotated[ImportanceChoice | None, Option("--importance", help=_IMPORTANCE)] = None
@@ -94,6 +95,7 @@ def fit_overrides(fit: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     Raises UsageError for a background that is no colour.
     """
     given = {name: value.value if isinstance(value, Enum) else value for name, value in fit.items()}
-    given["background"] = parse_background(given["background"])
+    if given["background"] is not None:
+        given["background"] = parse_background(given["background"])
     preset = given.pop("preset")
     return preset, {name: value for name, value in given.items() if value is not None}
