@@ -26,7 +26,7 @@ class Recipe:
     rate_points: float = 0.24
     rate_colours: float = 0.05
     rate_opacities: float = 0.05
-    rate_half_widths: float = 0.045
+    rate_half_widths: float = 0.015
     rate_edge_widths: float = 0.036  # px; soft edges only
     rate_course: str = "cosine"  # or "published": a staircase
     rate_end: float = 0.1  # of the start, cosine
@@ -56,7 +56,7 @@ class Recipe:
     seed_size: float = 0.27  # of blobs the standard deviation of the window, of discs the radius
     seed_blur: int = 9  # px, odd
     seed_power: float = 1.25
-    half_width_size: float = 0.09  # of a new stroke
+    half_width_size: float = 0.07  # of a new stroke
     # polyline
     flatten: str = "uniform"  # or "de-casteljau": adaptive subdivision to flatness 0.5 px
     tolerance: float = 0.05  # px; 0: always `samples` edges per cubic
@@ -186,7 +186,8 @@ def parse_background(text: str) -> tuple[float, float, float] | None:
 
 
 _CLOSED = {"segments": 4}
-_OPEN = {"segments": 3, "samples": 24}
+# The outer side of a wide, tightly bent stroke needs more edges than its centre line.
+_OPEN = {"segments": 3, "samples": 24, "finish_samples": 48}
 # As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.
 _PAPER = {
     "segments": 3, "steps": 10_000, "length_unit": "canvas", "rate_points": 1e-3, "start_size": 0.01,
