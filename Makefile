@@ -1,4 +1,4 @@
-# make demo | test | test-slow | test-gpu | bench-gpu | sanitize-gpu | fuzz | lint | native | clean
+# make demo | test | coverage | test-slow | test-gpu | bench-gpu | sanitize-gpu | fuzz | lint | native | clean
 # Tests run against the installed package, so every target that runs something installs it first when a source changed.
 PYTHON ?= python3
 VENV ?= .venv
@@ -25,7 +25,7 @@ PACKAGE_STAMP := $(VENV)/.stamp-package
 TEST_STAMP := $(VENV)/.stamp-test
 
 .NOTPARALLEL:
-.PHONY: demo test test-slow test-gpu bench-gpu sanitize-gpu fuzz lint native clean install
+.PHONY: demo test coverage test-slow test-gpu bench-gpu sanitize-gpu fuzz lint native clean install
 .DEFAULT_GOAL := demo
 
 demo: $(PACKAGE_STAMP)
@@ -37,6 +37,10 @@ install: $(PACKAGE_STAMP)
 
 test: $(TEST_STAMP)
 	$(PY) -m pytest -m "not slow and not gpu" --timeout 300 $(PYTEST_OPTIONS) $(TESTS)
+
+# The same tests with the line coverage of the Python code, the command's own processes included.
+coverage: $(TEST_STAMP)
+	$(PY) -m pytest -m "not slow and not gpu" --timeout 300 --cov --cov-report=term $(PYTEST_OPTIONS) $(TESTS)
 
 test-slow: $(TEST_STAMP)
 	$(PY) -m pytest -m "slow and not gpu" --timeout 3600 $(PYTEST_OPTIONS) $(TESTS)
