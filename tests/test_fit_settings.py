@@ -190,3 +190,11 @@ def test_the_published_rule_waits_for_inequality():
     assert course.reallocation(0.3, 0.1) == 0
     assert course.reallocation(0.3, 0.6) == pytest.approx(0.1)
     assert course.reallocation(0.3, 0.99) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("finish", [0.0, 0.15])
+def test_a_clock_that_overtakes_the_last_step_does_no_harm(finish):
+    recipe = Recipe(finish=finish)
+    phase = Schedule(recipe, 100).phase(1.001)
+    assert phase.exact is (finish > 0.0)
+    assert 0.0 < phase.rate <= 1.0

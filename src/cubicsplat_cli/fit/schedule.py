@@ -35,9 +35,9 @@ class Schedule:
         self.reallocations_end = recipe.reallocate_until * self.finish_start
 
     def phase(self, progress: float) -> Phase:
-        """Settings at a progress in [0, 1)."""
+        """Settings at a progress in [0, 1], or a little beyond where the clock overtook the last step."""
         recipe = self.recipe
-        if progress >= self.finish_start:
+        if recipe.finish > 0.0 and progress >= self.finish_start:
             along = (progress - self.finish_start) / recipe.finish
             return Phase(recipe.finish_rate * _fall(along, recipe.finish_rate_end), recipe.finish_edge_width, True)
         along = progress / self.finish_start
