@@ -6,12 +6,14 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from torch.nn.functional import avg_pool2d
 
 from cubicsplat_cli.fit import FitSettings
 from cubicsplat_cli.fit.blobs import blob_points, find_blobs
 from cubicsplat_cli.fit.capacity import error_density, gini, reallocate
 from cubicsplat_cli.fit.initial import colours_at, control_points, draw_pixels, new_curves, random_centres
 from cubicsplat_cli.fit.parameters import Parameters
+from cubicsplat_cli.fit.smoothing import box_mean
 from cubicsplat_cli.raster.cpu import OptimiserState
 from cubicsplat_cli.scene import Mode
 
@@ -61,6 +63,13 @@ def test_error_density_is_the_squared_error_blurred_and_raised():
     corner = torch.zeros(9, 9, 3)
     corner[0, 0, 0] = 2.0
     assert error_density(torch.zeros_like(corner), corner, 3, 1.0)[0, 0] == 1.0, "a mean of the pixels that exist"
+
+
+@given(size=st.sampled_from([1, 3, 5, 9]), height=st.integers(1, 14), width=st.integers(1, 14))
+def test_the_box_mean_is_that_of_the_pixels_that_exist(size, height, width):
+    planes = torch.rand(2, height, width, generator=random_numbers(height * 20 + width))
+    pooled = avg_pool2d(planes[None], size, stride=1, padding=size // 2, count_include_pad=False)[0]
+    assert torch.allclose(box_mean(planes, size), pooled, atol=1e-6)
 
 
 def test_pixels_are_drawn_in_proportion():
@@ -124,6 +133,22 @@ def test_new_curves_come_where_the_error_is_in_the_pictures_colour(mode, channel
     colours = after.colour_logits[:5].sigmoid()
     # One drawn beside the patch, in the blur of its error, is a mixture.
     assert (colours - torch.tensor([0.8, 0.3, 0.1])).abs().max(1).values.median() < 0.15
+
+
+@MODES
+@pytest.mark.parametrize("seeding", ["blobs", "discs"])
+def test_reallocation_stays_on_the_device_and_never_waits_for_it(mode, seeding):
+    """torch's "meta" device stands for a GPU: it has no values to wait for, and refuses to be mixed with the CPU."""
+    parameters, state = population(mode)
+    target, importance = torch.rand(40, 50, 3), torch.rand(10)
+    after, states, count = reallocate(
+        parameters.to("meta"), state.to("meta"), importance.to("meta"), target.to("meta"), target.to("meta"), 0.5,
+        settings(mode, seeding=seeding), random_numbers(),
+    )  # fmt: skip
+    assert count == 5
+    for tensor in (after.points, after.colour_logits, after.opacity_logits, after.half_widths, states.moments):
+        assert tensor.device.type == "meta"
+        assert len(tensor) == 10
 
 
 def test_patches_follow_the_shape_of_the_error():

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PAPER, random_scene, straight
 
-from cubicsplat_cli.fit.blobs import blob_points, find_blobs
+from cubicsplat_cli.fit.blobs import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
 from cubicsplat_cli.fit.geometric import crossing_gradient, crossing_penalty
 from cubicsplat_cli.fit.presets import FitSettings
 from cubicsplat_cli.fit.settle import settle
@@ -37,6 +37,17 @@ def test_a_blob_takes_place_size_direction_and_colour_of_its_patch():
     directions = blobs.axes[:, :, 1] / blobs.axes[:, :, 1].norm(dim=1, keepdim=True)
     assert float(directions[:, 0].abs().median()) > 0.95
     assert torch.allclose(blobs.colour_logits.sigmoid().median(0).values, torch.tensor([0.9, 0.1, 0.1]), atol=0.05)
+
+
+@given(st.lists(st.tuples(*[st.floats(-50, 50, width=32)] * 3), min_size=1, max_size=8))
+def test_principal_axes_are_those_of_the_covariance(factors):
+    root = torch.tensor([[[a, 0.0], [b, c]] for a, b, c in factors], dtype=torch.float64)
+    covariance = root @ root.transpose(1, 2)
+    axes = _principal_axes(covariance)
+    widened = covariance + LEAST_VARIANCE * torch.eye(2)
+    assert torch.allclose(axes @ axes.transpose(1, 2), widened, atol=1e-9, rtol=1e-9)
+    assert (axes[:, :, 0] * axes[:, :, 1]).sum(1).abs().max() < 1e-9 * (1 + widened.abs().max())
+    assert (axes[:, :, 0].norm(dim=1) <= axes[:, :, 1].norm(dim=1) + 1e-9).all()
 
 
 @pytest.mark.parametrize("mode", list(Mode))

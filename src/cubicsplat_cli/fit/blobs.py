@@ -6,16 +6,15 @@ is described by the moments of its residual, which needs no labelling and treats
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
 
 from ..scene import Mode
-from .initial import colour_to_logits
+from .initial import colour_to_logits, random_ring
 from .presets import FitSettings
+from .smoothing import box_mean
 
 RESIDUAL_BLUR = 5  # px; a single pixel's residual is noise
 GRID = 12  # samples of a patch on each side of its centre
@@ -46,9 +45,9 @@ def find_blobs(
     `sigma` px. Colours are the target's mean over the patch.
     """
     height, width = target.shape[:2]
-    spread = torch.exp(SIZE_SPREAD * torch.randn(len(seeds), generator=generator))
+    spread = torch.exp(SIZE_SPREAD * torch.randn(len(seeds), generator=generator)).to(seeds.device)
     windows = (sigma * spread).clamp(LEAST_SIGMA, 0.1 * min(width, height) + LEAST_SIGMA)
-    steps = torch.arange(-GRID, GRID + 1) * (GRID_REACH / GRID)
+    steps = torch.arange(-GRID, GRID + 1, device=seeds.device) * (GRID_REACH / GRID)
     offsets = torch.stack(torch.meshgrid(steps, steps, indexing="xy"), -1).reshape(1, -1, 2)
     places = seeds[:, None] + offsets * windows[:, None, None]
     x, y = places.floor().long().unbind(-1)
@@ -63,34 +62,42 @@ def find_blobs(
     weights = weights / weights.sum(1, keepdim=True)
     centres = (weights[..., None] * places).sum(1)
     away = places - centres[:, None]
-    covariance = torch.einsum("np,npi,npj->nij", weights, away, away) + LEAST_VARIANCE * torch.eye(2)
-    variances, directions = torch.linalg.eigh(covariance)
+    covariance = torch.einsum("np,npi,npj->nij", weights, away, away)
     colours = (weights[..., None] * target[y, x]).sum(1)
-    return Blobs(centres, AXES * directions * variances.sqrt()[:, None, :], colour_to_logits(colours))
+    return Blobs(centres, AXES * _principal_axes(covariance), colour_to_logits(colours))
 
 
 def blob_points(blobs: Blobs, settings: FitSettings, generator: torch.Generator) -> Tensor:
     """Control points (n, K, 2): rings around the patches, or strokes along their longer axes."""
-    n = len(blobs.centres)
+    n, device = len(blobs.centres), blobs.centres.device
     if settings.mode is Mode.CLOSED:
-        k = 3 * settings.segments
-        turn = torch.rand(n, 1, generator=generator) * 2 * math.pi
-        angle = torch.arange(k) / k * 2 * math.pi + turn
-        ring = torch.stack([angle.cos(), angle.sin()], -1)
+        ring = random_ring(n, 3 * settings.segments, generator).to(device)
         return (blobs.centres[:, None] + ring @ blobs.axes.transpose(1, 2)).contiguous()
     k = 3 * settings.segments + 1
-    along = torch.linspace(-1, 1, k)[None, :, None] * blobs.axes[:, None, :, 1]
-    wobble = STROKE_WOBBLE * torch.randn(n, k, 2, generator=generator)
+    along = torch.linspace(-1, 1, k, device=device)[None, :, None] * blobs.axes[:, None, :, 1]
+    wobble = STROKE_WOBBLE * torch.randn(n, k, 2, generator=generator).to(device)
     return (blobs.centres[:, None] + along + wobble).contiguous()
+
+
+def _principal_axes(covariance: Tensor) -> Tensor:
+    """Standard deviations along the principal axes of (n, 2, 2), times the axes, as columns; the shorter first.
+
+    In closed form: a solver's start on a GPU takes longer than the whole reallocation.
+    """
+    xx, xy, yy = covariance[:, 0, 0] + LEAST_VARIANCE, covariance[:, 0, 1], covariance[:, 1, 1] + LEAST_VARIANCE
+    middle, half_range = 0.5 * (xx + yy), torch.hypot(0.5 * (xx - yy), xy)
+    angle = 0.5 * torch.atan2(xy, 0.5 * (xx - yy))  # of the longer axis
+    longer = torch.stack([angle.cos(), angle.sin()], -1) * (middle + half_range).sqrt()[:, None]
+    variance = (middle - half_range).clamp(min=LEAST_VARIANCE)  # never less, but for rounding
+    shorter = torch.stack([-angle.sin(), angle.cos()], -1) * variance.sqrt()[:, None]
+    return torch.stack([shorter, longer], -1)
 
 
 def _blurred(residual: Tensor) -> Tensor:
     if residual.shape[-1] == 4:
         # Over black and over white, as the loss sees it: black on nothing differs in alpha alone.
         residual = torch.cat([residual[..., :3], residual[..., :3] - residual[..., 3:]], -1)
-    planes = residual.permute(2, 0, 1)[None]
-    blurred = avg_pool2d(planes, RESIDUAL_BLUR, 1, RESIDUAL_BLUR // 2, count_include_pad=False)
-    return blurred[0].permute(1, 2, 0)
+    return box_mean(residual.permute(2, 0, 1).contiguous(), RESIDUAL_BLUR).permute(1, 2, 0)
 
 
 def _likeness(residuals: Tensor, own: Tensor) -> Tensor:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
 
 from ..raster.cpu import OptimiserState
 from .blobs import blob_points, find_blobs
 from .initial import colours_at, control_points, draw_pixels, new_curves
 from .parameters import Parameters
 from .presets import FitSettings
+from .smoothing import box_mean
 
 
 def gini(importance: Tensor) -> float:
@@ -26,10 +26,11 @@ def gini(importance: Tensor) -> float:
 
 def error_density(image: Tensor, target: Tensor, blur: int, power: float) -> Tensor:
     """Where new curves are wanted: the squared error, blurred by a box of `blur` px, to a power; (H, W)."""
-    error = ((image - target) ** 2).sum(-1)[None, None]
-    if blur > 1:
-        error = avg_pool2d(error, blur, stride=1, padding=blur // 2, count_include_pad=False)
-    return error[0, 0].clamp(min=0) ** power
+    difference = image - target
+    error = torch.zeros_like(difference[..., 0])
+    for channel in difference.unbind(-1):  # torch's sum over an axis of three takes longer
+        error.addcmul_(channel, channel)
+    return box_mean(error, blur) ** power
 
 
 def reallocate(
@@ -44,7 +45,8 @@ def reallocate(
 ) -> tuple[Parameters, OptimiserState, int]:
     """Replaces the least important `fraction` of the curves; new ones go to the front, their optimiser state is empty.
 
-    Returns the new parameters and state, and how many curves were replaced.
+    All tensors are on one device, where the work is done; the random numbers are drawn on the CPU, to be the same for
+    every device. Returns the new parameters and state, and how many curves were replaced.
     """
     count = int(parameters.curves * fraction)
     if count == 0:
@@ -61,5 +63,5 @@ def reallocate(
     else:
         points, colour_logits = control_points(centres, size, settings, generator), colours_at(centres, target)
     fresh = new_curves(points, colour_logits, recipe.half_width_size * unit, settings)
-    empty = OptimiserState.zeros(count, fresh.points.shape[1])
+    empty = OptimiserState.zeros(count, fresh.points.shape[1]).to(target.device)
     return fresh.joined(parameters.chosen(keep)), empty.joined(state.chosen(keep)), count

@@ -17,13 +17,17 @@ OPAQUE_LOGIT = 9.0  # an opacity of 0.99988
 
 def new_curves(points: Tensor, colour_logits: Tensor, half_width: float, settings: FitSettings) -> Parameters:
     """Curves at control points (n, K, 2), with colour logits (n, 3), a half-width in px and the recipe's opacity."""
-    recipe, n = settings.recipe, points.shape[0]
+    recipe = settings.recipe
+
+    def all_alike(value: float) -> Tensor:
+        return torch.full((points.shape[0],), value, device=points.device)
+
     return Parameters(
         points.contiguous(),
         colour_logits.contiguous(),
-        torch.full((n,), OPAQUE_LOGIT if recipe.opaque else recipe.opacity_logit),
-        torch.full((n,), half_width),
-        torch.full((n,), recipe.soft_edge),
+        all_alike(OPAQUE_LOGIT if recipe.opaque else recipe.opacity_logit),
+        all_alike(half_width),
+        all_alike(recipe.soft_edge),
     )
 
 
@@ -31,16 +35,20 @@ def control_points(centres: Tensor, radius: float, settings: FitSettings, genera
     """Control points (n, K, 2) of n new curves at `centres` (n, 2) px: circles of `radius` px, or bent strokes."""
     n = centres.shape[0]
     if settings.mode is Mode.CLOSED:
-        k = 3 * settings.segments
-        turn = torch.rand(n, 1, generator=generator) * 2 * math.pi
-        angle = torch.arange(k) / k * 2 * math.pi + turn
-        return centres[:, None, :] + radius * torch.stack([angle.cos(), angle.sin()], -1)
+        return centres[:, None, :] + radius * random_ring(n, 3 * settings.segments, generator).to(centres.device)
     k = 3 * settings.segments + 1
     angle = torch.rand(n, 1, generator=generator) * 2 * math.pi
     direction = torch.stack([angle.cos(), angle.sin()], -1)
     along = torch.linspace(-1.5, 1.5, k)[None, :, None] * direction
     wobble = 0.15 * torch.randn(n, k, 2, generator=generator)
-    return centres[:, None, :] + radius * (along + wobble)
+    return centres[:, None, :] + radius * (along + wobble).to(centres.device)
+
+
+def random_ring(n: int, k: int, generator: torch.Generator) -> Tensor:
+    """(n, k, 2): k points evenly on the unit circle, turned by a random angle for each of the n; on the CPU."""
+    turn = torch.rand(n, 1, generator=generator) * 2 * math.pi
+    angle = torch.arange(k) / k * 2 * math.pi + turn
+    return torch.stack([angle.cos(), angle.sin()], -1)
 
 
 def colours_at(centres: Tensor, target: Tensor) -> Tensor:
@@ -68,11 +76,11 @@ def random_centres(count: int, target: Tensor, generator: torch.Generator) -> Te
 
 def draw_pixels(density: Tensor, count: int, generator: torch.Generator) -> Tensor:
     """Centres (count, 2) of pixels drawn, with replacement, in proportion to a density (H, W) >= 0."""
-    flat = density.reshape(-1).double()
-    total = flat.cumsum(0)
-    if not float(total[-1]) > 0:
-        total = torch.ones_like(flat).cumsum(0)
-    drawn = torch.rand(count, dtype=torch.float64, generator=generator) * total[-1]
-    pixel = torch.searchsorted(total, drawn, right=True).clamp(max=flat.numel() - 1)
+    total = density.reshape(-1).cumsum(0, dtype=torch.float64)
+    share = torch.rand(count, dtype=torch.float64, generator=generator).to(density.device)
+    last = density.numel() - 1
+    pixel = torch.searchsorted(total, share * total[-1], right=True).clamp(max=last)
+    # Without any density all are alike; decided without a look at the value, which would wait for a GPU.
+    pixel = torch.where(total[-1] > 0, pixel, (share * density.numel()).long().clamp(max=last))
     width = density.shape[1]
     return torch.stack([pixel % width, pixel // width], -1).float() + 0.5

@@ -121,7 +121,7 @@ class Trainer:
         self.schedule = Schedule(self.recipe, self.settings.steps)
         self.engine: Engine = open_engine(self.settings.device, self.settings.threads)
         device = self.engine.device
-        self.goal = self.target.to(device)  # the target where the engine is; new curves are made on the CPU
+        self.goal = self.target.to(device)  # the target where the engine is
         self.background = choose_background(self.target, self.settings)
         self.image = torch.empty(self.height, self.width, channels, device=device)
         centres = random_centres(self.settings.curves, self.target, self.generator)
@@ -213,12 +213,10 @@ class Trainer:
         return crossing_gradient(self.parameters.points, self.settings.mode, weight)
 
     def _reallocate(self, importance: Tensor, progress: float) -> None:
-        importance = importance.cpu()
-        fraction = self.schedule.reallocation(progress, gini(importance))
+        fraction = self.schedule.reallocation(progress, gini(importance.cpu()))
         parameters, state, count = reallocate(
-            self.parameters.to("cpu"), self.state.to("cpu"), importance, self.image.cpu(), self.target, fraction,
-            self.settings, self.generator,
-        )  # fmt: skip
+            self.parameters, self.state, importance, self.image, self.goal, fraction, self.settings, self.generator
+        )
         self.parameters.overwrite(parameters)
         self.state.overwrite(state)
         self.replaced += count
