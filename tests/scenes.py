@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import pytest
 import torch
 from torch import Tensor
 
@@ -15,6 +16,12 @@ from cubicsplat_cli.scene import Mode, Scene, points_from_segments
 RGB = tuple[float, float, float]
 PAPER: RGB = (0.9, 0.85, 0.7)
 TENSORS = ("points", "colours", "opacities", "half_widths")
+# What tests are parametrised over.
+MODES = list(Mode)
+BACKGROUNDS = [pytest.param(PAPER, id="rgb"), pytest.param(None, id="rgba")]
+COVERAGES = ["relaxed", "exact"]
+# The half-widths of fills.
+ZERO = torch.zeros((), dtype=torch.float64)
 
 
 def random_scene(

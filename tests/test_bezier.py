@@ -6,7 +6,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import random_scene
+from scenes import MODES, random_scene
 from torch import Tensor
 
 from cubicsplat_cli.bezier import (
@@ -22,7 +22,6 @@ from cubicsplat_cli.bezier import (
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.scene import Mode, points_from_segments
 
-MODES = list(Mode)
 quick = settings(max_examples=50, deadline=None, derandomize=True)
 coordinate = st.floats(-1000.0, 1000.0, allow_nan=False, width=32)
 parameter = st.floats(0.0, 1.0)

@@ -8,9 +8,13 @@ from dataclasses import replace
 import pytest
 import torch
 from scenes import (
+    BACKGROUNDS,
+    COVERAGES,
     DEGENERATE,
+    MODES,
     PAPER,
     TENSORS,
+    ZERO,
     as_arguments,
     circle,
     figure_eight,
@@ -32,12 +36,6 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import MAX_ALPHA, MIN_TRANSMITTANCE, RasterSettings
 from cubicsplat_cli.scene import Mode, Scene
-
-MODES = list(Mode)
-BACKGROUNDS = [pytest.param(PAPER, id="rgb"), pytest.param(None, id="rgba")]
-COVERAGES = ["relaxed", "exact"]
-ZERO = torch.zeros((), dtype=torch.float64)
-
 
 # --- distance, winding -------------------------------------------
 

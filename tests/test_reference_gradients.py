@@ -8,8 +8,12 @@ from dataclasses import replace
 import pytest
 import torch
 from scenes import (
+    BACKGROUNDS,
+    COVERAGES,
+    MODES,
     PAPER,
     TENSORS,
+    ZERO,
     in_double,
     point,
     polyline,
@@ -26,11 +30,6 @@ from torch import Tensor
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import MAX_ALPHA
 from cubicsplat_cli.scene import Mode, Scene
-
-MODES = list(Mode)
-BACKGROUNDS = [pytest.param(PAPER, id="rgb"), pytest.param(None, id="rgba")]
-COVERAGES = ["relaxed", "exact"]
-ZERO = torch.zeros((), dtype=torch.float64)
 
 
 def gradients(

@@ -9,15 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import (
-    MAX_CURVES,
-    MAX_SEED,
-    MAX_STEPS,
-    MAX_THREADS,
-    DeviceChoice,
-    ModeChoice,
-    PresetChoice,
-)
+from cubicsplat_cli.cli.fit_options import Curves, Device, Mode, Preset, Seed, Steps, Threads
+from cubicsplat_cli.cli.options import MAX_CURVES, MAX_STEPS, DeviceChoice, ModeChoice, PresetChoice
 from cubicsplat_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
@@ -31,18 +24,7 @@ _SHEET_PICTURES = 4
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of pictures.", show_default=False)]
 CurvesList = Annotated[str, typer.Option("--curves", metavar="N,...", help="Numbers of curves.")]
 ModeList = Annotated[str, typer.Option("--mode", metavar="MODE,...", help="closed, open or both.")]
-Preset = Annotated[PresetChoice, typer.Option("--preset", help="Effort of the fits.")]
 Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Take the first so many pictures only.")]
-Steps = Annotated[
-    int | None,
-    typer.Option("--steps", min=1, max=MAX_STEPS, help="Optimisation steps.  [default: from the preset]"),
-]
-Seed = Annotated[int, typer.Option("--seed", min=0, max=MAX_SEED, help="Seed of all random choices.")]
-Device = Annotated[DeviceChoice, typer.Option("--device", help="Where to compute.")]
-Threads = Annotated[
-    int | None,
-    typer.Option("--threads", min=1, max=MAX_THREADS, help="CPU threads.  [default: one per core]"),
-]
 Cache = Annotated[
     Path | None,
     typer.Option("--cache", metavar="DIR", help="Keep each result here, and take it from here the next time."),
@@ -60,8 +42,8 @@ def step(
         typer.Argument(metavar="IMAGE", help="Picture to fit.  [default: a drawn one]", show_default=False),
     ] = None,
     size: Annotated[str, typer.Option("--size", metavar="WxH", help="Size of the drawn picture.")] = "768x512",
-    curves: Annotated[int, typer.Option("--curves", min=1, max=MAX_CURVES, help="Number of curves.")] = 512,
-    mode: Annotated[ModeChoice, typer.Option("--mode", help="Filled shapes or strokes.")] = ModeChoice.closed,
+    curves: Curves = 512,
+    mode: Mode = ModeChoice.closed,
     preset: Preset = PresetChoice.standard,
     warmup_steps: Annotated[
         int, typer.Option("--warmup-steps", min=0, max=MAX_STEPS, help="Steps before the timed ones.")

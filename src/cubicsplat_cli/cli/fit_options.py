@@ -31,21 +31,29 @@ from cubicsplat_cli.cli.options import (
 
 _PRESET = "  [default: from the preset]"
 _TIME = "End the fit after so many seconds; its schedule is shortened to match."
-_THREADS = "CPU threads, of all --jobs together.  [default: one per core]"
+_EFFORT = "Effort of the fit; options given explicitly win over it, in any order."
+_THREADS = "CPU threads in all.  [default: one per core]"
 _IMPORTANCE = "A curve's use: the loss without it (loo), or what is seen of it." + _PRESET
 _EDGES = "Crisp as in an SVG, or soft as published, which no SVG can show." + _PRESET
+
+
+# Shared with commands that take some of the options, or take them with other defaults.
+Curves = Annotated[int, Option("--curves", min=1, max=MAX_CURVES, help="Number of curves.")]
+Mode = Annotated[ModeChoice, Option("--mode", help="Filled shapes (closed) or strokes (open).")]
+Preset = Annotated[PresetChoice, Option("--preset", help=_EFFORT)]
+Steps = Annotated[int | None, Option("--steps", min=1, max=MAX_STEPS, help="Optimisation steps." + _PRESET)]
+Device = Annotated[DeviceChoice, Option("--device", help="Where to compute; auto takes a GPU that works.")]
+Threads = Annotated[int | None, Option("--threads", min=1, max=MAX_THREADS, help=_THREADS)]
+Seed = Annotated[int, Option("--seed", min=0, max=MAX_SEED, help="Seed of all random choices.")]
 
 
 class FitOptions:
     """name: Annotated[type, Option(...)] = default; in the order of the help."""
 
-    curves: Annotated[int, Option("--curves", min=1, max=MAX_CURVES, help="Number of curves.")] = 512
-    mode: Annotated[ModeChoice, Option("--mode", help="Filled shapes (closed) or strokes (open).")] = ModeChoice.closed
-    preset: Annotated[
-        PresetChoice,
-        Option("--preset", help="Effort of the fit; options given explicitly win over it, in any order."),
-    ] = PresetChoice.standard
-    steps: Annotated[int | None, Option("--steps", min=1, max=MAX_STEPS, help="Optimisation steps." + _PRESET)] = None
+    curves: Curves = 512
+    mode: Mode = ModeChoice.closed
+    preset: Preset = PresetChoice.standard
+    steps: Steps = None
     time_limit: Annotated[float | None, Option("--time-limit", metavar="SECONDS", help=_TIME)] = None
     segments: Annotated[
         int | None, Option("--segments", min=1, max=MAX_SEGMENTS, help="Cubic segments of a curve." + _PRESET)
@@ -54,11 +62,9 @@ class FitOptions:
         int | None,
         Option("--samples", min=MIN_SAMPLES, max=MAX_SAMPLES, help="Edges of a segment during the fit." + _PRESET),
     ] = None
-    device: Annotated[DeviceChoice, Option("--device", help="Where to compute; auto takes a GPU that works.")] = (
-        DeviceChoice.auto
-    )
-    threads: Annotated[int | None, Option("--threads", min=1, max=MAX_THREADS, help=_THREADS)] = None
-    seed: Annotated[int, Option("--seed", min=0, max=MAX_SEED, help="Seed of all random choices.")] = 0
+    device: Device = DeviceChoice.auto
+    threads: Threads = None
+    seed: Seed = 0
     background: Annotated[
         str | None,
         Option("--background", metavar="COLOUR", help="auto, none (transparent), #rrggbb or a name." + _PRESET),
