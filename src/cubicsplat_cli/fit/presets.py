@@ -30,8 +30,13 @@ class Recipe:
     rate_edge_widths: float = 0.036  # px; soft edges only
     rate_course: str = "cosine"  # or "published": a staircase
     rate_end: float = 0.1  # of the start, cosine
-    finish_rate: float = 0.2
+    finish_rate: float = 0.4
     finish_rate_end: float = 0.1
+    # Adan: how much of its running means of gradient, change and square stays from step to step; floor of their scale
+    keep_mean: float = 0.98
+    keep_change: float = 0.999
+    keep_square: float = 0.99
+    epsilon: float = 1e-3
     # edges
     edge_start: float = 4.0
     edge_end: float = 0.8
@@ -75,7 +80,6 @@ class Recipe:
             raise UsageError(f"geometric-reg must be a weight between 0 and 1000000, not {self.geometric_reg}")
         if not 0.0 <= self.finish < 1.0:
             raise UsageError(f"finish must lie between 0 and 1, not {self.finish}")
-
 
     def unit(self, width: int, height: int, curves: int) -> float:
         """The length unit in px."""
@@ -191,7 +195,7 @@ _OPEN = {"segments": 3, "samples": 24, "finish_samples": 48}
 # As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.
 _PAPER = {
     "segments": 3, "steps": 10_000, "length_unit": "canvas", "rate_points": 1e-3, "start_size": 0.01,
-    "rate_colours": 0.1, "rate_opacities": 0.1, "rate_course": "published",
+    "rate_colours": 0.1, "rate_opacities": 0.1, "rate_course": "published", "keep_change": 0.92, "epsilon": 1e-8,
     "edges": "soft", "finish": 0.0, "importance": "visibility", "prune_rule": "gini",
     "prune_fraction": 0.2, "reallocation_density": 0.16, "reallocate_until": 0.8, "opacity_logit": 1.0,
     "tolerance": 0.0, "seeding": "discs", "seed_size": 0.01, "seed_blur": 1, "seed_power": 1.0, "background": "#ffffff",

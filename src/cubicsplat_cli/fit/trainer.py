@@ -204,6 +204,8 @@ class Trainer:
             opacities=0.0 if recipe.opaque else phase.rate * recipe.rate_opacities,
             half_widths=phase.rate * recipe.rate_half_widths * self.unit,
             edge_widths=phase.rate * recipe.rate_edge_widths,
+            keep=(recipe.keep_mean, recipe.keep_change, recipe.keep_square),
+            epsilon=recipe.epsilon,
         )
 
     def _regulariser(self) -> Tensor | None:

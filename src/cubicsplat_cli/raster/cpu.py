@@ -140,7 +140,11 @@ class SceneTensors:
 
 @dataclass
 class Rates:
-    """Step sizes (0 freezes a group) and constants of one Adan update."""
+    """Step sizes (0 freezes a group) and constants of one Adan update.
+
+    keep: fractions of the running means of gradient, change and square that stay from step to step (one minus the betas
+    of Xie et al., 2022). epsilon: added to the gradient's scale.
+    """
 
     points: float
     colours: float
