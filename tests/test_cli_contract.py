@@ -27,7 +27,8 @@ try:
 except ImportError:  # Windows
     resource = None
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
 COMMANDS = dict(typer.main.get_command(app_module.app).commands)
 HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "svgwrite", "PIL", "scipy")
 OPTION = re.compile(r"(?<![\w-])(--?[a-z][a-z-]*)")
@@ -68,12 +69,24 @@ def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
     assert declared <= in_help, "the help was not understood"
 
 
-def test_documented_defaults_and_choices_are_the_real_ones():
+def option_rows(text: str) -> dict[str, tuple[str, str]]:
+    """First two cells, option and default, of the tables' rows by the option's name; "/" stands for an escaped bar."""
     rows = {}
-    for line in section("vectorize").splitlines():
+    for line in text.splitlines():
         if line.startswith("| `--"):
             cells = [cell.strip() for cell in line.replace(r"\|", "/").split("|")[1:-1]]
             rows[OPTION.findall(cells[0])[0]] = (cells[0], cells[1])
+    return rows
+
+
+def test_the_readme_names_options_and_defaults_as_the_full_table_does():
+    short = option_rows((ROOT / "README.md").read_text(encoding="utf-8"))
+    assert len(short) >= 10
+    assert short.items() <= option_rows(section("vectorize")).items()
+
+
+def test_documented_defaults_and_choices_are_the_real_ones():
+    rows = option_rows(section("vectorize"))
     checked = 0
     for parameter in COMMANDS["vectorize"].params:
         name = parameter.opts[0]
