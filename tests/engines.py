@@ -9,8 +9,8 @@ from scenes import TENSORS, as_arguments, in_double
 from torch import Tensor
 
 from cubicsplat_cli.raster import reference
-from cubicsplat_cli.raster.cpu import SceneTensors
 from cubicsplat_cli.raster.draw import scene_tensors
+from cubicsplat_cli.raster.engine import SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode, Scene
 

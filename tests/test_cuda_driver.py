@@ -14,10 +14,11 @@ from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster import cuda_compile, cuda_driver
-from cubicsplat_cli.raster.cpu import CpuEngine, Rates
+from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.cuda import CudaEngine
 from cubicsplat_cli.raster.cuda_driver import CudaDriver
 from cubicsplat_cli.raster.cuda_frame import Frame, StepValues
+from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode
 

@@ -14,10 +14,11 @@ from emulated import EmulatedDriver, compiler
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import CpuEngine, Rates
+from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.cuda import CudaEngine
 from cubicsplat_cli.raster.cuda_compile import Program
 from cubicsplat_cli.raster.cuda_frame import Frame
+from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode
 
@@ -230,7 +231,7 @@ import torch
 from emulated import EmulatedDriver
 from cuda_bodies import packed, state_for
 from scenes import PAPER, random_scene, random_target
-from cubicsplat_cli.raster.cpu import Rates
+from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.cuda import CudaEngine
 from cubicsplat_cli.raster.cuda_compile import Program
 from cubicsplat_cli.raster.cuda_frame import Frame

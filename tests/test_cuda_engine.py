@@ -13,7 +13,8 @@ from scenes import DEGENERATE, PAPER, as_arguments, in_double, random_scene, ran
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster import reference
-from cubicsplat_cli.raster.cpu import CpuEngine, Rates
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode
 

@@ -8,7 +8,7 @@ from cuda_bodies import close, open_cuda, packed, state_for
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import Rates
+from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode
 

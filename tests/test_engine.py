@@ -12,7 +12,8 @@ from scenes import DEGENERATE, PAPER, as_arguments, in_double, only, random_scen
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster import reference
-from cubicsplat_cli.raster.cpu import CpuEngine, OptimiserState, Rates, instruction_sets
+from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
+from cubicsplat_cli.raster.engine import OptimiserState, Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode
 

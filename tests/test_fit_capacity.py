@@ -14,7 +14,7 @@ from cubicsplat_cli.fit.capacity import error_density, gini, reallocate
 from cubicsplat_cli.fit.initial import colours_at, control_points, draw_pixels, new_curves, random_centres
 from cubicsplat_cli.fit.parameters import Parameters
 from cubicsplat_cli.fit.smoothing import box_mean
-from cubicsplat_cli.raster.cpu import OptimiserState
+from cubicsplat_cli.raster.engine import OptimiserState
 from cubicsplat_cli.scene import Mode
 
 MODES = pytest.mark.parametrize("mode", ["closed", "open"])

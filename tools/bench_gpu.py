@@ -23,8 +23,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.raster.cpu import OptimiserState, Rates, SceneTensors
 from cubicsplat_cli.raster.cuda import CudaEngine
+from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode, points_from_segments
 

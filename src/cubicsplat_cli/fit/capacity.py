@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..raster.cpu import OptimiserState
+from ..raster.engine import OptimiserState
 from .blobs import blob_points, find_blobs
 from .initial import colours_at, control_points, draw_pixels, new_curves
 from .parameters import Parameters

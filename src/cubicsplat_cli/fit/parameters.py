@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..raster.cpu import SceneTensors
+from ..raster.engine import SceneTensors
 from ..scene import Mode, Scene
 
 Background = tuple[float, float, float] | None

@@ -13,8 +13,9 @@ import torch
 from torch import Tensor
 
 from ..errors import EngineError, InputError
-from ..raster.cpu import CpuEngine, OptimiserState, Rates, SceneTensors
-from ..raster.engines import Engine, open_engine
+from ..raster.cpu import CpuEngine
+from ..raster.engine import Engine, OptimiserState, Rates, SceneTensors
+from ..raster.engines import open_engine
 from ..raster.settings import RasterSettings
 from ..scene import Scene
 from .capacity import gini, reallocate

@@ -10,7 +10,6 @@ import ctypes
 import os
 import sys
 from ctypes import POINTER, c_char_p, c_double, c_float, c_int32, c_int64, c_void_p
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,10 +18,10 @@ from torch import Tensor
 
 from ..errors import EngineError
 from ..scene import Mode
+from .engine import IMPORTANCE, Engine, SceneTensors, Training
 from .settings import RasterSettings
 
 ABI_VERSION = 2
-IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
 
 
 class _Scene(ctypes.Structure):
@@ -113,82 +112,6 @@ def default_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@dataclass
-class SceneTensors:
-    """The parameters of a scene as the engine takes them; float32, contiguous, on the CPU.
-
-    points (N, K, 2) px, colours (N, 3), opacities (N,), half_widths (N,) px; colours and opacities are logits where
-    `logits` is set. background: the colour behind an opaque picture, or None for premultiplied RGBA. edge_widths (N,):
-    px, each curve's own relaxed edge in place of the settings' one.
-    """
-
-    mode: Mode
-    width: int
-    height: int
-    points: Tensor
-    colours: Tensor
-    opacities: Tensor
-    half_widths: Tensor
-    background: tuple[float, float, float] | None
-    logits: bool = False
-    edge_widths: Tensor | None = None
-
-    @property
-    def channels(self) -> int:
-        return 3 if self.background is not None else 4
-
-
-@dataclass
-class Rates:
-    """Step sizes (0 freezes a group) and constants of one Adan update.
-
-    keep: fractions of the running means of gradient, change and square that stay from step to step (one minus the betas
-    of Xie et al., 2022). epsilon: added to the gradient's scale.
-    """
-
-    points: float
-    colours: float
-    opacities: float
-    half_widths: float
-    edge_widths: float = 0.0
-    keep: tuple[float, float, float] = (0.98, 0.92, 0.99)
-    epsilon: float = 1e-2
-
-
-@dataclass
-class OptimiserState:
-    """Adan moments (N, 2K + 5, 4), those of the edge widths (N, 4), and each curve's number of updates (N,) int32."""
-
-    moments: Tensor
-    edge_moments: Tensor
-    ages: Tensor
-
-    @classmethod
-    def zeros(cls, curves: int, points_per_curve: int) -> OptimiserState:
-        moments = torch.zeros(curves, 2 * points_per_curve + 5, 4)
-        return cls(moments, torch.zeros(curves, 4), torch.zeros(curves, dtype=torch.int32))
-
-    def _tensors(self) -> tuple[Tensor, Tensor, Tensor]:
-        return self.moments, self.edge_moments, self.ages
-
-    def chosen(self, index: Tensor) -> OptimiserState:
-        """The state of the curves of an index (n,) or a mask (N,), in their order."""
-        return OptimiserState(*(t[index].contiguous() for t in self._tensors()))
-
-    def joined(self, behind: OptimiserState) -> OptimiserState:
-        """The state of these curves, then of others."""
-        return OptimiserState(*(torch.cat(pair) for pair in zip(self._tensors(), behind._tensors(), strict=True)))
-
-    def to(self, device: torch.device | str) -> OptimiserState:
-        """The state on a device; the same tensors where they are there already."""
-        return OptimiserState(*(t.to(device) for t in self._tensors()))
-
-    def overwrite(self, other: OptimiserState) -> None:
-        """Takes over another state's values in place: a captured CUDA graph keeps the addresses."""
-        for mine, theirs in zip(self._tensors(), other._tensors(), strict=True):
-            mine.copy_(theirs)
-
-
 def _pointer(
     tensor: Tensor | None, name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32
 ) -> int | None:
@@ -203,7 +126,7 @@ def _pointer(
     return tensor.data_ptr()
 
 
-class CpuEngine:
+class CpuEngine(Engine):
     """One native engine with its threads and scratch memory. Not to be shared between Python threads.
 
     threads: worker threads, >= 1 (default: all the process may use). isa: one of `instruction_sets()` (default: the
@@ -267,7 +190,7 @@ class CpuEngine:
             exact, settings.samples, settings.tolerance, settings.subdivide, settings.edge_width, IMPORTANCE[importance]
         )
 
-    def _gradients(self, scene: SceneTensors, tensors: dict[str, Tensor]) -> _Gradients:
+    def _pointers(self, scene: SceneTensors, tensors: dict[str, Tensor]) -> _Gradients:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         shapes: dict[str, tuple[int, ...]] = {
             "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
@@ -277,78 +200,46 @@ class CpuEngine:
 
     def _check(self, status: int) -> None:
         if status:
-            raise EngineError(f"the CPU engine failed: {self._library.cs_error(self._handle).decode()}")
+            raise EngineError(f"{self._failed}: {self._library.cs_error(self._handle).decode()}")
 
     def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:
-        """Draws the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
         image = torch.empty(scene.height, scene.width, scene.channels)
         images, _ = self._images(scene, None, None, image)
         s, t = self._scene(scene), self._settings(settings, None)
         self._check(self._library.cs_render(self._handle, s, t, images))
         return image
 
-    def gradients(
+    def _gradients(
         self,
         scene: SceneTensors,
         settings: RasterSettings,
-        *,
-        gradient: Tensor | None = None,
-        target: Tensor | None = None,
-        importance: str | None = None,
-    ) -> tuple[float, dict[str, Tensor]]:
-        """Gradients of every parameter as given, for an incoming dL/dF (`gradient`) or for the squared error against
-        `target`, both (H, W, C). Returns the loss (0 without a target) and points, colours, opacities, half_widths,
-        background and, if asked for ("visibility" or "loo"), importance (N,).
-        """
-        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
-        out = {
-            "points": torch.zeros(n, k, 2), "colours": torch.zeros(n, 3), "opacities": torch.zeros(n),
-            "half_widths": torch.zeros(n), "background": torch.zeros(scene.channels),
-        }  # fmt: skip
-        if importance:
-            out["importance"] = torch.zeros(n)
-        if scene.edge_widths is not None:
-            out["edge_widths"] = torch.zeros(n)
-        images, loss = self._images(scene, target, gradient, None)
-        s, t, g = self._scene(scene), self._settings(settings, importance), self._gradients(scene, out)
-        self._check(self._library.cs_gradients(self._handle, s, t, images, g))
-        return loss.value, out
-
-    def step(
-        self,
-        scene: SceneTensors,
-        settings: RasterSettings,
-        target: Tensor,
-        state: OptimiserState,
-        rates: Rates,
-        *,
-        image: Tensor | None = None,
-        importance: Tensor | None = None,
-        importance_kind: str | None = None,
-        background_gradient: Tensor | None = None,
-        points_gradient: Tensor | None = None,
+        gradient: Tensor | None,
+        target: Tensor | None,
+        importance: str | None,
+        out: dict[str, Tensor],
     ) -> float:
-        """One fused training step: forward, squared error, backward and Adan on the scene's own tensors, in place.
+        images, loss = self._images(scene, target, gradient, None)
+        s, t, g = self._scene(scene), self._settings(settings, importance), self._pointers(scene, out)
+        self._check(self._library.cs_gradients(self._handle, s, t, images, g))
+        return loss.value
 
-        Returns the loss (sum over the pixels) before the update. Optional outputs are filled where given: image
-        (H, W, C), importance (N,) of `importance_kind`, background_gradient (C,). points_gradient (N, K, 2): that of a
-        further loss term, added to the picture's.
-        """
+    def _step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
-        images, loss = self._images(scene, target, None, image)
-        wanted = {"importance": importance, "background": background_gradient}
-        g = self._gradients(scene, {name: t for name, t in wanted.items() if t is not None})
-        s, t = self._scene(scene), self._settings(settings, importance_kind if importance is not None else None)
-        training = _Training(
+        images, loss = self._images(scene, training.target, None, training.image)
+        wanted = {"importance": training.importance, "background": training.background_gradient}
+        g = self._pointers(scene, {name: t for name, t in wanted.items() if t is not None})
+        s, t = self._scene(scene), self._settings(settings, training.importance_kind)
+        state, rates = training.state, training.rates
+        update = _Training(
             s.points, s.colours, s.opacities, s.half_widths, s.edge_widths,
             _pointer(state.moments, "moments", (n, 2 * k + 5, 4)),
             _pointer(state.edge_moments, "edge_moments", (n, 4)),
             _pointer(state.ages, "ages", (n,), torch.int32),
-            _pointer(points_gradient, "points_gradient", (n, k, 2)),
+            _pointer(training.points_gradient, "points_gradient", (n, k, 2)),
             rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep,
             rates.epsilon,
         )  # fmt: skip
-        self._check(self._library.cs_step(self._handle, s, t, images, g, training))
+        self._check(self._library.cs_step(self._handle, s, t, images, g, update))
         return loss.value
 
     def timings(self) -> dict[str, float]:

@@ -17,7 +17,6 @@ from torch import Tensor
 
 from ..errors import EngineError
 from ..scene import Mode
-from .cpu import OptimiserState, Rates, SceneTensors
 from .cuda_compile import Program
 from .cuda_driver import CudaDriver, Driver, Kernels
 from .cuda_frame import (
@@ -38,6 +37,7 @@ from .cuda_frame import (
     step_values,
 )
 from .cuda_selftest import self_test
+from .engine import Engine, OptimiserState, SceneTensors, Training
 from .settings import RasterSettings
 
 PLANS_KEPT = 2  # prepared steps: those of the relaxed phase and of the exact finish
@@ -56,7 +56,7 @@ class _Plan:
     replay: Callable[[], None] | None = None
 
 
-class CudaEngine:
+class CudaEngine(Engine):
     """The CUDA engine on one GPU. Steps are not to be made from several Python threads at once.
 
     device: torch's number of the GPU (default: its current one). driver: another device, for tests. Raises EngineError
@@ -82,45 +82,25 @@ class CudaEngine:
         return {"name": self.name, **self._driver.describe()}
 
     def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:
-        """Draws the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
         image = self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
         values = step_values(scene, settings, None)
         values.image = image.data_ptr()
         self._run(scene, settings, values, backward=False)
         return image.view(scene.height, scene.width, scene.channels)
 
-    def gradients(
+    def _gradients(
         self,
         scene: SceneTensors,
         settings: RasterSettings,
-        *,
-        gradient: Tensor | None = None,
-        target: Tensor | None = None,
-        importance: str | None = None,
-    ) -> tuple[float, dict[str, Tensor]]:
-        """Gradients of every parameter as given, for an incoming dL/dF (`gradient`) or for the squared error against
-        `target`, both (H, W, C). Returns the loss (0 without a target) and points, colours, opacities, half_widths,
-        background, edge_widths where the scene has them and, if asked for ("visibility" or "loo"), importance (N,).
-        """
-        if gradient is None and target is None:
-            raise EngineError("the CUDA engine failed: a backward pass needs a target or an incoming gradient")
-        if importance == "loo" and target is None:
-            raise EngineError("the CUDA engine failed: leave-one-out importance needs a target")
+        gradient: Tensor | None,
+        target: Tensor | None,
+        importance: str | None,
+        out: dict[str, Tensor],
+    ) -> float:
         if importance == "loo" and gradient is not None:
             # The kernels know a pixel's error from its gradient, so it has to be the squared error's.
-            loss, out = self.gradients(scene, settings, gradient=gradient, target=target)
             out["importance"] = self.gradients(scene, settings, target=target, importance="loo")[1]["importance"]
-            return loss, out
-        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
-        shapes: dict[str, tuple[int, ...]] = {
-            "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,),
-            "background": (scene.channels,),
-        }  # fmt: skip
-        if scene.edge_widths is not None:
-            shapes["edge_widths"] = (n,)
-        if importance:
-            shapes["importance"] = (n,)
-        out = {name: torch.zeros(shape, device=self.device) for name, shape in shapes.items()}
+            importance = None
         loss = torch.zeros((), dtype=torch.float64, device=self.device)
         values = step_values(scene, settings, importance)
         values.loss, values.background_gradient = loss.data_ptr(), out["background"].data_ptr()
@@ -128,39 +108,16 @@ class CudaEngine:
             values.importance = out["importance"].data_ptr()
         parameters = {f"out_{name}": t for name, t in out.items() if name not in ("background", "importance")}
         self._run(scene, settings, values, backward=True, target=target, gradient=gradient, outputs=parameters)
-        return float(loss) if target is not None else 0.0, out  # reading it waits for the GPU
+        return float(loss) if target is not None else 0.0  # reading it waits for the GPU
 
-    def step(
-        self,
-        scene: SceneTensors,
-        settings: RasterSettings,
-        target: Tensor,
-        state: OptimiserState,
-        rates: Rates,
-        *,
-        image: Tensor | None = None,
-        importance: Tensor | None = None,
-        importance_kind: str | None = None,
-        background_gradient: Tensor | None = None,
-        points_gradient: Tensor | None = None,
-    ) -> Tensor:
-        """One fused training step: forward, squared error, backward and Adan on the scene's own tensors, in place.
+    def _step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> Tensor:
+        """It does not wait: the loss comes as a float64 tensor without dimensions on the GPU, and float() of it waits.
 
-        The same as `CpuEngine.step`, but it does not wait: the loss (sum over the pixels) before the update comes as a
-        float64 tensor without dimensions on the GPU, and float() of it waits. A step on the same tensors as before is
-        replayed from a CUDA graph, so change tensors in place where you can.
+        A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
         """
-        frame = self._training_frame(scene, settings, target, state)
-        plan = self._plan(frame, scene, settings, (scene, target, state))
-        n, k = frame.curves, frame.points_per_curve
-        values = step_values(scene, settings, importance_kind if importance is not None else None, self._number)
-        set_rates(values, rates)
-        values.image = pointer(image, "image", (scene.height, scene.width, scene.channels), self.device)
-        values.importance = pointer(importance, "importance", (n,), self.device)
-        values.background_gradient = pointer(
-            background_gradient, "gradient of background", (scene.channels,), self.device
-        )
-        values.points_gradient = pointer(points_gradient, "points_gradient", (n, k, 2), self.device)
+        frame = self._training_frame(scene, settings, training.target, training.state)
+        plan = self._plan(frame, scene, settings, (scene, training.target, training.state))
+        values = self._training_values(scene, settings, training)
         loss = torch.empty((), dtype=torch.float64, device=self.device)
         values.loss = loss.data_ptr()
         self._number += 1
@@ -258,6 +215,17 @@ class CudaEngine:
         frame.edge_moments = pointer(state.edge_moments, "edge_moments", (n, 4), self.device)
         frame.ages = pointer(state.ages, "ages", (n,), self.device, torch.int32)
         return frame
+
+    def _training_values(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> StepValues:
+        n, k, channels = int(scene.points.shape[0]), int(scene.points.shape[1]), scene.channels
+        values = step_values(scene, settings, training.importance_kind, self._number)
+        set_rates(values, training.rates)
+        further, background = training.points_gradient, training.background_gradient
+        values.image = pointer(training.image, "image", (scene.height, scene.width, channels), self.device)
+        values.importance = pointer(training.importance, "importance", (n,), self.device)
+        values.background_gradient = pointer(background, "gradient of background", (channels,), self.device)
+        values.points_gradient = pointer(further, "points_gradient", (n, k, 2), self.device)
+        return values
 
     def _plan(
         self, frame: Frame, scene: SceneTensors, settings: RasterSettings, kept: tuple[object, ...]

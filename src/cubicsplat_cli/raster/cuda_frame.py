@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ..errors import EngineError
 from ..scene import Mode
-from .cpu import IMPORTANCE, Rates, SceneTensors
+from .engine import IMPORTANCE, Rates, SceneTensors
 from .settings import RasterSettings
 
 # Twins of the constants in frame.cuh.

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from ..errors import EngineError
 from ..scene import Mode, points_from_segments
-from .cpu import SceneTensors
 from .cuda_compile import Program
+from .engine import SceneTensors
 from .settings import RasterSettings
 
 if TYPE_CHECKING:

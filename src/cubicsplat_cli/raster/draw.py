@@ -8,8 +8,9 @@ import numpy as np
 
 from ..errors import EngineError
 from ..scene import Scene
-from .cpu import CpuEngine, SceneTensors, instruction_sets
+from .cpu import CpuEngine, instruction_sets
 from .cuda import CudaEngine
+from .engine import SceneTensors
 from .settings import RasterSettings
 
 

@@ -11,8 +11,7 @@ from ..errors import EngineError
 from .cpu import CpuEngine
 from .cuda import CudaEngine
 from .cuda_driver import missing_piece
-
-Engine = CpuEngine | CudaEngine
+from .engine import Engine
 
 _of_thread = threading.local()
 _of_gpu: dict[int, CudaEngine] = {}

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..scene import Mode, Scene
-from .cpu import SceneTensors
+from .engine import SceneTensors
 from .engines import shared_engine
 from .settings import RasterSettings
 

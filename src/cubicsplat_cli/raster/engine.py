@@ -1,0 +1,198 @@
+"""What every engine takes, does and gives: the same methods on the CPU and in CUDA."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..errors import EngineError
+from ..scene import Mode
+from .settings import RasterSettings
+
+IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
+
+
+@dataclass
+class SceneTensors:
+    """The parameters of a scene as an engine takes them; float32, contiguous, on its device.
+
+    points (N, K, 2) px, colours (N, 3), opacities (N,), half_widths (N,) px; colours and opacities are logits where
+    `logits` is set. background: the colour behind an opaque picture, or None for premultiplied RGBA. edge_widths (N,):
+    px, each curve's own relaxed edge in place of the settings' one.
+    """
+
+    mode: Mode
+    width: int
+    height: int
+    points: Tensor
+    colours: Tensor
+    opacities: Tensor
+    half_widths: Tensor
+    background: tuple[float, float, float] | None
+    logits: bool = False
+    edge_widths: Tensor | None = None
+
+    @property
+    def channels(self) -> int:
+        return 3 if self.background is not None else 4
+
+
+@dataclass
+class Rates:
+    """Step sizes (0 freezes a group) and constants of one Adan update.
+
+    keep: fractions of the running means of gradient, change and square that stay from step to step (one minus the betas
+    of Xie et al., 2022). epsilon: added to the gradient's scale.
+    """
+
+    points: float
+    colours: float
+    opacities: float
+    half_widths: float
+    edge_widths: float = 0.0
+    keep: tuple[float, float, float] = (0.98, 0.92, 0.99)
+    epsilon: float = 1e-2
+
+
+@dataclass
+class OptimiserState:
+    """Adan moments (N, 2K + 5, 4), those of the edge widths (N, 4), and each curve's number of updates (N,) int32."""
+
+    moments: Tensor
+    edge_moments: Tensor
+    ages: Tensor
+
+    @classmethod
+    def zeros(cls, curves: int, points_per_curve: int) -> OptimiserState:
+        moments = torch.zeros(curves, 2 * points_per_curve + 5, 4)
+        return cls(moments, torch.zeros(curves, 4), torch.zeros(curves, dtype=torch.int32))
+
+    def _tensors(self) -> tuple[Tensor, Tensor, Tensor]:
+        return self.moments, self.edge_moments, self.ages
+
+    def chosen(self, index: Tensor) -> OptimiserState:
+        """The state of the curves of an index (n,) or a mask (N,), in their order."""
+        return OptimiserState(*(t[index].contiguous() for t in self._tensors()))
+
+    def joined(self, behind: OptimiserState) -> OptimiserState:
+        """The state of these curves, then of others."""
+        return OptimiserState(*(torch.cat(pair) for pair in zip(self._tensors(), behind._tensors(), strict=True)))
+
+    def to(self, device: torch.device | str) -> OptimiserState:
+        """The state on a device; the same tensors where they are there already."""
+        return OptimiserState(*(t.to(device) for t in self._tensors()))
+
+    def overwrite(self, other: OptimiserState) -> None:
+        """Takes over another state's values in place: a captured CUDA graph keeps the addresses."""
+        for mine, theirs in zip(self._tensors(), other._tensors(), strict=True):
+            mine.copy_(theirs)
+
+
+@dataclass
+class Training:
+    """One training step: what to learn from, how, and what else to write or add; see `Engine.step`."""
+
+    target: Tensor
+    state: OptimiserState
+    rates: Rates
+    image: Tensor | None
+    importance: Tensor | None
+    importance_kind: str | None
+    background_gradient: Tensor | None
+    points_gradient: Tensor | None
+
+
+class Engine(ABC):
+    """Draws scenes and fits them. Tensors that it takes and gives live on its device."""
+
+    name: str
+    device: torch.device
+
+    @property
+    def _failed(self) -> str:
+        return f"the {self.name.upper()} engine failed"
+
+    @abstractmethod
+    def close(self) -> None:
+        """Frees what the engine holds beside the tensors of its caller."""
+
+    @abstractmethod
+    def describe(self) -> dict[str, object]:
+        """What the user should know of the engine, as plain values."""
+
+    @abstractmethod
+    def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:
+        """Draws the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
+
+    def gradients(
+        self,
+        scene: SceneTensors,
+        settings: RasterSettings,
+        *,
+        gradient: Tensor | None = None,
+        target: Tensor | None = None,
+        importance: str | None = None,
+    ) -> tuple[float, dict[str, Tensor]]:
+        """Gradients of every parameter as given, for an incoming dL/dF (`gradient`) or for the squared error against
+        `target`, both (H, W, C). Returns the loss (0 without a target) and points, colours, opacities, half_widths,
+        background, edge_widths where the scene has them and, if asked for ("visibility" or "loo"), importance (N,).
+        Raises EngineError without either, and for leave-one-out importance without a target.
+        """
+        if gradient is None and target is None:
+            raise EngineError(f"{self._failed}: a backward pass needs a target or an incoming gradient")
+        if importance == "loo" and target is None:
+            raise EngineError(f"{self._failed}: leave-one-out importance needs a target")
+        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
+        shapes: dict[str, tuple[int, ...]] = {
+            "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,),
+            "background": (scene.channels,),
+        }  # fmt: skip
+        if scene.edge_widths is not None:
+            shapes["edge_widths"] = (n,)
+        if importance:
+            shapes["importance"] = (n,)
+        out = {name: torch.zeros(shape, device=self.device) for name, shape in shapes.items()}
+        return self._gradients(scene, settings, gradient, target, importance, out), out
+
+    @abstractmethod
+    def _gradients(
+        self,
+        scene: SceneTensors,
+        settings: RasterSettings,
+        gradient: Tensor | None,
+        target: Tensor | None,
+        importance: str | None,
+        out: dict[str, Tensor],
+    ) -> float:
+        """Fills `out`, whose tensors are zero, and returns the loss."""
+
+    def step(
+        self,
+        scene: SceneTensors,
+        settings: RasterSettings,
+        target: Tensor,
+        state: OptimiserState,
+        rates: Rates,
+        *,
+        image: Tensor | None = None,
+        importance: Tensor | None = None,
+        importance_kind: str | None = None,
+        background_gradient: Tensor | None = None,
+        points_gradient: Tensor | None = None,
+    ) -> float | Tensor:
+        """One fused training step: forward, squared error, backward and Adan on the scene's own tensors, in place.
+
+        Returns the loss (sum over the pixels) before the update. Optional outputs are filled where given: image
+        (H, W, C), importance (N,) of `importance_kind`, background_gradient (C,). points_gradient (N, K, 2): that of a
+        further loss term, added to the picture's.
+        """
+        kind = importance_kind if importance is not None else None
+        extras = (image, importance, kind, background_gradient, points_gradient)
+        return self._step(scene, settings, Training(target, state, rates, *extras))
+
+    @abstractmethod
+    def _step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float | Tensor:
+        """`step`, its arguments in one piece."""
