@@ -9,18 +9,35 @@ from pathlib import Path
 import pytest
 from cuda_bodies import ENGINES, open_cuda
 
+from cubicsplat_cli.raster import cuda_driver
 from cubicsplat_cli.scene import Mode
 
 TOOL = Path(__file__).parent.parent / "tools" / "bench_gpu.py"
 
 
-@pytest.mark.parametrize("kind", ENGINES)
-@pytest.mark.parametrize("mode", list(Mode))
-def test_the_benchmark_of_the_gpu(kind, mode, monkeypatch):
+@pytest.fixture
+def tool(monkeypatch):
     spec = importlib.util.spec_from_file_location("bench_gpu", TOOL)
     tool = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, "bench_gpu", tool)
     spec.loader.exec_module(tool)
+    return tool
+
+
+def test_fits_and_the_whole_command_are_timed(tool):
+    fit_s = tool.fit_seconds("cpu", 24, 16, steps=12, curves=3)
+    assert 0 < fit_s < tool.command_seconds("cpu", 24, 16, steps=12, curves=3)
+
+
+def test_without_a_gpu_the_benchmark_says_what_is_missing(tool, monkeypatch, capsys):
+    monkeypatch.setattr(cuda_driver, "missing_piece", lambda: "no GPU today")
+    assert tool.main([]) == 1
+    assert capsys.readouterr().err == "bench_gpu: error: no GPU today\n"
+
+
+@pytest.mark.parametrize("kind", ENGINES)
+@pytest.mark.parametrize("mode", list(Mode))
+def test_the_benchmark_of_the_gpu(kind, mode, tool, monkeypatch):
     monkeypatch.setattr(tool, "ROUNDS", 1)
     case = tool.Case(mode, 40, 32, 24, 2, 6, 1e6, 1e-6, 500.0)
     result = tool.measure(open_cuda(kind), case, warm_up=6, repeats=1)

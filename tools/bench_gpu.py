@@ -1,10 +1,12 @@
-"""Times and memory of a training step on the GPU, for the sizes that docs/cuda.md states targets for.
+"""Times and memory on the GPU, of what docs/cuda.md states targets for: training steps, a fit, the whole command.
 
     python tools/bench_gpu.py [--json FILE]
 
 A step is all of it: forward pass, loss, backward pass and optimiser, replayed from its CUDA graph. The scenes are
 small discs or strokes that have been fitted for a while to a picture of gradients, discs and fine texture, so that
-curves overlap and differ in size as in a fit. Also prints what each kernel takes when it is launched by itself.
+curves overlap and differ in size as in a fit. Also prints what each kernel takes when it is launched by itself. A fit
+is one of `standard` with 1,500 steps, exact finish included, and the command is that from the start of its process to
+the files; both for the second time, the first time compiling the kernels.
 """
 
 from __future__ import annotations
@@ -13,23 +15,33 @@ import argparse
 import json
 import math
 import statistics
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+from PIL import Image
 from torch import Tensor
 
+from cubicsplat_cli.bench.synthetic import synthetic_picture
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.fit import FitSettings
+from cubicsplat_cli.fit.trainer import fit
+from cubicsplat_cli.raster import cuda_compile
 from cubicsplat_cli.raster.cuda import CudaEngine
 from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode, points_from_segments
 
 ROUNDS = 7
-KEEP = (0.98, 0.92, 0.99)
+STEPS = 1500
+FIT_TARGET_S, COMMAND_TARGET_S = 1.0, 6.0
 
 
 @dataclass(frozen=True)
@@ -108,15 +120,16 @@ class Bench:
         empty = OptimiserState.zeros(n, k)
         self.state = OptimiserState(*(t.to(engine.device) for t in (empty.moments, empty.edge_moments, empty.ages)))
         size = math.sqrt(case.width * case.height)
-        self.rates = Rates(5e-3 * size, 0.05, 0.05, 2e-4 * size, keep=KEEP)
+        self.rates = Rates(5e-3 * size, 0.05, 0.05, 2e-4 * size)
         self.relaxed = RasterSettings("relaxed", 1.0, case.samples, 0.05)
-        self.exact = RasterSettings("exact", 1.0, 24, 0.0125)
+        finish_samples = FitSettings.from_preset("standard", case.mode).finish_samples
+        self.exact = RasterSettings("exact", 1.0, finish_samples, 0.0125)
         self.importance = torch.zeros(n, device=engine.device)
         for i in range(warm_up):
             width = 4.0 ** (1.0 - i / max(warm_up, 1))
             self.step(RasterSettings("relaxed", width, case.samples, 0.05))
         # What follows should not change the scene while it is timed.
-        self.rates = Rates(0.0, 0.0, 0.0, 0.0, keep=KEEP)
+        self.rates = Rates(0.0, 0.0, 0.0, 0.0)
 
     def step(self, settings: RasterSettings, loo: bool = False) -> Tensor:
         importance = self.importance if loo else None
@@ -181,6 +194,35 @@ def measure(engine: CudaEngine, case: Case, warm_up: int = 200, repeats: int = 5
     return Bench(engine, case, warm_up).run(repeats)
 
 
+def fit_seconds(device: str, width: int = 768, height: int = 512, steps: int = STEPS, curves: int = 512) -> float:
+    """Time of a fit by `standard` in this process, the second of two."""
+    settings = FitSettings.from_preset("standard", "closed", steps=steps, curves=curves, device=device)
+    target = synthetic_picture(width, height)
+    return [fit(target, settings).fit_s for _ in range(2)][-1]
+
+
+def command_seconds(device: str, width: int = 768, height: int = 512, steps: int = STEPS, curves: int = 512) -> float:
+    """Time of the whole command, the second of two, from the start of its process to the files and its end."""
+    with tempfile.TemporaryDirectory() as folder:
+        picture_file = Path(folder) / "picture.png"
+        Image.fromarray(np.rint(255 * synthetic_picture(width, height)).astype(np.uint8)).save(picture_file)
+        options = ["--steps", str(steps), "--curves", str(curves), "--device", device, "--force", "--quiet"]
+        command = [sys.executable, "-m", "cubicsplat_cli", "vectorize", str(picture_file), *options]
+        taken = []
+        for _ in range(2):
+            start = time.perf_counter()
+            subprocess.run(command, check=True)
+            taken.append(time.perf_counter() - start)
+    return taken[-1]
+
+
+def compile_seconds(architecture: str) -> float:
+    """Time of compiling one program, that of closed curves on an opaque picture."""
+    start = time.perf_counter()
+    cuda_compile.compile_text(cuda_compile.Program(Mode.CLOSED, 3), architecture)
+    return time.perf_counter() - start
+
+
 def verdict(value: float, target: float | None, goal: float | None = None) -> str:
     """How a value stands to what was aimed at."""
     if target is None:
@@ -208,14 +250,29 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--device", type=int, help="torch's number of the GPU")
     chosen = parser.parse_args(arguments)
-    engine = CudaEngine(chosen.device)
+    try:
+        engine = CudaEngine(chosen.device)
+    except EngineError as error:
+        print(f"bench_gpu: error: {error}", file=sys.stderr)
+        return 1
     print(json.dumps(engine.describe()))
     results = []
     for case in CASES:
         results.append(measure(engine, case))
         print("\n".join(lines(results[-1])), flush=True)
+    engine.close()
+    capability = torch.cuda.get_device_capability(engine.device)
+    whole = {
+        "compile_s": compile_seconds(cuda_compile.architecture_for(capability)),
+        "fit_s": fit_seconds("cuda"),
+        "command_s": command_seconds("cuda"),
+    }
+    print(f"compiling one program {whole['compile_s']:.2f} s")
+    print(f"fit of {STEPS} steps {whole['fit_s']:.2f} s  {verdict(whole['fit_s'], FIT_TARGET_S)}")
+    print(f"whole command {whole['command_s']:.2f} s  {verdict(whole['command_s'], COMMAND_TARGET_S)}")
     if chosen.json:
-        chosen.json.write_text(json.dumps({"engine": engine.describe(), "results": results}, indent=1))
+        report = {"engine": engine.describe(), "results": results, "whole": whole}
+        chosen.json.write_text(json.dumps(report, indent=1))
     return 0
 
 

@@ -189,7 +189,7 @@ def parse_background(text: str) -> tuple[float, float, float] | None:
     return values[0] / 255.0, values[1] / 255.0, values[2] / 255.0
 
 
-_CLOSED = {"segments": 4}
+_CLOSED = {"segments": 4, "finish_samples": 48}
 # The outer side of a wide, tightly bent stroke needs more edges than its centre line.
 _OPEN = {"segments": 3, "samples": 24, "finish_samples": 48}
 # As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.
