@@ -15,7 +15,14 @@ else
 BIN := $(VENV)/bin
 endif
 PY := $(BIN)/python
-PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check -c constraints.txt
+CONSTRAINTS ?= constraints.txt
+PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
+# The GPU's targets have an environment of their own: with the torch that $(PYTHON) has, which on a GPU machine is often
+# one with CUDA, else with the newest torch there is. The pinned one may be a build for the CPU.
+GPU_VENV ?= .venv-gpu
+WITH_GPU := $(MAKE) --no-print-directory VENV=$(GPU_VENV) VENV_OPTIONS=--system-site-packages CONSTRAINTS=
+# Without a GPU every one of these tests would be skipped, which must not look like success.
+GPU_OR_WHY := $(PY) -c "import sys; from cubicsplat_cli.raster.cuda_driver import missing_piece; sys.exit(missing_piece())"
 
 # Folders are in the list so that a removed or renamed file counts as a change too.
 SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find src \
@@ -26,6 +33,7 @@ TEST_STAMP := $(VENV)/.stamp-test
 
 .NOTPARALLEL:
 .PHONY: demo test coverage test-slow test-gpu bench-gpu sanitize-gpu fuzz lint native clean install
+.PHONY: run-test-gpu run-bench-gpu run-sanitize-gpu
 .DEFAULT_GOAL := demo
 
 demo: $(PACKAGE_STAMP)
@@ -45,15 +53,24 @@ coverage: $(TEST_STAMP)
 test-slow: $(TEST_STAMP)
 	$(PY) -m pytest -m "slow and not gpu" --timeout 3600 $(PYTEST_OPTIONS) $(TESTS)
 
-test-gpu: $(TEST_STAMP)
+# Parity with the reference and the CPU, graphs, waiting, memory, and whole fits on the GPU.
+test-gpu:
+	$(WITH_GPU) run-test-gpu
+run-test-gpu: $(TEST_STAMP)
+	@$(GPU_OR_WHY)
 	$(PY) -m pytest -m gpu --timeout 1200 $(PYTEST_OPTIONS) $(TESTS)
 
-# Times and memory of a step on the GPU against the stated targets (docs/cuda.md).
-bench-gpu: $(PACKAGE_STAMP)
+# Times and memory on the GPU against the stated targets (docs/cuda.md): steps, a fit, the whole command.
+bench-gpu:
+	$(WITH_GPU) run-bench-gpu
+run-bench-gpu: $(PACKAGE_STAMP)
 	$(PY) tools/bench_gpu.py
 
 # The parity suite under NVIDIA's memory and race checkers, which come with the CUDA toolkit.
-sanitize-gpu: $(TEST_STAMP)
+sanitize-gpu:
+	$(WITH_GPU) run-sanitize-gpu
+run-sanitize-gpu: $(TEST_STAMP)
+	@$(GPU_OR_WHY)
 	compute-sanitizer --tool memcheck --error-exitcode 1 $(PY) -m pytest -m gpu -q tests/test_cuda_engine.py
 	compute-sanitizer --tool racecheck --error-exitcode 1 $(PY) -m pytest -m gpu -q tests/test_cuda_engine.py -k "match or steps_are"
 
@@ -74,7 +91,7 @@ native:
 	cp build/native/install/cubicsplat_cli/raster/_cubicsplat.* src/cubicsplat_cli/raster/
 
 $(VENV_STAMP):
-	test -x $(PY) || $(PYTHON) -m venv $(VENV)
+	test -x $(PY) || $(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
 	@touch $@
 
 $(PACKAGE_STAMP): $(SOURCES) constraints.txt $(VENV_STAMP)
