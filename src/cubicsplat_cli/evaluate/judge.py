@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # Half a percent: what rounding to whole pixels does to a small picture's shape is no mistake of the user.
 _ASPECT_TOLERANCE = 0.005
 # Edges per cubic of the engine's picture at its native size (S* of the exact finish).
-ENGINE_SAMPLES = 24
+ENGINE_SAMPLES = 48
 
 
 @dataclass(frozen=True)
