@@ -228,7 +228,7 @@ def test_progress_history_and_figures():
     assert result.history[-1]["psnr_db"] == pytest.approx(psnr(loss_of(result.scene, picture()), 40 * 28 * 3), abs=0.5)
     assert result.ms_per_step == pytest.approx(1e3 * result.fit_s / 80, rel=1e-6)
     assert result.device["name"] == "cpu"
-    assert (result.interrupted, result.samples) == (False, 24)
+    assert (result.interrupted, result.samples) == (False, 48)
     assert result.notes == []
 
 
