@@ -40,9 +40,7 @@ def packed(scene: Scene | SceneTensors, device: torch.device | str = "cpu") -> S
 
 def state_for(scene: SceneTensors) -> OptimiserState:
     """An empty optimiser state beside the scene's tensors."""
-    n, k = scene.points.shape[:2]
-    empty = OptimiserState.zeros(n, k)
-    return OptimiserState(*(t.to(scene.points.device) for t in (empty.moments, empty.edge_moments, empty.ages)))
+    return OptimiserState.zeros(*scene.points.shape[:2]).to(scene.points.device)
 
 
 def close(got: Tensor, want: Tensor, tolerance: float, share: float = 0.0) -> bool:

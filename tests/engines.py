@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from scenes import TENSORS, as_arguments, in_double
+from scenes import PAPER, TENSORS, as_arguments, in_double
 from torch import Tensor
 
 from cubicsplat_cli.raster import reference
@@ -17,6 +17,15 @@ from cubicsplat_cli.scene import Mode, Scene
 PICTURE_TOLERANCE = 2e-4  # of a value in [0, 1], away from edges that rounding can put on the other side of a centre
 GRADIENT_TOLERANCE = 2e-3  # of the largest gradient of its kind
 FLIPPED = 0.004  # fraction of values that may differ more: signs and nearest edges that rounding decides
+# What every engine is compared in.
+SETTINGS = [
+    RasterSettings("relaxed", 4.0, 6),
+    RasterSettings("relaxed", 1.0, 12),
+    RasterSettings("exact", 1.0, 24),
+]
+NAMES = [f"{s.coverage}-{s.edge_width:g}" for s in SETTINGS]
+CASES = [(mode, background) for mode in Mode for background in (PAPER, None)]
+CASE_NAMES = [f"{mode.value}-{'rgb' if background else 'rgba'}" for mode, background in CASES]
 
 
 @dataclass

@@ -8,7 +8,18 @@ from functools import cache
 import pytest
 import torch
 from cuda_bodies import ENGINES, assert_like_cpu, close, open_cuda, packed, state_for
-from engines import FLIPPED, GRADIENT_TOLERANCE, PICTURE_TOLERANCE, compared, outliers, truth
+from engines import (
+    CASE_NAMES,
+    CASES,
+    FLIPPED,
+    GRADIENT_TOLERANCE,
+    NAMES,
+    PICTURE_TOLERANCE,
+    SETTINGS,
+    compared,
+    outliers,
+    truth,
+)
 from scenes import DEGENERATE, PAPER, as_arguments, in_double, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
@@ -17,15 +28,6 @@ from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode
-
-SETTINGS = [
-    RasterSettings("relaxed", 4.0, 6),
-    RasterSettings("relaxed", 1.0, 12),
-    RasterSettings("exact", 1.0, 24),
-]
-NAMES = [f"{s.coverage}-{s.edge_width:g}" for s in SETTINGS]
-CASES = [(mode, background) for mode in Mode for background in (PAPER, None)]
-CASE_NAMES = [f"{mode.value}-{'rgb' if background else 'rgba'}" for mode, background in CASES]
 
 
 @pytest.fixture(scope="module", params=ENGINES)

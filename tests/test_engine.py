@@ -7,7 +7,19 @@ from functools import cache
 
 import pytest
 import torch
-from engines import FLIPPED, GRADIENT_TOLERANCE, PICTURE_TOLERANCE, compared, outliers, packed, truth
+from engines import (
+    CASE_NAMES,
+    CASES,
+    FLIPPED,
+    GRADIENT_TOLERANCE,
+    NAMES,
+    PICTURE_TOLERANCE,
+    SETTINGS,
+    compared,
+    outliers,
+    packed,
+    truth,
+)
 from scenes import DEGENERATE, PAPER, as_arguments, in_double, only, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
@@ -16,15 +28,6 @@ from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.engine import OptimiserState, Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Mode
-
-SETTINGS = [
-    RasterSettings("relaxed", 4.0, 6),
-    RasterSettings("relaxed", 1.0, 12),
-    RasterSettings("exact", 1.0, 24),
-]
-NAMES = [f"{s.coverage}-{s.edge_width:g}" for s in SETTINGS]
-CASES = [(mode, background) for mode in Mode for background in (PAPER, None)]
-CASE_NAMES = [f"{mode.value}-{'rgb' if background else 'rgba'}" for mode, background in CASES]
 
 
 @pytest.fixture(scope="module", params=instruction_sets())

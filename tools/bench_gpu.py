@@ -32,12 +32,13 @@ from torch import Tensor
 from cubicsplat_cli.bench.synthetic import synthetic_picture
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.fit import FitSettings
+from cubicsplat_cli.fit.initial import colours_at, control_points, new_curves, random_centres
 from cubicsplat_cli.fit.trainer import fit
 from cubicsplat_cli.raster import cuda_compile
 from cubicsplat_cli.raster.cuda import CudaEngine
 from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode, points_from_segments
+from cubicsplat_cli.scene import Mode
 
 ROUNDS = 7
 STEPS = 1500
@@ -72,40 +73,15 @@ CASES = [
 ]
 
 
-def picture(case: Case, device: torch.device) -> Tensor:
-    """(H, W, 3): gradients, forty discs and fine texture; the same on every machine."""
-    y, x = torch.meshgrid(torch.arange(case.height) + 0.5, torch.arange(case.width) + 0.5, indexing="ij")
-    size = math.sqrt(case.width * case.height)
-    planes = torch.stack([0.5 + 0.3 * (x / size * (2 + c) + y / size * (3 - c)).sin() for c in range(3)], -1)
-    generator = torch.Generator().manual_seed(0)
-    for _ in range(40):
-        u, v, r, *colour = torch.rand(6, generator=generator).tolist()
-        inside = (x - u * case.width) ** 2 + (y - v * case.height) ** 2 < (0.02 + 0.1 * r) ** 2 * size**2
-        planes[inside] = torch.tensor(colour)
-    texture = 0.05 * (0.9 * x).sin() * (0.7 * y).cos()
-    return (planes + texture.unsqueeze(-1)).clamp(0, 1).float().contiguous().to(device)
-
-
-def scene_of(case: Case, target: Tensor) -> SceneTensors:
-    """Curves at random places with the picture's colours: discs, or bent strokes."""
+def scene_of(case: Case, target: Tensor, device: torch.device) -> SceneTensors:
+    """Curves at random places with the colours of a target (H, W, 3) on the CPU: discs, or bent strokes."""
     generator = torch.Generator().manual_seed(1)
-    n, k = case.curves, points_from_segments(case.mode, case.segments)
-    size = math.sqrt(case.width * case.height)
-    centres = torch.rand(n, 2, generator=generator) * torch.tensor([case.width, case.height])
-    turn = 2 * math.pi * torch.rand(n, 1, generator=generator)
-    radius = 0.4 * size / math.sqrt(n)
-    if case.mode is Mode.CLOSED:
-        angle = 2 * math.pi * torch.arange(k) / k + turn
-        shape = radius * torch.stack([angle.cos(), angle.sin()], -1)
-    else:
-        along = torch.linspace(-1.5, 1.5, k)[None, :, None] * torch.stack([turn.cos(), turn.sin()], -1)
-        shape = radius * (along + 0.15 * torch.randn(n, k, 2, generator=generator))
-    points = centres[:, None, :] + shape
-    x, y = centres[:, 0].long().clamp(max=case.width - 1), centres[:, 1].long().clamp(max=case.height - 1)
-    colours = torch.logit(target.cpu()[y, x].clamp(0.02, 0.98))
-    half_widths = torch.full((n,), 1.5 if case.mode is Mode.OPEN else 0.0)
-    tensors = [t.float().contiguous().to(target.device) for t in (points, colours, torch.zeros(n), half_widths)]
-    return SceneTensors(case.mode, case.width, case.height, *tensors, (0.5, 0.5, 0.5), logits=True)
+    settings = FitSettings.from_preset("standard", case.mode, curves=case.curves, segments=case.segments)
+    centres = random_centres(case.curves, target, generator)
+    radius = 0.4 * math.sqrt(case.width * case.height / case.curves)
+    points = control_points(centres, radius, settings, generator)
+    curves = new_curves(points, colours_at(centres, target), 1.5, settings).to(device)
+    return curves.tensors(case.mode, case.width, case.height, (0.5, 0.5, 0.5), soft=False)
 
 
 class Bench:
@@ -114,11 +90,11 @@ class Bench:
     def __init__(self, engine: CudaEngine, case: Case, warm_up: int) -> None:
         self.engine, self.case = engine, case
         self.before = self._allocated()
-        self.target = picture(case, engine.device)
-        self.scene = scene_of(case, self.target)
+        target = torch.from_numpy(synthetic_picture(case.width, case.height))
+        self.target = target.to(engine.device)
+        self.scene = scene_of(case, target, engine.device)
         n, k = self.scene.points.shape[:2]
-        empty = OptimiserState.zeros(n, k)
-        self.state = OptimiserState(*(t.to(engine.device) for t in (empty.moments, empty.edge_moments, empty.ages)))
+        self.state = OptimiserState.zeros(n, k).to(engine.device)
         size = math.sqrt(case.width * case.height)
         self.rates = Rates(5e-3 * size, 0.05, 0.05, 2e-4 * size)
         self.relaxed = RasterSettings("relaxed", 1.0, case.samples, 0.05)

@@ -18,7 +18,8 @@ from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.jobs.plan import Job, Request, check_may_write, finished, plan_jobs, prepare
 from cubicsplat_cli.jobs.pool import Listener, run_jobs
 from cubicsplat_cli.jobs.sources import find_sources
-from cubicsplat_cli.jobs.work import FAILED, PLANNED, UNCHANGED, Outcome, Step, failure
+from cubicsplat_cli.jobs.work import FAILED, PLANNED, UNCHANGED, Outcome, failure
+from cubicsplat_cli.progress import Progress
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 
@@ -169,7 +170,7 @@ class _Run:
         if self.bars is not None:
             self.bars.begin(job.name)
 
-    def _step(self, job: Job, at: Step) -> None:
+    def _step(self, job: Job, at: Progress) -> None:
         if self.bars is not None:
             self.bars.step(job.name, at)
 

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ..errors import EngineError, InputError
+from ..progress import Progress
 from ..raster.cpu import CpuEngine
 from ..raster.engine import Engine, OptimiserState, Rates, SceneTensors
 from ..raster.engines import open_engine
@@ -32,18 +33,6 @@ HISTORY_ENTRIES = 50
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
 FLATNESS = 0.5  # px, of de Casteljau subdivision
 CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Where a fit stands. psnr_db: of the engine's own picture. replaced: curves re-seeded so far."""
-
-    step: int
-    steps: int
-    psnr_db: float
-    ms_per_step: float
-    replaced: int
-    seconds_left: float
 
 
 @dataclass
@@ -216,7 +205,8 @@ class Trainer:
         return crossing_gradient(self.parameters.points, self.settings.mode, weight)
 
     def _reallocate(self, importance: Tensor, progress: float) -> None:
-        fraction = self.schedule.reallocation(progress, gini(importance.cpu()))
+        inequality = gini(importance.cpu()) if self.recipe.prune_rule == "gini" else None
+        fraction = self.schedule.reallocation(progress, inequality)
         parameters, state, count = reallocate(
             self.parameters, self.state, importance, self.image, self.goal, fraction, self.settings, self.generator
         )

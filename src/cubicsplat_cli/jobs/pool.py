@@ -12,17 +12,17 @@ import os
 import signal
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING
 
 from cubicsplat_cli.jobs.plan import Job, Request
-from cubicsplat_cli.jobs.work import FAILED, FileSink, Outcome, Step, Watcher, attempt, nothing
+from cubicsplat_cli.jobs.work import FAILED, FileSink, Outcome, Watcher, attempt, nothing
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
-    from cubicsplat_cli.fit import Progress
+    from cubicsplat_cli.progress import Progress
 
 ATTEMPTS = 2
 # How often a stop is looked for while nothing happens.
@@ -36,7 +36,7 @@ class Listener:
 
     start: Callable[[Job], None] = nothing
     note: Callable[[Job, str], None] = nothing
-    step: Callable[[Job, Step], None] = nothing
+    step: Callable[[Job, Progress], None] = nothing
 
 
 def share_threads(threads: int | None, workers: int) -> list[int]:
@@ -156,7 +156,7 @@ class _Pool:
         except (EOFError, OSError):
             return self._bury(worker)
         if kind == "step":
-            self.listener.step(job, Step(**content))
+            self.listener.step(job, content)
         else:
             worker.job = None
             return content
@@ -228,7 +228,7 @@ def _teller(pipe: Connection) -> Watcher:
     """Says through the pipe how a job goes on, and ends its fit early when told to."""
 
     def step(progress: Progress) -> None:
-        pipe.send(("step", asdict(progress)))
+        pipe.send(("step", progress))
         if progress.step < progress.steps and pipe.poll() and pipe.recv() == _STOP:
             raise KeyboardInterrupt
 

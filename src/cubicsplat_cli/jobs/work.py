@@ -23,18 +23,6 @@ DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupte
 
 
 @dataclass(frozen=True)
-class Step:
-    """Where a fit stands; as `fit.Progress`, without its imports."""
-
-    step: int
-    steps: int
-    psnr_db: float
-    ms_per_step: float
-    replaced: int
-    seconds_left: float
-
-
-@dataclass(frozen=True)
 class Outcome:
     """How a job ended, or that it would be begun (planned). report: the metrics JSON, None where it was not made.
     error: one line, None where it did not fail; trace: the traceback where the failure is a bug.

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from ..errors import EngineError
 from ..scene import Mode
-from .engine import IMPORTANCE, Engine, SceneTensors, Training
+from .engine import IMPORTANCE, Backward, Engine, SceneTensors, Training
 from .settings import RasterSettings
 
 ABI_VERSION = 2
@@ -209,17 +209,9 @@ class CpuEngine(Engine):
         self._check(self._library.cs_render(self._handle, s, t, images))
         return image
 
-    def _gradients(
-        self,
-        scene: SceneTensors,
-        settings: RasterSettings,
-        gradient: Tensor | None,
-        target: Tensor | None,
-        importance: str | None,
-        out: dict[str, Tensor],
-    ) -> float:
-        images, loss = self._images(scene, target, gradient, None)
-        s, t, g = self._scene(scene), self._settings(settings, importance), self._pointers(scene, out)
+    def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
+        images, loss = self._images(scene, wanted.target, wanted.gradient, None)
+        s, t, g = self._scene(scene), self._settings(settings, wanted.importance), self._pointers(scene, wanted.out)
         self._check(self._library.cs_gradients(self._handle, s, t, images, g))
         return loss.value
 

@@ -37,7 +37,7 @@ from .cuda_frame import (
     step_values,
 )
 from .cuda_selftest import self_test
-from .engine import Engine, OptimiserState, SceneTensors, Training
+from .engine import Backward, Engine, OptimiserState, SceneTensors, Training
 from .settings import RasterSettings
 
 PLANS_KEPT = 2  # prepared steps: those of the relaxed phase and of the exact finish
@@ -88,16 +88,9 @@ class CudaEngine(Engine):
         self._run(scene, settings, values, backward=False)
         return image.view(scene.height, scene.width, scene.channels)
 
-    def _gradients(
-        self,
-        scene: SceneTensors,
-        settings: RasterSettings,
-        gradient: Tensor | None,
-        target: Tensor | None,
-        importance: str | None,
-        out: dict[str, Tensor],
-    ) -> float:
-        if importance == "loo" and gradient is not None:
+    def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
+        target, importance, out = wanted.target, wanted.importance, wanted.out
+        if importance == "loo" and wanted.gradient is not None:
             # The kernels know a pixel's error from its gradient, so it has to be the squared error's.
             out["importance"] = self.gradients(scene, settings, target=target, importance="loo")[1]["importance"]
             importance = None
@@ -107,7 +100,7 @@ class CudaEngine(Engine):
         if importance:
             values.importance = out["importance"].data_ptr()
         parameters = {f"out_{name}": t for name, t in out.items() if name not in ("background", "importance")}
-        self._run(scene, settings, values, backward=True, target=target, gradient=gradient, outputs=parameters)
+        self._run(scene, settings, values, backward=True, target=target, gradient=wanted.gradient, outputs=parameters)
         return float(loss) if target is not None else 0.0  # reading it waits for the GPU
 
     def _step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> Tensor:

@@ -92,6 +92,16 @@ class OptimiserState:
 
 
 @dataclass
+class Backward:
+    """One backward pass: where its gradient comes from, and the tensors to fill; see `Engine.gradients`."""
+
+    gradient: Tensor | None
+    target: Tensor | None
+    importance: str | None
+    out: dict[str, Tensor]
+
+
+@dataclass
 class Training:
     """One training step: what to learn from, how, and what else to write or add; see `Engine.step`."""
 
@@ -155,19 +165,11 @@ class Engine(ABC):
         if importance:
             shapes["importance"] = (n,)
         out = {name: torch.zeros(shape, device=self.device) for name, shape in shapes.items()}
-        return self._gradients(scene, settings, gradient, target, importance, out), out
+        return self._gradients(scene, settings, Backward(gradient, target, importance, out)), out
 
     @abstractmethod
-    def _gradients(
-        self,
-        scene: SceneTensors,
-        settings: RasterSettings,
-        gradient: Tensor | None,
-        target: Tensor | None,
-        importance: str | None,
-        out: dict[str, Tensor],
-    ) -> float:
-        """Fills `out`, whose tensors are zero, and returns the loss."""
+    def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
+        """Fills `wanted.out`, whose tensors are zero, and returns the loss."""
 
     def step(
         self,
