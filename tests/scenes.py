@@ -98,9 +98,7 @@ def as_arguments(scene: Scene) -> tuple[tuple[Tensor, ...], dict]:
 
 def in_double(scene: Scene, requires_grad: bool = False) -> Scene:
     """The scene with float64 leaves."""
-    return replace(
-        scene, **{n: getattr(scene, n).detach().double().requires_grad_(requires_grad) for n in TENSORS}
-    )
+    return replace(scene, **{n: getattr(scene, n).detach().double().requires_grad_(requires_grad) for n in TENSORS})
 
 
 def only(scene: Scene, curves: list[int]) -> Scene:
@@ -108,9 +106,7 @@ def only(scene: Scene, curves: list[int]) -> Scene:
     return replace(scene, **{name: getattr(scene, name)[curves] for name in TENSORS})
 
 
-def reference_render(
-    scene: Scene, coverage: str = "relaxed", edge_width: float = 1.0, samples: int = 6
-) -> Tensor:
+def reference_render(scene: Scene, coverage: str = "relaxed", edge_width: float = 1.0, samples: int = 6) -> Tensor:
     """The reference renderer's picture (H, W, C), float64, differentiable in the scene's tensors."""
     tensors, keywords = as_arguments(scene)
     return reference.render(*tensors, **keywords, settings=RasterSettings(coverage, edge_width, samples))
@@ -245,9 +241,7 @@ def _degenerate_canvases(mode: Mode, background: RGB | None) -> dict[str, Scene]
 def _thin_strokes(background: RGB | None) -> dict[str, Scene]:
     curves = _curves(Mode.OPEN, 20, 18, seed=4)
     return {
-        f"stroke-{half_width}": scene_of(
-            Mode.OPEN, curves, 20, 18, background=background, half_width=half_width
-        )
+        f"stroke-{half_width}": scene_of(Mode.OPEN, curves, 20, 18, background=background, half_width=half_width)
         for half_width in (0.0, 0.2)
     }
 

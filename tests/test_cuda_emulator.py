@@ -274,4 +274,3 @@ def test_no_access_outside_of_buffers():
     assert "clean" in done.stdout, done.stderr[-3000:]
     assert "not found" not in done.stdout
     assert "AddressSanitizer: heap-buffer-overflow" in done.stderr, done.stderr[-6000:]
-

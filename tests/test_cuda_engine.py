@@ -111,9 +111,7 @@ def test_the_gradient_of_any_loss(engine, mode, background, coverage):
 def test_a_gradient_and_a_target_together(engine, importance):
     scene = random_scene(Mode.OPEN, 8, 3, 30, 26, 9, background=None)
     target, gradient = random_target(scene, 1), random_target(scene, 2)
-    want = CpuEngine(1).gradients(
-        packed(scene), SETTINGS[1], target=target, gradient=gradient, importance=importance
-    )
+    want = CpuEngine(1).gradients(packed(scene), SETTINGS[1], target=target, gradient=gradient, importance=importance)
     here, target, gradient = packed(scene, engine.device), target.to(engine.device), gradient.to(engine.device)
     got = engine.gradients(here, SETTINGS[1], target=target, gradient=gradient, importance=importance)
     assert got[0] == pytest.approx(want[0], rel=1e-3)

@@ -117,9 +117,7 @@ def test_file_shows_the_same_picture_as_the_reference_renderer(mode, background,
 
 def test_the_two_renderers_agree():
     svg = svg_of(random_scene(Mode.CLOSED, curves=30, width=80, height=60, background=PAPER))
-    first, second = (
-        rerender(svg, 80, 60, renderer=name).pixels.astype(float) for name in ("cairosvg", "resvg")
-    )
+    first, second = (rerender(svg, 80, 60, renderer=name).pixels.astype(float) for name in ("cairosvg", "resvg"))
     assert first.std() > 10
     assert np.abs(first - second).mean() < 1.5
 
@@ -256,9 +254,7 @@ def test_sizes_and_shapes_must_fit():
 
 
 def test_json_never_holds_what_is_not_json():
-    text = to_json(
-        {"a": float("inf"), "b": [float("nan"), 1.5, np.float64(2.5)], "c": {"d": -float("inf")}, "e": (1,)}
-    )
+    text = to_json({"a": float("inf"), "b": [float("nan"), 1.5, np.float64(2.5)], "c": {"d": -float("inf")}, "e": (1,)})
     assert json.loads(text, parse_constant=pytest.fail) == {
         "a": None,
         "b": [None, 1.5, 2.5],

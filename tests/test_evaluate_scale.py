@@ -104,9 +104,7 @@ def test_scale_one_is_the_native_drawing(renderer):
 def test_tiles_of_a_scene_together_are_the_whole_render(mode, background, monkeypatch):
     scene = random_scene(mode, curves=8, width=50, height=34, background=background, seed=3)
     scene.points[0] -= 500.0  # the tiles without this curve are right only if it is never drawn
-    large = replace(
-        scene, width=150, height=102, points=scene.points * 3, half_widths=scene.half_widths * 3
-    )
+    large = replace(scene, width=150, height=102, points=scene.points * 3, half_widths=scene.half_widths * 3)
     whole = render_scene(large, samples=scaled_samples(24, 3), threads=1)
     want = whole.reshape(34, 3, 50, 3, -1).mean(axis=(1, 3))
     monkeypatch.setattr(scaled, "TILE_PIXELS", 500)

@@ -19,9 +19,7 @@ def foreign(body: str, before: str = "") -> bytes:
 
 @BOTH
 def test_ordinary_files_of_others_are_drawn(renderer):
-    doctype = (
-        '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
-    )
+    doctype = '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
     body = (
         "<style>.a{fill:url(#g)}</style>"
         '<defs><linearGradient id="g"><stop stop-color="#f00"/></linearGradient>'

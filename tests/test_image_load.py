@@ -156,9 +156,7 @@ def test_float_tiff():
     assert np.array_equal(picture.rgb[..., 0], values)
 
 
-@pytest.mark.parametrize(
-    ("value", "word"), [(255.0, "255"), (-3.0, "-3"), (np.nan, "undefined"), (np.inf, "infinite")]
-)
+@pytest.mark.parametrize(("value", "word"), [(255.0, "255"), (-3.0, "-3"), (np.nan, "undefined"), (np.inf, "infinite")])
 def test_float_outside_the_range_is_refused(value, word):
     values = np.array([[0.0, value]], np.float32)
     with pytest.raises(InputError, match=word):
@@ -262,9 +260,7 @@ def swapped_profile() -> bytes:
         if name == b"desc":
             offset, size = struct.unpack_from(">II", data, at + 4)
             text = bytes(data[offset : offset + size])
-            data[offset : offset + size] = text.replace(
-                "sRGB".encode("utf-16-be"), "swap".encode("utf-16-be")
-            )
+            data[offset : offset + size] = text.replace("sRGB".encode("utf-16-be"), "swap".encode("utf-16-be"))
     return bytes(data)
 
 
@@ -302,9 +298,7 @@ def test_profile_of_another_colour_space_is_noted():
 
 
 def flat_picture(rgb: np.ndarray, alpha: np.ndarray | None = None) -> Picture:
-    return Picture(
-        rgb.astype(np.float32), None if alpha is None else alpha.astype(np.float32), "made", "0" * 64
-    )
+    return Picture(rgb.astype(np.float32), None if alpha is None else alpha.astype(np.float32), "made", "0" * 64)
 
 
 def test_resize_returns_the_same_object_when_it_fits():

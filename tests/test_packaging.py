@@ -44,9 +44,7 @@ def installed() -> metadata.Distribution:
 def test_version_has_one_source(installed):
     assert installed.version == __version__
     pattern = re.compile(r"version\s*[=:]\s*[\"']" + re.escape(__version__))
-    owners = [
-        path for path in [*SOURCE.rglob("*.py"), ROOT / "pyproject.toml"] if pattern.search(path.read_text())
-    ]
+    owners = [path for path in [*SOURCE.rglob("*.py"), ROOT / "pyproject.toml"] if pattern.search(path.read_text())]
     assert owners == [], "the version is written a second time"
 
 
@@ -62,9 +60,7 @@ def test_installed_package_is_this_checkout(installed):
     assert len(libraries) == 1
     assert present - libraries == shipped_sources()
     stale = [
-        name
-        for name in shipped_sources()
-        if (folder.parent / name).read_bytes() != (ROOT / "src" / name).read_bytes()
+        name for name in shipped_sources() if (folder.parent / name).read_bytes() != (ROOT / "src" / name).read_bytes()
     ]
     assert stale == [], "installed files differ from the checkout: install again (make does)"
 
@@ -100,9 +96,7 @@ def test_runtime_requirements_are_open_ranges(installed):
     plain = [text for text in installed.requires if "extra ==" not in text]
     names = {re.match(r"[A-Za-z0-9_.-]+", text).group(0).lower().replace("_", "-") for text in plain}
     assert names == RUNTIME
-    assert not [text for text in plain if re.search(r"==|<|~=|@", text)], (
-        "a cap breaks other people's installs"
-    )
+    assert not [text for text in plain if re.search(r"==|<|~=|@", text)], "a cap breaks other people's installs"
 
 
 def test_build_needs_no_torch_and_is_portable():
@@ -135,9 +129,7 @@ def test_wheel_from_the_checkout(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="instruction sets of x86-64")
-@pytest.mark.skipif(
-    not shutil.which("objdump") or not shutil.which("cmake"), reason="needs cmake and objdump"
-)
+@pytest.mark.skipif(not shutil.which("objdump") or not shutil.which("cmake"), reason="needs cmake and objdump")
 def test_wide_instructions_stay_behind_the_dispatch(tmp_path):
     """Only the avx2 and avx512 copies use wide registers: anything else would crash older machines."""
     subprocess.run(["cmake", "-S", str(ROOT), "-B", str(tmp_path)], check=True, capture_output=True)

@@ -98,9 +98,7 @@ def test_vertex_on_the_scan_line_counts_once():
 def test_horizontal_edges_count_at_the_top_and_not_at_the_bottom():
     vertices = torch.tensor([[2.0, 1.5], [8.0, 1.5], [8.0, 6.5], [2.0, 6.5]], dtype=torch.float64)
     column = torch.stack((torch.full((9,), 4.5), torch.arange(9) + 0.5), dim=1).double()
-    assert (reference.winding(vertices, column) != 0).tolist() == [
-        1.5 <= y < 6.5 for y in column[:, 1].tolist()
-    ]
+    assert (reference.winding(vertices, column) != 0).tolist() == [1.5 <= y < 6.5 for y in column[:, 1].tolist()]
 
 
 # --- coverage ----------------------------------------------------
@@ -333,8 +331,7 @@ def test_leave_one_out_importance_is_what_removing_costs(mode, background, cover
     found = importance(scene, coverage, target=target)
     loss = reference.image_loss(reference_render(scene, coverage), target)
     removed = [
-        reference.image_loss(reference_render(without(scene, i), coverage), target) - loss
-        for i in range(scene.curves)
+        reference.image_loss(reference_render(without(scene, i), coverage), target) - loss for i in range(scene.curves)
     ]
     assert found.abs().min() > 1e-2
     torch.testing.assert_close(found, torch.stack(removed), rtol=1e-9, atol=1e-9)

@@ -32,9 +32,7 @@ from cubicsplat_cli.raster.settings import MAX_ALPHA
 from cubicsplat_cli.scene import Mode, Scene
 
 
-def gradients(
-    scene: Scene, objective: Callable[[Scene], Tensor], names: tuple[str, ...]
-) -> dict[str, Tensor]:
+def gradients(scene: Scene, objective: Callable[[Scene], Tensor], names: tuple[str, ...]) -> dict[str, Tensor]:
     scene = in_double(scene, requires_grad=True)
     values = torch.autograd.grad(objective(scene), [getattr(scene, n) for n in names])
     return dict(zip(names, values, strict=True))
@@ -101,9 +99,7 @@ def test_exact_mode_takes_the_geometry_derivative_of_the_relaxed_edge(mode):
     for name in names:
         assert relaxed[name].abs().max() > 0.1
         torch.testing.assert_close(exact[name], relaxed[name], rtol=1e-12, atol=1e-12)
-    assert not torch.allclose(
-        reference_render(scene, "relaxed", 1.7), reference_render(scene, "exact", 1.7), atol=1e-3
-    )
+    assert not torch.allclose(reference_render(scene, "relaxed", 1.7), reference_render(scene, "exact", 1.7), atol=1e-3)
 
 
 @pytest.mark.parametrize("reverse", [False, True], ids=["clockwise", "anticlockwise"])
@@ -147,9 +143,7 @@ def test_outline_without_a_normal_has_no_gradient(shape):
 def test_stroke_through_pixel_centres_has_a_width_gradient_only():
     points = straight([(1.0, 4.5), (9.0, 4.5)], closed=False).double().requires_grad_()
     half_width = torch.tensor(0.3, dtype=torch.float64, requires_grad=True)
-    covered = reference.coverage_relaxed(
-        polyline(points, Mode.OPEN), half_width, point(5.5, 4.5), Mode.OPEN, 1.0
-    )
+    covered = reference.coverage_relaxed(polyline(points, Mode.OPEN), half_width, point(5.5, 4.5), Mode.OPEN, 1.0)
     of_points, of_width = torch.autograd.grad(covered.sum(), (points, half_width))
     assert of_points.abs().max() == 0.0
     z = 0.3 / 1.5 + 0.5

@@ -78,9 +78,7 @@ def small_curves(count: int, *, opaque: bool, radius: float = 4.0) -> Scene:
         height=512,
         points=torch.tensor(points, dtype=torch.float32),
         colours=torch.tensor(rng.random((count, 3)), dtype=torch.float32),
-        opacities=torch.ones(count)
-        if opaque
-        else torch.tensor(rng.random(count), dtype=torch.float32) * 0.99,
+        opacities=torch.ones(count) if opaque else torch.tensor(rng.random(count), dtype=torch.float32) * 0.99,
         half_widths=torch.zeros(count),
         background=PAPER,
     )
@@ -123,9 +121,7 @@ def scenes(draw) -> Scene:
         height=draw(st.integers(1, 5000)),
         points=torch.tensor(points, dtype=torch.float32),
         colours=torch.tensor(rng.random((count, 3)), dtype=torch.float32),
-        opacities=torch.tensor(
-            np.where(rng.random(count) < 0.5, some, rng.random(count)), dtype=torch.float32
-        ),
+        opacities=torch.tensor(np.where(rng.random(count) < 0.5, some, rng.random(count)), dtype=torch.float32),
         half_widths=torch.tensor(widths if mode is Mode.OPEN else 0 * widths, dtype=torch.float32),
         background=background,
     )

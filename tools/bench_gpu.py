@@ -141,9 +141,7 @@ class Bench:
         launches: list[tuple] = []
         recorder = type("Recorder", (), {"launch": lambda _, *call: launches.append(call)})()
         self.engine._launch(recorder, plan.frame)
-        return {
-            call[0]: self.milliseconds(lambda call=call: plan.kernels.launch(*call), repeats) for call in launches
-        }
+        return {call[0]: self.milliseconds(lambda call=call: plan.kernels.launch(*call), repeats) for call in launches}
 
     def run(self, repeats: int) -> dict[str, Any]:
         times = {

@@ -41,9 +41,7 @@ def polyline_basis(mode: Mode, segments: int, samples: int) -> Tensor:
     weights = bernstein(torch.arange(samples, dtype=torch.float64) / samples)
     basis = torch.zeros(segments, samples, points_from_segments(mode, segments), dtype=torch.float64)
     # Added, not assigned: the single segment of a closed curve with M = 1 uses its point 0 twice.
-    basis.scatter_add_(
-        2, indices.unsqueeze(1).expand(-1, samples, -1), weights.unsqueeze(0).expand(segments, -1, -1)
-    )
+    basis.scatter_add_(2, indices.unsqueeze(1).expand(-1, samples, -1), weights.unsqueeze(0).expand(segments, -1, -1))
     basis = basis.flatten(0, 1)
     if mode is Mode.OPEN:
         end = torch.zeros(1, basis.shape[1], dtype=torch.float64)
@@ -90,9 +88,7 @@ def samples_for_tolerance(points: Tensor, mode: Mode, tolerance: float, minimum:
     if not tolerance > 0.0:
         raise UsageError(f"tolerance must be above 0 px, not {tolerance}")
     if not 1 <= minimum <= maximum:
-        raise UsageError(
-            f"minimum and maximum must satisfy 1 <= minimum <= maximum, not {minimum}, {maximum}"
-        )
+        raise UsageError(f"minimum and maximum must satisfy 1 <= minimum <= maximum, not {minimum}, {maximum}")
     largest = second_derivative_bound(points.detach().double(), mode).amax(dim=1)
     # Clamped before the cast to integers: a huge curve must not wrap around.
     return (largest / (8.0 * tolerance)).sqrt().ceil().clamp(minimum, maximum).long()

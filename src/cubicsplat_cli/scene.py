@@ -121,9 +121,7 @@ class Scene:
                     f"{name} is on {tensor.device} but points on {self.points.device}: use one device for all"
                 )
         if self.points.ndim != 3 or self.points.shape[-1] != 2 or self.curves < 1:
-            raise InputError(
-                f"points must have shape (N, K, 2) with N >= 1 curves, not {tuple(self.points.shape)}"
-            )
+            raise InputError(f"points must have shape (N, K, 2) with N >= 1 curves, not {tuple(self.points.shape)}")
         segments_from_points(self.mode, self.points_per_curve)
         for name, wanted in (
             ("colours", (self.curves, 3)),

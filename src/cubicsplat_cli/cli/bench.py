@@ -250,9 +250,7 @@ def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
     from cubicsplat_cli.image import write_atomically
 
     shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
-    rows = [
-        (run, svg) for picture in shown[:_SHEET_PICTURES] for run, svg in runs.done if run.picture == picture.name
-    ]
+    rows = [(run, svg) for picture in shown[:_SHEET_PICTURES] for run, svg in runs.done if run.picture == picture.name]
     write_atomically(path, sheet_png(rows, {picture.name: picture for picture in pictures}))
 
 

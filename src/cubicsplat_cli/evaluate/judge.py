@@ -165,9 +165,7 @@ def _engine(
         notes.append(f"{source}: no figures of the engine, because its size is not that of the reference")
         return None
     qualities = (
-        compare_premultiplied(
-            reference, downsampled_scene(scene, factor, samples=ENGINE_SAMPLES, threads=threads)
-        )
+        compare_premultiplied(reference, downsampled_scene(scene, factor, samples=ENGINE_SAMPLES, threads=threads))
         for factor in (1, scale)
     )
     return Change(*qualities)

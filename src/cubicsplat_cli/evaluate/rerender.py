@@ -185,9 +185,7 @@ def _draw_cairosvg(module: ModuleType, svg: bytes, width: int, height: int) -> n
 def _draw_resvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:
     # Our own files hold no text; finding the system's fonts would take longer than drawing.
     fonts = b"<text" not in svg
-    png = module.svg_to_bytes(
-        svg_string=svg.decode("utf-8"), width=width, height=height, skip_system_fonts=fonts
-    )
+    png = module.svg_to_bytes(svg_string=svg.decode("utf-8"), width=width, height=height, skip_system_fonts=fonts)
     return decode_png(bytes(png))
 
 
@@ -208,9 +206,7 @@ def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
     if (drawn_width, drawn_height) == (width, height):
         return pixels
     if drawn_width > width or drawn_height > height:
-        raise InputError(
-            f"the renderer drew {drawn_width} x {drawn_height} px where {width} x {height} were asked for"
-        )
+        raise InputError(f"the renderer drew {drawn_width} x {drawn_height} px where {width} x {height} were asked for")
     canvas = np.zeros((height, width, 4), np.uint8)
     top, left = (height - drawn_height) // 2, (width - drawn_width) // 2
     canvas[top : top + drawn_height, left : left + drawn_width] = pixels

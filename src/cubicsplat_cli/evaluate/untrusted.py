@@ -54,9 +54,7 @@ def check_untrusted(data: bytes, source: str) -> SvgSize:
     except expat.ExpatError as error:
         raise InputError(f"{source}: is not well-formed XML ({error}); export it again") from error
     except (LookupError, ValueError) as error:
-        raise InputError(
-            f"{source}: has an encoding that cannot be read ({error}); save it as UTF-8"
-        ) from error
+        raise InputError(f"{source}: has an encoding that cannot be read ({error}); save it as UTF-8") from error
     return scan.size()
 
 
@@ -75,20 +73,14 @@ class _Scan:
         local = name.rpartition(":")[2]
         if self.elements == 0:
             if local != "svg":
-                raise InputError(
-                    f"{self.source}: is XML but no SVG (it begins with <{local}>); give an SVG file"
-                )
+                raise InputError(f"{self.source}: is XML but no SVG (it begins with <{local}>); give an SVG file")
             self.root = attributes
         self.elements += 1
         self.depth += 1
         if self.elements > MAX_ELEMENTS or self.depth > MAX_DEPTH:
-            raise InputError(
-                f"{self.source}: has more than {MAX_ELEMENTS} elements or {MAX_DEPTH} levels; simplify it"
-            )
+            raise InputError(f"{self.source}: has more than {MAX_ELEMENTS} elements or {MAX_DEPTH} levels; simplify it")
         if local in _PICTURES:
-            raise InputError(
-                f"{self.source}: holds a <{local}> element, which is not drawn here; remove it first"
-            )
+            raise InputError(f"{self.source}: holds a <{local}> element, which is not drawn here; remove it first")
         self.styles += local == "style"
         self._check_attributes(local, attributes)
 
@@ -105,9 +97,7 @@ class _Scan:
             self.style_text.append(text)
 
     def entity(self, name: str, *_: object) -> None:
-        raise InputError(
-            f"{self.source}: declares the entity {name!r}, which is refused; export it as plain SVG"
-        )
+        raise InputError(f"{self.source}: declares the entity {name!r}, which is refused; export it as plain SVG")
 
     def instruction(self, target: str, _data: str) -> None:
         if target.lower() == "xml-stylesheet":

@@ -36,9 +36,7 @@ class Blobs:
     colour_logits: Tensor
 
 
-def find_blobs(
-    seeds: Tensor, image: Tensor, target: Tensor, sigma: float, generator: torch.Generator
-) -> Blobs:
+def find_blobs(seeds: Tensor, image: Tensor, target: Tensor, sigma: float, generator: torch.Generator) -> Blobs:
     """Patches around seeds (n, 2) px where image and target (H, W, C) differ as they do at the seed.
 
     A pixel counts by how much its residual points the way of the seed's, squared, times a Gaussian window of about

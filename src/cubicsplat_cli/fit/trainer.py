@@ -62,9 +62,7 @@ def psnr(loss: float, values: int) -> float:
     return min(100.0, 10.0 * math.log10(values / max(loss, 1e-300)))
 
 
-def fit(
-    target: np.ndarray, settings: FitSettings, on_progress: Callable[[Progress], None] | None = None
-) -> FitResult:
+def fit(target: np.ndarray, settings: FitSettings, on_progress: Callable[[Progress], None] | None = None) -> FitResult:
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another

@@ -141,9 +141,7 @@ def _check_target(path: Path) -> tuple[Path, int | None]:
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{shown}: is a folder; give the name of a file in it")
     if not stat.S_ISREG(status.st_mode):
-        raise InputError(
-            f"{shown}: is a pipe, socket or device; give a regular file, or - for standard output"
-        )
+        raise InputError(f"{shown}: is a pipe, socket or device; give a regular file, or - for standard output")
     if not os.access(target, os.W_OK):
         raise InputError(f"{shown}: is write-protected; change its permissions or choose another output")
     return target, stat.S_IMODE(status.st_mode)

@@ -80,9 +80,7 @@ def vectorize(
     written.
     """
     started = time.perf_counter()
-    fitted = fit_to_svg(
-        picture, settings, precision=precision, title=title, max_size=max_size, on_progress=on_progress
-    )
+    fitted = fit_to_svg(picture, settings, precision=precision, title=title, max_size=max_size, on_progress=on_progress)
     measured = measure(fitted)
     report = make_report(fitted, measured, seconds=time.perf_counter() - started, svg=fitted.svg)
     return Vectorized(fitted.svg, measured.rendered, report, fitted.result)

@@ -156,9 +156,7 @@ def load_job(job: Job, request: Request) -> Picture:
     return load_picture(job.path, max_pixels=request.max_pixels)
 
 
-def attempt(
-    job: Job, request: Request, *, threads: int | None, sink: Sink, watcher: Watcher | None = None
-) -> Outcome:
+def attempt(job: Job, request: Request, *, threads: int | None, sink: Sink, watcher: Watcher | None = None) -> Outcome:
     """`run_job`, with whatever goes wrong as an outcome: one bad picture must not end the work on the others.
 
     A bug in here fails the job too, and its traceback is kept for the user.

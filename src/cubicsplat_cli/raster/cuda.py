@@ -220,9 +220,7 @@ class CudaEngine(Engine):
         values.points_gradient = pointer(further, "points_gradient", (n, k, 2), self.device)
         return values
 
-    def _plan(
-        self, frame: Frame, scene: SceneTensors, settings: RasterSettings, kept: tuple[object, ...]
-    ) -> _Plan:
+    def _plan(self, frame: Frame, scene: SceneTensors, settings: RasterSettings, kept: tuple[object, ...]) -> _Plan:
         """The prepared step for these tensors and settings; what differs from step to step is not part of a frame."""
         key = bytes(frame) + f"{scene.mode} {scene.channels}".encode()
         if key in self._plans:

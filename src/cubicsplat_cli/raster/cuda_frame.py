@@ -222,9 +222,7 @@ class Workspace:
         return sum(t.numel() * t.element_size() for t in self.tensors().values())
 
 
-def make_frame(
-    scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device
-) -> Frame:
+def make_frame(scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device) -> Frame:
     """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors."""
     n, k = sizes.curves, sizes.points_per_curve
     return Frame(

@@ -122,9 +122,7 @@ def signed_distance(vertices: Tensor, at: Tensor) -> Tensor:
         sign = torch.where(winding(vertices, at) != 0, 1.0, -1.0).double()
         towards = sign.unsqueeze(-1) * _unit(near.offset, near.distance)
         vx, vy = near.along.unbind(-1)
-        outward = signed_area(vertices).sign() * _unit(
-            torch.stack((vy, -vx), dim=-1), near.along.norm(dim=-1)
-        )
+        outward = signed_area(vertices).sign() * _unit(torch.stack((vy, -vx), dim=-1), near.along.norm(dim=-1))
         normal = torch.where((near.distance < ON_OUTLINE).unsqueeze(-1), outward, towards)
     return _with_gradient(sign * near.distance, (near.offset * normal).sum(-1))
 
@@ -161,9 +159,7 @@ def smooth_step(u: Tensor, edge_width: float) -> Tensor:
     return z * z * (3.0 - 2.0 * z)
 
 
-def coverage_relaxed(
-    vertices: Tensor, half_width: Tensor, at: Tensor, mode: Mode, edge_width: float
-) -> Tensor:
+def coverage_relaxed(vertices: Tensor, half_width: Tensor, at: Tensor, mode: Mode, edge_width: float) -> Tensor:
     """Relaxed coverage (P) in [0, 1] of the points `at` (P, 2) by one curve.
 
     vertices: (V, 2) px. half_width: scalar px, used by open strokes only. edge_width: px, > 0.
@@ -368,7 +364,6 @@ def importance(
         image = composite(alphas, channels, behind)
         loss = image_loss(image, target)
         without = (
-            x.before + (image - x.after) / (1.0 - x.alpha).unsqueeze(-1)
-            for x in front_to_back(alphas, channels)
+            x.before + (image - x.after) / (1.0 - x.alpha).unsqueeze(-1) for x in front_to_back(alphas, channels)
         )
         return torch.stack([image_loss(picture, target) - loss for picture in without])

@@ -59,16 +59,12 @@ def read_svg(text: str | bytes) -> Scene:
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise InputError(
-            f"the SVG is not well-formed XML: {error}; it may be cut short, write it again"
-        ) from error
+        raise InputError(f"the SVG is not well-formed XML: {error}; it may be cut short, write it again") from error
     return collector.scene()
 
 
 def _refuse_doctype(*_: object) -> None:
-    raise InputError(
-        "the SVG has a DOCTYPE or entity declaration, which cubicsplat never writes and does not read"
-    )
+    raise InputError("the SVG has a DOCTYPE or entity declaration, which cubicsplat never writes and does not read")
 
 
 @dataclass
@@ -161,9 +157,7 @@ class _Collector:
         paint = "fill" if self.mode is Mode.CLOSED else "stroke"
         points = self._control_points(attributes.get("d", ""))
         if self.points and len(points) != len(self.points[0]):
-            raise self.foreign(
-                f"has a curve of {len(points)} control points among curves of {len(self.points[0])}"
-            )
+            raise self.foreign(f"has a curve of {len(points)} control points among curves of {len(self.points[0])}")
         self.points.append(points)
         self.colours.append(self._colour(attributes.get(paint, "")))
         self.opacities.append(self._decimal(attributes.get(f"{paint}-opacity", "1"), 1.0))
@@ -243,9 +237,7 @@ class _Collector:
     def scene(self) -> Scene:
         """The scene of all that was seen, its order turned so that index 0 is the front."""
         if self.size is None or self.mode is None or not self.points:
-            raise InputError(
-                "the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote"
-            )
+            raise InputError("the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote")
         width, height = self.size
         scene = Scene(
             mode=self.mode,
