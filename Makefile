@@ -22,7 +22,7 @@ PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(C
 GPU_VENV ?= .venv-gpu
 WITH_GPU := $(MAKE) --no-print-directory VENV=$(GPU_VENV) VENV_OPTIONS=--system-site-packages CONSTRAINTS=
 # Without a GPU every one of these tests would be skipped, which must not look like success.
-GPU_OR_WHY := $(PY) -c "import sys; from cubicsplat_cli.raster.cuda_driver import missing_piece; sys.exit(missing_piece())"
+GPU_OR_WHY := $(PY) -c "import sys; from cubicsplat_cli.raster.cuda.driver import missing_piece; sys.exit(missing_piece())"
 
 # Folders are in the list so that a removed or renamed file counts as a change too.
 SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find src \

@@ -10,7 +10,7 @@ from emulated import EmulatedDriver, compiler
 from torch import Tensor
 
 from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.cuda import CudaEngine
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.draw import scene_tensors
 from cubicsplat_cli.raster.engine import OptimiserState, SceneTensors
 from cubicsplat_cli.scene import Scene

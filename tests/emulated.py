@@ -14,10 +14,11 @@ from pathlib import Path
 
 import torch
 
-from cubicsplat_cli.raster.cuda_compile import KERNELS, Program, sources
-from cubicsplat_cli.raster.cuda_frame import Frame
+from cubicsplat_cli.raster.cuda.compile import KERNELS, Program, sources
+from cubicsplat_cli.raster.cuda.frame import Frame
 
 EMULATOR = Path(__file__).with_name("cuda_emulator")
+INCLUDE = [f"-I{KERNELS / folder}" for folder in ("cuda", "shared")]
 LIBRARIES = Path(__file__).parent.parent / "build" / "emulator"
 OPTIONS = ["-std=c++17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unknown-pragmas"]
 
@@ -30,7 +31,15 @@ def compiler() -> str | None:
 @cache
 def build(program: Program, extra: tuple[str, ...] = ()) -> Path:
     """The emulated kernels as a shared library, compiled once per text and kept in build/emulator."""
-    command = [compiler() or "g++", *OPTIONS, *extra, *program.definitions(), f"-I{EMULATOR}", f"-I{KERNELS}"]
+    command = [
+        compiler() or "g++",
+        *OPTIONS,
+        *extra,
+        *program.definitions(),
+        f"-I{EMULATOR}",
+        f"-I{KERNELS / 'cuda'}",
+        f"-I{KERNELS / 'shared'}",
+    ]
     digest = hashlib.sha256("\n".join(command).encode())
     for path in sorted(EMULATOR.glob("*.*")):
         digest.update(path.read_bytes())

@@ -12,7 +12,8 @@ from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.draw import scene_tensors
 from cubicsplat_cli.raster.engine import SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 
 PICTURE_TOLERANCE = 2e-4  # of a value in [0, 1], away from edges that rounding can put on the other side of a centre
 GRADIENT_TOLERANCE = 2e-3  # of the largest gradient of its kind

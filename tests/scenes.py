@@ -11,7 +11,8 @@ from torch import Tensor
 
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode, Scene, points_from_segments
+from cubicsplat_cli.scene import Scene, points_from_segments
+from cubicsplat_cli.settings import Mode
 
 RGB = tuple[float, float, float]
 PAPER: RGB = (0.9, 0.85, 0.7)

@@ -22,8 +22,8 @@ from cubicsplat_cli.bench.runs import CacheEntry, run_all
 from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate import compare, rerender
+from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.fit import FitSettings
-from cubicsplat_cli.image import load_picture
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "bench.md"
 SHORT = ("--steps", 12, "--threads", 1)
@@ -346,7 +346,7 @@ def test_every_option_is_documented_with_its_default():
 
 
 def test_presets_in_the_documentation_are_all():
-    from cubicsplat_cli.fit.presets import PRESETS
+    from cubicsplat_cli.settings import PRESETS
 
     found = re.findall(r"`--preset ([^`]*)`", DOCS.read_text(encoding="utf-8"))
     assert len(found) == 3

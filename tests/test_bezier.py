@@ -20,7 +20,8 @@ from cubicsplat_cli.bezier import (
     segment_points,
 )
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.scene import Mode, points_from_segments
+from cubicsplat_cli.scene import points_from_segments
+from cubicsplat_cli.settings import Mode
 
 quick = settings(max_examples=50, deadline=None, derandomize=True)
 coordinate = st.floats(-1000.0, 1000.0, allow_nan=False, width=32)

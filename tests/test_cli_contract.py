@@ -185,10 +185,9 @@ def test_public_names_exist():
 
 def test_limits_are_those_of_the_modules_they_speak_for():
     from cubicsplat_cli.errors import CubicSplatError
+    from cubicsplat_cli.files.load import DEFAULT_MAX_PIXELS
     from cubicsplat_cli.fit import FitSettings
-    from cubicsplat_cli.fit.presets import PRESETS
-    from cubicsplat_cli.image import DEFAULT_MAX_PIXELS
-    from cubicsplat_cli.scene import Mode
+    from cubicsplat_cli.settings import PRESETS, Mode
     from cubicsplat_cli.svg.quantise import MAX_PRECISION
 
     assert options.DEFAULT_MAX_PIXELS == DEFAULT_MAX_PIXELS

@@ -15,9 +15,9 @@ from cubicsplat_cli.cli import console
 from cubicsplat_cli.cli.options import parse_background
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.evaluate.report import to_json
-from cubicsplat_cli.image.png import encode_png
-from cubicsplat_cli.jobs.outputs import check_outputs, is_ours, plan_outputs
-from cubicsplat_cli.provenance import hashes_in, provenance_comment, settings_hash
+from cubicsplat_cli.files.marks import hashes_in, provenance_comment, settings_hash
+from cubicsplat_cli.files.names import check_outputs, is_ours, plan_outputs
+from cubicsplat_cli.files.png import encode_png
 
 
 def names(outputs) -> list[str]:
@@ -94,7 +94,7 @@ def test_files_of_others_are_not_replaced_without_force(folder):
 def test_our_files_are_known_by_their_marks(folder):
     from scenes import random_scene
 
-    from cubicsplat_cli.scene import Mode
+    from cubicsplat_cli.settings import Mode
     from cubicsplat_cli.svg import write_svg
 
     comment = provenance_comment("1.2.3", 4, settings_hash({"a": 1}), "ab" * 32)

@@ -16,7 +16,7 @@ from cli_runs import SHORT, on_terminal, save_pictures, start, strict_json
 from PIL import Image
 
 from cubicsplat_cli.evaluate import compare, rerender
-from cubicsplat_cli.image import load_picture
+from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.svg import read_svg
 
 SUMMARY = r"{name}  1?\d curves  [\d.]+ kB  SVG [\d.]+ dB  SSIM [\d.]+  [\d.]+ s  cpu"

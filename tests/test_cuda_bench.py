@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from cuda_bodies import ENGINES, open_cuda
 
-from cubicsplat_cli.raster import cuda_driver
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.raster.cuda import driver as cuda_driver
+from cubicsplat_cli.settings import Mode
 
 TOOL = Path(__file__).parent.parent / "tools" / "bench_gpu.py"
 

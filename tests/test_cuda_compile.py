@@ -8,10 +8,10 @@ import threading
 import pytest
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster import cuda_compile
-from cubicsplat_cli.raster.cuda_compile import Program, Resources
-from cubicsplat_cli.raster.cuda_frame import shared_bytes, slots_for
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.raster.cuda import compile as cuda_compile
+from cubicsplat_cli.raster.cuda.compile import Program, Resources
+from cubicsplat_cli.raster.cuda.frame import shared_bytes, slots_for
+from cubicsplat_cli.settings import Mode
 
 pytest.importorskip("cuda.bindings.nvrtc", reason="needs cuda-bindings")
 try:
@@ -90,7 +90,7 @@ def test_a_mistake_in_the_text_is_shown_with_its_line(monkeypatch):
 def test_a_frame_that_differs_from_the_kernels_does_not_compile(monkeypatch):
     wrong = [*PROGRAMS[0].definitions()[:2], "-DCS_FRAME_BYTES=8", "-DCS_STEP_BYTES=8"]
     monkeypatch.setattr(Program, "definitions", lambda _: wrong)
-    with pytest.raises(EngineError, match=r"cuda_frame\.py differs"):
+    with pytest.raises(EngineError, match=r"frame\.py differs"):
         cuda_compile.compile_text(PROGRAMS[0], "sm_90")
 
 

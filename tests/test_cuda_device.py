@@ -12,11 +12,15 @@ from emulated import EmulatedDriver, compiler
 from scenes import as_arguments, random_scene
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster import cuda, cuda_compile, cuda_driver, cuda_selftest, draw, engines, operator, reference
-from cubicsplat_cli.raster.cuda import CudaEngine
-from cubicsplat_cli.raster.cuda_compile import Program
+from cubicsplat_cli.raster import draw, engines, operator, reference
+from cubicsplat_cli.raster.cuda import compile as cuda_compile
+from cubicsplat_cli.raster.cuda import driver as cuda_driver
+from cubicsplat_cli.raster.cuda import engine as cuda
+from cubicsplat_cli.raster.cuda import selftest as cuda_selftest
+from cubicsplat_cli.raster.cuda.compile import Program
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 
 NAMES = ("points", "colours", "opacities", "half_widths")
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")

@@ -13,14 +13,15 @@ from emulated import EmulatedDriver, compiler
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster import cuda_compile, cuda_driver
 from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.cuda import CudaEngine
-from cubicsplat_cli.raster.cuda_driver import CudaDriver
-from cubicsplat_cli.raster.cuda_frame import Frame, StepValues
+from cubicsplat_cli.raster.cuda import compile as cuda_compile
+from cubicsplat_cli.raster.cuda import driver as cuda_driver
+from cubicsplat_cli.raster.cuda.driver import CudaDriver
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.raster.cuda.frame import Frame, StepValues
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
 OK, OLD_CODE = 0, 222

@@ -15,12 +15,12 @@ from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.cuda import CudaEngine
-from cubicsplat_cli.raster.cuda_compile import Program
-from cubicsplat_cli.raster.cuda_frame import Frame
+from cubicsplat_cli.raster.cuda.compile import Program
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.raster.cuda.frame import Frame
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
 RELAXED, EXACT = RasterSettings("relaxed", 1.5, 8), RasterSettings("exact", 1.0, 8)
@@ -232,11 +232,11 @@ from emulated import EmulatedDriver
 from cuda_bodies import packed, state_for
 from scenes import PAPER, random_scene, random_target
 from cubicsplat_cli.raster.engine import Rates
-from cubicsplat_cli.raster.cuda import CudaEngine
-from cubicsplat_cli.raster.cuda_compile import Program
-from cubicsplat_cli.raster.cuda_frame import Frame
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.raster.cuda.compile import Program
+from cubicsplat_cli.raster.cuda.frame import Frame
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 
 driver = EmulatedDriver(extra=("-fsanitize=address", "-g"))
 engine = CudaEngine(driver=driver)

@@ -27,7 +27,7 @@ from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 
 
 @pytest.fixture(scope="module", params=ENGINES)

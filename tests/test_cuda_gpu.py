@@ -10,7 +10,7 @@ from scenes import PAPER, random_scene, random_target
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 
 pytestmark = pytest.mark.gpu
 RELAXED, EXACT = RasterSettings("relaxed", 1.5, 12, 0.05), RasterSettings("exact", 1.0, 24, 0.0125)

@@ -21,10 +21,11 @@ from cubicsplat_cli.evaluate import (
     rerender,
 )
 from cubicsplat_cli.evaluate.report import gap_db, quality_fields, to_json
-from cubicsplat_cli.image import Picture
+from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import quantise_scene, write_svg
 
 RENDERER = importlib.import_module("cubicsplat_cli.evaluate.rerender")

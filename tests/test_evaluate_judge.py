@@ -20,9 +20,9 @@ from cubicsplat_cli.evaluate.judge import Change, judge
 from cubicsplat_cli.evaluate.metrics import Quality
 from cubicsplat_cli.evaluate.report import to_json
 from cubicsplat_cli.evaluate.table import csv_text, number, text_table
-from cubicsplat_cli.image import Picture, load_picture
+from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.raster import render_scene
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_svg
 
 SCENE = random_scene(Mode.CLOSED, curves=9, width=40, height=28, background=PAPER, seed=6)

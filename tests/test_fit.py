@@ -13,7 +13,8 @@ from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.fit import FitResult, FitSettings, Progress, fit
 from cubicsplat_cli.fit.trainer import Trainer, choose_background, psnr
 from cubicsplat_cli.raster import render_scene
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 
 MODES = pytest.mark.parametrize("mode", ["closed", "open"])
 

@@ -15,7 +15,7 @@ from cubicsplat_cli.fit.initial import colours_at, control_points, draw_pixels, 
 from cubicsplat_cli.fit.parameters import Parameters
 from cubicsplat_cli.fit.smoothing import box_mean
 from cubicsplat_cli.raster.engine import OptimiserState
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 
 MODES = pytest.mark.parametrize("mode", ["closed", "open"])
 VALUES = st.lists(st.floats(-10, 1e6, allow_nan=False, width=32), min_size=1, max_size=30)

@@ -10,10 +10,9 @@ from scenes import PAPER, random_scene, straight
 
 from cubicsplat_cli.fit.blobs import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
 from cubicsplat_cli.fit.geometric import crossing_gradient, crossing_penalty
-from cubicsplat_cli.fit.presets import FitSettings
 from cubicsplat_cli.fit.settle import settle
 from cubicsplat_cli.fit.threads import one_torch_thread
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import FitSettings, Mode
 
 
 def _ellipse_picture(cx, cy, rx, ry):

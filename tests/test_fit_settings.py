@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.fit import FitSettings, Recipe
-from cubicsplat_cli.fit.presets import PRESETS, parse_background
 from cubicsplat_cli.fit.schedule import Schedule
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import PRESETS, Mode, parse_background
 
 SHARES = st.floats(0.0, 1.0, exclude_max=True)
 

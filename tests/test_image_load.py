@@ -11,7 +11,7 @@ from image_files import NOISE, encode, png_chunk, png_of
 from PIL import Image, ImageCms
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.image import Picture, load_picture, resize_picture
+from cubicsplat_cli.files.load import Picture, load_picture, resize_picture
 
 
 def test_rgb_png_is_exact(tmp_path):

@@ -12,9 +12,9 @@ import pytest
 from image_files import NOISE, encode, png_of
 from PIL import Image
 
-import cubicsplat_cli.image.load as load_module
+import cubicsplat_cli.files.load as load_module
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.image import load_picture
+from cubicsplat_cli.files.load import load_picture
 
 SUPPORTED = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
 

@@ -15,8 +15,8 @@ from conftest import smooth_pixels
 from image_files import encode, png_chunk, png_of
 from PIL import Image, ImageCms
 
-from cubicsplat_cli.cli.files import read_file
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.svg import read_svg
 
 RED = (255, 0, 0)
@@ -221,6 +221,6 @@ def test_svgz(photo, run_cli, monkeypatch):
         with pytest.raises(InputError, match=said):
             read_file(path)
     path.write_bytes(gzip.compress(bytes(1000)))
-    monkeypatch.setattr("cubicsplat_cli.cli.files.MAX_UNPACKED_BYTES", 999)
+    monkeypatch.setattr("cubicsplat_cli.files.read.MAX_UNPACKED_BYTES", 999)
     with pytest.raises(InputError, match="when unpacked"):
         read_file(path)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.jobs import pool
-from cubicsplat_cli.jobs.outputs import Outputs
 from cubicsplat_cli.jobs.plan import Job, Request
 from cubicsplat_cli.jobs.pool import Listener, run_jobs, share_threads
 from cubicsplat_cli.jobs.work import DONE, FAILED, Outcome

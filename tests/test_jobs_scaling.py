@@ -11,11 +11,11 @@ from PIL import Image
 from scenes import PAPER, random_scene
 
 from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.fit import FitSettings
-from cubicsplat_cli.image import load_picture
 from cubicsplat_cli.jobs import pipeline, scaling
 from cubicsplat_cli.jobs.scaling import measurable, scaled_scene
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_svg
 
 

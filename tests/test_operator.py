@@ -10,7 +10,7 @@ from scenes import PAPER, as_arguments, in_double, random_scene, random_target
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster import RasterSettings, reference, render
 from cubicsplat_cli.raster.operator import render_op
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 
 
 def _loss(image, target):

@@ -67,10 +67,10 @@ def test_installed_package_is_this_checkout(installed):
 
 def test_kernel_texts_are_installed(installed):
     names = {str(file) for file in installed.files}
-    texts = [path for path in KERNELS.iterdir() if path.suffix in (".h", ".cpp", ".cu", ".cuh")]
+    texts = [path for path in KERNELS.rglob("*") if path.suffix in (".h", ".cpp", ".cu", ".cuh")]
     assert {path.suffix for path in texts} >= {".h", ".cpp"}
     for path in texts:
-        assert f"cubicsplat_cli/raster/kernels/{path.name}" in names
+        assert f"cubicsplat_cli/raster/kernels/{path.relative_to(KERNELS).as_posix()}" in names
 
 
 def test_library_is_plain_c(installed):

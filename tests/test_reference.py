@@ -35,7 +35,8 @@ from torch import Tensor
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import MAX_ALPHA, MIN_TRANSMITTANCE, RasterSettings
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 
 # --- distance, winding -------------------------------------------
 

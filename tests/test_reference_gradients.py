@@ -29,7 +29,8 @@ from torch import Tensor
 
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import MAX_ALPHA
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 
 
 def gradients(scene: Scene, objective: Callable[[Scene], Tensor], names: tuple[str, ...]) -> dict[str, Tensor]:

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scenes import DEGENERATE, PAPER, random_scene
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene import Mode, Scene, points_from_segments, segments_from_points
+from cubicsplat_cli.scene import Scene, points_from_segments, segments_from_points
+from cubicsplat_cli.settings import Mode
 
 
 def test_mode_is_written_as_on_the_command_line():

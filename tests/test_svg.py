@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from scenes import PAPER, random_scene
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import quantise_scene, read_svg, write_svg
 from cubicsplat_cli.svg.pathdata import format_number, path_strings
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE

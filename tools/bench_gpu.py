@@ -34,11 +34,11 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.fit import FitSettings
 from cubicsplat_cli.fit.initial import colours_at, control_points, new_curves, random_centres
 from cubicsplat_cli.fit.trainer import fit
-from cubicsplat_cli.raster import cuda_compile
-from cubicsplat_cli.raster.cuda import CudaEngine
+from cubicsplat_cli.raster.cuda import compile as cuda_compile
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Mode
+from cubicsplat_cli.settings import Mode
 
 ROUNDS = 7
 STEPS = 1500

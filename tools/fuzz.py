@@ -34,7 +34,7 @@ def try_input(target: str, data: bytes) -> str:
 
     from cubicsplat_cli.errors import InputError
     from cubicsplat_cli.evaluate.untrusted import check_untrusted
-    from cubicsplat_cli.image import load_picture
+    from cubicsplat_cli.files.load import load_picture
     from cubicsplat_cli.svg import read_svg
 
     outcomes = set()

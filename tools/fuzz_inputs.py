@@ -14,7 +14,8 @@ import numpy as np
 import torch
 from PIL import Image
 
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_svg
 
 _EDGES = (0, 1, 2, 0x7F, 0x80, 0xFF)

@@ -14,7 +14,7 @@ _HOME = {
     "FitSettings": "cubicsplat_cli.fit",
     "Mode": "cubicsplat_cli.scene",
     "Scene": "cubicsplat_cli.scene",
-    "load_picture": "cubicsplat_cli.image",
+    "load_picture": "cubicsplat_cli.files.load",
     "read_svg": "cubicsplat_cli.svg",
     "render_scene": "cubicsplat_cli.raster",
     "vectorize": "cubicsplat_cli.jobs.pipeline",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 from cubicsplat_cli.errors import CubicSplatError
+from cubicsplat_cli.words import one_line
 
 # Messages quote names from files, which may be of any length.
 MAX_MESSAGE = 1000
@@ -23,7 +24,7 @@ def main() -> None:
 
         app(prog_name="cubicsplat")
     except CubicSplatError as error:
-        message = " ".join(str(error).split())[:MAX_MESSAGE]
+        message = one_line(error)[:MAX_MESSAGE]
         print(f"cubicsplat: error: {message}", file=sys.stderr)
         sys.exit(error.exit_code)
     except KeyboardInterrupt:

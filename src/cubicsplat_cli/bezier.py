@@ -9,8 +9,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from .errors import InputError, UsageError
-from .scene import Mode, points_from_segments, segments_from_points
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.scene import points_from_segments, segments_from_points
+from cubicsplat_cli.settings import Mode
 
 
 def bernstein(t: Tensor) -> Tensor:

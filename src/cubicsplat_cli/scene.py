@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 
 import torch
 from torch import Tensor
 
-from .errors import InputError
-
-
-class Mode(str, Enum):
-    """What a primitive is: a filled ring of cubics (closed) or a round-ended stroke along a chain (open)."""
-
-    CLOSED = "closed"
-    OPEN = "open"
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.settings import Mode
 
 
 def segments_from_points(mode: Mode, points_per_curve: int) -> int:

@@ -12,8 +12,8 @@ from cubicsplat_cli.bench.quality import configuration_name
 from cubicsplat_cli.bench.runs import Job, Run, Runs, mean
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.table import number, text_table
+from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.fit import FitSettings
-from cubicsplat_cli.provenance import PROGRAM
 
 BASE = "base"
 # Name of the row -> settings that differ from the preset's. A tolerance of 0 gives every cubic exactly `samples` edges;

@@ -10,8 +10,8 @@ from typing import Any
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.bench.runs import Job, Run, Runs, mean
 from cubicsplat_cli.evaluate.table import number, text_table
+from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.fit import FitSettings
-from cubicsplat_cli.provenance import PROGRAM
 
 _HEADER = ("picture", "SVG dB", "SSIM", "own dB", "gap dB", "agreement dB", "s", "kB", "paths")
 

@@ -15,10 +15,12 @@ import cubicsplat_cli
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.evaluate.report import to_json
+from cubicsplat_cli.files.atomic import write_atomically
+from cubicsplat_cli.files.load import Picture, load_picture
+from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.fit import FitSettings, Progress
-from cubicsplat_cli.image import Picture, load_picture, write_atomically
 from cubicsplat_cli.jobs.pipeline import vectorize
-from cubicsplat_cli.provenance import settings_hash
+from cubicsplat_cli.words import one_line
 
 # Of the coordinates in the SVG: the command line's default.
 PRECISION = 2
@@ -103,7 +105,7 @@ def run_all(jobs: Iterable[Job], cache: Path | None, watch: Watch, tell: Callabl
 
 
 def _fail(runs: Runs, picture: str, configuration: str, error: Exception, tell: Callable[[str], None]) -> None:
-    text = " ".join(str(error).split())
+    text = one_line(error)
     runs.failed.append((picture, configuration, text))
     tell(f"{picture}{', ' if configuration else ''}{configuration}: failed: {text}")
 

@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw, ImageFont
 from cubicsplat_cli.bench.runs import Run
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.metrics import premultiplied
-from cubicsplat_cli.image import load_picture
-from cubicsplat_cli.image.png import encode_png
+from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.files.png import encode_png
 
 ERROR_GAIN = 4
 MAX_CELL = 768

@@ -12,10 +12,10 @@ import torch
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.bench.memory import Memory, memory
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.fit import FitSettings
 from cubicsplat_cli.fit.threads import one_torch_thread
 from cubicsplat_cli.fit.trainer import Trainer
-from cubicsplat_cli.provenance import PROGRAM
 
 # Steps of the exact finish that are not timed: they bring its larger polylines and tile lists into memory.
 _EXACT_WARMUP = 5

@@ -74,7 +74,7 @@ def step(
 
         target, name = synthetic_picture(int(match[1]), int(match[2])), "synthetic"
     else:
-        from cubicsplat_cli.image import load_picture
+        from cubicsplat_cli.files.load import load_picture
 
         target, name = load_picture(image).target(), str(image)
     settings = FitSettings.from_preset(
@@ -202,7 +202,7 @@ def _check_csv(path: Path | None) -> None:
         return
     if path.suffix.lower() != ".csv":
         raise UsageError(f"the table must end in .csv, but --csv is {path}")
-    from cubicsplat_cli.image import check_writable
+    from cubicsplat_cli.files.atomic import check_writable
 
     check_writable(path)
 
@@ -213,7 +213,7 @@ def _check_sheet(path: Path | None) -> None:
         return
     if path.suffix.lower() != ".png":
         raise UsageError(f"the sheet must end in .png, but --sheet is {path}")
-    from cubicsplat_cli.jobs.outputs import check_outputs
+    from cubicsplat_cli.files.names import check_outputs
 
     check_outputs([path], force=False)
 
@@ -239,7 +239,7 @@ def _write_csv(path: Path | None, runs: Runs) -> None:
     from dataclasses import asdict
 
     from cubicsplat_cli.evaluate.table import csv_text
-    from cubicsplat_cli.image import write_atomically
+    from cubicsplat_cli.files.atomic import write_atomically
 
     write_atomically(path, csv_text([asdict(run) for run, _ in runs.done]).encode())
 
@@ -247,7 +247,7 @@ def _write_csv(path: Path | None, runs: Runs) -> None:
 def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
     """Of the first pictures, each with all its configurations below one another."""
     from cubicsplat_cli.bench.sheet import sheet_png
-    from cubicsplat_cli.image import write_atomically
+    from cubicsplat_cli.files.atomic import write_atomically
 
     shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
     rows = [(run, svg) for picture in shown[:_SHEET_PICTURES] for run, svg in runs.done if run.picture == picture.name]

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cubicsplat_cli.words import printable
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -35,21 +37,21 @@ class Reporter:
     def note(self, text: str) -> None:
         """Something the user should know that is no error."""
         if not self.quiet:
-            self._print(f"cubicsplat: note: {one_line(text)}")
+            self._print(f"cubicsplat: note: {printable(text)}")
 
     def detail(self, text: str) -> None:
         """Something for `-v` only."""
         if self.verbose and not self.quiet:
-            self._print(one_line(text))
+            self._print(printable(text))
 
     def summary(self, text: str) -> None:
         """The one line of a picture, or of the closing table."""
         if not self.quiet:
-            self._print(one_line(text))
+            self._print(printable(text))
 
     def error(self, text: str) -> None:
         """What went wrong, said to the quiet too."""
-        self._print(f"cubicsplat: error: {one_line(text)}")
+        self._print(f"cubicsplat: error: {printable(text)}")
 
     @contextmanager
     def progress(self, name: str) -> Iterator[Callable[[Any], None] | None]:
@@ -58,7 +60,7 @@ class Reporter:
             yield None
         elif self.bars and _can_hold_a_bar():
             with self._live_bars() as bars:
-                task = bars.add_task(one_line(name), total=1, text="starting")
+                task = bars.add_task(printable(name), total=1, text="starting")
                 yield lambda at: bars.update(task, completed=at.step, total=at.steps, text=progress_text(at))
         else:
             yield self._plain_lines() if self.verbose else None
@@ -124,7 +126,7 @@ class ManyBars:
         """A picture is begun; or begun again."""
         self._drop(name)
         # Its folders would leave no room for the rest.
-        shown = one_line(Path(name).name or name)
+        shown = printable(Path(name).name or name)
         self._under_way[name] = self._bars.add_task(shown, total=1, text="starting")
 
     def step(self, name: str, at: Any) -> None:
@@ -176,11 +178,6 @@ def file_size(count: int) -> str:
     if count < 999_500:
         return f"{count / 1000:.0f} kB"
     return f"{count / 1e6:.1f} MB"
-
-
-def one_line(text: str) -> str:
-    """Control characters (a file name may hold any) escaped, so that a message stays one line."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def _can_hold_a_bar() -> bool:

@@ -12,7 +12,8 @@ from cubicsplat_cli._version import __version__
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import DEFAULT_MAX_PIXELS, MAX_THREADS, RendererChoice
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.provenance import PROGRAM
+from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.words import one_line
 
 if TYPE_CHECKING:
     from cubicsplat_cli.evaluate import Quality
@@ -108,15 +109,15 @@ def _check(reference: Path, candidate: Path, csv: Path | None) -> None:
         return
     if csv.suffix.lower() != ".csv":
         raise UsageError(f"the table must end in .csv, but --csv is {csv}")
-    from cubicsplat_cli.image import check_writable
+    from cubicsplat_cli.files.atomic import check_writable
 
     check_writable(csv)
 
 
 def _judge(reference: Path, candidate: Path, options: Options, reporter: Reporter) -> Judgement:
-    from cubicsplat_cli.cli.files import looks_like_svg, read_file
     from cubicsplat_cli.evaluate.judge import judge
-    from cubicsplat_cli.image import load_picture
+    from cubicsplat_cli.files.load import load_picture
+    from cubicsplat_cli.files.read import looks_like_svg, read_file
 
     target = load_picture(reference, max_pixels=options.max_pixels)
     data = read_file(candidate)
@@ -147,7 +148,7 @@ def _folders(reference: Path, candidate: Path, options: Options, reporter: Repor
         try:
             outcome.judged.append(_judge(first, second, options, reporter))
         except CubicSplatError as error:
-            outcome.failed.append((first, " ".join(str(error).split())))
+            outcome.failed.append((first, one_line(error)))
             continue
         if show:
             _show(outcome.judged[-1])
@@ -237,7 +238,7 @@ def _folder_report(reference: Path, candidate: Path, outcome: Outcome) -> dict[s
 
 def _write_csv(path: Path, outcome: Outcome) -> None:
     from cubicsplat_cli.evaluate.table import csv_text
-    from cubicsplat_cli.image import write_atomically
+    from cubicsplat_cli.files.atomic import write_atomically
 
     rows = []
     for judgement in outcome.judged:

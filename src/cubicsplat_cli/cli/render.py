@@ -11,9 +11,9 @@ import typer
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import RendererChoice
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.jobs.outputs import STDIO, check_outputs
-from cubicsplat_cli.jobs.paths import same_file
-from cubicsplat_cli.jobs.stdout import write_stdout
+from cubicsplat_cli.files.names import STDIO, check_outputs
+from cubicsplat_cli.files.paths import same_file
+from cubicsplat_cli.files.stdout import write_stdout
 
 
 def render(
@@ -48,10 +48,10 @@ def render(
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
         check_outputs([path], force=force)
 
-    from cubicsplat_cli.cli.files import read_file, unpacked
     from cubicsplat_cli.evaluate import rerender_untrusted
-    from cubicsplat_cli.image import write_atomically
-    from cubicsplat_cli.image.png import encode_png
+    from cubicsplat_cli.files.atomic import write_atomically
+    from cubicsplat_cli.files.png import encode_png
+    from cubicsplat_cli.files.read import read_file, unpacked
 
     svg = unpacked(sys.stdin.buffer.read(), "stdin") if given is None else read_file(given)
     name = "stdin" if given is None else source

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 
-from cubicsplat_cli.jobs.stdout import write_stdout
+from cubicsplat_cli.files.stdout import write_stdout
 from cubicsplat_cli.jobs.work import UNCHANGED, Outcome
 
 

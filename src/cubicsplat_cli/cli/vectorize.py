@@ -15,7 +15,7 @@ from cubicsplat_cli.cli.options import DEFAULT_MAX_PIXELS, MAX_JOBS, MAX_PRECISI
 from cubicsplat_cli.cli.results import Choices, print_outcome, print_plan
 from cubicsplat_cli.cli.summary import summary_line
 from cubicsplat_cli.errors import CubicSplatError, UsageError
-from cubicsplat_cli.jobs.outputs import STDIO, names_a_folder, plan_outputs
+from cubicsplat_cli.files.names import STDIO, names_a_folder, plan_outputs
 from cubicsplat_cli.jobs.plan import Job, Request, all_written, check_may_write, finished, prepare
 from cubicsplat_cli.jobs.sources import is_batch
 from cubicsplat_cli.jobs.work import (
@@ -32,7 +32,7 @@ from cubicsplat_cli.jobs.work import (
 )
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.image import Picture
+    from cubicsplat_cli.files.load import Picture
 
 EXIT_INTERRUPTED = 130
 

@@ -11,7 +11,7 @@ from cubicsplat_cli.evaluate.metrics import Quality, compare, compare_premultipl
 from cubicsplat_cli.evaluate.report import input_fields, quality_fields, rounded
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.evaluate.scaled import check_scale, downsampled_scene, downsampled_svg
-from cubicsplat_cli.image import DEFAULT_MAX_PIXELS, Picture, load_picture
+from cubicsplat_cli.files.load import DEFAULT_MAX_PIXELS, Picture, load_picture
 
 if TYPE_CHECKING:
     from cubicsplat_cli.scene import Scene

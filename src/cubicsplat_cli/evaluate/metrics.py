@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.image import Picture
+from cubicsplat_cli.files.load import Picture
 
 # Wang et al. 2004 ("Image quality assessment: from error visibility to structural similarity"): Gaussian
 # window of sigma 1.5 cut to 11 x 11 taps, population covariance, data range 1, mean over pixels and channels.

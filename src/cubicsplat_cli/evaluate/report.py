@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cubicsplat_cli.evaluate.metrics import Quality
-from cubicsplat_cli.image import Picture
+from cubicsplat_cli.files.load import Picture
 
 SCHEMA = 1
 # Decimals of the measured figures; more would only suggest a precision that no measure has.

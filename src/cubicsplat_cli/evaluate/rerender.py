@@ -15,6 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate.untrusted import SvgSize, check_untrusted
+from cubicsplat_cli.words import one_line
 
 # cairo's image surfaces end at 32767 px a side; the area bounds the memory (4 bytes a pixel, twice).
 MAX_SIDE = 32_767
@@ -74,7 +75,7 @@ def drawing_with(name: str) -> Iterator[None]:
         raise
     except Exception as error:
         # Both renderers answer an SVG they cannot draw with nearly any exception; the file is what is wrong.
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = one_line(error) or type(error).__name__
         raise InputError(f"{name} cannot draw the SVG ({reason}); check the file in a viewer") from error
 
 

@@ -1,6 +1,6 @@
 """Fitting a scene to a picture."""
 
-from .presets import FitSettings, Recipe
-from .trainer import FitResult, Progress, fit
+from cubicsplat_cli.fit.trainer import FitResult, Progress, fit
+from cubicsplat_cli.settings import FitSettings, Recipe
 
 __all__ = ["FitResult", "FitSettings", "Progress", "Recipe", "fit"]

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..scene import Mode
-from .initial import colour_to_logits, random_ring
-from .presets import FitSettings
-from .smoothing import box_mean
+from cubicsplat_cli.fit.initial import colour_to_logits, random_ring
+from cubicsplat_cli.fit.smoothing import box_mean
+from cubicsplat_cli.settings import FitSettings, Mode
 
 RESIDUAL_BLUR = 5  # px; a single pixel's residual is noise
 GRID = 12  # samples of a patch on each side of its centre

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..bezier import segment_points
-from ..scene import Mode
+from cubicsplat_cli.bezier import segment_points
+from cubicsplat_cli.settings import Mode
 
 
 def crossing_penalty(points: Tensor, mode: Mode) -> Tensor:

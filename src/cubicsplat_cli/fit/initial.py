@@ -7,9 +7,8 @@ import math
 import torch
 from torch import Tensor
 
-from ..scene import Mode
-from .parameters import Parameters
-from .presets import FitSettings
+from cubicsplat_cli.fit.parameters import Parameters
+from cubicsplat_cli.settings import FitSettings, Mode
 
 COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the optimiser
 OPAQUE_LOGIT = 9.0  # an opacity of 0.99988

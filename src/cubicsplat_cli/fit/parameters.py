@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..raster.engine import SceneTensors
-from ..scene import Mode, Scene
+from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 
 Background = tuple[float, float, float] | None
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .presets import Recipe
+from cubicsplat_cli.settings import Recipe
 
 # The published course of the step sizes: (from this share of the steps on, factor).
 PUBLISHED_RATES = ((0.0, 1.0), (0.5, 0.5), (0.6, 0.2), (0.9, 0.1))

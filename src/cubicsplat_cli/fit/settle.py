@@ -13,7 +13,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..scene import Scene
+from cubicsplat_cli.scene import Scene
 
 LEVELS = 255
 OPACITY_STEPS = 1000  # the file's opacities have three decimals

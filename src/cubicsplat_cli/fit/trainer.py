@@ -12,21 +12,21 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import EngineError, InputError
-from ..progress import Progress
-from ..raster.cpu import CpuEngine
-from ..raster.engine import Engine, OptimiserState, Rates, SceneTensors
-from ..raster.engines import open_engine
-from ..raster.settings import RasterSettings
-from ..scene import Scene
-from .capacity import gini, reallocate
-from .geometric import crossing_gradient
-from .initial import colours_at, control_points, new_curves, random_centres
-from .parameters import Background, Parameters
-from .presets import FitSettings, parse_background
-from .schedule import Phase, Schedule
-from .settle import settle
-from .threads import one_torch_thread
+from cubicsplat_cli.errors import EngineError, InputError
+from cubicsplat_cli.fit.capacity import gini, reallocate
+from cubicsplat_cli.fit.geometric import crossing_gradient
+from cubicsplat_cli.fit.initial import colours_at, control_points, new_curves, random_centres
+from cubicsplat_cli.fit.parameters import Background, Parameters
+from cubicsplat_cli.fit.schedule import Phase, Schedule
+from cubicsplat_cli.fit.settle import settle
+from cubicsplat_cli.fit.threads import one_torch_thread
+from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors
+from cubicsplat_cli.raster.engines import open_engine
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import FitSettings, parse_background
 
 REPORT_SECONDS = 0.1
 HISTORY_ENTRIES = 50

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 from cubicsplat_cli.errors import CubicSplatError, EngineError
 from cubicsplat_cli.jobs.plan import Job, Request
 from cubicsplat_cli.jobs.pool import Listener
-from cubicsplat_cli.jobs.work import FAILED, FileSink, MemorySink, Outcome, attempt, failure, one_line
+from cubicsplat_cli.jobs.work import FAILED, FileSink, MemorySink, Outcome, attempt, failure
+from cubicsplat_cli.words import one_line
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -109,7 +110,7 @@ def _connected(address: str) -> Iterator[ModuleType]:
             socket.create_connection((match[1], int(match[2])), timeout=_CONNECT_SECONDS).close()
         ray.init(address=address, log_to_driver=False, logging_level="ERROR", ignore_reinit_error=True)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
-        raise EngineError(f"no Ray cluster at {address} ({one_line(str(error))}); start one or check it") from error
+        raise EngineError(f"no Ray cluster at {address} ({one_line(error)}); start one or check it") from error
     try:
         yield ray
     finally:
@@ -126,7 +127,7 @@ def _submit(
     listener: Listener,
 ) -> Iterator[Outcome]:
     """Send out jobs while there is room; yields those whose picture cannot be read."""
-    from cubicsplat_cli.image import read_picture_file
+    from cubicsplat_cli.files.load import read_picture_file
 
     while len(running) < share.at_once:
         job = next(jobs, None)
@@ -146,7 +147,7 @@ def _collect(ray: ModuleType, reference: Any, job: Job) -> Outcome:
     try:
         outcome, files = ray.get(reference)
     except ray.exceptions.RayError as error:
-        return Outcome(job, FAILED, error=f"{job.name}: the cluster failed: {one_line(str(error))[:300]}", exit_code=1)
+        return Outcome(job, FAILED, error=f"{job.name}: the cluster failed: {one_line(error)[:300]}", exit_code=1)
     try:
         for kind, data in files.items():
             FileSink(job).put(kind, data)

@@ -11,10 +11,10 @@ from typing import Any
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.evaluate import Quality, Rendered, agreement_db, compare, compare_premultiplied, rerender
 from cubicsplat_cli.evaluate.report import OutputFiles, Timing, build_report
+from cubicsplat_cli.files.load import Picture, resize_picture
+from cubicsplat_cli.files.marks import provenance_comment, settings_hash
 from cubicsplat_cli.fit import FitResult, FitSettings, Progress, fit
-from cubicsplat_cli.image import Picture, resize_picture
 from cubicsplat_cli.jobs.scaling import measurable, scaled_scene
-from cubicsplat_cli.provenance import provenance_comment, settings_hash
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.svg import write_svg

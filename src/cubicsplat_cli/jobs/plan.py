@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.jobs.outputs import (
+from cubicsplat_cli.files.marks import hashes_in
+from cubicsplat_cli.files.names import (
     COMPRESSED,
     PLAIN,
     STDIO,
@@ -20,9 +21,8 @@ from cubicsplat_cli.jobs.outputs import (
     check_ownership,
     read_head,
 )
-from cubicsplat_cli.jobs.paths import is_file, is_folder, is_there, same_file
+from cubicsplat_cli.files.paths import is_file, is_folder, is_there, same_file
 from cubicsplat_cli.jobs.sources import Source
-from cubicsplat_cli.provenance import hashes_in
 
 if TYPE_CHECKING:
     from cubicsplat_cli.fit import FitSettings
@@ -176,7 +176,7 @@ def _sha256(path: Path) -> str:
 
 
 def _input_sha256(job: Job) -> str:
-    from cubicsplat_cli.image import read_picture_file
+    from cubicsplat_cli.files.load import read_picture_file
 
     if job.path is None:
         return hashlib.sha256(job.data or b"").hexdigest()

@@ -6,7 +6,7 @@ import dataclasses
 import math
 
 from cubicsplat_cli.evaluate.rerender import MAX_SIDE
-from cubicsplat_cli.image import Picture, resize_picture
+from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.scene import Scene
 
 # SSIM takes some 50 bytes a pixel: with this many, under 2 GB.

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.jobs.outputs import STDIO, is_ours
-from cubicsplat_cli.jobs.paths import is_folder
+from cubicsplat_cli.files.names import STDIO, is_ours
+from cubicsplat_cli.files.paths import is_folder
 
 # In a folder, these are taken for pictures; a file that is named itself may be called anything.
 PICTURE_SUFFIXES = frozenset(

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import CubicSplatError
-from cubicsplat_cli.jobs.outputs import STDIO
+from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.files.names import STDIO
+from cubicsplat_cli.files.stdout import write_stdout
 from cubicsplat_cli.jobs.plan import Job, Request
-from cubicsplat_cli.jobs.stdout import write_stdout
-from cubicsplat_cli.provenance import PROGRAM
+from cubicsplat_cli.words import one_line, printable
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.image import Picture
+    from cubicsplat_cli.files.load import Picture
 
 DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupted", "failed", "planned"
 
@@ -75,7 +76,7 @@ class FileSink:
     job: Job
 
     def put(self, kind: str, data: bytes) -> None:
-        from cubicsplat_cli.image import write_atomically
+        from cubicsplat_cli.files.atomic import write_atomically
 
         path = getattr(self.job.outputs, kind)
         if path is not None:
@@ -109,7 +110,7 @@ def run_job(
         watcher.note(f"{picture.source}: {note}")
     # torch takes seconds to import: what is wrong with the picture is said before.
     from cubicsplat_cli.evaluate.report import to_json
-    from cubicsplat_cli.image.png import encode_png
+    from cubicsplat_cli.files.png import encode_png
     from cubicsplat_cli.jobs import pipeline
 
     settings = request.settings(threads)
@@ -149,7 +150,7 @@ def run_job(
 
 def load_job(job: Job, request: Request) -> Picture:
     """The picture of a job; raises InputError where there is none."""
-    from cubicsplat_cli.image import load_picture
+    from cubicsplat_cli.files.load import load_picture
 
     if job.data is not None:
         return load_picture(job.data, name=job.name if job.path is not None else "stdin", max_pixels=request.max_pixels)
@@ -177,15 +178,8 @@ def attempt(job: Job, request: Request, *, threads: int | None, sink: Sink, watc
 
 def failure(job: Job, error: CubicSplatError) -> Outcome:
     """The outcome of a job that an error of ours ended; its text names the job."""
-    from cubicsplat_cli.image.load import printable
-
-    text = one_line(str(error))
+    text = one_line(error)
     shown = "stdin" if job.name == STDIO else printable(job.name)
     if shown not in text:
         text = f"{shown}: {text}"
     return Outcome(job, FAILED, error=text, exit_code=error.exit_code)
-
-
-def one_line(text: str) -> str:
-    """The text with its line ends and runs of spaces as single spaces."""
-    return " ".join(text.split())

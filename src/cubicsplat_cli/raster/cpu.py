@@ -1,6 +1,6 @@
 """The native CPU engine, loaded with ctypes: no Python or torch headers on the other side.
 
-The structures mirror kernels/abi.h field by field. Tensors go in as pointers, so every array handed over must be
+The structures mirror kernels/cpu/abi.h field by field. Tensors go in as pointers, so every array handed over must be
 contiguous, of the right type, and must outlive the call; the methods here see to that.
 """
 
@@ -16,10 +16,10 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..errors import EngineError
-from ..scene import Mode
-from .engine import IMPORTANCE, Backward, Engine, SceneTensors, Training
-from .settings import RasterSettings
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.engine import IMPORTANCE, Backward, Engine, SceneTensors, Training
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.settings import Mode
 
 ABI_VERSION = 2
 

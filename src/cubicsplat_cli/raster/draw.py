@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import EngineError
-from ..scene import Scene
-from .cpu import CpuEngine, instruction_sets
-from .cuda import CudaEngine
-from .engine import SceneTensors
-from .settings import RasterSettings
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Scene
 
 
 def scene_tensors(scene: Scene) -> SceneTensors:

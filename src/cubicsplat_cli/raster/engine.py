@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..errors import EngineError
-from ..scene import Mode
-from .settings import RasterSettings
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.settings import Mode
 
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
 

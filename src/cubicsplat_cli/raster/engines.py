@@ -7,11 +7,11 @@ import threading
 
 import torch
 
-from ..errors import EngineError
-from .cpu import CpuEngine
-from .cuda import CudaEngine
-from .cuda_driver import missing_piece
-from .engine import Engine
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.cuda.driver import missing_piece
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.raster.engine import Engine
 
 _of_thread = threading.local()
 _of_gpu: dict[int, CudaEngine] = {}

@@ -8,10 +8,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..scene import Mode, Scene
-from .engine import SceneTensors
-from .engines import shared_engine
-from .settings import RasterSettings
+from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.raster.engines import shared_engine
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 
 
 def _pack(

@@ -17,10 +17,18 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from ..bezier import polyline_basis
-from ..errors import InputError, UsageError
-from ..scene import Mode, Scene, segments_from_points
-from .settings import EXACT_ROWS, EXACT_SUBSAMPLES, HALF_SUPPORT, MAX_ALPHA, MIN_TRANSMITTANCE, RasterSettings
+from cubicsplat_cli.bezier import polyline_basis
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.raster.settings import (
+    EXACT_ROWS,
+    EXACT_SUBSAMPLES,
+    HALF_SUPPORT,
+    MAX_ALPHA,
+    MIN_TRANSMITTANCE,
+    RasterSettings,
+)
+from cubicsplat_cli.scene import Scene, segments_from_points
+from cubicsplat_cli.settings import Mode
 
 # Squared edge length below which an edge counts as this long when a point is projected onto it, px^2.
 MIN_EDGE_SQUARED = 1e-12

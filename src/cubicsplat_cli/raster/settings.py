@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..errors import UsageError
+from cubicsplat_cli.errors import UsageError
 
 # A pixel's alpha is kept below one so that the backward pass may divide by 1 - alpha; the transmittance at which
 # a pixel stops lies just above 1 - MAX_ALPHA, so that one opaque curve ends the pixel in every precision.

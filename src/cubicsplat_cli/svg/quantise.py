@@ -13,7 +13,8 @@ import numpy as np
 import torch
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.shortest import shortest_description
 
 MAX_PRECISION = 6

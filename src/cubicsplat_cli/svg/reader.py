@@ -13,7 +13,8 @@ import numpy as np
 import torch
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.writer import BACKGROUND_ID, CURVES_ID
 
 MAX_SVG_BYTES = 256 * 1024 * 1024

@@ -7,7 +7,8 @@ from xml.etree import ElementTree
 
 import svgwrite
 
-from cubicsplat_cli.scene import Mode, Scene
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.pathdata import format_number, path_strings
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, to_grid
 

@@ -23,7 +23,8 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.image.decode import Decoded, decode
+from cubicsplat_cli.files.decode import Decoded, decode
+from cubicsplat_cli.words import one_line, printable
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
 DEFAULT_MAX_PIXELS = 100_000_000
@@ -93,11 +94,6 @@ def load_picture(source: Path | bytes, *, name: str | None = None, max_pixels: i
     )
 
 
-def printable(name: str) -> str:
-    """The name with control characters and undecodable bytes escaped, so that a message stays one line."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in name)
-
-
 def read_picture_file(path: Path, name: str | None = None) -> bytes:
     """The bytes of a regular file of at most 1 GiB; never opens anything else.
 
@@ -154,7 +150,7 @@ def _libtiff_listened_to(data: bytes) -> Iterator[list[str]]:
             os.close(saved)
             heard.seek(0)
             text = heard.read(4096).decode(errors="replace")
-            lines.extend(dict.fromkeys(printable(" ".join(line.split())) for line in text.splitlines()))
+            lines.extend(dict.fromkeys(printable(one_line(line)) for line in text.splitlines()))
 
 
 @contextmanager
@@ -175,7 +171,7 @@ def _pillow_settings() -> Iterator[list[str]]:
             Image.MAX_IMAGE_PIXELS = saved
     for warning in caught:
         if issubclass(warning.category, UserWarning):
-            text = f"the decoder warns: {printable(' '.join(str(warning.message).split()))}"
+            text = f"the decoder warns: {printable(one_line(warning.message))}"
             if text not in notes:
                 notes.append(text)
         else:
@@ -204,7 +200,7 @@ def _open_and_decode(data: bytes, shown: str, max_pixels: int) -> Decoded:
     except Exception as error:
         # Pillow's decoders answer broken bytes with nearly any exception (OSError, SyntaxError, struct.error,
         # ValueError, IndexError ...); whichever it is, the file is wrong, and the cause stays chained.
-        reason = printable(" ".join(str(error).split())) or type(error).__name__
+        reason = printable(one_line(error)) or type(error).__name__
         raise InputError(f"{shown}: is damaged or truncated ({reason}); save or download it again") from error
 
 

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "curve.h"
+#include "../shared/curve.h"
 #include "frame.h"
 
 namespace cs {

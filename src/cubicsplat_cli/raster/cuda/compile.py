@@ -21,13 +21,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ..errors import EngineError
-from ..scene import Mode
-from .cuda_frame import FIXED_SHARED, Frame, StepValues
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cuda.frame import FIXED_SHARED, Frame, StepValues
+from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.words import one_line
 
-KERNELS = Path(__file__).with_name("kernels")
+KERNELS = Path(__file__).parents[1] / "kernels"
 MAIN = "raster.cu"
-SHARED_HEADERS = ("pixel.h", "curve.h")  # with the CPU engine
 OLDEST = 75  # compute capability 7.5: the oldest that NVRTC 13 compiles for
 INSTALL = "torch 2.10 or newer for Linux with CUDA brings it; else: pip install cuda-bindings nvidia-cuda-nvrtc"
 _MAGIC = b"cubicsplat cubin 1\n"
@@ -54,9 +54,9 @@ class Program:
 
 def sources() -> dict[str, bytes]:
     """Every file of the kernels by name. Raises EngineError where the package is incomplete."""
-    names = sorted(path.name for path in KERNELS.glob("*.cuh"))
+    headers = sorted(path for folder in ("cuda", "shared") for path in (KERNELS / folder).glob("*.*h"))
     try:
-        return {name: (KERNELS / name).read_bytes() for name in (MAIN, *SHARED_HEADERS, *names)}
+        return {path.name: path.read_bytes() for path in (KERNELS / "cuda" / MAIN, *headers)}
     except OSError as error:
         raise EngineError(f"the CUDA kernels are missing from the package ({error}); reinstall cubicsplat") from error
 
@@ -79,7 +79,7 @@ def nvrtc() -> ModuleType:
     try:
         status, major, minor = bindings.nvrtcVersion()
     except (RuntimeError, OSError) as error:  # what the loader of the library raises differs between versions
-        text = " ".join(str(error).split())
+        text = one_line(error)
         raise EngineError(f"NVIDIA's run-time compiler NVRTC cannot be loaded ({text[:200]}); {INSTALL}") from error
     if int(status) != 0 or major < 12:
         raise EngineError(f"NVRTC {major}.{minor} is too old; version 12 or newer is needed. {INSTALL}")

@@ -1,4 +1,4 @@
-"""What the CUDA kernels are told: mirrors of kernels/frame.cuh, field by field, and the buffers they work in."""
+"""What the CUDA kernels are told: mirrors of kernels/cuda/frame.cuh, field by field, and the buffers they work in."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from ..errors import EngineError
-from ..scene import Mode
-from .engine import IMPORTANCE, Rates, SceneTensors
-from .settings import RasterSettings
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.engine import IMPORTANCE, Rates, SceneTensors
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.settings import Mode
 
 # Twins of the constants in frame.cuh.
 WARP = 32

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..errors import EngineError
-from ..scene import Mode
-from .cuda_compile import Program
-from .cuda_driver import CudaDriver, Driver, Kernels
-from .cuda_frame import (
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cuda.compile import Program
+from cubicsplat_cli.raster.cuda.driver import CudaDriver, Driver, Kernels
+from cubicsplat_cli.raster.cuda.frame import (
     SMALL_THREADS,
     THREADS,
     WARP,
@@ -36,9 +35,10 @@ from .cuda_frame import (
     slots_for,
     step_values,
 )
-from .cuda_selftest import self_test
-from .engine import Backward, Engine, OptimiserState, SceneTensors, Training
-from .settings import RasterSettings
+from cubicsplat_cli.raster.cuda.selftest import self_test
+from cubicsplat_cli.raster.engine import Backward, Engine, OptimiserState, SceneTensors, Training
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.settings import Mode
 
 PLANS_KEPT = 2  # prepared steps: those of the relaxed phase and of the exact finish
 

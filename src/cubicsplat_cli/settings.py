@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field, fields, replace
+from enum import Enum
 from typing import Any
 
-from ..errors import UsageError
-from ..scene import Mode
+from cubicsplat_cli.errors import UsageError
 
 MOST_CURVES = 1_000_000
 MOST_STEPS = 10_000_000
+
+
+class Mode(str, Enum):
+    """What a primitive is: a filled ring of cubics (closed) or a round-ended stroke along a chain (open)."""
+
+    CLOSED = "closed"
+    OPEN = "open"
 
 
 @dataclass(frozen=True)

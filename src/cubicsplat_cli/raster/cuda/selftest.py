@@ -1,6 +1,6 @@
 """Does this GPU, with this driver and compiler, compute what it should? A tiny scene, before a program's first use.
 
-The expected numbers are the float64 reference's; tests/test_cuda_selftest.py recomputes them.
+The expected numbers are the float64 reference's; tests/test_cuda_device.py recomputes them.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from ..errors import EngineError
-from ..scene import Mode, points_from_segments
-from .cuda_compile import Program
-from .engine import SceneTensors
-from .settings import RasterSettings
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cuda.compile import Program
+from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import points_from_segments
+from cubicsplat_cli.settings import Mode
 
 if TYPE_CHECKING:
-    from .cuda import CudaEngine
+    from cubicsplat_cli.raster.cuda.engine import CudaEngine
 
 WIDTH, HEIGHT = 22, 19
 SEGMENTS = 2

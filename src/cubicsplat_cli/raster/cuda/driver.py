@@ -14,8 +14,9 @@ from typing import Any, Protocol
 
 import torch
 
-from ..errors import EngineError
-from .cuda_compile import INSTALL, Program, machine_code, version
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cuda.compile import INSTALL, Program, machine_code, version
+from cubicsplat_cli.words import one_line
 
 Argument = ctypes.Structure | ctypes.c_void_p
 
@@ -56,7 +57,7 @@ def missing_piece() -> str | None:
     try:
         torch.cuda.init()
     except (RuntimeError, AssertionError) as error:
-        reason = " ".join(str(error).split())
+        reason = one_line(error)
     else:
         reason = "torch sees no GPU"
     return f"no usable GPU: {reason.rstrip('.')}; check nvidia-smi and CUDA_VISIBLE_DEVICES, or use --device cpu"
@@ -107,7 +108,7 @@ class CudaDriver:
                 torch.cuda.synchronize()  # creates torch's context, which the driver's calls then share
             properties = torch.cuda.get_device_properties(self.device)
         except (RuntimeError, AssertionError) as error:  # a wrong number, no memory for a context, a broken device
-            raise EngineError(f"{self.device} cannot be used: {' '.join(str(error).split())}") from error
+            raise EngineError(f"{self.device} cannot be used: {one_line(error)}") from error
         self._number = self.checked(self.bindings.cuDeviceGet(self.device.index), "asking for the device")
         self._context = self.checked(self.bindings.cuDevicePrimaryCtxRetain(self._number), "sharing torch's context")
         self.name = properties.name

@@ -1,4 +1,4 @@
-// What passes between the CUDA kernels, and their sizes: mirrored field by field in cuda_frame.py.
+// What passes between the CUDA kernels, and their sizes: mirrored field by field in frame.py.
 #pragma once
 
 #include "curve.h"
@@ -92,13 +92,13 @@ struct Frame {
 };
 
 #ifdef CS_FRAME_BYTES
-static_assert(sizeof(Frame) == CS_FRAME_BYTES && sizeof(Step) == CS_STEP_BYTES, "cuda_frame.py differs from frame.cuh");
+static_assert(sizeof(Frame) == CS_FRAME_BYTES && sizeof(Step) == CS_STEP_BYTES, "frame.py differs from frame.cuh");
 #endif
 
 CS_INLINE int least(int a, int b) { return a < b ? a : b; }
 CS_INLINE int most(int a, int b) { return a > b ? a : b; }
 
-// Places of a block's lists in its dynamic shared memory, in bytes. cuda_frame.py counts the same.
+// Places of a block's lists in its dynamic shared memory, in bytes. frame.py counts the same.
 constexpr int kListAt = 0;
 constexpr int kAttributesAt = kListAt + kListed * 4;
 constexpr int kMasksAt = kAttributesAt + kBatch * kAttributes * 4;
@@ -108,7 +108,7 @@ constexpr int kScanAt = kFlagsAt + kBatch * 4;
 constexpr int kSumsAt = kScanAt + 2 * kStrips * 4;
 constexpr int kSlotsAt = kSumsAt + kBatch * kSumStride * 4;
 #ifdef CS_SHARED_BYTES
-static_assert(kSlotsAt == CS_SHARED_BYTES, "cuda_frame.py differs from frame.cuh");
+static_assert(kSlotsAt == CS_SHARED_BYTES, "frame.py differs from frame.cuh");
 #endif
 constexpr int kCodeBytes = kThreads * 2;   // of one slot: the nearest edge and the side of every pixel
 constexpr int kExactBytes = kThreads * 4;  // of one slot more in exact mode: its coverage

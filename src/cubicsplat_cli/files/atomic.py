@@ -20,7 +20,7 @@ except ImportError:  # Windows, where a file that is open elsewhere cannot be re
     fcntl = None
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.image.load import printable
+from cubicsplat_cli.words import one_line, printable
 
 _CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 _NAME_PART = 40  # characters of the target's name in that of its temporary file
@@ -130,7 +130,7 @@ def _check_target(path: Path) -> tuple[Path, int | None]:
     try:
         target = path.resolve()
     except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a null byte
-        reason = " ".join(str(error).split())
+        reason = one_line(error)
         raise InputError(f"{shown}: is no usable path ({reason}); choose another output") from error
     try:
         status = target.stat()

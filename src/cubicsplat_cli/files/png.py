@@ -9,7 +9,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from cubicsplat_cli._version import __version__
-from cubicsplat_cli.provenance import PROGRAM
+from cubicsplat_cli.files.marks import PROGRAM
 
 
 def encode_png(pixels: np.ndarray) -> bytes:

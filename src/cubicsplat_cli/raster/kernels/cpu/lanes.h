@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "pixel.h"
+#include "../shared/pixel.h"
 
 #if defined(__AVX512F__) || defined(__AVX2__)
 #include <immintrin.h>

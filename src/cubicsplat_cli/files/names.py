@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.jobs.paths import is_file, is_folder, is_there, same_file
-from cubicsplat_cli.provenance import HEAD_BYTES, PROGRAM, svg_is_ours
+from cubicsplat_cli.files.marks import HEAD_BYTES, PROGRAM, svg_is_ours
+from cubicsplat_cli.files.paths import is_file, is_folder, is_there, same_file
 
 STDIO = "-"
 PLAIN, COMPRESSED = ".svg", ".svgz"
@@ -81,7 +81,7 @@ def check_outputs(paths: list[Path], *, force: bool) -> None:
     Raises InputError where a file cannot be written, UsageError where one exists that cubicsplat did not
     write and `force` is not given.
     """
-    from cubicsplat_cli.image import check_writable
+    from cubicsplat_cli.files.atomic import check_writable
 
     for path in paths:
         check_writable(path)

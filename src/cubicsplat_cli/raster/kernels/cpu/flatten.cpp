@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstring>
 
-#include "curve.h"
+#include "../shared/curve.h"
 #include "frame.h"
 
 namespace cs {
