@@ -1,0 +1,1 @@
+"""The artwork style: a clean flat picture becomes few clean opaque shapes."""

@@ -1,0 +1,214 @@
+"""Outlines of artwork: rings of lines and cubics, and the primitives that an artist would write as such.
+
+Lengths are in px, y grows downwards, angles are in radians from the x axis towards the y axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+# Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
+QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A closed ring of lines and cubics; piece i runs from anchor i to anchor i + 1, the last one to anchor 0.
+
+    anchors: (A, 2) float64 px, A >= 1. controls: (A, 2, 2) float64, the two inner control points of piece i; of a line
+    they lie at its thirds. lines: (A,) bool, which pieces are straight. smooth: (A,) bool, at which anchors the
+    tangent is continuous (G1).
+    """
+
+    anchors: np.ndarray
+    controls: np.ndarray
+    lines: np.ndarray
+    smooth: np.ndarray
+
+    @property
+    def pieces(self) -> int:
+        """A, the number of lines and cubics."""
+        return len(self.anchors)
+
+    @property
+    def cubics(self) -> np.ndarray:
+        """(A, 4, 2) the control points of every piece, ends included."""
+        ends = np.roll(self.anchors, -1, axis=0)
+        return np.concatenate([self.anchors[:, None], self.controls, ends[:, None]], axis=1)
+
+    @property
+    def coordinates(self) -> int:
+        """Numbers in its path data: 2 to start, 6 a cubic, 2 a line (1 along an axis, 0 for the closing)."""
+        steps = np.roll(self.anchors, -1, axis=0) - self.anchors
+        axis = (np.abs(steps) < 1e-9).any(axis=1)
+        numbers = np.where(self.lines, np.where(axis, 1, 2), 6)
+        if self.lines[-1]:
+            numbers[-1] = 0
+        return 2 + int(numbers.sum())
+
+    @property
+    def parameters(self) -> int:
+        """Degrees of freedom: 2 an anchor, 4 a cubic, less 1 for every smooth joint."""
+        return 2 * self.pieces + 4 * int((~self.lines).sum()) - int(self.smooth.sum())
+
+    def ring(self) -> Ring:
+        """The ring itself."""
+        return self
+
+
+def ring_of_cubics(cubics: np.ndarray, smooth: bool) -> Ring:
+    """A ring of the cubics (A, 4, 2) of which each starts where the one before ends; smooth: all joints are G1."""
+    count = len(cubics)
+    joints = np.full(count, smooth)
+    return Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), np.zeros(count, dtype=bool), joints)
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle around (cx, cy) of radius r > 0."""
+
+    cx: float
+    cy: float
+    r: float
+
+    coordinates = 3
+    parameters = 3
+
+    def ring(self) -> Ring:
+        """Four cubics, from the rightmost point on, in the direction of growing angles."""
+        return Ellipse(self.cx, self.cy, self.r, self.r).ring()
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """An ellipse around (cx, cy) with half-axes rx, ry > 0, the first one at `angle`."""
+
+    cx: float
+    cy: float
+    rx: float
+    ry: float
+    angle: float = 0.0
+
+    @property
+    def coordinates(self) -> int:
+        """4, and the angle where there is one."""
+        return 4 + (self.angle != 0.0)
+
+    @property
+    def parameters(self) -> int:
+        """Degrees of freedom, as many as coordinates."""
+        return self.coordinates
+
+    def ring(self) -> Ring:
+        """Four cubics, from the end of the first half-axis on, in the direction of growing angles."""
+        k = QUARTER_HANDLE
+        quarter = np.array([[1.0, 0.0], [1.0, k], [k, 1.0], [0.0, 1.0]])
+        turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
+        unit = np.stack([quarter @ np.linalg.matrix_power(turn, i) for i in range(4)])
+        return ring_of_cubics(_placed(unit * [self.rx, self.ry], self.angle, (self.cx, self.cy)), smooth=True)
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A rectangle of a width and height > 0 with its top left corner at (x, y), turned by `angle` about its middle.
+
+    radius: of its corners, 0 for sharp ones, at most half of the shorter side.
+    """
+
+    x: float
+    y: float
+    width: float
+    height: float
+    radius: float = 0.0
+    angle: float = 0.0
+
+    @property
+    def coordinates(self) -> int:
+        """4, and the radius and the angle where there are such."""
+        return 4 + (self.radius > 0.0) + (self.angle != 0.0)
+
+    @property
+    def parameters(self) -> int:
+        """Degrees of freedom, as many as coordinates."""
+        return self.coordinates
+
+    def ring(self) -> Ring:
+        """Four lines, or with a radius eight pieces, from the left end of the top side on, clockwise as seen."""
+        half = np.array([self.width / 2.0, self.height / 2.0])
+        signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        middle = (self.x + half[0], self.y + half[1])
+        corners = signs * half
+        if self.radius <= 0.0:
+            return polygon(_placed(corners, self.angle, middle))
+        return self._rounded(corners, middle)
+
+    def _rounded(self, corners: np.ndarray, middle: tuple[float, float]) -> Ring:
+        sides = np.roll(corners, -1, axis=0) - corners
+        along = sides / np.maximum(np.linalg.norm(sides, axis=1, keepdims=True), 1e-12)
+        starts = corners + self.radius * along
+        ends = np.roll(corners, -1, axis=0) - self.radius * along
+        anchors = _placed(np.stack([starts, ends], axis=1).reshape(8, 2), self.angle, middle)
+        after = np.roll(anchors, -1, axis=0)
+        controls = anchors[:, None] + (after - anchors)[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
+        turned = _placed(np.roll(corners, -1, axis=0), self.angle, middle)
+        controls[1::2, 0] = anchors[1::2] + QUARTER_HANDLE * (turned - anchors[1::2])
+        controls[1::2, 1] = after[1::2] + QUARTER_HANDLE * (turned - after[1::2])
+        return Ring(anchors, controls, np.arange(8) % 2 == 0, np.ones(8, dtype=bool))
+
+
+def polygon(anchors: np.ndarray) -> Ring:
+    """A ring of straight lines through the anchors (A, 2)."""
+    steps = np.roll(anchors, -1, axis=0) - anchors
+    controls = anchors[:, None] + steps[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
+    count = len(anchors)
+    return Ring(np.asarray(anchors, dtype=float), controls, np.ones(count, dtype=bool), np.zeros(count, dtype=bool))
+
+
+def _placed(points: np.ndarray, angle: float, middle: tuple[float, float]) -> np.ndarray:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return points @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(middle)
+
+
+Outline = Ring | Circle | Ellipse | Rectangle
+
+
+def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
+    """(n, 2) points along a ring, those of a cubic about `step` px apart; each piece gives its start, not its end."""
+    out = []
+    for cubic, line in zip(ring.cubics, ring.lines, strict=True):
+        length = float(np.linalg.norm(np.diff(cubic, axis=0), axis=1).sum())
+        count = 1 if line else max(2, math.ceil(length / step))
+        out.append(bezier_points(cubic, np.arange(count) / count))
+    return np.concatenate(out)
+
+
+def bezier_points(cubic: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(n, 2) points of a cubic (4, 2) at the parameters t (n,)."""
+    s = 1.0 - t
+    weights = np.stack([s**3, 3.0 * s * s * t, 3.0 * s * t * t, t**3], axis=1)
+    return weights @ cubic
+
+
+def signed_area(ring: Ring) -> float:
+    """Area in px^2, exact for the cubics; positive when it runs clockwise as seen (y grows downwards)."""
+    p = ring.cubics
+    x, y = p[..., 0], p[..., 1]
+
+    def cross(i: int, j: int) -> np.ndarray:
+        return x[:, i] * y[:, j] - x[:, j] * y[:, i]
+
+    # Green's theorem for a cubic in Bernstein form.
+    inner = (
+        6.0 * cross(0, 1) + 3.0 * cross(0, 2) + cross(0, 3) + 3.0 * cross(1, 2) + 3.0 * cross(1, 3) + 6.0 * cross(2, 3)
+    )
+    return float(inner.sum() / 20.0)
+
+
+def reversed_ring(ring: Ring) -> Ring:
+    """The same ring run the other way round, from the same first anchor."""
+    order = (-np.arange(ring.pieces)) % ring.pieces
+    pieces = (order - 1) % ring.pieces
+    return Ring(ring.anchors[order], ring.controls[pieces][:, ::-1], ring.lines[pieces], ring.smooth[order])
