@@ -80,26 +80,31 @@ def test_the_operator_with_the_cuda_engine(mode, monkeypatch):
 
 
 @needs_compiler
-def test_auto_takes_the_gpu_where_there_is_one(monkeypatch, capsys):
+def test_auto_takes_the_gpu_where_there_is_one(monkeypatch, caplog):
     monkeypatch.setattr(engines, "missing_piece", lambda: None)
     monkeypatch.setattr(engines, "CudaEngine", lambda: open_cuda("emulated"))
     assert engines.open_engine("auto").name == engines.open_engine("cuda").name == "cuda"
     assert engines.open_engine("cpu").name == "cpu"
+    assert engines.open_engine("auto", 1, subdivide=True).name == "cpu"
+    with pytest.raises(EngineError, match=r"no de Casteljau subdivision; use uniform samples, or the CPU"):
+        engines.open_engine("cuda", subdivide=True)
 
     def broken():
         raise EngineError("its self-test failed")
 
     monkeypatch.setattr(engines, "CudaEngine", broken)
     assert engines.open_engine("auto", 1).name == "cpu"
-    assert capsys.readouterr().err == "cubicsplat: using the CPU: its self-test failed\n"
+    assert [message.split(";")[0] for message in caplog.messages] == [
+        "using the CPU: the CUDA engine has no de Casteljau subdivision", "using the CPU: its self-test failed"
+    ]  # fmt: skip
     with pytest.raises(EngineError, match="self-test failed"):
         engines.open_engine("cuda")
 
 
-def test_auto_takes_the_cpu_without_a_word_where_there_is_no_gpu(monkeypatch, capsys):
+def test_auto_takes_the_cpu_without_a_word_where_there_is_no_gpu(monkeypatch, caplog):
     monkeypatch.setattr(torch.version, "cuda", None)
     assert engines.open_engine("auto", 1).name == "cpu"
-    assert capsys.readouterr() == ("", "")
+    assert caplog.messages == []
     assert engines.shared_engine(torch.device("cpu")) is engines.shared_engine(torch.device("cpu"))
 
 

@@ -37,6 +37,12 @@ def test_senseless_settings_are_refused_by_name(name, value):
         FitSettings.from_preset("standard", **{name: value})
 
 
+def test_subdivision_is_refused_on_cuda():
+    with pytest.raises(UsageError, match="only the CPU has flatten de-casteljau: use device cpu or auto"):
+        FitSettings.from_preset("standard", device="cuda", flatten="de-casteljau")
+    assert FitSettings.from_preset("standard", flatten="de-casteljau").device == "auto"
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [

@@ -127,6 +127,8 @@ class FitSettings:
             _between("threads", self.threads, 1, 1024)
         if self.device not in ("auto", "cpu", "cuda"):
             raise UsageError(f"device must be auto, cpu or cuda, not {self.device!r}")
+        if self.device == "cuda" and self.recipe.flatten == "de-casteljau":
+            raise UsageError("only the CPU has flatten de-casteljau: use device cpu or auto, or flatten uniform")
         if self.time_limit is not None and not 0.0 < self.time_limit < 1e7:
             raise UsageError(f"time-limit must be a number of seconds above 0, not {self.time_limit}")
         parse_background(self.background)

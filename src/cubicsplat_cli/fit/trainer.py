@@ -107,7 +107,9 @@ class Trainer:
         self.recipe = self.settings.recipe
         self.unit = self.recipe.unit(self.width, self.height, self.settings.curves)
         self.schedule = Schedule(self.recipe, self.settings.steps)
-        self.engine: Engine = open_engine(self.settings.device, self.settings.threads)
+        self.engine: Engine = open_engine(
+            self.settings.device, self.settings.threads, subdivide=self.recipe.flatten == "de-casteljau"
+        )
         device = self.engine.device
         self.goal = self.target.to(device)  # the target where the engine is
         self.background = choose_background(self.target, self.settings)

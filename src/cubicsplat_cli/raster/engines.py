@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 import threading
 
 import torch
@@ -13,25 +13,32 @@ from cubicsplat_cli.raster.cuda.driver import missing_piece
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import Engine
 
+_log = logging.getLogger("cubicsplat")
 _of_thread = threading.local()
 _of_gpu: dict[int, CudaEngine] = {}
 _lock = threading.Lock()
 
 
-def open_engine(device: str = "auto", threads: int | None = None) -> Engine:
+def open_engine(device: str = "auto", threads: int | None = None, *, subdivide: bool = False) -> Engine:
     """Opens the engine for `device`: "cpu", "cuda", or "auto", CUDA's where there is a GPU that passes its self-test.
 
-    Raises EngineError with the reason where the engine that was asked for cannot run. Where "auto" finds a GPU that it
-    cannot use, it says so on stderr.
+    subdivide: the engine has to know de Casteljau subdivision, which is the CPU's alone. Raises EngineError with the
+    reason where the engine that was asked for cannot run. Where "auto" finds a GPU that it cannot use, it logs why.
     """
     if device == "cuda":
-        return CudaEngine()
+        return _open_cuda(subdivide)
     if device == "auto" and missing_piece() is None:
         try:
-            return CudaEngine()
+            return _open_cuda(subdivide)
         except EngineError as error:
-            print(f"cubicsplat: using the CPU: {error}", file=sys.stderr)
+            _log.warning("using the CPU: %s", error)
     return CpuEngine(threads)
+
+
+def _open_cuda(subdivide: bool) -> CudaEngine:
+    if subdivide:
+        raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
+    return CudaEngine()
 
 
 def shared_engine(device: torch.device) -> Engine:

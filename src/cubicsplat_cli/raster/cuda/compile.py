@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import logging
 import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable
 from ctypes import sizeof
 from dataclasses import dataclass
 from functools import lru_cache
@@ -30,6 +30,7 @@ KERNELS = Path(__file__).parents[1] / "kernels"
 MAIN = "raster.cu"
 OLDEST = 75  # compute capability 7.5: the oldest that NVRTC 13 compiles for
 INSTALL = "torch 2.10 or newer for Linux with CUDA brings it; else: pip install cuda-bindings nvidia-cuda-nvrtc"
+_log = logging.getLogger("cubicsplat")
 _MAGIC = b"cubicsplat cubin 1\n"
 
 
@@ -229,22 +230,13 @@ def _write_cache(path: Path, code: bytes) -> None:
             Path(temporary).unlink(missing_ok=True)
 
 
-def _announce(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
-def machine_code(
-    program: Program, capability: tuple[int, int], announce: Callable[[str], None] = _announce
-) -> tuple[bytes, str]:
-    """Machine code of the kernels for a GPU, from the cache or compiled now, and its architecture.
-
-    announce: is told, once per program and kind of GPU, that the user has to wait.
-    """
+def machine_code(program: Program, capability: tuple[int, int]) -> tuple[bytes, str]:
+    """Machine code of the kernels for a GPU, from the cache or compiled now (which it logs), and its architecture."""
     architecture = architecture_for(capability)
     path = cache_folder() / f"{cache_key(program, architecture)}.bin"
     code = _read_cache(path)
     if code is None:
-        announce(f"cubicsplat: compiling the CUDA kernels ({program.name}) for {architecture}, once on this machine")
+        _log.info("compiling the CUDA kernels (%s) for %s, once on this machine", program.name, architecture)
         code, _ = compile_text(program, architecture)
         _write_cache(path, code)
     return code, architecture

@@ -63,13 +63,13 @@ class Frame(ctypes.Structure):
         for name in (
             "curves", "segments", "points_per_curve", "samples", "edge_stride", "width", "height", "tiles_x", "tiles_y",
             "super_shift", "supers_x", "supers_y", "words", "mask_words", "batch", "slots", "logits", "backward",
-            "exact", "subdivide",
+            "exact",
         )
     ] + [
         (name, c_void_p)
         for name in (
             "points", "colours", "opacities", "half_widths", "edge_widths",
-            "bounds", "edges", "inverses", "attributes", "parameters", "super_masks",
+            "bounds", "edges", "inverses", "attributes", "super_masks",
             "target", "gradient", "vertex_gradients", "sums", "tile_sums",
             "out_points", "out_colours", "out_opacities", "out_half_widths", "out_edge_widths",
             "moments", "edge_moments", "ages", "status", "step",
@@ -138,12 +138,13 @@ class Sizes:
     width: int
     height: int
     samples: int
-    subdivide: bool
     backward: bool
 
     @classmethod
     def of(cls, scene: SceneTensors, settings: RasterSettings, backward: bool) -> Sizes:
         """Sizes of a scene; raises EngineError where this engine cannot draw it."""
+        if settings.subdivide:
+            raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         closed = scene.mode is Mode.CLOSED
         segments = k // 3
@@ -154,7 +155,7 @@ class Sizes:
                 f"the CUDA engine draws curves of at most {MOST_SEGMENTS} segments and {MOST_EDGES} edges, not "
                 f"{segments} and {segments * settings.samples}; use fewer segments or samples, or the CPU"
             )
-        return cls(n, segments, k, scene.width, scene.height, settings.samples, settings.subdivide, backward)
+        return cls(n, segments, k, scene.width, scene.height, settings.samples, backward)
 
     @property
     def edge_stride(self) -> int:
@@ -205,7 +206,6 @@ class Workspace:
         self.edges = floats("the curves' edges", 4 * n * stride)
         self.inverses = floats("the curves' edges", 2 * n * stride)
         self.attributes = floats("the curves' values", ATTRIBUTES * n)
-        self.parameters = floats("the curves' vertices", n * (stride + 1)) if sizes.subdivide else None
         self.super_masks = allocate("the super-tiles", sizes.supers[0] * sizes.supers[1] * sizes.words, torch.int32)
         self.vertex_gradients = self.sums = self.tile_sums = None
         if sizes.backward:
@@ -230,7 +230,7 @@ def make_frame(scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slot
         width=sizes.width, height=sizes.height, tiles_x=sizes.tiles[0], tiles_y=sizes.tiles[1],
         super_shift=sizes.super_shift, supers_x=sizes.supers[0], supers_y=sizes.supers[1], words=sizes.words,
         mask_words=sizes.mask_words, batch=sizes.batch, slots=slots, logits=scene.logits, backward=sizes.backward,
-        exact=settings.coverage == "exact", subdivide=settings.subdivide,
+        exact=settings.coverage == "exact",
         points=pointer(scene.points, "points", (n, k, 2), device),
         colours=pointer(scene.colours, "colours", (n, 3), device),
         opacities=pointer(scene.opacities, "opacities", (n,), device),

@@ -6,20 +6,16 @@ The expected numbers are the float64 reference's; tests/test_cuda_device.py reco
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.raster.engine import Engine, SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import points_from_segments
 from cubicsplat_cli.settings import Mode
-
-if TYPE_CHECKING:
-    from cubicsplat_cli.raster.cuda.engine import CudaEngine
 
 WIDTH, HEIGHT = 22, 19
 SEGMENTS = 2
@@ -81,7 +77,7 @@ def digest(program: Program, image: Tensor, loss: float, gradients: dict[str, Te
     return loss, *weighted
 
 
-def self_test(engine: CudaEngine, program: Program) -> None:
+def self_test(engine: Engine, program: Program) -> None:
     """Raises EngineError where the engine's numbers are not the expected ones."""
     tiny, wanted = scene(program, engine.device), target(program, engine.device)
     for coverage in COVERAGES:

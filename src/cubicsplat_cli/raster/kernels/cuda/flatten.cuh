@@ -1,7 +1,7 @@
 // Stage flatten: parameters -> activated values, polylines and bounds; then the curves of each super-tile.
 #pragma once
 
-#include "subdivide.cuh"
+#include "warp.cuh"
 
 namespace cs {
 
@@ -26,14 +26,24 @@ CS_INLINE int choose_samples(const Frame& f, const float* points, int lane) {
   return need < float(f.samples) ? int(need) : f.samples;
 }
 
-// Vertex `index` of the polyline. The products are spelled as fused multiply-adds, so that the two edges that meet in
-// a vertex compute the same bits wherever the function is inlined: a winding number depends on it.
+// Box of a curve's polyline, and twice its signed area seen from its first vertex.
+struct Outline {
+  float left, top, right, bottom, area;
+};
+
+CS_INLINE void add_edge(float2 a, float2 b, float2 origin, float2& inverse, Outline& o) {
+  const Edge edge = make_edge(a.x, a.y, b.x, b.y);
+  inverse = make_float2(edge.ux, edge.uy);
+  o.left = fminf(o.left, fminf(a.x, b.x));
+  o.right = fmaxf(o.right, fmaxf(a.x, b.x));
+  o.top = fminf(o.top, fminf(a.y, b.y));
+  o.bottom = fmaxf(o.bottom, fmaxf(a.y, b.y));
+  o.area += (a.x - origin.x) * edge.vy - (a.y - origin.y) * edge.vx;
+}
+
+// Start of edge `index` of the polyline.
 CS_INLINE float2 vertex(const Frame& f, const float* points, int index, int samples) {
-  int segment = index / samples, s = index - segment * samples;
-  if (segment == f.segments) {
-    segment = kClosed ? 0 : segment - 1;
-    s = kClosed ? 0 : samples;
-  }
+  const int segment = index / samples, s = index - segment * samples;
   const float* p = points + 6 * segment;
   const float* end = kClosed && segment + 1 == f.segments ? points : p + 6;
   float w[4];
@@ -44,12 +54,22 @@ CS_INLINE float2 vertex(const Frame& f, const float* points, int index, int samp
   return v;
 }
 
-// Polyline at uniform parameters.
+// Polyline at uniform parameters. Every vertex is computed once and read back by the two edges that meet in it, so that
+// they have it bit by bit: a winding number depends on it.
 CS_INLINE void sample_curve(const Frame& f, const float* points, int curve, int samples, int lane, Outline& o) {
-  const float2 origin = vertex(f, points, 0, samples);
   const size_t at = size_t(curve) * f.edge_stride;
-  for (int e = lane; e < f.segments * samples; e += kWarp)
-    add_edge(f, at + e, vertex(f, points, e, samples), vertex(f, points, e + 1, samples), origin, o);
+  const int edges = f.segments * samples;
+  float2* ends = reinterpret_cast<float2*>(f.edges + at);  // start and end of each edge
+  for (int e = lane; e < edges; e += kWarp) ends[2 * e] = vertex(f, points, e, samples);
+  __syncwarp();
+  const float2 origin = ends[0];
+  const float* tip = points + 2 * (f.points_per_curve - 1);
+  const float2 last = kClosed ? origin : make_float2(tip[0], tip[1]);
+  for (int e = lane; e < edges; e += kWarp) {
+    const float2 end = e + 1 < edges ? ends[2 * (e + 1)] : last;
+    ends[2 * e + 1] = end;
+    add_edge(ends[2 * e], end, origin, f.inverses[at + e], o);
+  }
 }
 
 CS_INLINE Outline combined(Outline o) {
@@ -93,14 +113,8 @@ CS_INLINE void flatten_curve(const Frame& f) {
   if (curve >= f.curves) return;
   const float* points = f.points + size_t(curve) * f.points_per_curve * 2;
   Outline outline{kFar, kFar, -kFar, -kFar, 0.0f};
-  int samples = 0, edges;
-  if (f.subdivide) {
-    edges = subdivide_curve(f, points, curve, lane, outline);
-  } else {
-    samples = choose_samples(f, points, lane);
-    edges = f.segments * samples;
-    sample_curve(f, points, curve, samples, lane, outline);
-  }
+  const int samples = choose_samples(f, points, lane), edges = f.segments * samples;
+  sample_curve(f, points, curve, samples, lane, outline);
   write_attributes(f, curve, edges, samples, combined(outline), lane);
   if (!f.backward) return;
   float* gradients = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;

@@ -30,7 +30,7 @@ constexpr int kSumStride = kStrips * 8 + 8;  // floats per pair; the padding spr
 constexpr float kFar = 3e38f;  // px; farther than anything drawn
 constexpr int kSmallThreads = 128;           // of the kernels that give each curve a warp
 
-// The flattened form of one curve: 12 floats. kSupport: 1 / (1.5 edge widths). kSamples: 0 where it was subdivided.
+// The flattened form of one curve: 12 floats. kSupport: 1 / (1.5 edge widths).
 enum Attribute {
   kRed, kGreen, kBlue, kOpacity, kHalfWidth, kReach, kOrientation, kEdges, kEdgeWidth, kSupport, kSamples,
   kAttributes = 12
@@ -64,7 +64,7 @@ struct Frame {
   int words;        // of a super-tile's set of curves, one bit each
   int mask_words;   // of a set of one curve's edges
   int batch, slots; // pairs per batch; slots per warp
-  int logits, backward, exact, subdivide;
+  int logits, backward, exact;
   // parameters of the curves; changed in place where moments are given
   float *points, *colours, *opacities, *half_widths;
   float* edge_widths;  // N, or null: each curve's own relaxed edge instead of step->edge_width
@@ -73,7 +73,6 @@ struct Frame {
   float4* edges;      // N x edge_stride: start and end
   float2* inverses;   // N x edge_stride: v / |v|^2
   float* attributes;  // N x 12
-  float* parameters;  // N x (edge_stride + 1): segment + t of each vertex of a subdivided curve
   unsigned* super_masks;  // super-tiles x words
   // pictures
   const float *target, *gradient;  // H x W x C; see cuda.py

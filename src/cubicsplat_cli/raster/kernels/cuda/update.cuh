@@ -29,23 +29,6 @@ CS_INLINE float point_gradient(const Frame& f, const float* vertices, int i, int
   return g;
 }
 
-// The same for a subdivided curve, whose vertices know their segment and parameter.
-CS_INLINE float subdivided_gradient(const Frame& f, const float* vertices, const float* parameters, int i, int edges) {
-  const int point = i >> 1, axis = i & 1;
-  float g = 0.0f;
-  for (int v = 0; v < edges + (kClosed ? 0 : 1); v++) {
-    const int segment = least(int(parameters[v]), f.segments - 1);
-    const int j = kClosed && point == 0 && segment + 1 == f.segments ? 3 : point - 3 * segment;
-    if (kClosed && f.segments == 1 && point == 0) {  // the one anchor is start and end at once
-      const float t = parameters[v];
-      g = fmaf(bernstein_weight(0, t) + bernstein_weight(3, t), vertices[2 * v + axis], g);
-    } else if (j >= 0 && j < 4) {
-      g = fmaf(bernstein_weight(j, parameters[v] - float(segment)), vertices[2 * v + axis], g);
-    }
-  }
-  return g;
-}
-
 // A parameter of a curve: where it lies, the derivative of its activation, and how the optimiser treats it.
 struct Parameter {
   float *value, *gradient_out;
@@ -88,11 +71,7 @@ CS_INLINE void train(const Frame& f, int curve, const Parameter& p, float gradie
 
 CS_INLINE float coordinate_gradient(const Frame& f, int curve, int i, const float* attributes) {
   const float* vertices = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;
-  float g;
-  if (f.subdivide)
-    g = subdivided_gradient(f, vertices, f.parameters + size_t(curve) * (f.edge_stride + 1), i, int(attributes[kEdges]));
-  else
-    g = point_gradient(f, vertices, i, int(attributes[kSamples]));
+  const float g = point_gradient(f, vertices, i, int(attributes[kSamples]));
   const float* further = f.step->points_gradient;
   return further ? g + further[size_t(curve) * f.points_per_curve * 2 + i] : g;
 }
