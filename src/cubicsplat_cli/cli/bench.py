@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cubicsplat_cli.cli.bench_artwork import artwork
+from cubicsplat_cli.cli.bench_options import Csv, Json, Limit, Markdown, Quiet, check_csv, check_sheet, listed
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.fit_options import Curves, Device, Mode, Preset, Seed, Steps, Threads
 from cubicsplat_cli.cli.options import MAX_CURVES, MAX_STEPS, DeviceChoice, ModeChoice, PresetChoice
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.bench.runs import Runs
 
 bench = typer.Typer(no_args_is_help=True, help="Measure speed, quality and the parts of the method.")
+bench.command("artwork")(artwork)
 
 _MOST_SIDE = 16_384
 _SHEET_PICTURES = 4
@@ -24,15 +27,10 @@ _SHEET_PICTURES = 4
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of pictures.", show_default=False)]
 CurvesList = Annotated[str, typer.Option("--curves", metavar="N,...", help="Numbers of curves.")]
 ModeList = Annotated[str, typer.Option("--mode", metavar="MODE,...", help="closed, open or both.")]
-Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Take the first so many pictures only.")]
 Cache = Annotated[
     Path | None,
     typer.Option("--cache", metavar="DIR", help="Keep each result here, and take it from here the next time."),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print everything as JSON.")]
-Csv = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Also write one row per fit as a table.")]
-Markdown = Annotated[bool, typer.Option("--markdown", help="Print the tables as Markdown.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print results and errors only.")]
 
 
 @bench.command("step")
@@ -111,8 +109,8 @@ def quality(
 ) -> None:
     """PSNR, SSIM, agreement, time and size of the SVG files of a folder of pictures, and their means."""
     counts, modes = _counts(curves), _modes(mode)
-    _check_csv(csv)
-    _check_sheet(sheet)
+    check_csv(csv)
+    check_sheet(sheet)
     pictures = _pictures(folder, limit)
     from cubicsplat_cli.bench import quality as benchmark
 
@@ -151,11 +149,11 @@ def ablation(
 ) -> None:
     """What each part of the method is worth: the same fits with one thing changed at a time."""
     counts, modes = _counts(curves), _modes(mode)
-    _check_csv(csv)
+    check_csv(csv)
     pictures = _pictures(folder, limit)
     from cubicsplat_cli.bench import ablation as benchmark
 
-    chosen = benchmark.chosen_rows(None if rows is None else _list(rows))
+    chosen = benchmark.chosen_rows(None if rows is None else listed(rows))
     overrides = _overrides(steps, seed, device, threads)
     jobs = benchmark.ablation_jobs(pictures, chosen, modes, counts, preset.value, overrides)
     runs = _run(jobs, cache, Reporter(quiet=quiet, verbose=False))
@@ -171,20 +169,16 @@ def _overrides(steps: int | None, seed: int, device: DeviceChoice, threads: int 
     return {"steps": steps, "seed": seed, "device": device.value, "threads": threads}
 
 
-def _list(text: str) -> list[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
-
-
 def _counts(text: str) -> list[int]:
     """The value of --curves: whole numbers with commas between them, each once."""
-    counts = [int(part) if re.fullmatch(r"\d{1,7}", part) else 0 for part in _list(text)]
+    counts = [int(part) if re.fullmatch(r"\d{1,7}", part) else 0 for part in listed(text)]
     if not counts or not all(1 <= count <= MAX_CURVES for count in counts):
         raise UsageError(f"--curves must be numbers between 1 and {MAX_CURVES} with commas between them, not {text!r}")
     return list(dict.fromkeys(counts))
 
 
 def _modes(text: str) -> list[str]:
-    modes = list(dict.fromkeys(_list(text)))
+    modes = list(dict.fromkeys(listed(text)))
     known = [choice.value for choice in ModeChoice]
     if not modes or not all(mode in known for mode in modes):
         raise UsageError(f"--mode must be {' or '.join(known)}, or both with a comma, not {text!r}")
@@ -195,27 +189,6 @@ def _pictures(folder: Path, limit: int | None) -> list[Path]:
     from cubicsplat_cli.evaluate.folders import pictures_in
 
     return pictures_in(folder)[:limit]
-
-
-def _check_csv(path: Path | None) -> None:
-    if path is None:
-        return
-    if path.suffix.lower() != ".csv":
-        raise UsageError(f"the table must end in .csv, but --csv is {path}")
-    from cubicsplat_cli.files.atomic import check_writable
-
-    check_writable(path)
-
-
-def _check_sheet(path: Path | None) -> None:
-    """A sheet may replace an older sheet, never a picture of the user's."""
-    if path is None:
-        return
-    if path.suffix.lower() != ".png":
-        raise UsageError(f"the sheet must end in .png, but --sheet is {path}")
-    from cubicsplat_cli.files.names import check_outputs
-
-    check_outputs([path], force=False)
 
 
 def _run(jobs: list[Any], cache: Path | None, reporter: Reporter) -> Runs:

@@ -1,0 +1,99 @@
+"""Path data of any SVG as absolute pieces; used for counting numbers and for showing anchors and handles."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from cubicsplat_cli.errors import InputError
+
+_TOKEN = re.compile(r"[\s,]*([MmLlHhVvCcSsQqTtAaZz]|[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)")
+# How many numbers a command takes.
+_NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One command: its capital letter, where it starts and ends, and its handles (none, one or two), absolute."""
+
+    command: str
+    start: Point
+    end: Point
+    handles: tuple[Point, ...] = ()
+
+
+def count_numbers(d: str) -> int:
+    """Numbers in path data, but for the two flags of an arc."""
+    return sum(_NUMBERS[letter.upper()] - 2 * (letter in "Aa") for letter, _ in commands(d))
+
+
+def commands(d: str) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """Each command with its numbers; a command that is left out where it repeats is given again."""
+    position, letter, end = 0, "", len(d.rstrip())
+    while position < end:
+        found = _TOKEN.match(d, position)
+        if found is None:
+            raise InputError(f"path data cannot be read at {d[position : position + 12]!r}")
+        if found[1].isalpha():
+            letter, position = found[1], found.end()
+        elif letter in ("", "Z", "z"):
+            raise InputError(f"path data has a number without a command at {d[position : position + 12]!r}")
+        numbers, position = _numbers(d, position, letter)
+        yield letter, numbers
+        letter = {"M": "L", "m": "l"}.get(letter, letter)
+
+
+def _numbers(d: str, position: int, letter: str) -> tuple[tuple[float, ...], int]:
+    numbers: list[float] = []
+    for index in range(_NUMBERS[letter.upper()]):
+        if letter in "Aa" and index in (3, 4):  # flags may stand without anything between them
+            found = re.compile(r"[\s,]*([01])").match(d, position)
+        else:
+            found = _TOKEN.match(d, position)
+        if found is None or found[1].isalpha():
+            raise InputError(f"path data lacks a number of {letter} at {d[position : position + 12]!r}")
+        numbers.append(float(found[1]))
+        position = found.end()
+    return tuple(numbers), position
+
+
+def pieces(d: str) -> list[Piece]:
+    """All commands but M as absolute pieces; of S and T the mirrored handle too. An arc has no handles."""
+    found: list[Piece] = []
+    here = start = (0.0, 0.0)
+    for letter, numbers in commands(d):
+        command = letter.upper()
+        points = _points(letter, numbers, here)
+        if command == "M":
+            here = start = points[-1]
+            continue
+        if command == "Z":
+            points = [start]
+        handles = tuple(points[:-1])
+        if command in "ST":
+            handles = (_mirrored(found, here, command), *handles)
+        found.append(Piece(command, here, points[-1], handles))
+        here = points[-1]
+    return found
+
+
+def _points(letter: str, numbers: tuple[float, ...], here: Point) -> list[Point]:
+    x, y = here if letter.islower() else (0.0, 0.0)
+    command = letter.upper()
+    if command == "H":
+        return [(x + numbers[0], here[1])]
+    if command == "V":
+        return [(here[0], y + numbers[0])]
+    if command == "A":
+        numbers = numbers[5:]
+    return [(x + a, y + b) for a, b in zip(numbers[::2], numbers[1::2], strict=True)]
+
+
+def _mirrored(found: list[Piece], here: Point, command: str) -> Point:
+    kin = "CS" if command == "S" else "QT"
+    if not found or found[-1].command not in kin or found[-1].end != here:
+        return here
+    x, y = found[-1].handles[-1]
+    return 2.0 * here[0] - x, 2.0 * here[1] - y

@@ -1,0 +1,77 @@
+"""A contact sheet: for each drawing and tool the input, the SVG and the truth enlarged, and the outlines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from cubicsplat_cli.bench.artwork.colour import WHITE, over
+from cubicsplat_cli.bench.artwork.document import Document
+from cubicsplat_cli.bench.artwork.figures import Figures
+from cubicsplat_cli.bench.artwork.wireframe import wireframe
+from cubicsplat_cli.files.png import encode_png
+
+CELL = 640  # px, the longer side
+_ENLARGED = 4
+_LABEL = 20
+_MARGIN = 8
+_LETTERS = 13  # px
+_PALE = 0.3  # how much of the picture shows under its outlines
+
+
+def sheet_png(runs: Sequence[tuple[Figures, bytes]], paths: Mapping[str, Path], size: int) -> bytes:
+    """PNG bytes, a row per drawing and tool: input | SVG at 4x | truth at 4x | outlines, all over white.
+
+    runs: figures and SVG. paths: the truth by its name. size: longer side of the input.
+    """
+    rows = [_row(figures, svg, paths[figures.picture], size) for figures, svg in runs]
+    sheet = Image.new("RGB", (max(row.width for row in rows), sum(row.height for row in rows)), "white")
+    top = 0
+    for row in rows:
+        sheet.paste(row, (0, top))
+        top += row.height
+    pixels = np.asarray(sheet)
+    return encode_png(np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)]))
+
+
+def _row(figures: Figures, svg: bytes, path: Path, size: int) -> Image.Image:
+    truth, made = (Document(data, figures.picture, size) for data in (path.read_bytes(), svg))
+    cells = [_cell(truth.draw(1)), _cell(made.draw(_ENLARGED)), _cell(truth.draw(_ENLARGED)), _outlines(made)]
+    labels = (
+        f"{figures.picture}: input, {truth.width} x {truth.height}",
+        f"{figures.tool}: dE00 {figures.delta_e:.3f}, {figures.psnr_1x_db:.1f} / {figures.psnr_4x_db:.1f} dB, "
+        f"seams {figures.seam_4x_px:.2f} px",
+        f"truth: {figures.artist_shapes} shapes, {figures.artist_coordinates} coordinates",
+        f"{figures.shapes} shapes, {figures.coordinates} coordinates, {figures.primitives} primitives",
+    )
+    width, height = CELL, max(cell.height for cell in cells)
+    row = Image.new("RGB", (len(cells) * (width + _MARGIN) + _MARGIN, height + _LABEL + _MARGIN), "white")
+    draw, font = ImageDraw.Draw(row), ImageFont.load_default(_LETTERS)
+    for index, (cell, label) in enumerate(zip(cells, labels, strict=True)):
+        left = _MARGIN + index * (width + _MARGIN)
+        # The built-in font may hold no other letters, and no label is worth a failure.
+        draw.text((left, 3), label.encode("ascii", "replace").decode(), fill="black", font=font)
+        row.paste(cell, (left, _LABEL))
+    return row
+
+
+def _cell(pixels: np.ndarray) -> Image.Image:
+    image = Image.fromarray(over(pixels, WHITE))
+    scale = CELL / max(image.size)
+    return image.resize(_scaled(image.size, scale), Image.Resampling.BOX if scale < 1 else Image.Resampling.NEAREST)
+
+
+def _outlines(made: Document) -> Image.Image:
+    scale = CELL / max(made.width, made.height)
+    pale = _cell(made.draw(_ENLARGED))
+    lines = Document(wireframe(made, 1 / scale), "outlines", max(made.width, made.height)).draw(scale)
+    ground = Image.blend(Image.new("RGB", pale.size, "white"), pale, _PALE).convert("RGBA")
+    front = Image.fromarray(lines).resize(pale.size)
+    return Image.alpha_composite(ground, front).convert("RGB")
+
+
+def _scaled(size: tuple[int, int], scale: float) -> tuple[int, int]:
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))

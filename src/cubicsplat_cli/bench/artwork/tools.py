@@ -1,0 +1,63 @@
+"""The tools that are compared: each makes an SVG of a picture."""
+
+from __future__ import annotations
+
+import importlib
+import io
+from collections.abc import Callable
+
+import numpy as np
+from PIL import Image
+
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.load import Picture, load_picture
+
+PHOTO_CURVES = 64
+
+Tool = Callable[[np.ndarray], bytes]
+
+
+def chosen_tools(names: list[str]) -> dict[str, Tool]:
+    """The tools of these names, in this order.
+
+    Raises UsageError for a name that is none, and for a tool whose package is not installed.
+    """
+    if not names or not set(names) <= set(TOOLS):
+        raise UsageError(f"--tools must be of {', '.join(TOOLS)}, with commas between them, not {','.join(names)!r}")
+    if "vtracer" in names:
+        _vtracer()
+    return {name: TOOLS[name] for name in dict.fromkeys(names)}
+
+
+def _picture(pixels: np.ndarray) -> Picture:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG")
+    return load_picture(buffer.getvalue(), name="drawing.png")
+
+
+def _photo(pixels: np.ndarray) -> bytes:
+    """The photo style with 64 curves."""
+    from cubicsplat_cli.fit import FitSettings
+    from cubicsplat_cli.jobs.pipeline import fit_to_svg
+
+    settings = FitSettings.from_preset("standard", curves=PHOTO_CURVES)
+    return fit_to_svg(_picture(pixels), settings, precision=2, title=None).svg
+
+
+def _vtracer_svg(pixels: np.ndarray) -> bytes:
+    """VTracer as it is without options."""
+    height, width = pixels.shape[:2]
+    rgba = [tuple(colour) for colour in pixels.reshape(-1, 4).tolist()]
+    return _vtracer().convert_pixels_to_svg(rgba, (width, height)).encode()
+
+
+def _vtracer():  # type: ignore[no-untyped-def]
+    try:
+        return importlib.import_module("vtracer")
+    except ImportError as error:
+        raise UsageError(
+            f"vtracer cannot be imported ({error}); pip install vtracer, or leave it out of --tools"
+        ) from error
+
+
+TOOLS: dict[str, Tool] = {"photo": _photo, "vtracer": _vtracer_svg}

@@ -1,0 +1,86 @@
+"""`cubicsplat bench artwork`: drawings whose vector truth is known, by several tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cubicsplat_cli.cli.bench_options import Csv, Json, Limit, Markdown, Quiet, check_csv, check_sheet, listed
+from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.bench.artwork.runs import Runs
+
+_LARGEST = 2048
+
+
+def artwork(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)],
+    tools: Annotated[str, typer.Option("--tools", metavar="TOOL,...", help="Of photo and vtracer.")] = "photo,vtracer",
+    size: Annotated[int, typer.Option("--size", min=16, max=_LARGEST, help="Longer side of the input in px.")] = 512,
+    only: Annotated[
+        str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")
+    ] = None,
+    skip: Annotated[str | None, typer.Option("--skip", metavar="PATTERN,...", help="None of these names.")] = None,
+    limit: Limit = None,
+    keep: Annotated[Path | None, typer.Option("--keep", metavar="DIR", help="Write each SVG into this folder.")] = None,
+    sheet: Annotated[
+        Path | None,
+        typer.Option(
+            "--sheet",
+            metavar="FILE",
+            help="Also write a PNG to look at: input, SVG, truth, and outlines with anchors and handles.",
+        ),
+    ] = None,
+    json: Json = False,
+    csv: Csv = None,
+    markdown: Markdown = False,
+    quiet: Quiet = False,
+) -> None:
+    """How close to the artist's own drawing each tool comes, and how much it writes for that."""
+    check_csv(csv)
+    check_sheet(sheet)
+    from cubicsplat_cli.bench.artwork.runs import drawings_in, run_all
+    from cubicsplat_cli.bench.artwork.tables import artwork_report, artwork_tables
+    from cubicsplat_cli.bench.artwork.tools import chosen_tools
+    from cubicsplat_cli.evaluate.report import to_json
+
+    chosen = chosen_tools(listed(tools))
+    paths = drawings_in(folder, only, skip, limit)
+    runs = run_all(paths, chosen, size, Reporter(quiet=quiet, verbose=False).summary)
+    if not runs.done:
+        raise InputError(f"no drawing could be measured: {runs.failed[0][0]}: {runs.failed[0][2]}")
+    names = list(chosen)
+    report = to_json(artwork_report(runs, names, size)) if json else artwork_tables(runs, names, markdown=markdown)
+    typer.echo(report, nl=False)
+    _write(runs, paths, size, csv, keep, sheet)
+    _end(runs)
+
+
+def _write(runs: Runs, paths: list[Path], size: int, csv: Path | None, keep: Path | None, sheet: Path | None) -> None:
+    from dataclasses import asdict
+
+    from cubicsplat_cli.evaluate.table import csv_text
+    from cubicsplat_cli.files.atomic import write_atomically
+
+    if csv is not None:
+        write_atomically(csv, csv_text([asdict(figures) for figures, _ in runs.done]).encode())
+    if keep is not None:
+        keep.mkdir(parents=True, exist_ok=True)
+        for figures, svg in runs.done:
+            write_atomically(keep / f"{figures.picture}-{figures.tool}.svg", svg)
+    if sheet is not None:
+        from cubicsplat_cli.bench.artwork.sheet import sheet_png
+
+        write_atomically(sheet, sheet_png(runs.done, {path.stem: path for path in paths}, size))
+
+
+def _end(runs: Runs) -> None:
+    """Failures come last, and make the exit code 1."""
+    for drawing, tool, error in runs.failed:
+        typer.echo(f"cubicsplat: failed: {drawing}{', ' if tool else ''}{tool}: {error}", err=True)
+    if runs.failed:
+        raise typer.Exit(1)

@@ -1,0 +1,235 @@
+"""`bench artwork`: each figure against a case whose answer is known, and the command with a tool of known quality."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from cubicsplat_cli.bench.artwork import tools
+from cubicsplat_cli.bench.artwork.colour import MOST_DB, mean_delta_e, psnr
+from cubicsplat_cli.bench.artwork.counts import count, minified
+from cubicsplat_cli.bench.artwork.document import Document
+from cubicsplat_cli.bench.artwork.edges import edge_displacement
+from cubicsplat_cli.bench.artwork.inks import exact_inks
+from cubicsplat_cli.bench.artwork.pathdata import count_numbers, pieces
+from cubicsplat_cli.bench.artwork.seams import opaque_inside, seam_areas
+from cubicsplat_cli.bench.artwork.wireframe import wireframe
+from cubicsplat_cli.cli.app import app
+from cubicsplat_cli.errors import InputError, UsageError
+
+
+def svg(body: str, width: int = 64, height: int = 48, root: str = "") -> bytes:
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" {root}>'
+    return f"{head}{body}</svg>".encode()
+
+
+def document(body: str, **size: int) -> Document:
+    return Document(svg(body, **size), "test.svg", 64)
+
+
+BOX = '<rect x="8" y="8" width="40" height="30" fill="#c00"/>'
+
+
+# --- documents ----------------------------------------------------------------------------------------------
+
+
+def test_a_document_is_drawn_at_any_scale_and_in_parts():
+    found = document(BOX)
+    whole = found.draw(4)
+    assert whole.shape == (192, 256, 4)
+    assert (whole[100, 100] == (204, 0, 0, 255)).all()
+    assert np.array_equal(found.draw(4, window=(5, 6, 20, 10)), whole[24:64, 20:100])
+
+
+def test_the_canvas_loses_the_fraction_of_a_pixel():
+    found = Document(svg("", 256, 295), "x", 512)
+    assert (found.width, found.height) == (444, 512)
+    assert Document(b'<svg xmlns="http://www.w3.org/2000/svg" width="30" height="20"/>', "x").unit == 1.0
+
+
+def test_without_smoothing_every_pixel_is_on_or_off():
+    slanted = document('<path d="M0 0L64 11V48H0z"/>')
+    assert set(np.unique(slanted.draw(smooth=False)[..., 3])) == {0, 255}
+    assert len(np.unique(slanted.draw()[..., 3])) > 4
+
+
+# --- path data and counts -----------------------------------------------------------------------------------
+
+
+def test_path_data_is_made_absolute():
+    found = pieces("m1 2h3v-1l1 1c1 0 2 1 2 2s1 3 2 2q1 1 2 0t2 0a2 3 0 012 4z")
+    assert "".join(piece.command for piece in found) == "HVLCSQTAZ"
+    assert [piece.end for piece in found] == [
+        (4, 2),
+        (4, 1),
+        (5, 2),
+        (7, 4),
+        (9, 6),
+        (11, 6),
+        (13, 6),
+        (15, 10),
+        (1, 2),
+    ]
+    assert found[4].handles == ((7, 5), (8, 7))
+    assert found[6].handles == ((12, 5),)
+    assert (
+        count_numbers("m1 2h3v-1l1 1c1 0 2 1 2 2s1 3 2 2q1 1 2 0t2 0a2 3 0 012 4z") == 2 + 1 + 1 + 2 + 6 + 4 + 4 + 2 + 5
+    )
+    assert count_numbers("M1-2.5.5 3") == 4
+    for wrong in ("1 2", "M1", "M1 2C3 4", "M0 0z1", "M0 0 x"):
+        with pytest.raises(InputError):
+            pieces(wrong)
+
+
+def test_shapes_coordinates_and_primitives():
+    body = (
+        '<defs><circle id="a" r="3"/></defs><g fill="none"><path d="M0 0h1"/><path stroke="red" d="M0 0h1"/></g>'
+        '<rect width="3" height="3" rx="1"/><ellipse rx="3" ry="2"/><use href="#a" x="1" y="2"/><use href="#a"/>'
+        '<path style="fill:none" d="M0 0"/><clipPath><rect/></clipPath>'
+    )
+    found = count(document(body))
+    assert (found.shapes, found.primitives) == (5, 4)
+    assert found.coordinates == 3 + 3 + 3 + 5 + 4 + 2 + 2 + 2 + 4
+
+
+def test_minified_keeps_what_is_seen():
+    body = '<title>t</title><!-- c -->\n <g id="x"><path id="y" d="M0 0z"/></g>\n<use href="#y"/>'
+    assert minified(document(body).root) == svg('<g><path id="y" d="M0 0z"/></g><use href="#y"/>').replace(b" >", b">")
+
+
+# --- figures -------------------------------------------------------------------------------------------------
+
+
+def test_equal_pictures_have_no_difference_and_the_worse_ground_counts():
+    clear = np.zeros((8, 8, 4), np.uint8)
+    white = np.full((8, 8, 4), 255, np.uint8)
+    assert (psnr(white, white), mean_delta_e(white, white)) == (MOST_DB, 0.0)
+    assert psnr(clear, white) == 0.0
+    assert mean_delta_e(clear, white) == pytest.approx(100.0, abs=1e-3)
+
+
+def test_delta_e_is_that_of_every_pixel():
+    from skimage.color import deltaE_ciede2000, rgb2lab
+
+    random = np.random.default_rng(3)
+    first, second = (np.dstack([random.integers(0, 256, (20, 30, 3)), np.full((20, 30), 255)]) for _ in range(2))
+    first, second = first.astype(np.uint8), second.astype(np.uint8)
+    first[:9] = second[:9]
+    expected = deltaE_ciede2000(rgb2lab(first[..., :3]), rgb2lab(second[..., :3])).mean()
+    assert mean_delta_e(first, second) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("shift", [0.05, 0.25, 0.6])
+def test_edge_displacement_of_a_shifted_disc(shift):
+    disc = '<circle cx="{}" cy="24" r="15" fill="#{}"/>'
+    truth, moved = (document(disc.format(x, "222")).draw(2) for x in (30, 30 + shift))
+    # The mean of |cos| around a circle.
+    assert edge_displacement(truth, moved, 2) == pytest.approx(shift * 2 / np.pi, rel=0.12)
+    assert edge_displacement(truth, truth, 2) == 0.0
+    blank = document("").draw(2)
+    assert edge_displacement(blank, blank, 2) is None
+
+
+def test_inks_are_exact_or_not():
+    truth = document(BOX).draw(2)
+    assert exact_inks(truth, truth) == 1.0
+    assert exact_inks(truth, document(BOX.replace("#c00", "#cc0001")).draw(2)) == 0.0
+    assert exact_inks(document("").draw(2), truth) is None
+
+
+def seams(body: str, truth: str) -> tuple[float, ...]:
+    made = document(body)
+    return seam_areas(made, opaque_inside(document(truth)), {scale: made.draw(scale) for scale in (1, 4)})
+
+
+def test_seams_are_gaps_and_hairlines_and_nothing_else():
+    truth = '<rect width="64" height="48" fill="#08f"/>'
+    assert seams(truth, truth) == (0.0, 0.0, 0.0)
+    # A gap of half a px, 44 px of it inside, is as large at every scale.
+    gap = '<rect width="64" height="20" fill="#08f"/><rect y="20.5" width="64" height="28" fill="#08f"/>'
+    assert seams(gap, truth) == pytest.approx((32.0, 32.0, 32.0), rel=0.02)
+    # Neighbours that only touch on a slanted line: the ground shows through both smoothed edges, the less the larger.
+    touching = '<path d="M0 0H20L29 48H0z" fill="#08f"/><path d="M20 0H64V48H29z" fill="#08f"/>'
+    found = seams(touching, truth)
+    assert found[0] > found[1] > found[2] > 0
+    # What lies under both closes it.
+    assert seams(truth + touching, truth) == (0.0, 0.0, 0.0)
+    # An outline that is a px off is no seam.
+    assert seams(BOX.replace('x="8"', 'x="9"'), BOX) == (0.0, 0.0, 0.0)
+
+
+# --- the command ---------------------------------------------------------------------------------------------
+
+
+def traced(pixels: np.ndarray) -> bytes:
+    """A tool that knows the answer."""
+    height, width = pixels.shape[:2]
+    return svg(BOX + '<path d="M50 2h10v10H50z" fill="#00f"/>', root=f'width="{width}" height="{height}"')
+
+
+def broken(_pixels: np.ndarray) -> bytes:
+    raise ZeroDivisionError("no such line")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setitem(tools.TOOLS, "exact", traced)
+    monkeypatch.setitem(tools.TOOLS, "broken", broken)
+    path = tmp_path / "drawings"
+    path.mkdir()
+    for name in ("a-one", "b-two"):
+        (path / f"{name}.svg").write_bytes(svg(BOX + '<rect x="50" y="2" width="10" height="10" fill="#00f"/>'))
+    return path
+
+
+def run(folder: Path, *arguments: object):
+    return CliRunner().invoke(app, ["bench", "artwork", str(folder), *(str(argument) for argument in arguments)])
+
+
+def test_a_perfect_tool_has_perfect_figures(folder, tmp_path):
+    table, sheet, kept = tmp_path / "t.csv", tmp_path / "s.png", tmp_path / "kept"
+    options = ("--size", 64, "--csv", table, "--sheet", sheet, "--keep", kept, "--json")
+    done = run(folder, "--tools", "exact", *options)
+    assert done.exit_code == 0, done.exception
+    report = json.loads(done.stdout)
+    assert [figures["picture"] for figures in report["runs"]] == ["a-one", "b-two"]
+    found = report["runs"][0]
+    assert (found["delta_e"], found["psnr_1x_db"], found["psnr_4x_db"]) == (0.0, MOST_DB, MOST_DB)
+    assert (found["shapes_ratio"], found["coordinates"], found["artist_coordinates"]) == (1.0, 9, 8)
+    assert (found["seam_16x_px"], found["edge_px"], found["exact_inks"]) == (0.0, 0.0, 1.0)
+    assert report["summary"]["exact"]["median"]["coordinates_ratio"] == 9 / 8
+    assert [row["picture"] for row in csv.DictReader(table.open())] == ["a-one", "b-two"]
+    assert Image.open(sheet).size[0] > 2000
+    assert sorted(path.name for path in kept.iterdir()) == ["a-one-exact.svg", "b-two-exact.svg"]
+
+
+def test_failures_are_counted_and_the_rest_goes_on(folder):
+    (folder / "c.svg").write_text("no drawing")
+    done = run(folder, "--tools", "broken,exact", "--only", "b-*,c", "--markdown", "--size", 64)
+    assert done.exit_code == 1
+    assert "| exact, median" in done.stdout
+    assert "a-one" not in done.stdout
+    assert "cubicsplat: failed: b-two, broken: ZeroDivisionError: no such line" in done.stderr
+    assert "cubicsplat: failed: c: " in done.stderr
+
+
+def test_wrong_usage_is_said(folder):
+    assert isinstance(run(folder, "--tools", "inkscape").exception, UsageError)
+    assert isinstance(run(folder, "--only", "z*").exception, InputError)
+    assert isinstance(run(folder / "none", "--tools", "exact").exception, InputError)
+
+
+def test_the_wireframe_shows_anchors_where_the_transform_puts_them():
+    made = document('<g transform="translate(4 2)"><path transform="scale(.5)" d="M20 20H60V60z"/></g>')
+    drawn = Document(wireframe(made, 1.0), "lines", 64).draw()
+    red = (drawn[..., 0] > 150) & (drawn[..., 2] < 90) & (drawn[..., 3] > 128)
+    assert red[12, 14]
+    assert red[12, 34]
+    assert red[32, 34]
+    assert not red[20:28, 4:12].any()
