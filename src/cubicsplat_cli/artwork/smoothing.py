@@ -1,0 +1,90 @@
+"""Local fits along a chain of noisy boundary points: where the boundary is, where it heads and how it bends.
+
+Each point gets a weighted parabola in arc length over a window of its neighbours. The window grows while the parabola
+still explains the points, so straight and slowly bending stretches average many points and tight bends few (Lepski's
+rule for the choice of a bandwidth).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+HALF_WINDOWS = (2, 4, 7, 12, 20)
+# Mean squared residual over its expectation up to which a wider window is still believed.
+WINDOW_MISFIT = 1.6
+# A point whose standard error is larger tells nothing (it is hidden or unknown).
+HIDDEN_SIGMA = 0.5
+
+
+@dataclass(frozen=True)
+class LocalFits:
+    """Of n points: positions (n, 2) px, unit tangents (n, 2), curvature (n,) 1/px, half-windows (n,) in points."""
+
+    positions: np.ndarray
+    tangents: np.ndarray
+    curvature: np.ndarray
+    windows: np.ndarray
+
+
+def arc_lengths(points: np.ndarray) -> np.ndarray:
+    """(n,) length of the polyline up to each point, in px."""
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def local_fits(points: np.ndarray, weights: np.ndarray, closed: bool) -> LocalFits:
+    """Local parabolas at each point of a chain or a loop.
+
+    points: (n, 2) px in order, n >= 3. weights: (n,) 1/px^2, the inverse squared standard errors; 0 where unknown.
+    """
+    pad = min(HALF_WINDOWS[-1], len(points)) if closed else 0
+    index = np.arange(-pad, len(points) + pad) % len(points)
+    fits = _open_fits(points[index], weights[index])
+    inner = slice(pad, pad + len(points))
+    return LocalFits(*(part[inner] for part in fits))
+
+
+def _open_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, ...]:
+    s = arc_lengths(points)
+    best = None
+    growing = np.ones(len(points), dtype=bool)
+    for half in HALF_WINDOWS:
+        terms, misfit = _parabolas(points, weights, s, half)
+        if best is None:
+            best = terms
+            windows = np.full(len(points), half)
+            continue
+        growing &= misfit <= WINDOW_MISFIT
+        best[growing] = terms[growing]
+        windows[growing] = half
+    positions, first, second = best[:, 0], best[:, 1], 2.0 * best[:, 2]
+    speed = np.maximum(np.hypot(*first.T), 1e-9)
+    curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
+    return positions, first / speed[:, None], curvature, windows
+
+
+def _parabolas(points: np.ndarray, weights: np.ndarray, s: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
+    """((n, 3, 2) coefficients of 1, s and s^2 around each point, (n,) mean squared normal residual in sigmas)."""
+    n = len(points)
+    index = np.arange(n)[:, None] + np.arange(-half, half + 1)
+    valid = (index >= 0) & (index < n)
+    index = np.clip(index, 0, n - 1)
+    ds = (s[index] - s[:, None]) / half
+    w = weights[index] * valid
+    w = w + 1e-9 * valid  # hidden points decide where nothing else does
+    powers = ds[..., None] ** np.arange(3)
+    weighted = powers * w[..., None]
+    gram = np.einsum("nki,nkj->nij", weighted, powers)
+    gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    offsets = points[index] - points[:, None]
+    terms = np.linalg.solve(gram, np.einsum("nki,nkc->nic", weighted, offsets))
+    rest = offsets - powers @ terms
+    slope = terms[:, 1] / np.maximum(np.hypot(*terms[:, 1].T), 1e-12)[:, None]
+    across = rest[..., 0] * slope[:, None, 1] - rest[..., 1] * slope[:, None, 0]
+    count = (w > 1e-8).sum(axis=1)
+    misfit = (w * across**2).sum(axis=1) / np.maximum(count - 3, 1)
+    terms = terms / (float(half) ** np.arange(3))[None, :, None]
+    terms[:, 0] += points
+    return terms, misfit

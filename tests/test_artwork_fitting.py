@@ -1,0 +1,141 @@
+"""Outlines from sub-pixel boundary points: pieces, corners and primitives against the truth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.fitting import fit_outline
+from cubicsplat_cli.artwork.outlines import (
+    Circle,
+    Ellipse,
+    Outline,
+    Rectangle,
+    Ring,
+    bezier_points,
+    flattened,
+    polygon,
+)
+from cubicsplat_cli.errors import InputError
+
+NOISE = 0.02
+
+
+def sampled(outline: Outline, noise: float = NOISE, seed: int = 0) -> np.ndarray:
+    """Points about 1 px apart along an outline, with noise across it."""
+    ring = outline.ring()
+    fine = np.concatenate([bezier_points(c, np.linspace(0.0, 1.0, 400, endpoint=False)) for c in ring.cubics])
+    loop = np.vstack([fine, fine[:1]])
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(loop, axis=0).T))])
+    count = max(8, round(length[-1]))
+    at = (np.arange(count) + 0.37) * length[-1] / count
+
+    def along(s: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(s, length, loop[:, c], period=length[-1]) for c in (0, 1)], axis=1)
+
+    way = along(at + 0.05) - along(at - 0.05)
+    way /= np.hypot(*way.T)[:, None]
+    across = np.stack([-way[:, 1], way[:, 0]], axis=1)
+    return along(at) + np.random.default_rng(seed).normal(0.0, noise, count)[:, None] * across
+
+
+def fitted(outline: Outline, **options: float) -> Outline:
+    points = sampled(outline)
+    return fit_outline(points, np.full(len(points), NOISE), **options)
+
+
+def deviation(fit: Outline, truth: Outline) -> float:
+    """Largest distance of the fit from the truth, px."""
+    a, b = flattened(fit.ring(), 0.5), sampled(truth, noise=0.0)
+    start, end = a, np.roll(a, -1, axis=0)
+    way = end - start
+    t = ((b[:, None] - start) * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-12)
+    feet = start + np.clip(t, 0.0, 1.0)[..., None] * way
+    return float(np.hypot(*np.moveaxis(b[:, None] - feet, -1, 0)).min(axis=1).max())
+
+
+def star() -> Ring:
+    angles = np.arange(10) * math.pi / 5 + 0.1
+    radii = np.where(np.arange(10) % 2, 35.0, 80.0)
+    return polygon(100.0 + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [
+        Circle(50.2, 40.7, 30.3),
+        Ellipse(60.0, 70.0, 50.0, 20.0, 0.3),
+        Ellipse(60.0, 70.0, 20.0, 50.0),
+        Rectangle(10.3, 20.2, 80.1, 41.3),
+        Rectangle(10.3, 20.2, 80.1, 41.3, 8.2),
+        Rectangle(40.0, 50.0, 120.0, 60.0, 0.0, 0.3),
+        Rectangle(40.0, 50.0, 120.0, 60.0, 12.0, 0.3),
+    ],
+)
+def test_a_primitive_is_found_as_such(truth: Outline) -> None:
+    fit = fitted(truth)
+    assert type(fit) is type(truth)
+    assert fit.parameters == truth.parameters
+    assert deviation(fit, truth) < 0.05
+
+
+def test_a_star_has_its_ten_corners_where_they_are() -> None:
+    fit = fitted(star())
+    assert isinstance(fit, Ring)
+    assert fit.pieces == 10 and fit.lines.all()
+    away = np.hypot(*np.moveaxis(fit.anchors[:, None] - star().anchors, -1, 0)).min(axis=1)
+    assert away.max() < 0.1
+
+
+def test_a_drop_is_a_corner_and_few_cubics() -> None:
+    cubics = np.array(
+        [
+            [[50.0, 10.0], [60.0, 40.0], [80.0, 50.0], [80.0, 70.0]],
+            [[80.0, 70.0], [80.0, 110.0], [20.0, 110.0], [20.0, 70.0]],
+            [[20.0, 70.0], [20.0, 50.0], [40.0, 40.0], [50.0, 10.0]],
+        ]
+    )
+    truth = Ring(cubics[:, 0], cubics[:, 1:3], np.zeros(3, bool), np.array([False, True, True]))
+    fit = fitted(truth)
+    assert isinstance(fit, Ring)
+    assert fit.pieces <= 6 and (~fit.smooth).sum() == 1
+    assert deviation(fit, truth) < 0.15
+
+
+def test_a_hidden_stretch_is_bridged_simply() -> None:
+    points = sampled(Rectangle(20.0, 20.0, 100.0, 60.0))
+    hidden = (points[:, 1] < 30.0) & (points[:, 0] > 50.0) & (points[:, 0] < 80.0)
+    points[hidden, 1] += 6.0 * np.sin(points[hidden, 0])
+    fit = fit_outline(points, np.where(hidden, np.inf, NOISE))
+    assert fit.coordinates <= 6
+    assert deviation(fit, Rectangle(20.0, 20.0, 100.0, 60.0)) < 0.1
+
+
+def test_more_detail_gives_no_fewer_pieces() -> None:
+    angles = np.linspace(0.0, 2.0 * math.pi, 400, endpoint=False)
+    radii = 60.0 + 3.0 * np.sin(7.0 * angles)
+    points = 100.0 + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    counts = [fit_outline(points, np.full(400, NOISE), detail=d).parameters for d in (0.1, 1.0, 4.0)]
+    assert counts == sorted(counts)
+
+
+def test_the_same_points_give_the_same_outline() -> None:
+    one, two = fitted(star()), fitted(star())
+    assert isinstance(one, Ring) and isinstance(two, Ring)
+    assert one.cubics.tobytes() == two.cubics.tobytes()
+
+
+@pytest.mark.parametrize("count", [3, 5, 8, 9, 12])
+def test_tiny_loops_are_fitted_too(count: int) -> None:
+    angles = np.arange(count) * 2.0 * math.pi / count
+    points = 5.0 + 1.5 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ring = fit_outline(points, np.full(count, 0.1)).ring()
+    assert np.isfinite(ring.cubics).all()
+
+
+@pytest.mark.parametrize("points", [np.zeros((5, 2)), np.zeros((5, 3)), np.full((5, 2), np.nan)])
+def test_points_without_a_loop_are_refused(points: np.ndarray) -> None:
+    with pytest.raises(InputError):
+        fit_outline(points, np.ones(5))
