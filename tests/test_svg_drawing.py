@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, Ring, polygon, ring_of_cubics
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, Ring, polygon, ring_of_cubics, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.bench.artwork.pathdata import count_numbers, pieces
-from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.svg.drawing import suggested_precision, write_drawing
+from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
+from cubicsplat_cli.svg.pathparse import count_numbers, pieces
 from cubicsplat_cli.svg.ringgrid import grid_ring
 
 RED, BLACK, GLASS = (255, 0, 0, 255), (0, 0, 0, 255), (0, 18, 171, 51)
@@ -189,3 +190,109 @@ def test_the_file_shows_the_drawing(renderer):
 def _plain(ring: Ring) -> str:
     cubics = "".join("C" + " ".join(f"{v:.9f}" for v in cubic[1:].ravel()) for cubic in ring.cubics)
     return "M{:.9f} {:.9f}".format(*ring.anchors[0]) + cubics + "z"
+
+
+# --- reading back --------------------------------------------------------------------------------------------
+
+
+def svg_of(*shapes: Shape, precision: int | None = 2) -> str:
+    return write_drawing(Drawing(200, 100, shapes), precision=precision, title="a <g> title", comment="c")
+
+
+def some_shapes() -> tuple[Shape, ...]:
+    square = polygon(np.array([[20.0, 20.0], [30.0, 20.0], [30.0, 30.0], [20.0, 30.0]]))
+    return (
+        shape(Rectangle(0, 0, 200, 100), name="background"),
+        shape(smooth_ring(3, 5), Circle(50, 50, 8), square, ink=GLASS, name="b"),
+        shape(Circle(10.5, 20.25, 7), name="c"),
+        shape(Ellipse(50, 40, 10, 5, math.radians(30)), ink=BLACK, name="d"),
+        shape(Ellipse(50, 40, 10, 5, math.radians(-20)), Rectangle(48, 38, 4, 4).ring(), name="e"),
+        shape(Rectangle(100, 10, 40, 20, 4, math.radians(12.5)), name="f"),
+        shape(Rectangle(100, 10, 40, 20, 4), Rectangle(105, 12, 20, 6), name="g"),
+    )
+
+
+def test_what_was_written_is_read_back():
+    shapes = some_shapes()
+    found = read_drawing(svg_of(*shapes))
+    assert (found.width, found.height) == (200, 100)
+    assert [(s.ink, s.name) for s in found.shapes] == [(s.ink, s.name) for s in shapes]
+    for one, other in zip(found.shapes, shapes, strict=True):
+        for ring, wanted in zip(one.oriented(), other.oriented(), strict=True):
+            assert ring.pieces == wanted.pieces
+            assert sorted(map(tuple, ring.anchors.round(1))) == sorted(map(tuple, wanted.anchors.round(1)))
+            assert signed_area(ring) == pytest.approx(signed_area(wanted), rel=2e-3)
+            assert ring.smooth.sum() == wanted.smooth.sum()
+    assert found.shapes[0].outlines[0] == shapes[0].outlines[0]
+    assert found.shapes[2].outlines[0] == shapes[2].outlines[0]
+    assert [type(outline) for s in found.shapes for outline in s.outlines][:5] == [
+        Rectangle,
+        Ring,
+        Circle,
+        Ring,
+        Circle,
+    ]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 4))
+def test_reading_gives_the_numbers_of_the_file(seed, joints, precision):
+    text = svg_of(shape(smooth_ring(seed, joints)), precision=precision)
+    ring = read_drawing(text).shapes[0].outlines[0]
+    found = pieces(ElementTree.fromstring(text)[1].get("d"))[:-1]
+    assert np.array_equal(ring.anchors, [piece.start for piece in found])
+    assert np.array_equal(ring.controls, [piece.handles for piece in found])
+
+
+def test_artwork_is_told_from_curves():
+    assert is_drawing(svg_of(*some_shapes()).encode())
+    assert is_drawing(svg_of(shape(Rectangle(0, 0, 200, 100))).encode())
+    assert not is_drawing(b'<svg><title>t</title><rect id="background"/><g id="curves"><path/></g></svg>')
+    assert not is_drawing(b"no XML")
+
+
+HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" viewBox="0 0 9 9">'
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<path d="M0 0h1v1" fill="#fff"/>',
+        '<path d="M0 0q1 1 2 2z" fill="#fff"/>',
+        '<path d="M0 0a1 1 0 1 1 2 0z" fill="#fff"/>',
+        '<path d="M0 0a1 1 0 1 1 2 0 1 1 0 1 1-3 0z" fill="#fff"/>',
+        '<path d="M0 0h1e999v1z" fill="#fff"/>',
+        '<path d="M0 0h9999999v1z" fill="#fff"/>',
+        '<path d="nonsense" fill="#fff"/>',
+        '<path d="" fill="#fff"/>',
+        '<path d="M0 0h1v1z" fill="white"/>',
+        '<path d="M0 0h1v1z" fill="#fff" fill-opacity="2"/>',
+        '<path d="M0 0h1v1z" fill="#fff" stroke="#fff"/>',
+        '<circle r="-1" fill="#fff"/>',
+        '<circle cx="1" fill="#fff"/>',
+        '<rect width="1" height="0" fill="#fff"/>',
+        '<rect width="1" height="2" fill="#fff" transform="skewX(3)"/>',
+        '<rect width="1" height="nan" fill="#fff"/>',
+        '<g><path d="M0 0h1v1z"/></g>',
+        '<image href="file:///etc/passwd"/>',
+        "<script/>",
+    ],
+)
+def test_other_drawings_are_refused_with_the_line(body):
+    with pytest.raises(InputError, match="not written by cubicsplat or was edited: line 2"):
+        read_drawing(f"{HEAD}\n{body}</svg>")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "<svg",
+        '<svg width="9"/>',
+        HEAD.replace("0 0 9 9", "0 0 9 8") + "</svg>",
+        f'<!DOCTYPE svg [<!ENTITY a "b">]>{HEAD}</svg>',
+    ],
+)
+def test_what_is_no_file_of_ours_is_refused(text):
+    with pytest.raises(InputError):
+        read_drawing(text)
