@@ -1,0 +1,127 @@
+"""Outlines of the parts of layers: where upper layers hide them they continue the simplest way that stays hidden.
+
+A hidden run of a contour is tried unconstrained (the rest of a circle, a straight continuation), then as its chord,
+then ever nearer to the way along the upper layers' edge. A way is good when it covers what shows and nothing else does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from skimage.draw import polygon2mask
+
+from cubicsplat_cli.artwork.extents import Contour, Extent
+from cubicsplat_cli.artwork.fitting import fit_outline
+from cubicsplat_cli.artwork.outlines import Outline, flattened
+
+# How a hidden run is guided, in the order of trial: standard errors in px, or its chord.
+FREE, CHORD = np.inf, -1.0
+WAYS = (FREE, CHORD, 1.5, 0.7, 0.25)
+CHORD_SIGMA = 0.3
+# Points of a hidden run that stay as they are at either end of a chord: down to the full underlap.
+DEEP = 4
+SQUARE = np.ones((3, 3), dtype=bool)
+
+
+@dataclass(frozen=True)
+class _Window:
+    """What an outline of an extent must and must not cover, one px of tolerance taken off."""
+
+    top: int
+    left: int
+    must: np.ndarray
+    may: np.ndarray
+    canvas: tuple[int, int]
+
+    @classmethod
+    def of(cls, extent: Extent, canvas: tuple[int, int]) -> _Window:
+        edge = np.pad(extent.shown, 1, mode="edge")
+        must = ndimage.binary_erosion(edge, SQUARE)[1:-1, 1:-1]
+        return cls(extent.top, extent.left, must, ndimage.binary_dilation(extent.allowed, SQUARE), canvas)
+
+    def wrong(self, outline: Outline, hole: bool) -> np.ndarray:
+        """(k, 2) middles x, y of the pixels that an outline covers or leaves wrongly."""
+        points = flattened(outline.ring(), 1.0) - [self.left, self.top]
+        inside = polygon2mask(self.must.shape, points[:, ::-1] - 0.5)
+        bad = (inside & self.must) if hole else (inside & ~self.may) | (~inside & self.must)
+        y, x = np.nonzero(bad)
+        within = np.stack([x + 0.5, y + 0.5], axis=1)
+        corner = np.array([self.left, self.top])
+        return np.concatenate([within, points[self._astray(points)]]) + corner
+
+    def _astray(self, points: np.ndarray) -> np.ndarray:
+        """(n,) bool: points of an outline beyond the window, though on the canvas."""
+        height, width = self.must.shape
+        x, y = points.T
+        beyond = (x < -1.0) | (y < -1.0) | (x > width + 1.0) | (y > height + 1.0)
+        x, y = x + self.left, y + self.top
+        return beyond & (x > 0.0) & (y > 0.0) & (x < self.canvas[1]) & (y < self.canvas[0])
+
+
+def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple[Outline, ...]:
+    """The fitted outlines of a part of a layer, the outer one first; canvas: its height and width, px."""
+    window = _Window.of(extent, canvas)
+    return tuple(_completed(contour, window, detail) for contour in extent.contours)
+
+
+def _completed(contour: Contour, window: _Window, detail: float) -> Outline:
+    runs = hidden_runs(contour.sigma)
+    ways = np.zeros(len(runs), dtype=int)
+    best, least = None, np.inf
+    for _ in range(len(WAYS) * 2):
+        points, sigma = guided(contour, runs, ways)
+        outline = fit_outline(points, sigma, detail)
+        wrong = window.wrong(outline, contour.hole) if len(runs) else np.empty((0, 2))
+        if len(wrong) < least:
+            best, least = outline, len(wrong)
+        if len(wrong) <= 1:
+            break
+        blamed = _blamed(contour.points, runs, ways, wrong)
+        if not len(blamed):
+            break
+        ways[blamed] += 1
+    assert best is not None
+    return best
+
+
+def hidden_runs(sigma: np.ndarray) -> list[np.ndarray]:
+    """The indices of every run of hidden points of a closed contour, each in order."""
+    hidden = ~np.isfinite(sigma)
+    n = len(sigma)
+    if hidden.all():
+        return [np.arange(n)]
+    starts = np.nonzero(hidden & ~np.roll(hidden, 1))[0]
+    stops = np.nonzero(hidden & ~np.roll(hidden, -1))[0]
+    # The first run to stop may be the last one to start.
+    stops = np.roll(stops, -1) if len(stops) and stops[0] < starts[0] else stops
+    return [np.arange(a, a + (b - a) % n + 1) % n for a, b in zip(starts, stops, strict=True)]
+
+
+def guided(contour: Contour, runs: list[np.ndarray], ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points and standard errors with every hidden run guided in its way."""
+    points, sigma = contour.points.copy(), contour.sigma.copy()
+    for run, way in zip(runs, ways, strict=True):
+        kind = WAYS[way]
+        if kind == CHORD:
+            if len(run) > 2 * DEEP + 2:
+                middle = run[DEEP - 1 : len(run) - DEEP + 1]
+                t = np.linspace(0.0, 1.0, len(middle))[:, None]
+                points[middle] = points[middle[0]] * (1.0 - t) + points[middle[-1]] * t
+            sigma[run] = CHORD_SIGMA
+        else:
+            sigma[run] = kind
+    return points, sigma
+
+
+def _blamed(points: np.ndarray, runs: list[np.ndarray], ways: np.ndarray, wrong: np.ndarray) -> np.ndarray:
+    """The runs nearest to wrong pixels that have another way left; all such runs where those have none."""
+    left = ways < len(WAYS) - 1
+    if not len(runs) or not left.any():
+        return np.empty(0, dtype=int)
+    sample = wrong[:: max(1, len(wrong) // 50)]
+    gaps = np.stack([np.hypot(*(points[run][None] - sample[:, None]).transpose(2, 0, 1)).min(axis=1) for run in runs])
+    named = np.unique(gaps.argmin(axis=0))
+    named = named[left[named]]
+    return named if len(named) else np.nonzero(left)[0]

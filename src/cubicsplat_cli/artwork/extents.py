@@ -1,0 +1,94 @@
+"""How far each layer reaches: what shows, the holes that upper layers fill, and some way under its neighbours.
+
+The pixel masks decide only the topology; where the outlines run follows from the points that are visible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from skimage.morphology import convex_hull_image
+
+from cubicsplat_cli.artwork.contours import Crossings, loop_points
+from cubicsplat_cli.artwork.cracks import Loop, trace
+from cubicsplat_cli.artwork.regions import Regions
+from cubicsplat_cli.artwork.stacking import Stack
+
+# px that a layer reaches under its upper neighbours, so that no hairline shows.
+UNDERLAP = 3
+PLUS = ndimage.generate_binary_structure(2, 1)
+
+
+@dataclass(frozen=True)
+class Contour:
+    """A closed contour to be fitted. points: (n, 2) px; sigma: (n,) px, inf where hidden; hole: whether it is one."""
+
+    points: np.ndarray
+    sigma: np.ndarray
+    hole: bool
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A connected part of a layer. top, left: its window's corner, px. shown: the window's pixels (h, w) bool that
+    show it; allowed: those that it may cover. contours: the outer one first."""
+
+    layer: int
+    top: int
+    left: int
+    shown: np.ndarray
+    allowed: np.ndarray
+    contours: tuple[Contour, ...]
+
+
+def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent]:
+    """The parts of all layers, back to front."""
+    depth = stack.rank[regions.labels]
+    boxes = ndimage.find_objects(depth + 1)
+    for place in range(len(stack.layers)):
+        box = boxes[place]
+        rows = slice(max(box[0].start - UNDERLAP - 1, 0), box[0].stop + UNDERLAP + 1)
+        columns = slice(max(box[1].start - UNDERLAP - 1, 0), box[1].stop + UNDERLAP + 1)
+        view = depth[rows, columns]
+        shown, above = view == place, view > place
+        grown = _grown(shown, above, joined=len(stack.layers[place].members) > 1)
+        parts, count = ndimage.label(grown)
+        for k in range(1, count + 1):
+            yield _extent(place, rows.start, columns.start, parts == k, shown, above, found)
+
+
+def _grown(shown: np.ndarray, above: np.ndarray, joined: bool) -> np.ndarray:
+    grown = shown | (ndimage.binary_dilation(shown, PLUS, UNDERLAP) & above)
+    if joined:
+        grown |= convex_hull_image(shown, offset_coordinates=False) & above
+    holes, count = ndimage.label(~grown)
+    if count:
+        index = np.arange(1, count + 1)
+        covered = ndimage.minimum(above, holes, index).astype(bool)
+        edge = np.unique(np.concatenate([holes[0], holes[-1], holes[:, 0], holes[:, -1]]))
+        covered[edge[edge > 0] - 1] = False
+        grown |= np.concatenate([[False], covered])[holes]
+    return grown
+
+
+def _extent(
+    place: int, top: int, left: int, part: np.ndarray, shown: np.ndarray, above: np.ndarray, found: Crossings
+) -> Extent:
+    contours = []
+    for loop in sorted(trace(part), key=lambda loop: -loop.area):
+        contours.append(_contour(loop, shown, top, left, found))
+    return Extent(place, top, left, shown & part, shown | above, tuple(contours))
+
+
+def _contour(loop: Loop, shown: np.ndarray, top: int, left: int, found: Crossings) -> Contour:
+    row, column = loop.inside
+    visible = shown[row, column]
+    placed = Loop(loop.x + left, loop.y + top, loop.direction)
+    points, sigma, index = loop_points(placed, found)
+    hidden = ~visible[index]
+    points[hidden] = placed.middles[index[hidden]]
+    sigma[hidden] = np.inf
+    return Contour(points, sigma, loop.area < 0.0)

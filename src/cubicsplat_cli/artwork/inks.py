@@ -1,0 +1,102 @@
+"""The inks of a flat picture, from the interiors of its regions only: edges hold blends.
+
+Pictures are (H, W, 4) float32 premultiplied RGBA in levels of 0..255.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy import ndimage
+
+# Levels: a pixel is flat where its 3x3 neighbourhood spans at most so much; inks nearer than `SAME` are one.
+FLAT_RANGE = 3.0
+SAME = 3.5
+# A component of flat pixels that spans more levels than this is a gradient, drawn in bands of BAND levels.
+GRADIENT_RANGE = 14.0
+BAND = 12.0
+CLEAR = 2.0  # levels of opacity below which nothing is drawn
+
+
+def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:
+    """(H, W) bool: the 3x3 neighbourhood spans at most `limit` levels in every channel."""
+    size = (3, 3, 1)
+    high = ndimage.maximum_filter(levels, size, mode="nearest")
+    low = ndimage.minimum_filter(levels, size, mode="nearest")
+    return (high - low).max(axis=-1) <= limit
+
+
+def picture_inks(levels: np.ndarray, most: int | None = None) -> np.ndarray:
+    """(P, 4) float64 the inks of the flat interiors in levels, the commonest first.
+
+    A picture without flat interiors (noise, a photo) gives the bands of its smoothed colours.
+    """
+    flat = flat_pixels(levels)
+    if flat.mean() < 0.02:
+        smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
+        return _limited(*_banded(smooth.reshape(-1, 4)), most)
+    parts, count = ndimage.label(flat)
+    values = levels[flat]
+    owner = parts[flat] - 1
+    order = np.argsort(owner, kind="stable")
+    bounds = np.searchsorted(owner[order], np.arange(count + 1))
+    inks: list[np.ndarray] = []
+    weights: list[float] = []
+    for start, end in pairwise(bounds):
+        colours, sizes = _component_inks(values[order[start:end]])
+        inks.extend(colours)
+        weights.extend(sizes)
+    return _limited(np.array(inks), np.array(weights), most)
+
+
+def _component_inks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    if np.ptp(values, axis=0).max() <= GRADIENT_RANGE:
+        return _mode(values)[None], np.array([float(len(values))])
+    return _banded(values)
+
+
+def _mode(values: np.ndarray) -> np.ndarray:
+    """The commonest colour, or the median where none is common."""
+    whole = np.rint(values).astype(np.int64)
+    keys = ((whole[:, 0] * 256 + whole[:, 1]) * 256 + whole[:, 2]) * 256 + whole[:, 3]
+    _, first, counts = np.unique(keys, return_index=True, return_counts=True)
+    best = int(counts.argmax())
+    if counts[best] * 4 >= len(values):
+        return values[first[best]].astype(float)
+    return np.median(values, axis=0).astype(float)
+
+
+def _banded(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    cells = np.floor(values / (2.0 * BAND)).astype(np.int64)
+    _, index, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    index = index.reshape(-1)
+    sums = np.stack([np.bincount(index, values[:, c], len(counts)) for c in range(4)], axis=1)
+    return sums / counts[:, None], counts.astype(float)
+
+
+def _limited(inks: np.ndarray, weights: np.ndarray, most: int | None) -> np.ndarray:
+    """Near inks joined to the commoner one; then the `most` commonest."""
+    kept: list[np.ndarray] = []
+    sizes: list[float] = []
+    for i in np.argsort(-weights, kind="stable"):
+        if kept:
+            gaps = np.abs(np.array(kept) - inks[i]).max(axis=1)
+            nearest = int(gaps.argmin())
+            if gaps[nearest] <= SAME:
+                sizes[nearest] += weights[i]
+                continue
+        if len(kept) < 512:
+            kept.append(inks[i])
+            sizes.append(float(weights[i]))
+    order = np.argsort(-np.array(sizes), kind="stable")[: min(most or 256, 256)]
+    return np.array(kept)[order]
+
+
+def eight_bit(ink: np.ndarray) -> tuple[int, int, int, int]:
+    """An ink in levels, premultiplied, as the 8-bit colour and opacity that a file holds."""
+    alpha = int(np.clip(round(float(ink[3])), 0, 255))
+    if alpha == 0:
+        return (0, 0, 0, 0)
+    r, g, b = (int(np.clip(round(float(v) * 255.0 / float(ink[3])), 0, 255)) for v in ink[:3])
+    return (r, g, b, alpha)

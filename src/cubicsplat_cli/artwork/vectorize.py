@@ -1,0 +1,37 @@
+"""From a flat picture to a drawing: inks, regions, layers, contours, outlines, finish."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cubicsplat_cli.artwork.completion import outlines_of
+from cubicsplat_cli.artwork.contours import crossings
+from cubicsplat_cli.artwork.extents import extents
+from cubicsplat_cli.artwork.inks import eight_bit, picture_inks
+from cubicsplat_cli.artwork.regions import find_regions
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.stacking import stack
+
+
+def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing:
+    """The drawing of a flat picture: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]."""
+    settings = settings or ArtworkSettings()
+    levels = as_levels(target)
+    height, width = levels.shape[:2]
+    regions = find_regions(levels, picture_inks(levels, settings.colors), settings.min_area)
+    layers = stack(regions)
+    found = crossings(levels, regions)
+    shapes = []
+    for extent in extents(regions, layers, found):
+        ink = eight_bit(regions.inks[layers.layers[extent.layer].region])
+        shapes.append(Shape(ink, outlines_of(extent, (height, width), settings.detail), f"shape-{len(shapes) + 1}"))
+    return Drawing(width, height, tuple(shapes))
+
+
+def as_levels(target: np.ndarray) -> np.ndarray:
+    """(H, W, 4) float32 premultiplied RGBA in levels of 0..255."""
+    levels = np.asarray(target, dtype=np.float32) * np.float32(255.0)
+    if levels.shape[-1] == 3:
+        levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=-1)
+    return levels

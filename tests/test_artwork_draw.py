@@ -1,0 +1,72 @@
+"""The artwork style on drawings whose truth is known."""
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.errors import UsageError
+
+
+def painted(width, height, *layers, ground=(0.0, 0.0, 0.0, 0.0), fine=8):
+    """(H, W, 4) premultiplied: each layer is a function of x, y (px) and a premultiplied colour, back to front."""
+    y, x = (np.mgrid[0 : height * fine, 0 : width * fine] + 0.5) / fine
+    picture = np.broadcast_to(np.array(ground), (height, width, 4)).copy()
+    for inside, colour in layers:
+        share = inside(x, y).reshape(height, fine, width, fine).mean(axis=(1, 3))[..., None]
+        colour = np.array(colour)
+        picture = picture * (1.0 - share * colour[3]) + share * colour
+    return (np.rint(picture * 255.0) / 255.0).astype(np.float32)
+
+
+def disc(cx, cy, r):
+    return lambda x, y: np.hypot(x - cx, y - cy) <= r
+
+
+def box(x0, y0, x1, y1):
+    return lambda x, y: (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+
+
+RED, BLUE, WHITE = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0), (1.0, 1.0, 1.0, 1.0)
+
+
+def test_a_disc_becomes_a_circle():
+    drawing = draw(painted(64, 64, (disc(30.3, 32.6, 20.25), RED)))
+    (shape,) = drawing.shapes
+    (circle,) = shape.outlines
+    assert shape.ink == (255, 0, 0, 255) and isinstance(circle, Circle)
+    assert (circle.cx, circle.cy, circle.r) == pytest.approx((30.3, 32.6, 20.25), abs=0.02)
+
+
+def test_a_box_on_a_ground_becomes_two_rectangles():
+    drawing = draw(painted(80, 60, (box(10.25, 12.5, 50.75, 40.0), BLUE), ground=WHITE))
+    ground, shape = drawing.shapes
+    assert ground.ink == (255, 255, 255, 255) and isinstance(ground.outlines[0], Rectangle)
+    rectangle = shape.outlines[0]
+    assert isinstance(rectangle, Rectangle) and rectangle.radius == 0.0
+    assert (rectangle.x, rectangle.y) == pytest.approx((10.25, 12.5), abs=0.03)
+    assert (rectangle.width, rectangle.height) == pytest.approx((40.5, 27.5), abs=0.05)
+
+
+def test_a_hole_shows_the_ground_and_an_inset_fills_none():
+    ring = draw(painted(80, 80, (disc(40.0, 40.0, 30.0), RED), (disc(40.0, 40.0, 12.0), WHITE), ground=WHITE))
+    assert [len(shape.outlines) for shape in ring.shapes] == [1, 2]
+    inset = draw(painted(80, 80, (disc(40.0, 40.0, 30.0), RED), (disc(40.0, 40.0, 12.0), BLUE), ground=WHITE))
+    assert [len(shape.outlines) for shape in inset.shapes] == [1, 1, 1]
+
+
+def test_a_translucent_ink_keeps_its_opacity():
+    drawing = draw(painted(64, 64, (disc(32.0, 32.0, 20.0), (0.25, 0.0, 0.25, 0.5))))
+    assert drawing.shapes[0].ink == pytest.approx((127, 0, 127, 128), abs=1)
+
+
+def test_drawing_twice_gives_the_same():
+    picture = painted(64, 64, (disc(30.0, 30.0, 20.0), RED), (box(20.0, 35.0, 60.0, 50.0), BLUE))
+    assert repr(draw(picture)) == repr(draw(picture))
+
+
+def test_settings_are_checked():
+    for wrong in ({"colors": 0}, {"min_area": -1.0}, {"detail": 0.0}, {"palette": ((0, 0, 256),)}, {"curves": 0}):
+        with pytest.raises(UsageError):
+            ArtworkSettings(**wrong)
