@@ -19,7 +19,7 @@ namespace cs {
 
 #define CS_DECLARE_ISA(name)                             \
   namespace name {                                       \
-  size_t tile_scratch(uint32_t, uint32_t, uint32_t);     \
+  size_t tile_scratch(const TileTask&);               \
   void raster_tile(const TileTask&);                     \
   }
 CS_DECLARE_ISA(generic)
@@ -155,11 +155,7 @@ struct CsEngine {
 
   void raster_tile(int index, int thread) {
     cs::Frame& f = frame;
-    uint32_t begin = f.tile_starts[index], end = f.tile_starts[index + 1], boundary = 0, edges = 0;
-    for (uint32_t i = begin; i < end; i++) {
-      boundary += f.tile_pairs[i]->kind == cs::PairKind::boundary;
-      edges = std::max(edges, uint32_t(f.primitives[f.tile_pairs[i]->primitive].edges));
-    }
+    uint32_t begin = f.tile_starts[index], end = f.tile_starts[index + 1];
     cs::TileTask task;
     task.scene = &f.scene;
     task.settings = &f.settings;
@@ -176,7 +172,7 @@ struct CsEngine {
     task.chunk_size = cs::kChunk;
     task.loss = &f.tile_loss[index];
     task.background = &f.tile_background[size_t(index) * 4];
-    task.scratch = scratch[thread].reserve(isa.scratch(end - begin, boundary, edges));
+    task.scratch = scratch[thread].reserve(isa.scratch(task));
     isa.raster(task);
   }
 

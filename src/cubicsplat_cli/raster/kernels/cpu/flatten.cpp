@@ -1,4 +1,4 @@
-// Stage flatten: parameters -> activated values, polylines, row crossings and (primitive, tile) pairs.
+// Stage flatten: parameters -> activated values, polylines and (primitive, tile) pairs.
 
 #include <algorithm>
 #include <cmath>
@@ -12,15 +12,11 @@ namespace cs {
 void Chunk::clear() {
   pairs.clear();
   edges.clear();
-  crossings.clear();
-  row_starts.clear();
-  band_edges.clear();
-  band_starts.clear();
   skipped = 0;
 }
 
 ChunkView Chunk::view() {
-  return {edges.data(), edge_gradients.data(), crossings.data(), row_starts.data(), band_edges.data(), band_starts.data()};
+  return {edges.data(), edge_gradients.data()};
 }
 
 void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const CsImages& images, bool backward) {
@@ -204,57 +200,28 @@ struct Flattener {
     q.orientation = area > 0.0 ? 1.0f : (area < 0.0 ? -1.0f : 0.0f);
   }
 
-  // Counting sort of (row, crossing) with the half-open rule: an edge owns the rows min(y) <= centre < max(y).
-  void list_crossings(const Box& b) {
-    q.row_begin = row_at(b.y0, 0, f.scene.height);
-    q.row_end = row_at(b.y1, q.row_begin, f.scene.height);
-    int rows = q.row_end - q.row_begin;
-    q.row_index = uint32_t(chunk.row_starts.size());
-    auto& cursor = chunk.cursor;
-    cursor.assign(rows + 1, 0);
-    auto each_row = [&](int e, auto&& visit) {
-      const float *s = start(e), *t = end(e);
-      int r0 = row_at(std::min(s[1], t[1]), q.row_begin, q.row_end), r1 = row_at(std::max(s[1], t[1]), r0, q.row_end);
-      for (int r = r0; r < r1; r++) visit(r, s, t);
-    };
-    for (int e = 0; e < q.edges; e++) each_row(e, [&](int r, const float*, const float*) { cursor[r - q.row_begin]++; });
-    uint32_t total = uint32_t(chunk.crossings.size());
-    for (int r = 0; r <= rows; r++) {
-      chunk.row_starts.push_back(total);
-      uint32_t count = cursor[r];
-      cursor[r] = total;
-      total += count;
-    }
-    chunk.crossings.resize(total);
-    for (int e = 0; e < q.edges; e++)
-      each_row(e, [&](int r, const float* s, const float* t) {
-        float y = float(r) + 0.5f;
-        chunk.crossings[cursor[r - q.row_begin]++] = {crossing_x(s[0], s[1], t[0], t[1], y), t[1] > s[1] ? 1.0f : -1.0f};
-      });
+  int width() const { return tile_x1 - tile_x0; }
+  size_t tile(int tx, int ty) const { return size_t(ty - tile_y0) * width() + (tx - tile_x0); }
+
+  // An edge of tile row ty adds to the winding numbers of the tiles from column tx on, which have it on their left: noted
+  // in the first of them. Half-open in y: an edge owns the rows min(y) <= centre < max(y).
+  void pass(int e, int tx, int ty) {
+    if (!f.scene.closed || tx >= tile_x1) return;
+    const float ya = start(e)[1], yb = end(e)[1];
+    const int top = ty * kTile, bottom = top + kTile;
+    const int r0 = row_at(std::min(ya, yb), top, bottom), r1 = row_at(std::max(ya, yb), r0, bottom);
+    int16_t* rows = chunk.windings.data() + tile(tx, ty) * kTile - top;
+    for (int r = r0; r < r1; r++) rows[r] += yb > ya ? 1 : -1;
   }
 
-  // Edges by tile row, for exact coverage, which needs all that crosses a sub-scanline left of the tile too.
-  void list_bands(const Box& b) {
-    q.band_begin = cell(b.y0, kTile, f.tiles_y - 1);
-    q.band_end = cell(b.y1, kTile, f.tiles_y - 1) + 1;
-    q.band_index = uint32_t(chunk.band_starts.size());
-    for (int band = q.band_begin; band < q.band_end; band++) {
-      chunk.band_starts.push_back(uint32_t(chunk.band_edges.size()));
-      float y0 = float(band * kTile), y1 = y0 + kTile;
-      for (int e = 0; e < q.edges; e++) {
-        float ya = start(e)[1], yb = end(e)[1];
-        if (std::max(ya, yb) > y0 && std::min(ya, yb) < y1) chunk.band_edges.push_back(uint16_t(e));
-      }
-    }
-    chunk.band_starts.push_back(uint32_t(chunk.band_edges.size()));
-  }
-
-  // Tile columns of one tile row that an edge comes within reach of; a long edge is clipped to the row first.
-  bool columns(int e, int ty, int& x0, int& x1) const {
+  // Tile columns [x0, x1) of one tile row that an edge comes within reach of; a long edge is clipped to the row first.
+  // It is left of the columns from x1 on.
+  void columns(int e, int ty, int& x0, int& x1) const {
     const float *a = start(e), *b = end(e);
     float top = float(ty * kTile) - q.reach, bottom = float((ty + 1) * kTile) + q.reach;
     float ax = a[0], bx = b[0], ay = a[1], by = b[1];
-    if (std::max(ay, by) < top || std::min(ay, by) > bottom) return false;
+    x0 = x1 = tile_x1;
+    if (std::max(ay, by) < top || std::min(ay, by) > bottom) return;
     if (std::fabs(by - ay) > float(kTile)) {
       float slope = (bx - ax) / (by - ay);
       float xa = ax + (limit(ay, top, bottom) - ay) * slope, xb = ax + (limit(by, top, bottom) - ay) * slope;
@@ -262,62 +229,67 @@ struct Flattener {
       bx = xb;
     }
     float low = std::min(ax, bx) - q.reach, high = std::max(ax, bx) + q.reach;
-    if (high < float(tile_x0 * kTile) || low > float(tile_x1 * kTile)) return false;
+    if (low > float(tile_x1 * kTile)) return;
     x0 = std::max(cell(low, kTile, tile_x1), tile_x0);
-    x1 = std::min(cell(high, kTile, tile_x1 - 1) + 1, tile_x1);
-    return x0 < x1;
+    x1 = high < float(tile_x0 * kTile) ? x0 : std::min(cell(high, kTile, tile_x1 - 1) + 1, tile_x1);
   }
 
-  // Winding number of the first pixel row of a tile without edges, seen from its middle.
-  bool inside(int tx, int ty) const {
-    int row = ty * kTile;
-    if (row < q.row_begin || row >= q.row_end) return false;
-    const uint32_t* starts = chunk.row_starts.data() + q.row_index + (row - q.row_begin);
-    float x = float(tx * kTile + kTile / 2), winding = 0.0f;
-    for (uint32_t i = starts[0]; i < starts[1]; i++)
-      if (chunk.crossings[i].x <= x) winding += chunk.crossings[i].direction;
-    return winding != 0.0f;
-  }
-
-  void list_pairs() {
-    int width = tile_x1 - tile_x0, height = tile_y1 - tile_y0;
-    auto& cursor = chunk.cursor;
-    auto& spans = chunk.spans;
-    cursor.assign(size_t(width) * height, 0);
-    spans.clear();
+  // Where each edge is near, and how it winds around what is right of it.
+  void list_spans() {
+    chunk.cursor.assign(size_t(tile_x1 - tile_x0) * (tile_y1 - tile_y0), 0);
+    chunk.spans.clear();
+    if (f.scene.closed) chunk.windings.assign(chunk.cursor.size() * kTile, 0);
     for (int e = 0; e < q.edges; e++) {
       float low = std::min(start(e)[1], end(e)[1]) - q.reach, high = std::max(start(e)[1], end(e)[1]) + q.reach;
       int y0 = std::max(cell(low, kTile, tile_y1), tile_y0), y1 = std::min(cell(high, kTile, tile_y1 - 1) + 1, tile_y1);
       for (int ty = y0; ty < y1; ty++) {
         int x0, x1;
-        if (!columns(e, ty, x0, x1)) continue;
-        spans.insert(spans.end(), {e, ty, x0, x1});
-        for (int tx = x0; tx < x1; tx++) cursor[(ty - tile_y0) * width + tx - tile_x0]++;
+        columns(e, ty, x0, x1);
+        pass(e, x1, ty);
+        if (x0 < x1) chunk.spans.insert(chunk.spans.end(), {e, ty, x0, x1});
+        for (int tx = x0; tx < x1; tx++) chunk.cursor[tile(tx, ty)]++;
       }
     }
+  }
+
+  // Adds the pair of a tile, or counts it as skipped. backdrop: the winding numbers at its left side.
+  void list_pair(int tx, int ty, uint32_t first_edge, uint32_t edges, const int16_t* backdrop) {
+    // Without edges all rows are alike.
+    if (edges == 0 && backdrop[0] == 0) {
+      chunk.skipped++;
+      return;
+    }
+    Pair pair{};
+    pair.primitive = p;
+    pair.tile = ty * f.tiles_x + tx;
+    pair.kind = edges ? PairKind::boundary : PairKind::inside;
+    pair.edge_begin = first_edge;
+    pair.edge_count = edges;
+    std::copy(backdrop, backdrop + kTile, pair.backdrop);
+    chunk.pairs.push_back(pair);
+  }
+
+  // Counting sort of the spans by tile.
+  void list_pairs() {
+    list_spans();
     uint32_t total = uint32_t(chunk.edges.size());
-    for (int ty = tile_y0; ty < tile_y1; ty++)
+    for (int ty = tile_y0; ty < tile_y1; ty++) {
+      int16_t backdrop[kTile] = {};
       for (int tx = tile_x0; tx < tile_x1; tx++) {
-        uint32_t& slot = cursor[(ty - tile_y0) * width + tx - tile_x0];
+        if (f.scene.closed)
+          for (int r = 0; r < kTile; r++) backdrop[r] = int16_t(backdrop[r] + chunk.windings[tile(tx, ty) * kTile + r]);
+        uint32_t& slot = chunk.cursor[tile(tx, ty)];
         uint32_t count = slot;
         slot = total;
-        if (count == 0 && !(f.scene.closed && inside(tx, ty))) {
-          chunk.skipped++;
-          continue;
-        }
-        Pair pair{};
-        pair.primitive = p;
-        pair.tile = ty * f.tiles_x + tx;
-        pair.kind = count ? PairKind::boundary : PairKind::inside;
-        pair.edge_begin = total;
-        pair.edge_count = count;
-        chunk.pairs.push_back(pair);
+        list_pair(tx, ty, total, count, backdrop);
         total += count;
       }
+    }
     chunk.edges.resize(total);
+    const auto& spans = chunk.spans;
     for (size_t i = 0; i < spans.size(); i += 4)
       for (int tx = spans[i + 2]; tx < spans[i + 3]; tx++)
-        chunk.edges[cursor[(spans[i + 1] - tile_y0) * width + tx - tile_x0]++] = uint16_t(spans[i]);
+        chunk.edges[chunk.cursor[tile(tx, spans[i + 1])]++] = uint16_t(spans[i]);
   }
 
   void run() {
@@ -332,11 +304,7 @@ struct Flattener {
       tile_x1 = cell(b.x1 + q.reach, kTile, f.tiles_x - 1) + 1;
       tile_y0 = cell(b.y0 - q.reach, kTile, f.tiles_y - 1);
       tile_y1 = cell(b.y1 + q.reach, kTile, f.tiles_y - 1) + 1;
-      if (f.scene.closed) {
-        orientation();
-        list_crossings(b);
-        if (f.settings.exact) list_bands(b);
-      }
+      if (f.scene.closed) orientation();
       list_pairs();
     }
     q.pair_end = uint32_t(chunk.pairs.size());

@@ -15,12 +15,9 @@ struct Chunk {
   std::vector<Pair> pairs;
   std::vector<uint16_t> edges;
   std::vector<EdgeGradient> edge_gradients;
-  std::vector<Crossing> crossings;
-  std::vector<uint32_t> row_starts;
-  std::vector<uint16_t> band_edges;
-  std::vector<uint32_t> band_starts;
   std::vector<uint32_t> cursor;  // scratch of the counting sorts
   std::vector<int> spans;        // scratch: tile ranges per edge and tile row
+  std::vector<int16_t> windings;  // scratch: for each tile of a primitive and each of its rows
   int64_t skipped;
 
   void clear();

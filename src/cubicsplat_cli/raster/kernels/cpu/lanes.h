@@ -1,5 +1,5 @@
-// A row of 16 floats as one value, for the CPU: AVX-512, AVX2 or portable loops, chosen by how the file is compiled.
-// Numbers of edges are kept as floats (exact below 2^24), so one type of row is enough.
+// 16 floats as one value, for the CPU: AVX-512, AVX2 or portable loops, chosen by how the file is compiled.
+// Numbers of edges are kept as floats (exact below 2^24), so one type is enough.
 #pragma once
 
 #include <cmath>
@@ -14,6 +14,11 @@ namespace cs {
 namespace CS_ISA {
 
 constexpr int kLanes = 16;
+
+// The sums of four vectors, in their order.
+struct Four {
+  float v[4];
+};
 
 #if defined(__AVX512F__)
 
@@ -35,16 +40,34 @@ CS_INLINE Lanes operator/(Lanes a, Lanes b) { return _mm512_div_ps(a.v, b.v); }
 CS_INLINE Lanes fused(Lanes a, Lanes b, Lanes c) { return _mm512_fmadd_ps(a.v, b.v, c.v); }
 CS_INLINE Lanes minimum(Lanes a, Lanes b) { return _mm512_min_ps(a.v, b.v); }
 CS_INLINE Lanes maximum(Lanes a, Lanes b) { return _mm512_max_ps(a.v, b.v); }
+CS_INLINE Lanes absolute(Lanes a) { return _mm512_abs_ps(a.v); }
 CS_INLINE Lanes square_root(Lanes a) { return _mm512_sqrt_ps(a.v); }
 CS_INLINE Mask operator<(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_LT_OQ)}; }
 CS_INLINE Mask operator>(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GT_OQ)}; }
+CS_INLINE Mask operator<=(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_LE_OQ)}; }
 CS_INLINE Mask operator>=(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_GE_OQ)}; }
 CS_INLINE Mask operator==(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_EQ_OQ)}; }
 CS_INLINE Mask operator!=(Lanes a, Lanes b) { return {_mm512_cmp_ps_mask(a.v, b.v, _CMP_NEQ_OQ)}; }
 CS_INLINE Mask operator&(Mask a, Mask b) { return {__mmask16(a.m & b.m)}; }
+CS_INLINE Mask operator|(Mask a, Mask b) { return {__mmask16(a.m | b.m)}; }
+CS_INLINE Mask without(Mask a, Mask b) { return {__mmask16(a.m & ~b.m)}; }
 CS_INLINE Lanes select(Mask m, Lanes a, Lanes b) { return _mm512_mask_blend_ps(m.m, b.v, a.v); }
 CS_INLINE unsigned bits(Mask m) { return m.m; }
+CS_INLINE float first(Lanes a) { return _mm512_cvtss_f32(a.v); }
 CS_INLINE float sum(Lanes a) { return _mm512_reduce_add_ps(a.v); }
+CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
+  const __m512i index = _mm512_set_epi32(3, 3, 3, 3, 2, 2, 2, 2, 1, 1, 1, 1, 0, 0, 0, 0);
+  return _mm512_permutexvar_ps(index, _mm512_castps128_ps512(_mm_setr_ps(a, b, c, d)));
+}
+CS_INLINE Four sum_of_four(Lanes a, Lanes b, Lanes c, Lanes d) {
+  __m512 ab = _mm512_add_ps(_mm512_unpacklo_ps(a.v, b.v), _mm512_unpackhi_ps(a.v, b.v));
+  __m512 cd = _mm512_add_ps(_mm512_unpacklo_ps(c.v, d.v), _mm512_unpackhi_ps(c.v, d.v));
+  __m512 s = _mm512_add_ps(_mm512_shuffle_ps(ab, cd, 0x44), _mm512_shuffle_ps(ab, cd, 0xee));
+  __m256 h = _mm256_add_ps(_mm512_castps512_ps256(s), _mm512_extractf32x8_ps(s, 1));
+  Four r;
+  _mm_storeu_ps(r.v, _mm_add_ps(_mm256_castps256_ps128(h), _mm256_extractf128_ps(h, 1)));
+  return r;
+}
 
 #elif defined(__AVX2__)
 
@@ -71,6 +94,10 @@ CS_INLINE Lanes fused(Lanes x, Lanes y, Lanes z) {
 }
 CS_INLINE Lanes minimum(Lanes x, Lanes y) { return {_mm256_min_ps(x.a, y.a), _mm256_min_ps(x.b, y.b)}; }
 CS_INLINE Lanes maximum(Lanes x, Lanes y) { return {_mm256_max_ps(x.a, y.a), _mm256_max_ps(x.b, y.b)}; }
+CS_INLINE Lanes absolute(Lanes x) {
+  const __m256 sign = _mm256_set1_ps(-0.0f);
+  return {_mm256_andnot_ps(sign, x.a), _mm256_andnot_ps(sign, x.b)};
+}
 CS_INLINE Lanes square_root(Lanes x) { return {_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)}; }
 #define CS_COMPARE(op, code)                                                       \
   CS_INLINE Mask operator op(Lanes x, Lanes y) {                                   \
@@ -78,22 +105,39 @@ CS_INLINE Lanes square_root(Lanes x) { return {_mm256_sqrt_ps(x.a), _mm256_sqrt_
   }
 CS_COMPARE(<, _CMP_LT_OQ)
 CS_COMPARE(>, _CMP_GT_OQ)
+CS_COMPARE(<=, _CMP_LE_OQ)
 CS_COMPARE(>=, _CMP_GE_OQ)
 CS_COMPARE(==, _CMP_EQ_OQ)
 CS_COMPARE(!=, _CMP_NEQ_OQ)
 #undef CS_COMPARE
 CS_INLINE Mask operator&(Mask x, Mask y) { return {_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)}; }
+CS_INLINE Mask operator|(Mask x, Mask y) { return {_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b)}; }
+CS_INLINE Mask without(Mask x, Mask y) { return {_mm256_andnot_ps(y.a, x.a), _mm256_andnot_ps(y.b, x.b)}; }
 CS_INLINE Lanes select(Mask m, Lanes x, Lanes y) {
   return {_mm256_blendv_ps(y.a, x.a, m.a), _mm256_blendv_ps(y.b, x.b, m.b)};
 }
 CS_INLINE unsigned bits(Mask m) {
   return unsigned(_mm256_movemask_ps(m.a)) | (unsigned(_mm256_movemask_ps(m.b)) << 8);
 }
+CS_INLINE float first(Lanes x) { return _mm256_cvtss_f32(x.a); }
 CS_INLINE float sum(Lanes x) {
   __m256 s = _mm256_add_ps(x.a, x.b);
   __m128 q = _mm_add_ps(_mm256_castps256_ps128(s), _mm256_extractf128_ps(s, 1));
   q = _mm_add_ps(q, _mm_movehl_ps(q, q));
   return _mm_cvtss_f32(_mm_add_ss(q, _mm_shuffle_ps(q, q, 1)));
+}
+CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
+  return {_mm256_setr_m128(_mm_set1_ps(a), _mm_set1_ps(b)), _mm256_setr_m128(_mm_set1_ps(c), _mm_set1_ps(d))};
+}
+CS_INLINE Four sum_of_four(Lanes x, Lanes y, Lanes z, Lanes w) {
+  __m256 a = _mm256_add_ps(x.a, x.b), b = _mm256_add_ps(y.a, y.b), c = _mm256_add_ps(z.a, z.b),
+         d = _mm256_add_ps(w.a, w.b);
+  __m256 ab = _mm256_add_ps(_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
+  __m256 cd = _mm256_add_ps(_mm256_unpacklo_ps(c, d), _mm256_unpackhi_ps(c, d));
+  __m256 s = _mm256_add_ps(_mm256_shuffle_ps(ab, cd, 0x44), _mm256_shuffle_ps(ab, cd, 0xee));
+  Four r;
+  _mm_storeu_ps(r.v, _mm_add_ps(_mm256_castps256_ps128(s), _mm256_extractf128_ps(s, 1)));
+  return r;
 }
 
 #else  // portable: plain loops, which compilers turn into the vectors of their target
@@ -128,16 +172,20 @@ CS_INLINE Lanes operator/(const Lanes& a, const Lanes& b) { CS_EACH(Lanes, a.v[i
 CS_INLINE Lanes fused(const Lanes& a, const Lanes& b, const Lanes& c) { CS_EACH(Lanes, a.v[i] * b.v[i] + c.v[i]); }
 CS_INLINE Lanes minimum(const Lanes& a, const Lanes& b) { CS_EACH(Lanes, a.v[i] < b.v[i] ? a.v[i] : b.v[i]); }
 CS_INLINE Lanes maximum(const Lanes& a, const Lanes& b) { CS_EACH(Lanes, a.v[i] > b.v[i] ? a.v[i] : b.v[i]); }
+CS_INLINE Lanes absolute(const Lanes& a) { CS_EACH(Lanes, std::fabs(a.v[i])); }
 CS_INLINE Lanes square_root(const Lanes& a) { CS_EACH(Lanes, std::sqrt(a.v[i])); }
 CS_INLINE Lanes select(const Mask& m, const Lanes& a, const Lanes& b) { CS_EACH(Lanes, m.m[i] ? a.v[i] : b.v[i]); }
 #undef CS_FIELD
 #define CS_FIELD .m[i]
 CS_INLINE Mask operator<(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] < b.v[i]); }
 CS_INLINE Mask operator>(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] > b.v[i]); }
+CS_INLINE Mask operator<=(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] <= b.v[i]); }
 CS_INLINE Mask operator>=(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] >= b.v[i]); }
 CS_INLINE Mask operator==(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] == b.v[i]); }
 CS_INLINE Mask operator!=(const Lanes& a, const Lanes& b) { CS_EACH(Mask, a.v[i] != b.v[i]); }
 CS_INLINE Mask operator&(const Mask& a, const Mask& b) { CS_EACH(Mask, a.m[i] && b.m[i]); }
+CS_INLINE Mask operator|(const Mask& a, const Mask& b) { CS_EACH(Mask, a.m[i] || b.m[i]); }
+CS_INLINE Mask without(const Mask& a, const Mask& b) { CS_EACH(Mask, a.m[i] && !b.m[i]); }
 #undef CS_FIELD
 #undef CS_EACH
 CS_INLINE unsigned bits(const Mask& m) {
@@ -145,15 +193,24 @@ CS_INLINE unsigned bits(const Mask& m) {
   for (int i = 0; i < kLanes; i++) r |= unsigned(m.m[i]) << i;
   return r;
 }
+CS_INLINE float first(const Lanes& a) { return a.v[0]; }
 CS_INLINE float sum(const Lanes& a) {
   float s = 0.0f;
   for (int i = 0; i < kLanes; i++) s += a.v[i];
   return s;
 }
+CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
+  const float four[4] = {a, b, c, d};
+  Lanes r;
+  for (int i = 0; i < kLanes; i++) r.v[i] = four[i / 4];
+  return r;
+}
+CS_INLINE Four sum_of_four(const Lanes& a, const Lanes& b, const Lanes& c, const Lanes& d) {
+  return {{sum(a), sum(b), sum(c), sum(d)}};
+}
 
 #endif
 
-constexpr unsigned kAllLanes = 0xffffu;
 CS_INLINE bool any(const Mask& m) { return bits(m) != 0; }
 
 // 0, 1, ... 15
@@ -161,6 +218,14 @@ CS_INLINE Lanes lane_numbers() {
   static const float numbers[kLanes] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
   return Lanes::load(numbers);
 }
+
+// Centres of a block of 4 x 4 pixels, from its corner: lane i is the pixel in column i % 4 of row i / 4.
+CS_INLINE Lanes columns() {
+  static const float centres[kLanes] = {0.5f, 1.5f, 2.5f, 3.5f, 0.5f, 1.5f, 2.5f, 3.5f,
+                                        0.5f, 1.5f, 2.5f, 3.5f, 0.5f, 1.5f, 2.5f, 3.5f};
+  return Lanes::load(centres);
+}
+CS_INLINE Lanes rows() { return repeat_each(0.5f, 1.5f, 2.5f, 3.5f); }
 
 }  // namespace CS_ISA
 }  // namespace cs

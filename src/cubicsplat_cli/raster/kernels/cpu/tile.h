@@ -11,16 +11,16 @@
 
 namespace cs {
 
-constexpr int kTile = 16;  // pixels per side; a row of a tile is one row of lanes
-
-// Winding: an edge crosses the line through the centres of a pixel row at x, upwards or downwards (direction +-1).
-struct Crossing {
-  float x, direction;
-};
+constexpr int kTile = 16;  // pixels per side
 
 // Gradient of the loss with respect to the two ends of an edge.
 struct EdgeGradient {
   float start_x, start_y, end_x, end_y;
+};
+
+// Gradient of the loss with respect to a primitive's other parameters, and its importance.
+struct PairGradient {
+  float colour[3], opacity, half_width, edge_width, importance;
 };
 
 enum class PairKind : int32_t { inside, boundary };
@@ -30,20 +30,19 @@ struct Pair {
   int32_t primitive, tile;
   PairKind kind;
   uint32_t edge_begin, edge_count;  // into the chunk's edges and edge_gradients
-  float colour[3], opacity, half_width, edge_width, importance;
+  // Fills: winding number at the tile's left side, at the centre of each of its rows, from the edges left of the tile
+  // that are not listed.
+  int16_t backdrop[kTile];
+  PairGradient gradient;
 };
 
 // The flattened form of one primitive.
 struct Primitive {
   int32_t edges, samples;
   float colour[3], opacity, half_width;
-  float edge_width;             // px, of the relaxed edge
-  float orientation;            // sign of the polyline's signed area (fills)
-  float reach;                  // px; farther from the outline nothing depends on its place
-  int32_t row_begin, row_end;   // pixel rows whose crossings are listed
-  uint32_t row_index;           // into row_starts, of row_begin
-  int32_t band_begin, band_end;  // tile rows whose edges are listed (exact fills)
-  uint32_t band_index;          // into band_starts, of band_begin
+  float edge_width;   // px, of the relaxed edge
+  float orientation;  // sign of the polyline's signed area (fills)
+  float reach;        // px; farther from the outline nothing depends on its place
   uint32_t pair_begin, pair_end;
 };
 
@@ -51,10 +50,6 @@ struct Primitive {
 struct ChunkView {
   const uint16_t* edges;
   EdgeGradient* edge_gradients;
-  const Crossing* crossings;
-  const uint32_t* row_starts;
-  const uint16_t* band_edges;
-  const uint32_t* band_starts;
 };
 
 struct TileTask {
@@ -72,10 +67,10 @@ struct TileTask {
   int chunk_size;
   double* loss;
   float* background;  // 4: dL/d background
-  char* scratch;      // scratch_bytes(...) bytes, aligned to 64
+  char* scratch;      // as many bytes as the ScratchFunction says, aligned to 64
 };
 
 using TileFunction = void (*)(const TileTask&);
-using ScratchFunction = size_t (*)(uint32_t pairs, uint32_t boundary_pairs, uint32_t edges_of_a_pair);
+using ScratchFunction = size_t (*)(const TileTask&);
 
 }  // namespace cs

@@ -23,11 +23,12 @@ void gather(const Frame& f, const Chunk& chunk, const Primitive& q, Gathered& g)
   g.opacity = g.half_width = g.edge_width = g.importance = 0.0f;
   for (uint32_t i = q.pair_begin; i < q.pair_end; i++) {
     const Pair& pair = chunk.pairs[i];
-    for (int c = 0; c < 3; c++) g.colour[c] += pair.colour[c];
-    g.opacity += pair.opacity;
-    g.half_width += pair.half_width;
-    g.edge_width += pair.edge_width;
-    g.importance += pair.importance;
+    const PairGradient& seen = pair.gradient;
+    for (int c = 0; c < 3; c++) g.colour[c] += seen.colour[c];
+    g.opacity += seen.opacity;
+    g.half_width += seen.half_width;
+    g.edge_width += seen.edge_width;
+    g.importance += seen.importance;
     for (uint32_t j = pair.edge_begin; j < pair.edge_begin + pair.edge_count; j++) {
       const EdgeGradient& e = chunk.edge_gradients[j];
       float* v = g.vertices.data() + 2 * chunk.edges[j];

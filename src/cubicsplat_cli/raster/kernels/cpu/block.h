@@ -1,0 +1,61 @@
+// How a tile is cut up: sixteen blocks of 4 x 4 pixels, each one vector, and the scratch memory they share.
+//
+// A block is as compact as a vector can be, so that few of them lie near an outline and few edges near each of them.
+#pragma once
+
+#include "lanes.h"
+#include "tile.h"
+
+namespace cs {
+namespace CS_ISA {
+
+constexpr int kBlock = 4;                                      // pixels per side
+constexpr int kBlocks = (kTile / kBlock) * (kTile / kBlock);  // of a tile, row by row
+static_assert(kBlock * kBlock == kLanes, "a block is one vector");
+static_assert(kBlocks == kLanes, "the blocks of a tile can be looked at all at once");
+
+// A block's place; x and y count from the tile's corner.
+struct Block {
+  int number;
+  float left, top;
+  Lanes px, py;  // pixel centres
+
+  explicit Block(int n)
+      : number(n), left(float(n % 4 * kBlock)), top(float(n / 4 * kBlock)), px(columns() + Lanes(left)),
+        py(rows() + Lanes(top)) {}
+};
+
+CS_INLINE unsigned lowest_bit(uint64_t m) {
+#if defined(__GNUC__)
+  return unsigned(__builtin_ctzll(m));
+#else
+  unsigned n = 0;
+  while (!(m >> n & 1)) n++;
+  return n;
+#endif
+}
+
+// Calls visit(i) for every member of a set of bits, in ascending order.
+template <class Visit>
+CS_INLINE void each_member(const uint64_t* set, uint32_t words, Visit&& visit) {
+  for (uint32_t w = 0; w < words; w++)
+    for (uint64_t m = set[w]; m; m &= m - 1) visit(w * 64 + lowest_bit(m));
+}
+
+constexpr uint32_t words_for(uint32_t members) { return (members + 63) / 64; }
+
+constexpr size_t aligned(size_t bytes) { return (bytes + 63) & ~size_t(63); }
+
+// Hands out pieces of the tile's scratch memory.
+struct Arena {
+  char* at;
+  template <class T>
+  T* take(size_t count) {
+    T* result = reinterpret_cast<T*>(at);
+    at += aligned(count * sizeof(T));
+    return result;
+  }
+};
+
+}  // namespace CS_ISA
+}  // namespace cs
