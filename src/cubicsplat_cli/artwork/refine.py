@@ -140,7 +140,7 @@ def _normal_equations(pieces, feet, rest, normals, weights) -> tuple[sparse.csr_
 
 
 def _moved(pieces: Pieces, gram: sparse.csr_matrix, slope: np.ndarray, damping: float) -> Pieces:
-    variables = _Variables(pieces)
+    variables = Variables(pieces)
     jacobian = variables.jacobian()
     system = (jacobian.T @ gram @ jacobian).tocsc()
     diagonal = system.diagonal()
@@ -151,7 +151,7 @@ def _moved(pieces: Pieces, gram: sparse.csr_matrix, slope: np.ndarray, damping: 
     return variables.moved(np.append(step, 0.0))
 
 
-class _Variables:
+class Variables:
     """The free parameters of some pieces: anchors, directions of smooth joints, handle lengths, handles at corners."""
 
     def __init__(self, pieces: Pieces) -> None:

@@ -1,0 +1,193 @@
+"""The free parameters of outlines, and how their cubics move with them."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, replace
+from typing import Protocol
+
+import numpy as np
+from scipy import sparse
+
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.refine import Pieces, Variables
+
+# Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
+ON_BORDER = 0.06
+LEAST_SIZE = 0.05  # px, of a primitive
+FINEST_TURN = 1e-9
+MOST_BEND = 0.05  # tangent of the angle by which a joint that is called smooth may be off
+
+
+class Freedom(Protocol):
+    """An outline with its variables. cubics: (S, 4, 2); lines: (S,) bool; jacobian: (8 S, variables), rows by piece,
+    control point and coordinate; moved: the same after a step (variables,); outline: as it stands."""
+
+    cubics: np.ndarray
+    lines: np.ndarray
+
+    def jacobian(self) -> sparse.csr_matrix: ...
+
+    def moved(self, step: np.ndarray) -> Freedom: ...
+
+    def outline(self) -> Outline: ...
+
+
+def freedom_of(outline: Outline, width: int, height: int) -> Freedom:
+    """The freedom of an outline on a canvas: what lies on its border stays there."""
+    if isinstance(outline, Ring):
+        return RingFreedom(_pieces(outline, width, height))
+    if isinstance(outline, Rectangle) and _on_border(outline, width, height):
+        return RingFreedom(_pieces(outline.ring(), width, height), origin=outline)
+    return PrimitiveFreedom(outline)
+
+
+def _on_border(box: Rectangle, width: int, height: int) -> bool:
+    ends = np.array([box.x, box.y, box.x + box.width - width, box.y + box.height - height])
+    return box.angle == 0.0 and box.radius == 0.0 and bool((np.abs(ends) < ON_BORDER).any())
+
+
+class RingFreedom:
+    """A ring: its anchors, the directions of smooth joints, handle lengths, and handles at corners."""
+
+    def __init__(self, pieces: Pieces, origin: Rectangle | None = None) -> None:
+        self.pieces, self.origin = pieces, origin
+        self.cubics, self.lines = pieces.cubics, pieces.lines
+        self._variables = Variables(pieces)
+
+    def jacobian(self) -> sparse.csr_matrix:
+        return self._variables.jacobian()
+
+    def moved(self, step: np.ndarray) -> RingFreedom:
+        return RingFreedom(self._variables.moved(np.append(step, 0.0)), self.origin)
+
+    def outline(self) -> Outline:
+        p = self.pieces
+        if self.origin is not None:
+            low, high = p.anchors.min(axis=0), p.anchors.max(axis=0)
+            return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
+        return Ring(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
+
+
+def _pieces(ring: Ring, width: int, height: int) -> Pieces:
+    anchors = ring.anchors.copy()
+    borders = np.array([[0.0, 0.0], [float(width), float(height)]])
+    fixed = np.zeros(anchors.shape, dtype=bool)
+    for border in borders:
+        near = np.abs(anchors - border) < ON_BORDER
+        anchors[near] = np.broadcast_to(border, anchors.shape)[near]
+        fixed |= near
+    outgoing = ring.controls[:, 0] - ring.anchors
+    incoming = np.roll(ring.controls[:, 1] - np.roll(ring.anchors, -1, axis=0), 1, axis=0)
+    along = np.abs(np.concatenate([outgoing, incoming], axis=1))
+    smooth = ring.smooth & ~_bent(outgoing, incoming)
+    level = smooth & ((along[:, [0, 2]].max(axis=1) < FINEST_TURN) | (along[:, [1, 3]].max(axis=1) < FINEST_TURN))
+    pieces = Pieces(anchors, incoming, outgoing, ring.lines, smooth, level, _tied(anchors, ring.lines, fixed))
+    variables = Variables(pieces)
+    return variables.moved(np.zeros(variables.total + 1))
+
+
+def _bent(outgoing: np.ndarray, incoming: np.ndarray) -> np.ndarray:
+    """(A,) bool: the handles on either side of an anchor are not in line."""
+    cross = outgoing[:, 0] * incoming[:, 1] - outgoing[:, 1] * incoming[:, 0]
+    dot = (outgoing * incoming).sum(axis=1)
+    return (np.abs(cross) > MOST_BEND * np.abs(dot)) | (dot > 0.0)
+
+
+def _tied(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """(A, 2) the variable of each coordinate: one for both ends of a level or upright line, -1 where fixed."""
+    tied = np.arange(anchors.size).reshape(anchors.shape)
+    for i in np.flatnonzero(lines):
+        j = (i + 1) % len(anchors)
+        for c in np.flatnonzero(np.abs(anchors[j] - anchors[i]) < FINEST_TURN):
+            tied[tied == tied[j, c]] = tied[i, c]
+    # What is tied to the border is on it.
+    tied[np.isin(tied, tied[fixed])] = -1
+    free = tied >= 0
+    _, numbers = np.unique(tied[free], return_inverse=True)
+    tied[free] = numbers.reshape(-1)
+    return tied
+
+
+class PrimitiveFreedom:
+    """A circle, ellipse or rectangle: its own numbers; a rounded one keeps its corners round, a level one level."""
+
+    def __init__(self, shape: Circle | Ellipse | Rectangle) -> None:
+        self.shape = shape
+        self.values = np.array(astuple(shape), dtype=float)
+        self.free = np.ones(len(self.values), dtype=bool)
+        if isinstance(shape, Rectangle):
+            self.free[4] = shape.radius > 0.0
+        if not isinstance(shape, Circle):
+            self.free[-1] = shape.angle != 0.0
+        ring = fine_ring(shape)
+        self.cubics, self.lines = ring.cubics, ring.lines
+
+    def jacobian(self) -> sparse.csr_matrix:
+        columns = []
+        for i in np.flatnonzero(self.free):
+            shift = np.zeros(len(self.values))
+            shift[i] = 1e-4
+            ends = [fine_ring(self._at(self.values + sign * shift)).cubics for sign in (1.0, -1.0)]
+            columns.append((ends[0] - ends[1]).ravel() / 2e-4)
+        return sparse.csr_matrix(np.stack(columns, axis=1))
+
+    def moved(self, step: np.ndarray) -> PrimitiveFreedom:
+        values = self.values.copy()
+        values[self.free] += np.clip(step, -2.0, 2.0)
+        return PrimitiveFreedom(self._at(values))
+
+    def _at(self, values: np.ndarray) -> Circle | Ellipse | Rectangle:
+        v = values.tolist()
+        if isinstance(self.shape, Circle):
+            return Circle(v[0], v[1], max(v[2], LEAST_SIZE))
+        size = [max(v[2], LEAST_SIZE), max(v[3], LEAST_SIZE)]
+        if isinstance(self.shape, Ellipse):
+            return Ellipse(v[0], v[1], *size, v[4])
+        return Rectangle(v[0], v[1], *size, min(max(v[4], 0.0), 0.5 * min(size)), v[5])
+
+    def outline(self) -> Outline:
+        return self.shape
+
+
+def fine_ring(shape: Circle | Ellipse | Rectangle) -> Ring:
+    """The ring of a primitive, its arcs in halves or eighths so that they are true to less than 1e-5 of a radius."""
+    if isinstance(shape, Rectangle):
+        return shape.ring() if shape.radius <= 0.0 else _halved(shape)
+    if isinstance(shape, Circle):
+        shape = Ellipse(shape.cx, shape.cy, shape.r, shape.r)
+    count = 16
+    turn = 2.0 * np.pi / count
+    at = turn * np.arange(count + 1)
+    unit = np.stack([np.cos(at), np.sin(at)], axis=1)
+    reach = 4.0 / 3.0 * np.tan(turn / 4.0) * np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+    inner = np.stack([(unit + reach)[:-1], (unit - reach)[1:]], axis=1)
+    cos, sin = np.cos(shape.angle), np.sin(shape.angle)
+    place = np.array([[cos, sin], [-sin, cos]]) * np.array([[shape.rx], [shape.ry]])
+    middle = np.array([shape.cx, shape.cy])
+    every = np.ones(count, dtype=bool)
+    return Ring(unit[:-1] @ place + middle, inner @ place + middle, ~every, every)
+
+
+def _halved(box: Rectangle) -> Ring:
+    """A rounded rectangle whose corners are two eighths of a circle each."""
+    sharp = replace(box, radius=0.0).ring().anchors
+    middle = sharp.mean(axis=0)
+    cos, sin = np.cos(box.angle), np.sin(box.angle)
+    place = np.array([[cos, sin], [-sin, cos]])
+    half = np.array([box.width, box.height]) / 2.0 - box.radius
+    eighth = np.pi / 4.0
+    k = 4.0 / 3.0 * np.tan(eighth / 4.0) * box.radius
+    anchors, controls, lines = [], [], []
+    signs = np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
+    for corner, sign in enumerate(signs):
+        angles = -np.pi / 2.0 + corner * np.pi / 2.0 + eighth * np.arange(3)
+        out = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        along = np.stack([-out[:, 1], out[:, 0]], axis=1)
+        at = half * sign + box.radius * out
+        following = half * signs[(corner + 1) % 4] + box.radius * np.array([np.cos(angles[-1]), np.sin(angles[-1])])
+        anchors += [at[0], at[1], at[2]]
+        controls += [(at[0] + k * along[0], at[1] - k * along[1]), (at[1] + k * along[1], at[2] - k * along[2])]
+        controls.append((at[2] + (following - at[2]) / 3.0, at[2] + (following - at[2]) * 2.0 / 3.0))
+        lines += [False, False, True]
+    every = np.ones(12, dtype=bool)
+    return Ring(np.array(anchors) @ place + middle, np.array(controls) @ place + middle, np.array(lines), every)

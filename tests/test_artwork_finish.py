@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.finish import finish
+from cubicsplat_cli.artwork.freedom import fine_ring, freedom_of
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+
+RED, BLUE = (255, 0, 0, 255), (0, 0, 255, 255)
+
+
+def covered(outline, height, width):
+    ring = fine_ring(outline) if not hasattr(outline, "anchors") else outline
+    return coverage(edges_of(ring.cubics, ring.lines), 0, 0, height, width)
+
+
+def picture(shapes, height, width):
+    out = np.zeros((height, width, 4))
+    for outline, ink in shapes:
+        share = covered(outline, height, width)[..., None]
+        colour = np.array(ink) / 255.0
+        out = out * (1.0 - share) + share * colour
+    return out
+
+
+def test_coverage_of_a_box_is_the_area_of_each_pixel():
+    share = covered(polygon(np.array([[1.25, 2.5], [4.5, 2.5], [4.5, 5.0], [1.25, 5.0]])), 8, 8)
+    assert share[2].tolist() == pytest.approx([0, 0.375, 0.5, 0.5, 0.25, 0, 0, 0])
+    assert share[3].tolist() == pytest.approx([0, 0.75, 1, 1, 0.5, 0, 0, 0])
+    assert share.sum() == pytest.approx(3.25 * 2.5)
+
+
+def test_coverage_beyond_the_canvas_is_cut_off():
+    share = covered(polygon(np.array([[-9.0, -9.0], [3.0, -9.0], [3.0, 30.0], [-9.0, 30.0]])), 6, 6)
+    assert np.allclose(share, np.arange(6)[None] < 3)
+
+
+@pytest.mark.parametrize("outline", [Circle(20.0, 19.0, 9.3), Ellipse(20.0, 20.0, 12.0, 5.0, 0.4)])
+def test_coverage_sums_to_the_area(outline):
+    area = np.pi * (outline.r**2 if isinstance(outline, Circle) else outline.rx * outline.ry)
+    assert covered(outline, 40, 40).sum() == pytest.approx(area, rel=3e-4)
+    assert signed_area(fine_ring(outline)) == pytest.approx(area, rel=1e-5)
+
+
+def test_a_fine_rounded_rectangle_has_round_corners():
+    ring = fine_ring(Rectangle(2.0, 3.0, 10.0, 6.0, 2.0, 0.3))
+    assert signed_area(ring) == pytest.approx(60.0 - (4.0 - np.pi) * 4.0, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "outline",
+    [
+        Circle(20.0, 19.0, 9.3),
+        Ellipse(20.0, 20.0, 12.0, 5.0, 0.4),
+        Rectangle(5.0, 6.0, 20.0, 10.0, 3.0, 0.2),
+        Circle(20.0, 19.0, 9.3).ring(),
+        Rectangle(5.0, 6.0, 20.0, 10.0, 3.0).ring(),
+    ],
+)
+def test_jacobians_match_finite_differences(outline):
+    freedom = freedom_of(outline, 64, 64)
+    jacobian = freedom.jacobian().toarray()
+    for i in range(jacobian.shape[1]):
+        step = np.zeros(jacobian.shape[1])
+        step[i] = 1e-5
+        change = (freedom.moved(step).cubics - freedom.moved(-step).cubics).ravel() / 2e-5
+        assert np.allclose(change, jacobian[:, i], atol=2e-3)
+
+
+def test_the_finish_finds_shapes_that_are_half_a_pixel_off():
+    truth = [(Rectangle(4.0, 5.0, 40.3, 30.6, 6.2), RED), (Circle(33.3, 30.7, 11.4), BLUE)]
+    start = [(Rectangle(4.4, 4.7, 39.8, 31.1, 6.5), RED), (Circle(33.7, 30.3, 11.8), BLUE)]
+    shapes = tuple(Shape(ink, (outline,), "x") for outline, ink in start)
+    done = finish(Drawing(56, 48, shapes), picture(truth, 48, 56))
+    box, disc = (shape.outlines[0] for shape in done.shapes)
+    assert (disc.cx, disc.cy, disc.r) == pytest.approx((33.3, 30.7, 11.4), abs=2e-3)
+    assert (box.x, box.y, box.width, box.height, box.radius) == pytest.approx((4.0, 5.0, 40.3, 30.6, 6.2), abs=5e-3)
+
+
+def test_the_finish_leaves_the_canvas_border_and_a_hole_in_place():
+    ground = Rectangle(0.0, 0.0, 40.0, 40.0)
+    hole = Circle(20.0, 20.0, 8.0)
+    truth = picture([(ground, RED)], 40, 40) * (1.0 - covered(hole, 40, 40)[..., None])
+    off = Drawing(40, 40, (Shape(RED, (ground, Circle(20.3, 19.8, 8.2)), "ring"),))
+    outer, inner = finish(off, truth).shapes[0].outlines
+    assert (outer.x, outer.y, outer.width, outer.height) == (0.0, 0.0, 40.0, 40.0)
+    assert (inner.cx, inner.cy, inner.r) == pytest.approx((20.0, 20.0, 8.0), abs=2e-3)
