@@ -6,12 +6,16 @@ import json
 import os
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 import pytest
-from conftest import cli_command, smooth_pixels
+from command import cli_command, run_here
+from conftest import smooth_pixels
 from PIL import Image
 
 SHORT = ("--curves", 12, "--steps", 30, "--threads", 1)
@@ -38,30 +42,35 @@ def start(*arguments: object, **keywords) -> subprocess.Popen:
     )
 
 
-def on_terminal(arguments: list[object], environment: dict[str, str]) -> tuple[int, str]:
-    """Exit code and stderr of the command when stderr is a terminal."""
+def on_terminal(arguments: list[object], monkeypatch: pytest.MonkeyPatch, **environment: str) -> tuple[int, str]:
+    """Exit code and stderr of the command, in this process, when stderr is a terminal."""
     import pty
 
-    inherited = {name: value for name, value in os.environ.items() if not name.endswith("_COLOR")}
+    for name in [name for name in os.environ if name.endswith("_COLOR")]:
+        monkeypatch.delenv(name)
+    for name, value in {"TERM": "xterm-256color", "COLUMNS": "120", **environment}.items():
+        monkeypatch.setenv(name, value)
+    # It outlives the command, and would keep the terminal open.
+    resource_tracker.ensure_running()
+    shown: list[bytes] = []
     parent, child = pty.openpty()
-    process = subprocess.Popen(
-        [*cli_command(), *map(str, arguments)],
-        stderr=child,
-        stdout=subprocess.DEVNULL,
-        env={**inherited, "TERM": "xterm-256color", "COLUMNS": "120", **environment},
-    )
-    os.close(child)
-    chunks = []
-    while True:
-        try:
-            chunk = os.read(parent, 65536)
-        except OSError:  # Linux answers so when the other end is closed
-            break
-        if not chunk:
-            break
-        chunks.append(chunk)
-    os.close(parent)
-    return process.wait(timeout=60), b"".join(chunks).decode(errors="replace")
+    # A terminal that nobody reads would soon hold up whoever writes to it.
+    reader = threading.Thread(target=_read_all, args=(parent, shown), daemon=True)
+    reader.start()
+    try:
+        with os.fdopen(child, "wb", buffering=0) as terminal:
+            done = run_here(*arguments, stderr=terminal)
+    finally:
+        reader.join(timeout=30)
+        os.close(parent)
+    return done.returncode, b"".join(shown).decode(errors="replace")
+
+
+def _read_all(terminal: int, chunks: list[bytes]) -> None:
+    # Linux answers with an error when the other end is closed.
+    with suppress(OSError):
+        while chunk := os.read(terminal, 65536):
+            chunks.append(chunk)
 
 
 def wait_until(true: Callable[[], object], seconds: float = 60.0) -> None:

@@ -2,42 +2,19 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from command import Done, run_here
 from PIL import Image
-
-RunCli = Callable[..., "subprocess.CompletedProcess[bytes]"]
-
-
-def cli_command() -> list[str]:
-    """The console script beside this Python where the package is installed, else the module."""
-    for name in ("cubicsplat", "cubicsplat.exe"):
-        script = Path(sys.executable).parent / name
-        if script.is_file():
-            return [str(script)]
-    return [sys.executable, "-m", "cubicsplat_cli"]
 
 
 @pytest.fixture(scope="session")
-def run_cli() -> RunCli:
-    """Run `cubicsplat` with arguments in a process of its own; stdout and stderr are bytes."""
-
-    def run(*arguments: object, data: bytes | None = None, timeout: float = 180):
-        return subprocess.run(
-            [*cli_command(), *(str(argument) for argument in arguments)],
-            input=data,
-            stdin=subprocess.DEVNULL if data is None else None,
-            capture_output=True,
-            timeout=timeout,
-            check=False,
-        )
-
-    return run
+def run_cli() -> Callable[..., Done]:
+    """Run `cubicsplat` with arguments, in this process; stdout and stderr are bytes."""
+    return run_here
 
 
 def smooth_pixels(width: int, height: int, *, alpha: bool = False) -> np.ndarray:

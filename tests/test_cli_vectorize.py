@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_runs import SHORT, on_terminal, save_pictures, start, strict_json
+from cli_runs import SHORT, on_terminal, save_pictures, start, strict_json, wait_until
 from PIL import Image
 
 from cubicsplat_cli.evaluate import compare, rerender
@@ -207,45 +206,54 @@ def test_ctrl_c_writes_the_best_svg_so_far(photo):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_ctrl_c_before_the_fit_writes_nothing(tmp_path):
-    process = start("vectorize", "-", "-o", tmp_path / "x.svg", stdin=subprocess.PIPE)
+    import fcntl
+    import termios
+
+    def unread() -> int:
+        return int.from_bytes(fcntl.ioctl(source, termios.FIONREAD, bytes(4)), sys.byteorder)
+
+    source, pipe = os.pipe()
+    os.write(pipe, b"the beginning of a picture")
+    process = start("vectorize", "-", "-o", tmp_path / "x.svg", stdin=source)
     try:
-        time.sleep(2.0)
-        assert process.poll() is None, "it should be waiting for its input"
+        wait_until(lambda: unread() == 0 or process.poll() is not None)
+        assert process.poll() is None, "it should be waiting for more of its input"
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=60) == 130
         assert b"Traceback" not in process.stderr.read()
     finally:
         process.kill()
         process.stderr.close()
-        process.stdin.close()
+        os.close(source)
+        os.close(pipe)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
-def test_progress_bar_on_a_terminal_and_its_colours(photo):
+def test_progress_bar_on_a_terminal_and_its_colours(photo, monkeypatch):
     # Square brackets in the name must not be taken for markup.
     path = photo.with_name("[red]a[bold].png")
     photo.rename(path)
     arguments = ["vectorize", path, "--curves", 12, "--steps", 150, "--no-png", "--force"]
-    code, text = on_terminal(arguments, {})
+    code, text = on_terminal(arguments, monkeypatch)
     assert code == 0
     assert "[red]a[bold].png" in text
     assert re.search(r"\d+/150", text)
     assert "dB" in text
     assert "replaced" in text
     assert re.search(r"\x1b\[[\d;]*3\d", text), "colours on a terminal"
-    code, text = on_terminal(arguments, {"TERM": "dumb"})
+    code, text = on_terminal(arguments, monkeypatch, TERM="dumb")
     assert code == 0
     assert "/150" not in text, "a terminal without cursor movements cannot hold a bar"
     assert "\x1b" not in text
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
-def test_one_display_for_many_pictures(tmp_path):
+def test_one_display_for_many_pictures(tmp_path, monkeypatch):
     save_pictures(tmp_path / "in", ("a.png", "b.png", "c.png"))
     (tmp_path / "in" / "bad.png").write_text("no picture")
     arguments = ["vectorize", tmp_path / "in", "-o", tmp_path / "out", "-j", 2, "--curves", 12, "--steps", 2500]
-    code, text = on_terminal(arguments, {"NO_COLOR": "1"})
+    code, text = on_terminal(arguments, monkeypatch, NO_COLOR="1")
     assert code == 1
     assert re.search(r"pictures [^\n]*[0-4]/4", text), "the whole"
     assert re.search(r"[abc]\.png [^\n]*\d+/2500 [^\n]* dB", text), "and each under way"

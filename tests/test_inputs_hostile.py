@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_runs import SHORT, contents, start, strict_json, wait_until
-from conftest import cli_command, smooth_pixels
+from command import cli_command
+from conftest import smooth_pixels
 from image_files import encode
 from PIL import Image
 
@@ -88,6 +89,7 @@ def test_a_bad_file_alone(name, tmp_path, run_cli):
 
 
 @pytest.mark.parametrize("kind", ["fifo", "loop of links", "empty folder", "device"])
+@pytest.mark.timeout(30)
 def test_what_is_no_file(kind, tmp_path, run_cli):
     path = tmp_path / "x.png"
     if kind == "fifo":
@@ -98,7 +100,7 @@ def test_what_is_no_file(kind, tmp_path, run_cli):
         path = Path("/dev/zero")
     else:
         path.mkdir()
-    one_error(run_cli("vectorize", path, *SHORT, timeout=30), 1)
+    one_error(run_cli("vectorize", path, *SHORT), 1)
     assert contents(tmp_path) == {}
 
 
