@@ -17,6 +17,10 @@ endif
 PY := $(BIN)/python
 CONSTRAINTS ?= constraints.txt
 PIP_INSTALL := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
+# The package is built in a folder that is kept, by tools that stay where they are: an edited kernel is all that is
+# compiled again. In pip's own isolation they would lie elsewhere each time, and CMake would begin anew.
+INSTALL_PACKAGE := $(PIP_INSTALL) --no-build-isolation --config-settings=build-dir=build/wheel
+BUILD_TOOLS := "scikit-build-core>=1.1" $(foreach tool,cmake ninja,$(if $(shell command -v $(tool)),,$(tool)))
 # The GPU's targets have an environment of their own: with the torch that $(PYTHON) has, which on a GPU machine is often
 # one with CUDA, else with the newest torch there is. The pinned one may be a build for the CPU.
 GPU_VENV ?= .venv-gpu
@@ -28,6 +32,7 @@ GPU_OR_WHY := $(PY) -c "import sys; from cubicsplat_cli.raster.cuda.driver impor
 SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find src \
 	\( -name __pycache__ -o -name '_cubicsplat.*' \) -prune -o \( -type f -o -type d \) -print)
 VENV_STAMP := $(VENV)/.stamp-created
+BUILD_STAMP := $(VENV)/.stamp-build
 PACKAGE_STAMP := $(VENV)/.stamp-package
 TEST_STAMP := $(VENV)/.stamp-test
 
@@ -94,12 +99,16 @@ $(VENV_STAMP):
 	test -x $(PY) || $(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
 	@touch $@
 
-$(PACKAGE_STAMP): $(SOURCES) constraints.txt $(VENV_STAMP)
-	$(PIP_INSTALL) .
+$(BUILD_STAMP): constraints.txt $(VENV_STAMP)
+	$(PIP_INSTALL) $(BUILD_TOOLS)
 	@touch $@
 
-$(TEST_STAMP): $(SOURCES) constraints.txt $(VENV_STAMP)
-	$(PIP_INSTALL) ".[test]"
+$(PACKAGE_STAMP): $(SOURCES) constraints.txt $(BUILD_STAMP)
+	$(INSTALL_PACKAGE) .
+	@touch $@
+
+$(TEST_STAMP): $(SOURCES) constraints.txt $(BUILD_STAMP)
+	$(INSTALL_PACKAGE) ".[test]"
 	@touch $(PACKAGE_STAMP) $@
 
 $(BIN)/ruff: $(VENV_STAMP) constraints.txt
@@ -108,4 +117,4 @@ $(BIN)/ruff: $(VENV_STAMP) constraints.txt
 
 clean:
 	rm -rf build dist .pytest_cache .ruff_cache .hypothesis
-	rm -f src/cubicsplat_cli/raster/_cubicsplat.* $(PACKAGE_STAMP) $(TEST_STAMP)
+	rm -f src/cubicsplat_cli/raster/_cubicsplat.* $(BUILD_STAMP) $(PACKAGE_STAMP) $(TEST_STAMP)
