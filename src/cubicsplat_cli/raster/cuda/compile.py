@@ -121,7 +121,7 @@ def _checked(result: tuple[Any, ...], doing: str) -> Any:
     return rest[0] if rest else None
 
 
-def _log(compiler: ModuleType, handle: Any) -> str:
+def _messages(compiler: ModuleType, handle: Any) -> str:
     size = _checked(compiler.nvrtcGetProgramLogSize(handle), "reading its log")
     text = bytearray(size)
     _checked(compiler.nvrtcGetProgramLog(handle, text), "reading its log")
@@ -143,7 +143,7 @@ def compile_text(program: Program, architecture: str, extra: tuple[str, ...] = (
     try:
         chosen = [option.encode() for option in (*options(program, architecture), *extra)]
         status = compiler.nvrtcCompileProgram(handle, len(chosen), chosen)[0]
-        log = _log(compiler, handle)
+        log = _messages(compiler, handle)
         if int(status) != 0:
             raise EngineError(f"the CUDA kernels do not compile for {architecture} ({status.name}):\n{log}")
         intermediate = architecture.startswith("compute_")
