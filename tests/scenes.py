@@ -11,7 +11,7 @@ from torch import Tensor
 
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Scene, points_from_segments
+from cubicsplat_cli.scene import Scene, pack_rings, points_from_segments
 from cubicsplat_cli.settings import Mode
 
 RGB = tuple[float, float, float]
@@ -73,6 +73,25 @@ def random_scene(
     )
 
 
+def ragged_scene(
+    mode: Mode, curves: int = 6, width: int = 24, height: int = 20, seed: int = 0, *, background: RGB | None = None
+) -> Scene:
+    """Like `random_scene`, but with 1 to 5 segments a curve; every other fill has a hole, or a hole and an island."""
+    shapes = []
+    for index in range(curves):
+        segments = (index + seed) % 5 + 1
+        ring = random_scene(mode, 1, segments, width, height, 31 * seed + index).points[0]
+        rings = [ring]
+        if mode is Mode.CLOSED and index % 2:
+            centre = ring.mean(dim=0)
+            rings.append(reverse_ring(centre + 0.5 * (ring - centre)))
+            rings += [centre + 0.25 * (ring - centre)] * (index % 4 == 3)
+        shapes.append(rings)
+    points, ring_ends = pack_rings(mode, shapes)
+    painted = random_scene(mode, curves, 1, width, height, seed, background=background)
+    return replace(painted, points=points, ring_ends=ring_ends)
+
+
 def random_target(scene: Scene, seed: int = 0) -> Tensor:
     """A float32 picture (H, W, C) to compare with: smooth noise, premultiplied when it has four channels."""
     generator = torch.Generator().manual_seed(seed)
@@ -93,6 +112,7 @@ def as_arguments(scene: Scene) -> tuple[tuple[Tensor, ...], dict]:
         "width": scene.width,
         "height": scene.height,
         "background": scene.background,
+        "ring_ends": scene.ring_ends,
     }
     return tensors, keywords
 
@@ -104,7 +124,8 @@ def in_double(scene: Scene, requires_grad: bool = False) -> Scene:
 
 def only(scene: Scene, curves: list[int]) -> Scene:
     """The scene with the curves of the given indices alone, in their order."""
-    return replace(scene, **{name: getattr(scene, name)[curves] for name in TENSORS})
+    ring_ends = None if scene.ring_ends is None else scene.ring_ends[curves]
+    return replace(scene, ring_ends=ring_ends, **{name: getattr(scene, name)[curves] for name in TENSORS})
 
 
 def reference_render(scene: Scene, coverage: str = "relaxed", edge_width: float = 1.0, samples: int = 6) -> Tensor:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from cuda_bodies import close, open_cuda, packed, state_for
@@ -110,12 +112,11 @@ def test_the_operator_runs_on_the_gpu(engine):
 
     scene = random_scene(Mode.OPEN, 6, 2, 30, 26, background=PAPER)
     settings = RasterSettings("relaxed", 1.5, 8)
-    arguments = {"mode": Mode.OPEN, "width": 30, "height": 26, "background": PAPER, "settings": settings}
     names = ("points", "colours", "opacities", "half_widths")
     results = []
     for device in ("cpu", engine.device):
         leaves = [getattr(scene, name).to(device).clone().requires_grad_() for name in names]
-        picture = render(*leaves, **arguments)
+        picture = render(replace(scene, **dict(zip(names, leaves, strict=True))), settings)
         (picture.sin() * picture).sum().backward()
         results.append((picture, [leaf.grad for leaf in leaves]))
     assert results[1][0].device == engine.device
@@ -123,7 +124,7 @@ def test_the_operator_runs_on_the_gpu(engine):
     for got, want, name in zip(results[1][1], results[0][1], names, strict=True):
         assert close(got, want, 5e-3, 0.02), name
     leaves = [getattr(scene, name).to(engine.device).requires_grad_() for name in names]
-    found = torch.library.opcheck(render_op, (*leaves, False, 30, 26, list(PAPER), False, 1.5, 8, 0.0))
+    found = torch.library.opcheck(render_op, (*leaves, None, [0, 30, 26], list(PAPER), [0, 8, 0], [1.5, 0.0]))
     assert set(found.values()) == {"SUCCESS"}
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
-from engines import compared, outliers
-from scenes import PAPER, as_arguments, in_double, random_scene, random_target
+from engines import compared, outliers, packed
+from scenes import PAPER, TENSORS, as_arguments, in_double, random_scene, random_target
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster import RasterSettings, reference, render
+from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.operator import render_op
 from cubicsplat_cli.settings import Mode
 
@@ -26,13 +29,14 @@ def test_gradients_of_any_loss(mode, background):
     target = random_target(scene) * 0.5 + 2.0  # away from the kinks of the loss
     settings = RasterSettings("relaxed", 2.0, 8)
     grads = []
-    for leaves, renderer in ((in_double(scene, True), reference.render), (scene, render)):
-        tensors, keywords = as_arguments(leaves)
-        if renderer is render:
-            tensors = tuple(t.clone().requires_grad_() for t in tensors)
-        _loss(renderer(*tensors, **keywords, settings=settings), target).backward()
-        grads.append(tensors)
-    for name, want, got in zip(("points", "colours", "opacities", "half_widths"), *grads, strict=True):
+    leaves = in_double(scene, True)
+    tensors, keywords = as_arguments(leaves)
+    _loss(reference.render(*tensors, **keywords, settings=settings), target).backward()
+    grads.append(tensors)
+    tensors = tuple(t.clone().requires_grad_() for t in as_arguments(scene)[0])
+    _loss(render(replace(scene, **dict(zip(TENSORS, tensors, strict=True))), settings), target).backward()
+    grads.append(tensors)
+    for name, want, got in zip(TENSORS, *grads, strict=True):
         if name not in compared(scene):
             continue
         scale = float(want.grad.abs().max())
@@ -40,16 +44,36 @@ def test_gradients_of_any_loss(mode, background):
         assert outliers(got.grad, want.grad, 5e-3 * scale) <= 0.02, name
 
 
-def test_torch_accepts_the_operator():
+@pytest.mark.parametrize("ring_ends", [None, torch.tensor([[1], [2], [2]], dtype=torch.int32)])
+def test_torch_accepts_the_operator(ring_ends):
     scene = random_scene(Mode.OPEN, 3, 2, 20, 18, background=PAPER)
-    tensors = [getattr(scene, n).clone().requires_grad_() for n in ("points", "colours", "opacities", "half_widths")]
-    results = torch.library.opcheck(render_op, (*tensors, False, 20, 18, list(PAPER), False, 1.5, 8, 0.0))
+    tensors = [getattr(scene, name).clone().requires_grad_() for name in TENSORS]
+    arguments = (*tensors, ring_ends, [0, 20, 18], list(PAPER), [0, 8, 0], [1.5, 0.0])
+    results = torch.library.opcheck(render_op, arguments)
     assert set(results.values()) == {"SUCCESS"}
 
 
 def test_a_non_finite_point_is_named():
     scene = random_scene(Mode.CLOSED, 3, 2, background=PAPER)
     scene.points[1, 2, 0] = float("nan")
-    tensors, keywords = as_arguments(scene)
     with pytest.raises(InputError, match="points"):
-        render(*tensors, **keywords, settings=RasterSettings())
+        render(scene)
+
+
+def test_every_setting_reaches_the_engine():
+    scene = random_scene(Mode.CLOSED, 6, 3, 60, 50, 2, background=PAPER)
+    engine = CpuEngine(1)
+    for settings in (
+        RasterSettings("exact", 2.0, 16),
+        RasterSettings("relaxed", 2.0, 64, 0.5, subdivide=True),
+        RasterSettings("relaxed", 3.0, 48, 0.3),
+    ):
+        assert torch.equal(render(scene, settings), engine.render(packed(scene), settings))
+    assert torch.equal(render(scene), engine.render(packed(scene), RasterSettings()))
+
+
+def test_doubles_get_double_gradients():
+    scene = in_double(random_scene(Mode.CLOSED, 3, 2, background=PAPER), requires_grad=True)
+    render(scene).sum().backward()
+    assert scene.points.grad.dtype == torch.float64
+    assert scene.points.grad.any()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -39,15 +41,19 @@ class Scene:
     """N primitives, front to back (index 0 is the front-most), on a canvas of `width` x `height` pixels.
 
     mode: every primitive is of this kind.
-    points: (N, K, 2) control points in px, x to the right and y down; pixel (row i, column j) has its centre
-    at
+    points: (N, K, 2) control points in px, x to the right and y down; pixel (row i, column j) has its centre at
         (j + 0.5, i + 0.5). K = 3M closed: segment m runs through points 3m, 3m+1, 3m+2, (3m+3) mod K.
         K = 3M + 1 open: segment m runs through points 3m .. 3m+3. Any finite value, on or off the canvas.
     colours: (N, 3) sRGB in [0, 1].
     opacities: (N,) in [0, 1].
     half_widths: (N,) half the stroke width in px, >= 0; all zero when closed.
-    background: sRGB in [0, 1] behind everything, or None for a transparent canvas (then a render has 4
-    channels).
+    background: sRGB in [0, 1] behind everything, or None for a transparent canvas (then a render has 4 channels).
+    ring_ends: (N, R) int32, or None where every curve has M segments and is one ring. Row n holds the cumulative number
+        of segments at the end of each ring of curve n, its last entry repeated where it has fewer rings than R: [4, 7]
+        is a ring of 4 segments and one of 3. Every ring is a closed curve of its own, through the points
+        3 e_{r-1} .. 3 e_r - 1; points behind a curve's last ring are padding, which nothing reads and whose gradient is
+        zero. A fill covers where the winding numbers of its rings do not add up to zero: a hole is a ring that runs
+        the other way. Open curves have R = 1, the number of their segments. `pack_rings` makes both tensors.
 
     The tensors are float32, share one device, and are detached unless the caller wants gradients. Nothing is
     checked at construction; `validate` does.
@@ -61,6 +67,7 @@ class Scene:
     opacities: Tensor
     half_widths: Tensor
     background: tuple[float, float, float] | None = None
+    ring_ends: Tensor | None = None
 
     @property
     def curves(self) -> int:
@@ -69,18 +76,27 @@ class Scene:
 
     @property
     def points_per_curve(self) -> int:
-        """K, the number of control points of each primitive."""
+        """K, the number of control points that each primitive has room for."""
         return self.points.shape[1]
 
     @property
     def segments(self) -> int:
-        """M, the number of cubic segments of each primitive."""
+        """M, the number of cubic segments of each primitive; with `ring_ends` the most that one has room for."""
         return segments_from_points(self.mode, self.points_per_curve)
 
     @property
     def channels(self) -> int:
         """Channels of a render: 3 (RGB) over a background, 4 (premultiplied RGBA) without one."""
         return 4 if self.background is None else 3
+
+    def rings(self, curve: int) -> list[Tensor]:
+        """Control points of each ring of a curve, views of `points`: (3m, 2) closed, (3m + 1, 2) open, m segments."""
+        if self.ring_ends is None:
+            return [self.points[curve]]
+        shared = 0 if self.mode is Mode.CLOSED else 1
+        ends = [0, *self.ring_ends[curve].tolist()]
+        pairs = [pair for pair in itertools.pairwise(ends) if pair[0] < pair[1]]
+        return [self.points[curve, 3 * begin : 3 * end + shared] for begin, end in pairs]
 
     def validate(self) -> None:
         """Raise InputError, naming the variable and what it should be, unless the scene can be rendered."""
@@ -90,6 +106,8 @@ class Scene:
             if isinstance(size, bool) or not isinstance(size, int) or size < 1:
                 raise InputError(f"{name} must be a whole number of pixels, at least 1, not {size!r}")
         self._validate_shapes()
+        if self.ring_ends is not None:
+            _check_ring_ends(self.ring_ends, self.segments)
         _check_range("points", self.points)
         _check_range("colours", self.colours, 0.0, 1.0)
         _check_range("opacities", self.opacities, 0.0, 1.0)
@@ -124,6 +142,51 @@ class Scene:
             shape = tuple(tensors[name].shape)
             if shape != wanted:
                 raise InputError(f"{name} must have shape {wanted} for {self.curves} curves, not {shape}")
+        self._validate_ring_shape()
+
+    def _validate_ring_shape(self) -> None:
+        ends = self.ring_ends
+        if ends is None:
+            return
+        if not isinstance(ends, Tensor) or ends.dtype != torch.int32 or ends.device != self.points.device:
+            raise InputError(f"ring_ends must be an int32 torch.Tensor on {self.points.device}")
+        most, wanted = (self.segments, "(N, R)") if self.mode is Mode.CLOSED else (1, "(N, 1)")
+        if ends.ndim != 2 or ends.shape[0] != self.curves or not 1 <= ends.shape[1] <= most:
+            raise InputError(f"ring_ends must have shape {wanted} for {self.curves} curves, not {tuple(ends.shape)}")
+
+
+def pack_rings(mode: Mode, curves: Sequence[Sequence[Tensor]]) -> tuple[Tensor, Tensor | None]:
+    """`points` and `ring_ends` of a scene, from the rings of each curve: (3m, 2), open (3m + 1, 2), of any type.
+
+    Returns points (N, K, 2), padded with zeros and differentiable in the rings, and (N, R) int32 or, where every curve
+    is one ring of the same length, None. Raises InputError for no curve, a curve without rings, an open one of several,
+    or a ring whose points are of no whole number of segments.
+    """
+    if not curves:
+        raise InputError("a scene needs at least 1 curve")
+    counts = [[segments_from_points(mode, ring.shape[0]) for ring in rings] for rings in curves]
+    for index, of_curve in enumerate(counts):
+        if not of_curve or (mode is Mode.OPEN and len(of_curve) > 1):
+            raise InputError(f"curve {index} has {len(of_curve)} rings; a closed one needs at least 1, an open one 1")
+    whole = [torch.cat(list(rings)) for rings in curves]
+    if len(counts[0]) == 1 and all(of_curve == counts[0] for of_curve in counts):
+        return torch.stack(whole), None
+    longest = max(p.shape[0] for p in whole)
+    points = torch.stack([torch.nn.functional.pad(p, (0, 0, 0, longest - p.shape[0])) for p in whole])
+    rows = [list(itertools.accumulate(of_curve)) for of_curve in counts]
+    most = max(map(len, rows))
+    table = [row + row[-1:] * (most - len(row)) for row in rows]
+    return points, torch.tensor(table, dtype=torch.int32, device=points.device)
+
+
+def _check_ring_ends(ends: Tensor, segments: int) -> None:
+    rising = torch.cat((ends[:, :1] >= 1, ends.diff(dim=1) >= 0, ends[:, -1:] <= segments), dim=1)
+    if not rising.all():
+        curve = _first_curve(~rising)
+        raise InputError(
+            f"ring_ends must rise along each row, from 1 to at most {segments} segments, but curve {curve} has "
+            f"{ends[curve].tolist()}"
+        )
 
 
 def _check_range(name: str, tensor: Tensor, low: float | None = None, high: float | None = None) -> None:

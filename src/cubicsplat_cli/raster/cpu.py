@@ -21,14 +21,15 @@ from cubicsplat_cli.raster.engine import IMPORTANCE, Backward, Engine, SceneTens
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 
 
 class _Scene(ctypes.Structure):
     _fields_ = [
         ("curves", c_int32), ("segments", c_int32), ("closed", c_int32), ("width", c_int32), ("height", c_int32),
-        ("channels", c_int32), ("points", c_void_p), ("colours", c_void_p), ("opacities", c_void_p),
-        ("half_widths", c_void_p), ("edge_widths", c_void_p), ("logits", c_int32), ("background", c_float * 4),
+        ("channels", c_int32), ("rings", c_int32), ("ring_ends", c_void_p), ("points", c_void_p),
+        ("colours", c_void_p), ("opacities", c_void_p), ("half_widths", c_void_p), ("edge_widths", c_void_p),
+        ("logits", c_int32), ("background", c_float * 4),
     ]  # fmt: skip
 
 
@@ -55,7 +56,7 @@ class _Training(ctypes.Structure):
         (name, c_void_p)
         for name in (
             "points", "colours", "opacities", "half_widths", "edge_widths", "moments", "edge_moments", "ages",
-            "points_gradient",
+            "points_gradient", "rate_scale",
         )
     ] + [
         (name, c_float)
@@ -162,8 +163,10 @@ class CpuEngine(Engine):
     def _scene(self, scene: SceneTensors) -> _Scene:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         closed = scene.mode is Mode.CLOSED
+        rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
         return _Scene(
-            n, k // 3, closed, scene.width, scene.height, scene.channels,
+            n, k // 3, closed, scene.width, scene.height, scene.channels, rings,
+            _pointer(scene.ring_ends, "ring_ends", (n, rings), torch.int32),
             _pointer(scene.points, "points", (n, k, 2)),
             _pointer(scene.colours, "colours", (n, 3)),
             _pointer(scene.opacities, "opacities", (n,)),
@@ -228,6 +231,7 @@ class CpuEngine(Engine):
             _pointer(state.edge_moments, "edge_moments", (n, 4)),
             _pointer(state.ages, "ages", (n,), torch.int32),
             _pointer(training.points_gradient, "points_gradient", (n, k, 2)),
+            _pointer(training.rate_scale, "rate_scale", (n, 5)),
             rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep,
             rates.epsilon,
         )  # fmt: skip

@@ -21,7 +21,7 @@ class SceneTensors:
 
     points (N, K, 2) px, colours (N, 3), opacities (N,), half_widths (N,) px; colours and opacities are logits where
     `logits` is set. background: the colour behind an opaque picture, or None for premultiplied RGBA. edge_widths (N,):
-    px, each curve's own relaxed edge in place of the settings' one.
+    px, each curve's own relaxed edge in place of the settings' one. ring_ends (N, R) int32, as in `Scene`.
     """
 
     mode: Mode
@@ -34,6 +34,7 @@ class SceneTensors:
     background: tuple[float, float, float] | None
     logits: bool = False
     edge_widths: Tensor | None = None
+    ring_ends: Tensor | None = None
 
     @property
     def channels(self) -> int:
@@ -42,7 +43,7 @@ class SceneTensors:
 
 @dataclass
 class Rates:
-    """Step sizes (0 freezes a group) and constants of one Adan update.
+    """Step sizes (0 freezes a group, its moments included) and constants of one Adan update.
 
     keep: fractions of the running means of gradient, change and square that stay from step to step (one minus the betas
     of Xie et al., 2022). epsilon: added to the gradient's scale.
@@ -113,6 +114,7 @@ class Training:
     importance_kind: str | None
     background_gradient: Tensor | None
     points_gradient: Tensor | None
+    rate_scale: Tensor | None
 
 
 class Engine(ABC):
@@ -184,15 +186,17 @@ class Engine(ABC):
         importance_kind: str | None = None,
         background_gradient: Tensor | None = None,
         points_gradient: Tensor | None = None,
+        rate_scale: Tensor | None = None,
     ) -> float | Tensor:
         """One fused training step: forward, squared error, backward and Adan on the scene's own tensors, in place.
 
         Returns the loss (sum over the pixels) before the update. Optional outputs are filled where given: image
         (H, W, C), importance (N,) of `importance_kind`, background_gradient (C,). points_gradient (N, K, 2): that of a
-        further loss term, added to the picture's.
+        further loss term, added to the picture's. rate_scale (N, 5): each curve's factors of the step sizes, in the
+        order of `Rates`; where one is 0 the parameters are not written.
         """
         kind = importance_kind if importance is not None else None
-        extras = (image, importance, kind, background_gradient, points_gradient)
+        extras = (image, importance, kind, background_gradient, points_gradient, rate_scale)
         return self._step(scene, settings, Training(target, state, rates, *extras))
 
     @abstractmethod

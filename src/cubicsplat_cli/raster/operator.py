@@ -14,89 +14,91 @@ from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 
+# An operator takes plain numbers: canvas = [closed, width, height], background = [] or RGB, counts = [exact, samples,
+# subdivide], lengths = [edge_width, tolerance] in px.
 
-def _pack(
-    points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, closed: bool, width: int, height: int,
-    background: list[float],
+
+def _scene(
+    points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, ring_ends: Tensor | None,
+    canvas: list[int], background: list[float],
 ) -> SceneTensors:  # fmt: skip
+    closed, width, height = canvas
     tensors = (t.detach().contiguous() for t in (points, colours, opacities, half_widths))
     behind = (background[0], background[1], background[2]) if background else None
-    return SceneTensors(Mode.CLOSED if closed else Mode.OPEN, width, height, *tensors, behind)
+    mode = Mode.CLOSED if closed else Mode.OPEN
+    return SceneTensors(mode, width, height, *tensors, behind, ring_ends=ring_ends)
 
 
-def _settings(exact: bool, edge_width: float, samples: int, tolerance: float) -> RasterSettings:
-    return RasterSettings("exact" if exact else "relaxed", edge_width, samples, tolerance)
+def _settings(counts: list[int], lengths: list[float]) -> RasterSettings:
+    exact, samples, subdivide = counts
+    edge_width, tolerance = lengths
+    return RasterSettings("exact" if exact else "relaxed", edge_width, samples, tolerance, bool(subdivide))
 
 
 @torch.library.custom_op("cubicsplat::render", mutates_args=(), device_types=("cpu", "cuda"))
 def render_op(
-    points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, closed: bool, width: int, height: int,
-    background: list[float], exact: bool, edge_width: float, samples: int, tolerance: float,
+    points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, ring_ends: Tensor | None,
+    canvas: list[int], background: list[float], counts: list[int], lengths: list[float],
 ) -> Tensor:  # fmt: skip
-    scene = _pack(points, colours, opacities, half_widths, closed, width, height, background)
-    return shared_engine(points.device).render(scene, _settings(exact, edge_width, samples, tolerance))
+    scene = _scene(points, colours, opacities, half_widths, ring_ends, canvas, background)
+    return shared_engine(points.device).render(scene, _settings(counts, lengths))
 
 
 @render_op.register_fake
 def _render_fake(
-    points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, closed: bool, width: int, height: int,
-    background: list[float], exact: bool, edge_width: float, samples: int, tolerance: float,
+    points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, ring_ends: Tensor | None,
+    canvas: list[int], background: list[float], counts: list[int], lengths: list[float],
 ) -> Tensor:  # fmt: skip
-    return points.new_empty((height, width, 3 if background else 4))
+    return points.new_empty((canvas[2], canvas[1], 3 if background else 4))
 
 
 @torch.library.custom_op("cubicsplat::render_backward", mutates_args=(), device_types=("cpu", "cuda"))
 def render_backward_op(
-    gradient: Tensor, points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, closed: bool,
-    width: int, height: int, background: list[float], exact: bool, edge_width: float, samples: int, tolerance: float,
+    gradient: Tensor, points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor,
+    ring_ends: Tensor | None, canvas: list[int], background: list[float], counts: list[int], lengths: list[float],
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
-    scene = _pack(points, colours, opacities, half_widths, closed, width, height, background)
-    settings = _settings(exact, edge_width, samples, tolerance)
-    _, out = shared_engine(points.device).gradients(scene, settings, gradient=gradient.detach().contiguous())
+    scene = _scene(points, colours, opacities, half_widths, ring_ends, canvas, background)
+    engine, settings = shared_engine(points.device), _settings(counts, lengths)
+    _, out = engine.gradients(scene, settings, gradient=gradient.detach().contiguous())
     return out["points"], out["colours"], out["opacities"], out["half_widths"]
 
 
 @render_backward_op.register_fake
 def _render_backward_fake(
-    gradient: Tensor, points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, closed: bool,
-    width: int, height: int, background: list[float], exact: bool, edge_width: float, samples: int, tolerance: float,
+    gradient: Tensor, points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor,
+    ring_ends: Tensor | None, canvas: list[int], background: list[float], counts: list[int], lengths: list[float],
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
     return tuple(torch.empty_like(t) for t in (points, colours, opacities, half_widths))
 
 
 def _remember(ctx, inputs, output) -> None:
-    ctx.save_for_backward(*inputs[:4])
-    ctx.settings = inputs[4:]
+    ctx.save_for_backward(*inputs[:5])
+    ctx.settings = inputs[5:]
 
 
 def _backward(ctx, gradient):
-    return *render_backward_op(gradient, *ctx.saved_tensors, *ctx.settings), *([None] * len(ctx.settings))
+    return *render_backward_op(gradient, *ctx.saved_tensors, *ctx.settings), *([None] * 5)
 
 
 render_op.register_autograd(_backward, setup_context=_remember)
 
 
-def render(
-    points: Tensor,
-    colours: Tensor,
-    opacities: Tensor,
-    half_widths: Tensor,
-    *,
-    mode: Mode,
-    width: int,
-    height: int,
-    background: tuple[float, float, float] | None,
-    settings: RasterSettings,
-) -> Tensor:
-    """Draws N curves, differentiably: (H, W, 3) over `background`, or (H, W, 4) premultiplied RGBA without one.
+def render(scene: Scene, settings: RasterSettings | None = None) -> Tensor:
+    """Draws a scene, differentiably: (H, W, 3) over its background, or (H, W, 4) premultiplied RGBA without one.
 
-    points (N, K, 2) px, colours (N, 3) and opacities (N,) in [0, 1], half_widths (N,) px; float32, front to back; all
-    on the CPU or on one CUDA GPU, where the picture is made. The same arguments and, up to rounding, the same picture
-    and gradients as `reference.render`. With exact coverage the gradient is that of the relaxed edge. Raises InputError
-    (shapes, ranges, non-finite values) and EngineError.
+    Gradients of any loss reach the scene's points, colours, opacities and half_widths, wherever those require them. The
+    picture is made by the CPU engine or CUDA's, on the device where the tensors live; float32. settings: relaxed edges
+    of 1 px by default; with exact coverage the gradient is that of the relaxed edge. The same picture and gradients, up
+    to rounding, as `reference.render`. Raises InputError (shapes, ranges, non-finite values) and EngineError.
     """
-    Scene(mode, width, height, points, colours, opacities, half_widths, background).validate()
+    scene.validate()
+    settings = settings or RasterSettings()
+    tensors = (t.float() for t in (scene.points, scene.colours, scene.opacities, scene.half_widths))
     return render_op(
-        points.float(), colours.float(), opacities.float(), half_widths.float(), mode is Mode.CLOSED, width, height,
-        list(background or ()), settings.coverage == "exact", settings.edge_width, settings.samples, settings.tolerance,
-    )  # fmt: skip
+        *tensors,
+        None if scene.ring_ends is None else scene.ring_ends.contiguous(),
+        [int(scene.mode is Mode.CLOSED), scene.width, scene.height],
+        list(scene.background or ()),
+        [int(settings.coverage == "exact"), settings.samples, int(settings.subdivide)],
+        [settings.edge_width, settings.tolerance],
+    )

@@ -2,7 +2,8 @@
 
 Written to be read and checked, not to be fast: one primitive at a time, every pixel against every edge.
 Forward values and derivatives (by autograd) are those the native engines are tested against. Shapes: H, W
-canvas; P any pixel shape; V vertices and E edges of one curve's polyline; C channels.
+canvas; P any pixel shape; V vertices and E edges of one curve's polyline; C channels. A curve of several
+rings has a sequence of polylines (V, 2) where one of a single ring has its one.
 
 The relaxation (uniform polyline surrogate, signed distance with a sign that is constant in the backward pass,
 stroke coverage as a difference of two edges, front-to-back compositing) follows CubicSplat (ECCV 2026). The
@@ -11,7 +12,7 @@ exact coverage with the relaxed derivative and the leave-one-out importance are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
@@ -35,6 +36,9 @@ MIN_EDGE_SQUARED = 1e-12
 # Distance below which the direction to the nearest point is lost to rounding, px.
 ON_OUTLINE = 1e-6
 
+# The vertices of a curve: (V, 2), or one such tensor for each of its rings.
+Polyline = Tensor | Sequence[Tensor]
+
 
 def flatten(points: Tensor, mode: Mode, samples: int) -> Tensor:
     """The polyline of every curve: points (N, K, 2) px -> vertices (N, V, 2) px, float64."""
@@ -54,8 +58,21 @@ def _grid(width: int, height: int, per_pixel: int, device: torch.device | str) -
     return torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
 
 
-def edges(vertices: Tensor, mode: Mode) -> tuple[Tensor, Tensor]:
+def polylines(scene: Scene, samples: int) -> list[Polyline]:
+    """The polyline of every curve of a scene, by rings where the scene has any; px, float64."""
+    if scene.ring_ends is None:
+        return list(flatten(scene.points, scene.mode, samples))
+    return [
+        [flatten(ring.unsqueeze(0), scene.mode, samples)[0] for ring in scene.rings(curve)]
+        for curve in range(scene.curves)
+    ]
+
+
+def edges(vertices: Polyline, mode: Mode) -> tuple[Tensor, Tensor]:
     """Start and end (E, 2) of the edges of a polyline (V, 2): E = V closed (back to vertex 0), V - 1 open."""
+    if not isinstance(vertices, Tensor):
+        starts, ends = zip(*(edges(ring, mode) for ring in vertices), strict=True)
+        return torch.cat(starts), torch.cat(ends)
     if mode is Mode.CLOSED:
         return vertices, vertices.roll(-1, dims=0)
     return vertices[:-1], vertices[1:]
@@ -69,7 +86,7 @@ class Nearest(NamedTuple):
     along: Tensor  # (P, 2), the vector from start to end of the nearest edge, detached
 
 
-def nearest(vertices: Tensor, at: Tensor, mode: Mode) -> Nearest:
+def nearest(vertices: Polyline, at: Tensor, mode: Mode) -> Nearest:
     """The nearest point c = (1 - t) a + t b of the polyline (V, 2) to each of the points `at` (P, 2), px.
 
     Of edges equally near the first one counts. t needs no derivative (envelope theorem), so it is
@@ -87,7 +104,7 @@ def nearest(vertices: Tensor, at: Tensor, mode: Mode) -> Nearest:
     return Nearest(offset.detach().norm(dim=-1), offset, v[edge])
 
 
-def winding(vertices: Tensor, at: Tensor) -> Tensor:
+def winding(vertices: Polyline, at: Tensor) -> Tensor:
     """Winding number of the closed polyline (V, 2) around each point (P, 2): (P) int64.
 
     Counts the edges that a ray to the left crosses, half-open in y so that a vertex on the ray counts once; a
@@ -112,13 +129,13 @@ def _crossings(a: Tensor, b: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
     return torch.where(direction != 0, x, torch.inf), direction
 
 
-def signed_area(vertices: Tensor) -> Tensor:
+def signed_area(vertices: Polyline) -> Tensor:
     """Shoelace area of the closed polyline (V, 2), px^2; positive when it turns from the x to the y axis."""
-    x, y = vertices.unbind(-1)
-    return 0.5 * (x * y.roll(-1) - x.roll(-1) * y).sum()
+    a, b = edges(vertices, Mode.CLOSED)
+    return 0.5 * (a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1]).sum()
 
 
-def signed_distance(vertices: Tensor, at: Tensor) -> Tensor:
+def signed_distance(vertices: Polyline, at: Tensor) -> Tensor:
     """u = s d of closed shapes (P), px: the distance of points (P, 2) to the polyline (V, 2), signed.
 
     It is positive where the winding number is not zero. The sign is a constant in the backward pass. The
@@ -135,7 +152,7 @@ def signed_distance(vertices: Tensor, at: Tensor) -> Tensor:
     return _with_gradient(sign * near.distance, (near.offset * normal).sum(-1))
 
 
-def distance(vertices: Tensor, at: Tensor) -> Tensor:
+def distance(vertices: Polyline, at: Tensor) -> Tensor:
     """d of open strokes: distance to the polyline (V, 2) of each point (P, 2), px.
 
     On the line itself the derivative is zero: there the coverage is symmetric in the direction of movement.
@@ -167,7 +184,7 @@ def smooth_step(u: Tensor, edge_width: float) -> Tensor:
     return z * z * (3.0 - 2.0 * z)
 
 
-def coverage_relaxed(vertices: Tensor, half_width: Tensor, at: Tensor, mode: Mode, edge_width: float) -> Tensor:
+def coverage_relaxed(vertices: Polyline, half_width: Tensor, at: Tensor, mode: Mode, edge_width: float) -> Tensor:
     """Relaxed coverage (P) in [0, 1] of the points `at` (P, 2) by one curve.
 
     vertices: (V, 2) px. half_width: scalar px, used by open strokes only. edge_width: px, > 0.
@@ -178,7 +195,7 @@ def coverage_relaxed(vertices: Tensor, half_width: Tensor, at: Tensor, mode: Mod
     return smooth_step(half_width - d, edge_width) - smooth_step(-half_width - d, edge_width)
 
 
-def coverage_exact(vertices: Tensor, half_width: Tensor, mode: Mode, width: int, height: int) -> Tensor:
+def coverage_exact(vertices: Polyline, half_width: Tensor, mode: Mode, width: int, height: int) -> Tensor:
     """Area coverage (H, W) in [0, 1] of every pixel by one curve, without a gradient.
 
     vertices: (V, 2) px. half_width: scalar px, used by open strokes only.
@@ -189,19 +206,19 @@ def coverage_exact(vertices: Tensor, half_width: Tensor, mode: Mode, width: int,
         return _stroke_coverage(vertices, half_width, width, height)
 
 
-def _fill_coverage(vertices: Tensor, width: int, height: int) -> Tensor:
+def _fill_coverage(vertices: Polyline, width: int, height: int) -> Tensor:
     """Mean over the sub-scanlines of a pixel row of the length inside the pixel: exact in x, sampled in y."""
     a, b = edges(vertices, Mode.CLOSED)
     rows = height * EXACT_ROWS
-    y = (torch.arange(rows, dtype=torch.float64, device=vertices.device) + 0.5) / EXACT_ROWS
+    y = (torch.arange(rows, dtype=torch.float64, device=a.device) + 0.5) / EXACT_ROWS
     crossing, direction = _crossings(a, b, y.unsqueeze(-1))
     # The few true crossings of each line come first when sorted; the rest, at infinity, is cut off.
     crossing, order = crossing.sort(dim=-1)
     most = int((direction != 0).sum(-1).max())
     crossing, direction = crossing[:, :most], direction.gather(-1, order)[:, :most]
     inside = direction.cumsum(-1) != 0
-    pixel = torch.arange(width, dtype=torch.float64, device=vertices.device)
-    covered = torch.zeros(rows, width, dtype=torch.float64, device=vertices.device)
+    pixel = torch.arange(width, dtype=torch.float64, device=a.device)
+    covered = torch.zeros(rows, width, dtype=torch.float64, device=a.device)
     for k in range(most - 1):
         start, end = crossing[:, k, None], crossing[:, k + 1, None]
         length = (torch.minimum(end, pixel + 1.0) - torch.maximum(start, pixel)).clamp(min=0.0)
@@ -209,15 +226,16 @@ def _fill_coverage(vertices: Tensor, width: int, height: int) -> Tensor:
     return covered.view(height, EXACT_ROWS, width).mean(dim=1)
 
 
-def _stroke_coverage(vertices: Tensor, half_width: Tensor, width: int, height: int) -> Tensor:
+def _stroke_coverage(vertices: Polyline, half_width: Tensor, width: int, height: int) -> Tensor:
     """Mean over sub-samples of box(r - d) - box(-r - d), with box(u) = clamp(u / h + 0.5, 0, 1)."""
     h = 1.0 / EXACT_SUBSAMPLES
-    cells = _grid(width, height, EXACT_SUBSAMPLES, vertices.device)
+    device = half_width.device
+    cells = _grid(width, height, EXACT_SUBSAMPLES, device)
     cells = cells.view(height, EXACT_SUBSAMPLES, width, EXACT_SUBSAMPLES, 2).transpose(1, 2)
-    covered = torch.zeros(height, width, dtype=torch.float64, device=vertices.device)
+    covered = torch.zeros(height, width, dtype=torch.float64, device=device)
     # A sub-sample is covered where d < r + h / 2 and lies within 0.54 px of its pixel's centre, so pixels
     # farther than r + 1 from the line are left out.
-    centres = pixel_centres(width, height, vertices.device)
+    centres = pixel_centres(width, height, device)
     within = nearest(vertices, centres, Mode.OPEN).distance < half_width + 1.0
     d = nearest(vertices, cells[within], Mode.OPEN).distance
     outer = ((half_width - d) / h + 0.5).clamp(0.0, 1.0)
@@ -227,10 +245,10 @@ def _stroke_coverage(vertices: Tensor, half_width: Tensor, width: int, height: i
 
 
 def coverage(
-    vertices: Tensor, half_width: Tensor, mode: Mode, width: int, height: int, settings: RasterSettings
+    vertices: Polyline, half_width: Tensor, mode: Mode, width: int, height: int, settings: RasterSettings
 ) -> Tensor:
     """Coverage (H, W) of one curve as the settings ask; "exact" has the derivative of the relaxed edge."""
-    centres = pixel_centres(width, height, vertices.device)
+    centres = pixel_centres(width, height, half_width.device)
     relaxed = coverage_relaxed(vertices, half_width, centres, mode, settings.edge_width)
     if settings.coverage == "relaxed":
         return relaxed
@@ -287,10 +305,11 @@ def channel_colours(colours: Tensor, background: tuple[float, float, float] | No
 
 def _alphas(scene: Scene, settings: RasterSettings) -> Tensor:
     """(N, H, W): the alpha of every primitive at every pixel."""
-    vertices = flatten(scene.points, scene.mode, settings.samples)
     layers = [
         alpha_of(coverage(v, r, scene.mode, scene.width, scene.height, settings), o)
-        for v, r, o in zip(vertices, scene.half_widths.double(), scene.opacities.double(), strict=True)
+        for v, r, o in zip(
+            polylines(scene, settings.samples), scene.half_widths.double(), scene.opacities.double(), strict=True
+        )
     ]
     return torch.stack(layers)
 
@@ -306,13 +325,14 @@ def render(
     height: int,
     background: tuple[float, float, float] | None,
     settings: RasterSettings,
+    ring_ends: Tensor | None = None,
 ) -> Tensor:
     """Render a scene, differentiably in its four tensors.
 
     The arguments are the fields of `Scene`. Returns (H, W, C) float64 in [0, 1]: RGB over a background,
     premultiplied RGBA when background is None. Raises InputError as `Scene.validate` does.
     """
-    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background)
+    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background, ring_ends)
     scene.validate()
     return composite(_alphas(scene, settings), *channel_colours(colours, background))
 
@@ -346,6 +366,7 @@ def importance(
     height: int,
     background: tuple[float, float, float] | None,
     settings: RasterSettings,
+    ring_ends: Tensor | None = None,
     target: Tensor | None = None,
     kind: str = "loo",
 ) -> Tensor:
@@ -362,7 +383,7 @@ def importance(
         raise UsageError(f"importance must be 'loo' or 'visibility', not {kind!r}")
     if kind == "loo" and target is None:
         raise UsageError("leave-one-out importance needs a target picture")
-    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background)
+    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background, ring_ends)
     scene.validate()
     with torch.no_grad():
         alphas = _alphas(scene, settings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,13 +25,30 @@ def format_number(value: int, precision: int) -> str:
     return f"{sign}{'' if whole == '0' else whole}.{fraction}"
 
 
-def path_strings(points: np.ndarray, *, closed: bool) -> list[str]:
-    """The `d` attribute of every curve.
+def ring_slices(ring_ends: np.ndarray, *, closed: bool) -> list[list[slice]]:
+    """Which of its control points each ring of each curve has: ring_ends (N, R) as in `Scene`."""
+    shared = 0 if closed else 1
+    rows = [[0, *row] for row in ring_ends.tolist()]
+    return [[slice(3 * a, 3 * b + shared) for a, b in itertools.pairwise(row) if a < b] for row in rows]
 
-    points: (N, K, 2) int64, K = 3M (closed) or 3M + 1 (open). Whole numbers need no decimal point, so the unit of the
-    path is the step of the grid, and a transform brings it to pixels. Relative coordinates are differences of grid
-    points, so no rounding error builds up along a curve.
+
+def path_strings(points: np.ndarray, ring_ends: np.ndarray | None = None, *, closed: bool) -> list[str]:
+    """The `d` attribute of every curve, with a subpath for each of its rings.
+
+    points: (N, K, 2) int64, K = 3M (closed) or 3M + 1 (open). ring_ends: as in `Scene`. Whole numbers need no decimal
+    point, so the unit of the path is the step of the grid, and a transform brings it to pixels. Relative coordinates
+    are differences of grid points, so no rounding error builds up along a curve.
     """
+    if ring_ends is None:
+        return _chains(points, closed)
+    return [
+        "".join(_chains(curve[None, ring], closed)[0] for ring in rings)
+        for curve, rings in zip(points, ring_slices(ring_ends, closed=closed), strict=True)
+    ]
+
+
+def _chains(points: np.ndarray, closed: bool) -> list[str]:
+    """Path data of curves of one ring and equal length (N, K, 2)."""
     count, per_curve = points.shape[:2]
     segments = per_curve // 3
     ends = 3 * np.arange(segments)[:, None] + np.array([1, 2, 3])

@@ -13,8 +13,9 @@ import numpy as np
 import torch
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.pathdata import ring_slices
 from cubicsplat_cli.svg.shortest import shortest_description
 
 MAX_PRECISION = 6
@@ -31,7 +32,8 @@ class GridScene:
 
     points: (N, K, 2) int64, multiples of 10^-precision px. colours: (N, 3) int64 in 0..255. opacities: (N,)
     int64 in 0..1000, thousandths. stroke_widths: (N,) int64, multiples of 10^-width_decimals px (the full
-    width; 0 for closed). background: three integers in 0..255, or None.
+    width; 0 for closed). background: three integers in 0..255, or None. ring_ends: (N, R) int32 or None, as in
+    `Scene`, but None wherever all curves are one ring of one length, and the padding of `points` is zero.
     """
 
     mode: Mode
@@ -43,6 +45,7 @@ class GridScene:
     opacities: np.ndarray
     stroke_widths: np.ndarray
     background: tuple[int, int, int] | None
+    ring_ends: np.ndarray | None = None
 
     @property
     def width_decimals(self) -> int:
@@ -64,7 +67,7 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
     """
     check_precision(precision)
     scene.validate()
-    points = _array(scene.points)
+    points, ring_ends = _packed(scene)
     half_widths = _array(scene.half_widths)
     _refuse(
         np.abs(points) > MAX_COORDINATE,
@@ -80,12 +83,34 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
         width=scene.width,
         height=scene.height,
         precision=precision,
-        points=shortest_description(_round(points, 10**precision), closed=scene.mode is Mode.CLOSED),
+        points=_shortest(scene.mode, _round(points, 10**precision), ring_ends),
         colours=_round(_array(scene.colours), 255),
         opacities=_round(_array(scene.opacities), 10**OPACITY_DECIMALS),
         stroke_widths=_round(2.0 * half_widths, 10**width_decimals),
         background=background,
+        ring_ends=ring_ends,
     )
+
+
+def _packed(scene: Scene) -> tuple[np.ndarray, np.ndarray | None]:
+    """Points and ring ends in the one form that a file gives back: padding is zero, no empty ring between others."""
+    if scene.ring_ends is None:
+        return _array(scene.points), None
+    points, ring_ends = pack_rings(scene.mode, [scene.rings(curve) for curve in range(scene.curves)])
+    return _array(points), None if ring_ends is None else ring_ends.cpu().numpy()
+
+
+def _shortest(mode: Mode, points: np.ndarray, ring_ends: np.ndarray | None) -> np.ndarray:
+    closed = mode is Mode.CLOSED
+    if ring_ends is None:
+        return shortest_description(points, closed=closed)
+    result = points.copy()
+    for curve, rings in enumerate(ring_slices(ring_ends, closed=closed)):
+        for ring in rings:
+            # Rings turn against each other where one is a hole: none may be turned round alone.
+            one = shortest_description(points[curve, None, ring], closed=closed, turn=len(rings) == 1)
+            result[curve, ring] = one[0]
+    return result
 
 
 def to_scene(grid: GridScene) -> Scene:
@@ -103,6 +128,7 @@ def to_scene(grid: GridScene) -> Scene:
         opacities=_tensor(grid.opacities / 10.0**OPACITY_DECIMALS),
         half_widths=_tensor(grid.stroke_widths / 10.0**grid.width_decimals / 2.0),
         background=background,
+        ring_ends=None if grid.ring_ends is None else torch.from_numpy(grid.ring_ends.copy()),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.writer import BACKGROUND_ID, CURVES_ID
 
@@ -44,8 +44,8 @@ def read_svg(text: str | bytes) -> Scene:
     """The scene of an SVG that cubicsplat wrote (float32 CPU tensors, index 0 the front).
 
     Raises InputError for anything else: too large, not XML, a document type or entity declaration, an unknown
-    element or attribute, path data other than M, C, c and z, curves of different kinds or lengths, or no
-    curve at all.
+    element or attribute, path data other than M, C, c and z, curves of different kinds, strokes of several
+    subpaths, or no curve at all.
     """
     data = text.encode() if isinstance(text, str) else text
     if len(data) > MAX_SVG_BYTES:
@@ -69,6 +69,14 @@ def _refuse_doctype(*_: object) -> None:
 
 
 @dataclass
+class _Command:
+    """A letter of path data and the numbers up to the next one, as integers."""
+
+    letter: str
+    numbers: list[int] = field(default_factory=list)
+
+
+@dataclass
 class _Collector:
     """Follows the elements of one document: svg > (title, rect, g > path...)."""
 
@@ -78,7 +86,7 @@ class _Collector:
     mode: Mode | None = None
     shift: int = 0  # the paths' unit is 10^-shift px
     stack: list[str] = field(default_factory=list)
-    points: list[list[tuple[float, float]]] = field(default_factory=list)
+    curves: list[list[list[tuple[float, float]]]] = field(default_factory=list)  # the rings of each
     colours: list[tuple[float, float, float]] = field(default_factory=list)
     opacities: list[float] = field(default_factory=list)
     half_widths: list[float] = field(default_factory=list)
@@ -156,10 +164,7 @@ class _Collector:
             raise self.foreign("has a <path> outside the group")
         self._known(attributes, _PATH_ATTRIBUTES[self.mode])
         paint = "fill" if self.mode is Mode.CLOSED else "stroke"
-        points = self._control_points(attributes.get("d", ""))
-        if self.points and len(points) != len(self.points[0]):
-            raise self.foreign(f"has a curve of {len(points)} control points among curves of {len(self.points[0])}")
-        self.points.append(points)
+        self.curves.append(self._rings(attributes.get("d", "")))
         self.colours.append(self._colour(attributes.get(paint, "")))
         self.opacities.append(self._decimal(attributes.get(f"{paint}-opacity", "1"), 1.0))
         width = attributes.get("stroke-width", "") if self.mode is Mode.OPEN else "0"
@@ -178,48 +183,50 @@ class _Collector:
         whole, _, fraction = text.partition(".")
         return int(whole + fraction) / 10 ** (len(fraction) + shift)
 
-    def _control_points(self, d: str) -> list[tuple[float, float]]:
-        """Control points of one path, exact: added up as integers of the path's finest decimal."""
+    def _rings(self, d: str) -> list[list[tuple[float, float]]]:
+        """Control points of each subpath of one path, exact: added up as integers of the path's finest decimal."""
         tokens = self._tokens(d)
         decimals = max((len(fraction) for _, _, _, fraction in tokens), default=0)
-        letters, numbers = [], []
+        subpaths: list[list[_Command]] = []
         for letter, sign, whole, fraction in tokens:
-            if letter:
-                letters.append((letter, len(numbers)))
+            if letter == "M" or (letter == "m" and not subpaths):  # a later m would be relative
+                subpaths.append([_Command("M")])
+            elif not subpaths:
+                raise self.foreign("has path data that does not begin with M")
+            elif letter:
+                subpaths[-1].append(_Command(letter))
             else:
                 value = int((whole + fraction.ljust(decimals, "0")) or "0")
-                numbers.append(-value if sign == "-" else value)
-        closed = self.mode is Mode.CLOSED
-        if closed and letters and letters[-1][0] in "zZ" and letters[-1][1] == len(numbers):
-            letters.pop()
-        elif closed:
-            raise self.foreign("has a closed curve whose path does not end with z")
-        if (
-            not letters
-            or letters[0] not in (("M", 0), ("m", 0))
-            or any(letter not in "cC" for letter, _ in letters[1:])
-        ):
-            raise self.foreign("has path data other than one M, cubics and z")
-        coordinates = self._walk(letters, numbers)
-        if closed:
-            if coordinates[-2:] != coordinates[:2]:
-                raise self.foreign("has a closed curve that does not return to its start")
-            coordinates = coordinates[:-2]
+                subpaths[-1][-1].numbers.append(-value if sign == "-" else value)
+        if not subpaths or (len(subpaths) > 1 and self.mode is Mode.OPEN):
+            raise self.foreign("has a path without data or a stroke of several subpaths")
         scale = 10 ** (decimals + self.shift)
-        return [(x / scale, y / scale) for x, y in zip(coordinates[::2], coordinates[1::2], strict=True)]
+        rings = [self._ring(commands) for commands in subpaths]
+        return [[(x / scale, y / scale) for x, y in zip(ring[::2], ring[1::2], strict=True)] for ring in rings]
 
-    def _walk(self, letters: list[tuple[str, int]], numbers: list[int]) -> list[int]:
-        """Absolute coordinates x0, y0, x1, ... of a path that starts with M and goes on with cubics."""
-        bounds = [position for _, position in letters[1:]] + [len(numbers)]
-        if bounds[0] != 2 or len(bounds) < 2:
+    def _ring(self, commands: list[_Command]) -> list[int]:
+        """Absolute coordinates x0, y0, x1, ... of one subpath's control points."""
+        closed = self.mode is Mode.CLOSED
+        if closed and (commands[-1].letter not in "zZ" or commands[-1].numbers):
+            raise self.foreign("has a closed curve whose path does not end with z")
+        coordinates = self._walk(commands[:-1] if closed else commands)
+        if closed and coordinates[-2:] != coordinates[:2]:
+            raise self.foreign("has a closed curve that does not return to its start")
+        return coordinates[:-2] if closed else coordinates
+
+    def _walk(self, commands: list[_Command]) -> list[int]:
+        """Absolute coordinates of a subpath that starts with M and goes on with cubics."""
+        if any(command.letter not in "cC" for command in commands[1:]):
+            raise self.foreign("has path data other than M, cubics and z")
+        if len(commands) < 2 or len(commands[0].numbers) != 2:
             raise self.foreign("has path data that does not begin with one point and a cubic")
-        coordinates = numbers[:2]
-        for (letter, begin), end in zip(letters[1:], bounds[1:], strict=True):
-            if end == begin or (end - begin) % 6:
+        coordinates = list(commands[0].numbers)
+        for command in commands[1:]:
+            if not command.numbers or len(command.numbers) % 6:
                 raise self.foreign("has a cubic with a wrong count of numbers")
-            for first in range(begin, end, 6):
-                x, y = coordinates[-2:] if letter == "c" else (0, 0)
-                six = numbers[first : first + 6]
+            for first in range(0, len(command.numbers), 6):
+                x, y = coordinates[-2:] if command.letter == "c" else (0, 0)
+                six = command.numbers[first : first + 6]
                 coordinates.extend([six[0] + x, six[1] + y, six[2] + x, six[3] + y, six[4] + x, six[5] + y])
         return coordinates
 
@@ -237,21 +244,30 @@ class _Collector:
 
     def scene(self) -> Scene:
         """The scene of all that was seen, its order turned so that index 0 is the front."""
-        if self.size is None or self.mode is None or not self.points:
+        if self.size is None or self.mode is None or not self.curves:
             raise InputError("the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote")
         width, height = self.size
+        points, ring_ends = self._points()
         scene = Scene(
             mode=self.mode,
             width=width,
             height=height,
-            points=_tensor(self.points),
+            points=points,
             colours=_tensor(self.colours),
             opacities=_tensor(self.opacities),
             half_widths=_tensor(self.half_widths),
             background=self.background,
+            ring_ends=ring_ends,
         )
         scene.validate()
         return scene
+
+    def _points(self) -> tuple[torch.Tensor, torch.Tensor | None]:
+        if all(len(rings) == 1 and len(rings[0]) == len(self.curves[0][0]) for rings in self.curves):
+            return _tensor([rings[0] for rings in self.curves]), None  # the quick way for many curves
+        curves = [[torch.tensor(ring, dtype=torch.float64) for ring in rings] for rings in self.curves[::-1]]
+        points, ring_ends = pack_rings(self.mode, curves)
+        return points.float(), ring_ends
 
 
 def _tensor(values: list) -> torch.Tensor:

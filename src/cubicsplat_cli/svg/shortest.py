@@ -11,8 +11,13 @@ import numpy as np
 _POWERS = 10 ** np.arange(1, 19, dtype=np.int64)
 
 
-def shortest_description(points: np.ndarray, *, closed: bool) -> np.ndarray:
-    """(N, K, 2) int64 control points of the same curves, each begun and run through where its text is shortest."""
+def shortest_description(points: np.ndarray, *, closed: bool, turn: bool = True) -> np.ndarray:
+    """(N, K, 2) int64 control points of the same curves, each begun and run through where its text is shortest.
+
+    turn: whether a curve may be run through backwards; one ring of several may not.
+    """
+    if not turn:
+        return _best_beginning(points)
     backwards = np.concatenate([points[:, :1], points[:, :0:-1]], axis=1) if closed else points[:, ::-1]
     if closed:
         points, backwards = _best_beginning(points), _best_beginning(backwards)

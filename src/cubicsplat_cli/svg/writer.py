@@ -50,7 +50,7 @@ def _curve_group(drawing: svgwrite.Drawing, grid: GridScene) -> svgwrite.contain
         # One unit of the paths is one step of their grid: whole numbers are the shortest.
         group.update({"transform": f"scale({format_number(1, grid.precision)})"})
     paint = "fill" if closed else "stroke"
-    data = path_strings(grid.points, closed=closed)
+    data = path_strings(grid.points, grid.ring_ends, closed=closed)
     colours, opacities, widths = grid.colours.tolist(), grid.opacities.tolist(), grid.stroke_widths.tolist()
     for index in reversed(range(len(data))):
         # A list of one string: svgwrite would take a bare string apart into characters.

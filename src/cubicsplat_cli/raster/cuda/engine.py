@@ -108,6 +108,8 @@ class CudaEngine(Engine):
 
         A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
         """
+        if training.rate_scale is not None:
+            raise EngineError("the CUDA engine has no rates per curve; use the CPU")
         frame = self._training_frame(scene, settings, training.target, training.state)
         plan = self._plan(frame, scene, settings, (scene, training.target, training.state))
         values = self._training_values(scene, settings, training)

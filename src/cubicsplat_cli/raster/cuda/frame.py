@@ -145,6 +145,8 @@ class Sizes:
         """Sizes of a scene; raises EngineError where this engine cannot draw it."""
         if settings.subdivide:
             raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
+        if scene.ring_ends is not None:
+            raise EngineError("the CUDA engine draws curves of one ring and equal length only; use the CPU")
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         closed = scene.mode is Mode.CLOSED
         segments = k // 3

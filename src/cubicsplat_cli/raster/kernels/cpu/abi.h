@@ -13,8 +13,11 @@ extern "C" {
 
 // What to draw: N primitives, front to back.
 struct CsScene {
-  int32_t curves, segments, closed, width, height, channels;  // channels: 3, or 4 for premultiplied RGBA
-  const float* points;       // N x K x 2, px; K = 3 segments (closed) or 3 segments + 1
+  int32_t curves, segments, closed, width, height;
+  int32_t channels;          // 3, or 4 for premultiplied RGBA
+  int32_t rings;             // R, columns of ring_ends
+  const int32_t* ring_ends;  // N x R, or null where every curve is one ring of all segments: see Rings in curve.h
+  const float* points;       // N x K x 2, px; K = 3 segments (closed) or 3 segments + 1, of the longest curve
   const float* colours;      // N x 3, values or logits
   const float* opacities;    // N, values or logits
   const float* half_widths;  // N, px; ignored when closed
@@ -62,6 +65,7 @@ struct CsTraining {
   float* edge_moments;  // N x 4, for edge_widths
   int32_t* ages;        // N: updates each curve has had
   const float* points_gradient;  // N x K x 2, or null: gradient of a further loss term, added to the picture's
+  const float* rate_scale;  // N x 5, or null: each curve's factors of the five rates below; where 0, nothing is written
   float rate_points, rate_colours, rate_opacities, rate_half_widths, rate_edge_widths;
   float keep1, keep2, keep3, epsilon;
 };

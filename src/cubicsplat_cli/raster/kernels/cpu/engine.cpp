@@ -213,12 +213,26 @@ struct CsEngine {
 
 namespace {
 
+// Whether the table of ring ends is one: rising, at least one segment per curve, none more than there is room for.
+bool has_rings(const CsScene& s) {
+  if (s.rings < 1 || (!s.closed && s.rings != 1)) return false;
+  for (int p = 0; p < s.curves; p++) {
+    const int32_t* ends = s.ring_ends + size_t(p) * s.rings;
+    if (ends[0] < 1 || ends[s.rings - 1] > s.segments) return false;
+    for (int r = 1; r < s.rings; r++)
+      if (ends[r] < ends[r - 1]) return false;
+  }
+  return true;
+}
+
 // What the caller (cpu.py) has to guarantee; null when all is well.
 const char* fault(const CsScene& s, const CsSettings& t, const CsImages& images, bool backward) {
   if (s.curves < 0 || s.segments < 1 || s.width < 1 || s.height < 1) return "scene sizes must be positive";
   if (s.channels != 3 && s.channels != 4) return "channels must be 3 or 4";
   if (t.samples < 1 || t.samples > cs::kMaxSamples) return "samples must lie between 1 and 64";
-  if (s.segments * t.samples > 65535) return "a curve may have at most 65535 edges";
+  if (s.ring_ends && !has_rings(s)) return "ring_ends must rise along each curve, from 1 to the number of segments";
+  int rings = s.ring_ends ? s.rings : 1;
+  if (int64_t(s.segments) * t.samples + rings > 65535) return "a curve may have at most 65535 edges";
   if (!(t.edge_width > 0.0f)) return "edge_width must be positive";
   if (t.subdivide && !(t.tolerance > 0.0f)) return "subdivision needs a tolerance";
   if (backward && !images.target && !images.gradient) return "a backward pass needs a target or an incoming gradient";
@@ -246,7 +260,7 @@ int32_t guarded(CsEngine* e, const CsScene* scene, const CsSettings* settings, c
 
 }  // namespace
 
-int32_t cs_abi_version() { return 2; }
+int32_t cs_abi_version() { return 3; }
 
 const char* cs_isa_names() {
   static const std::string names = [] {

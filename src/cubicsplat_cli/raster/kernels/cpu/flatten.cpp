@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstring>
 
-#include "../shared/curve.h"
 #include "frame.h"
 
 namespace cs {
@@ -12,6 +11,7 @@ namespace cs {
 void Chunk::clear() {
   pairs.clear();
   edges.clear();
+  ring_starts.clear();
   skipped = 0;
 }
 
@@ -27,7 +27,10 @@ void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const C
   f.tiles_x = (scene.width + kTile - 1) / kTile;
   f.tiles_y = (scene.height + kTile - 1) / kTile;
   f.points_per_curve = 3 * scene.segments + (scene.closed ? 0 : 1);
-  f.vertex_stride = scene.segments * settings.samples + (scene.closed ? 0 : 1);
+  if (!scene.ring_ends) f.scene.rings = 1;
+  f.ring_ends = scene.ring_ends ? scene.ring_ends : &f.scene.segments;
+  f.ring_stride = scene.ring_ends ? scene.rings : 0;
+  f.vertex_stride = scene.segments * settings.samples + f.scene.rings;
   f.primitives.resize(scene.curves);
   f.vertices.resize(size_t(scene.curves) * f.vertex_stride * 2);
   f.chunks.resize(f.chunk_count());
@@ -62,32 +65,49 @@ void activate(const CsScene& scene, float edge_width, int p, Primitive& q) {
 
 // Edges per cubic that keep the polyline within the tolerance: the error is at most D2 / (8 S^2) with
 // D2 = 6 max |second difference of the control points|.
-int choose_samples(const Frame& f, const float* points) {
+int choose_samples(const Frame& f, const Rings& rings, const float* points) {
   const CsSettings& s = f.settings;
   if (!(s.tolerance > 0.0f)) return s.samples;
   float worst = 0.0f;
-  int k = f.points_per_curve;
-  for (int m = 0; m < f.scene.segments; m++)
-    for (int j = 0; j < 2; j++) {
-      const float *a = points + 2 * (3 * m + j), *b = a + 2, *c = points + 2 * ((3 * m + j + 2) % k);
-      float x = a[0] - 2.0f * b[0] + c[0], y = a[1] - 2.0f * b[1] + c[1];
-      worst = std::max(worst, x * x + y * y);
-    }
+  for (int r = 0; r < rings.count; r++)
+    for (int m = rings.begin(r); m < rings.ends[r]; m++)
+      for (int j = 0; j < 2; j++) {
+        const float *a = points + 2 * (3 * m + j), *b = a + 2;
+        const float* c = j == 0 ? b + 2 : points + 2 * rings.end_point(r, m, f.scene.closed);
+        float x = a[0] - 2.0f * b[0] + c[0], y = a[1] - 2.0f * b[1] + c[1];
+        worst = std::max(worst, x * x + y * y);
+      }
   float need = std::ceil(std::sqrt(6.0f * std::sqrt(worst) / (8.0f * s.tolerance)));
   return int(limit(need, float(std::min(3, s.samples)), float(s.samples)));
 }
 
-void evaluate_polyline(const Frame& f, const float* points, int samples, float* out) {
+// Vertices of one ring but the last, at uniform parameters; returns where the last one goes.
+float* evaluate_ring(const Frame& f, const Rings& rings, int r, const float* points, int samples, float* out) {
   const float* weights = f.weights(samples);
-  int k = f.points_per_curve;
-  for (int m = 0; m < f.scene.segments; m++) {
-    const float *p0 = points + 6 * m, *p3 = points + 2 * ((3 * m + 3) % k);
+  for (int m = rings.begin(r); m < rings.ends[r]; m++) {
+    const float *p0 = points + 6 * m, *p3 = points + 2 * rings.end_point(r, m, f.scene.closed);
     for (int s = 0; s < samples; s++, out += 2) {
       const float* w = weights + 4 * s;
       for (int c = 0; c < 2; c++) out[c] = w[0] * p0[c] + w[1] * p0[2 + c] + w[2] * p0[4 + c] + w[3] * p3[c];
     }
   }
-  if (!f.scene.closed) std::memcpy(out, points + 2 * (k - 1), 2 * sizeof(float));
+  return out;
+}
+
+// The polyline of a primitive: its rings one after the other, each with a last vertex, which is its first one again where
+// it is closed. Returns the number of vertices.
+int evaluate_polyline(const Frame& f, const Rings& rings, const float* points, int samples, float* out,
+                      std::vector<uint32_t>& ring_starts) {
+  float* const begin = out;
+  for (int r = 0; r < rings.count; r++) {
+    if (rings.begin(r) == rings.ends[r]) continue;
+    const float* first = out;
+    ring_starts.push_back(uint32_t((first - begin) / 2));
+    out = evaluate_ring(f, rings, r, points, samples, out);
+    std::memcpy(out, f.scene.closed ? first : points + 6 * rings.ends[r], 2 * sizeof(float));
+    out += 2;
+  }
+  return int(out - begin) / 2;
 }
 
 // Adaptive de Casteljau subdivision of one primitive: a cubic is halved until its inner control points lie within the
@@ -134,19 +154,28 @@ struct Subdivider {
     cubic(right, middle, to, depth - 1);
   }
 
-  // Returns the number of edges.
-  int run() {
-    int k = f.points_per_curve, depth = 0;
-    while ((2 << depth) <= f.settings.samples) depth++;
-    for (int m = 0; m < f.scene.segments; m++) {
+  void ring(const Rings& rings, int r, int depth) {
+    const int begin = rings.begin(r), end = rings.ends[r];
+    for (int m = begin; m < end; m++) {
       float c[8];
       std::memcpy(c, points + 6 * m, 6 * sizeof(float));
-      std::memcpy(c + 6, points + 2 * ((3 * m + 3) % k), 2 * sizeof(float));
+      std::memcpy(c + 6, points + 2 * rings.end_point(r, m, f.scene.closed), 2 * sizeof(float));
       cubic(c, float(m), float(m + 1), depth);
     }
-    if (f.scene.closed) return count;
-    emit(points[2 * (k - 1)], points[2 * (k - 1) + 1], float(f.scene.segments));
-    return count - 1;
+    const float* last = points + 2 * rings.end_point(r, end - 1, f.scene.closed);
+    emit(last[0], last[1], float(end));
+  }
+
+  // Returns the number of vertices; like evaluate_polyline otherwise.
+  int run(const Rings& rings, std::vector<uint32_t>& ring_starts) {
+    int depth = 0;
+    while ((2 << depth) <= f.settings.samples) depth++;
+    for (int r = 0; r < rings.count; r++) {
+      if (rings.begin(r) == rings.ends[r]) continue;
+      ring_starts.push_back(uint32_t(count));
+      ring(rings, r, depth);
+    }
+    return count;
   }
 };
 
@@ -182,7 +211,14 @@ struct Flattener {
   int tile_x0 = 0, tile_x1 = 0, tile_y0 = 0, tile_y1 = 0;  // tiles within reach of the bounds
 
   const float* start(int e) const { return v + 2 * e; }
-  const float* end(int e) const { return v + 2 * (f.scene.closed && e + 1 == q.edges ? 0 : e + 1); }
+  const float* end(int e) const { return v + 2 * (e + 1); }
+
+  template <typename Visit>
+  void each_edge(Visit&& visit) const {
+    const uint32_t* starts = chunk.ring_starts.data() + q.ring_index;
+    for (; int(*starts) < q.edges; starts++)
+      for (int e = int(starts[0]); e + 1 < int(starts[1]); e++) visit(e);
+  }
 
   // First pixel row whose centre lies at y or below it.
   int row_at(float y, int low, int high) const {
@@ -193,10 +229,10 @@ struct Flattener {
 
   void orientation() {
     double area = 0.0;
-    for (int e = 0; e < q.edges; e++) {
+    each_edge([&](int e) {
       const float *a = start(e), *b = end(e);
       area += double(a[0]) * b[1] - double(b[0]) * a[1];
-    }
+    });
     q.orientation = area > 0.0 ? 1.0f : (area < 0.0 ? -1.0f : 0.0f);
   }
 
@@ -239,7 +275,7 @@ struct Flattener {
     chunk.cursor.assign(size_t(tile_x1 - tile_x0) * (tile_y1 - tile_y0), 0);
     chunk.spans.clear();
     if (f.scene.closed) chunk.windings.assign(chunk.cursor.size() * kTile, 0);
-    for (int e = 0; e < q.edges; e++) {
+    each_edge([&](int e) {
       float low = std::min(start(e)[1], end(e)[1]) - q.reach, high = std::max(start(e)[1], end(e)[1]) + q.reach;
       int y0 = std::max(cell(low, kTile, tile_y1), tile_y0), y1 = std::min(cell(high, kTile, tile_y1 - 1) + 1, tile_y1);
       for (int ty = y0; ty < y1; ty++) {
@@ -249,7 +285,7 @@ struct Flattener {
         if (x0 < x1) chunk.spans.insert(chunk.spans.end(), {e, ty, x0, x1});
         for (int tx = x0; tx < x1; tx++) chunk.cursor[tile(tx, ty)]++;
       }
-    }
+    });
   }
 
   // Adds the pair of a tile, or counts it as skipped. backdrop: the winding numbers at its left side.
@@ -293,8 +329,7 @@ struct Flattener {
   }
 
   void run() {
-    int count = q.edges + (f.scene.closed ? 0 : 1);
-    Box b = bounds(v, count);
+    Box b = bounds(v, q.edges);
     float w = float(f.scene.width), h = float(f.scene.height);
     bool visible = b.x1 + q.reach > 0.0f && b.y1 + q.reach > 0.0f && b.x0 - q.reach < w &&
                    b.y0 - q.reach < h;
@@ -322,13 +357,16 @@ void flatten(Frame& f, int index) {
     const float* points = f.scene.points + size_t(p) * f.points_per_curve * 2;
     activate(f.scene, f.settings.edge_width, p, q);
     float* v = f.vertices.data() + size_t(p) * f.vertex_stride * 2;
+    const Rings rings = f.rings(p);
+    q.ring_index = uint32_t(chunk.ring_starts.size());
     if (f.settings.subdivide) {
-      q.edges = Subdivider{f, points, v, f.parameters.data() + size_t(p) * f.vertex_stride}.run();
+      float* parameters = f.parameters.data() + size_t(p) * f.vertex_stride;
+      q.edges = Subdivider{f, points, v, parameters}.run(rings, chunk.ring_starts);
     } else {
-      q.samples = choose_samples(f, points);
-      q.edges = f.scene.segments * q.samples;
-      evaluate_polyline(f, points, q.samples, v);
+      q.samples = choose_samples(f, rings, points);
+      q.edges = evaluate_polyline(f, rings, points, q.samples, v, chunk.ring_starts);
     }
+    chunk.ring_starts.push_back(uint32_t(q.edges));
     // In exact mode a pixel up to half a diagonal away from the outline is partly covered.
     float support = kHalfSupport * q.edge_width;
     q.reach = q.half_width + (f.settings.exact ? std::max(support, 0.75f) : support);

@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "../shared/curve.h"
 #include "tile.h"
 
 namespace cs {
@@ -15,6 +16,7 @@ struct Chunk {
   std::vector<Pair> pairs;
   std::vector<uint16_t> edges;
   std::vector<EdgeGradient> edge_gradients;
+  std::vector<uint32_t> ring_starts;  // first vertex of each ring of a primitive, then the number of its vertices
   std::vector<uint32_t> cursor;  // scratch of the counting sorts
   std::vector<int> spans;        // scratch: tile ranges per edge and tile row
   std::vector<int16_t> windings;  // scratch: for each tile of a primitive and each of its rows
@@ -28,7 +30,8 @@ struct Frame {
   CsScene scene{};
   CsSettings settings{};
   CsImages images{};
-  int tiles_x = 0, tiles_y = 0, points_per_curve = 0, vertex_stride = 0;
+  int tiles_x = 0, tiles_y = 0, points_per_curve = 0, vertex_stride = 0, ring_stride = 0;
+  const int32_t* ring_ends = nullptr;  // of the first curve
   bool backward = false;
   std::vector<Primitive> primitives;
   std::vector<float> vertices;  // N x vertex_stride x 2
@@ -43,6 +46,7 @@ struct Frame {
 
   int tiles() const { return tiles_x * tiles_y; }
   int chunk_count() const { return (scene.curves + kChunk - 1) / kChunk; }
+  Rings rings(int p) const { return {ring_ends + size_t(p) * ring_stride, scene.rings}; }
   const float* weights(int samples) const { return basis.data() + 2 * size_t(samples) * (samples - 1); }
 };
 

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "../shared/curve.h"
 #include "frame.h"
 
 namespace cs {
@@ -18,7 +17,8 @@ struct Gathered {
 };
 
 void gather(const Frame& f, const Chunk& chunk, const Primitive& q, Gathered& g) {
-  g.vertices.assign(size_t(q.edges + 1) * 2, 0.0f);
+  const uint32_t* const rings = chunk.ring_starts.data() + q.ring_index;
+  g.vertices.assign(size_t(q.edges) * 2, 0.0f);
   for (float& c : g.colour) c = 0.0f;
   g.opacity = g.half_width = g.edge_width = g.importance = 0.0f;
   for (uint32_t i = q.pair_begin; i < q.pair_end; i++) {
@@ -29,10 +29,13 @@ void gather(const Frame& f, const Chunk& chunk, const Primitive& q, Gathered& g)
     g.half_width += seen.half_width;
     g.edge_width += seen.edge_width;
     g.importance += seen.importance;
+    const uint32_t* ring = rings;  // the edges of a pair are listed in ascending order
     for (uint32_t j = pair.edge_begin; j < pair.edge_begin + pair.edge_count; j++) {
       const EdgeGradient& e = chunk.edge_gradients[j];
-      float* v = g.vertices.data() + 2 * chunk.edges[j];
-      float* w = f.scene.closed && chunk.edges[j] + 1 == q.edges ? g.vertices.data() : v + 2;
+      const uint32_t edge = chunk.edges[j];
+      while (ring[1] <= edge) ring++;
+      float* v = g.vertices.data() + 2 * edge;
+      float* w = f.scene.closed && edge + 2 == ring[1] ? g.vertices.data() + 2 * ring[0] : v + 2;
       v[0] += e.start_x;
       v[1] += e.start_y;
       w[0] += e.end_x;
@@ -48,30 +51,44 @@ void spread_vertex(const float* w, const float* v, float* p0, float* p3) {
   }
 }
 
-// The same as pull_back for a subdivided primitive, whose vertices know their segment and parameter.
-void pull_back_subdivided(const Frame& f, const Primitive& q, int p, Gathered& g) {
-  int k = f.points_per_curve, vertices = q.edges + (f.scene.closed ? 0 : 1);
-  const float* parameters = f.parameters.data() + size_t(p) * f.vertex_stride;
-  for (int i = 0; i < vertices; i++) {
-    int m = std::min(int(parameters[i]), f.scene.segments - 1);
-    float w[4];
-    bernstein(parameters[i] - float(m), w);
-    spread_vertex(w, g.vertices.data() + 2 * i, g.points.data() + 6 * m, g.points.data() + 2 * ((3 * m + 3) % k));
+// Transpose of the Bernstein weights of the vertices of one ring but the last; returns that one's gradient.
+const float* pull_back_ring(const Frame& f, const Rings& rings, int r, int samples, const float* v, float* points) {
+  const float* weights = f.weights(samples);
+  for (int m = rings.begin(r); m < rings.ends[r]; m++) {
+    float *p0 = points + 6 * m, *p3 = points + 2 * rings.end_point(r, m, f.scene.closed);
+    for (int s = 0; s < samples; s++, v += 2) spread_vertex(weights + 4 * s, v, p0, p3);
   }
+  return v;
 }
 
-// Transpose of the polyline's matrix of Bernstein weights.
-void pull_back(const Frame& f, const Primitive& q, int p, Gathered& g) {
-  int k = f.points_per_curve;
-  g.points.assign(size_t(k) * 2, 0.0f);
-  if (f.settings.subdivide) return pull_back_subdivided(f, q, p, g);
-  const float *weights = f.weights(q.samples), *v = g.vertices.data();
-  for (int m = 0; m < f.scene.segments; m++) {
-    float *p0 = g.points.data() + 6 * m, *p3 = g.points.data() + 2 * ((3 * m + 3) % k);
-    for (int s = 0; s < q.samples; s++, v += 2) spread_vertex(weights + 4 * s, v, p0, p3);
+// The same for a subdivided primitive, whose vertices know their segment and parameter.
+const float* pull_back_subdivided(const Frame& f, int p, int r, uint32_t first, uint32_t end, const float* v,
+                                  float* points) {
+  const Rings rings = f.rings(p);
+  const float* parameters = f.parameters.data() + size_t(p) * f.vertex_stride;
+  for (uint32_t i = first; i + 1 < end; i++, v += 2) {
+    int m = int(parameters[i]);
+    float w[4];
+    bernstein(parameters[i] - float(m), w);
+    spread_vertex(w, v, points + 6 * m, points + 2 * rings.end_point(r, m, f.scene.closed));
   }
-  if (!f.scene.closed)
-    for (int c = 0; c < 2; c++) g.points[2 * (k - 1) + c] += v[c];
+  return v;
+}
+
+// Vertex gradients -> control-point gradients. A closed ring's last vertex is its first one, which takes its gradient.
+void pull_back(const Frame& f, const Chunk& chunk, const Primitive& q, int p, Gathered& g) {
+  const Rings rings = f.rings(p);
+  const uint32_t* starts = chunk.ring_starts.data() + q.ring_index;
+  g.points.assign(size_t(f.points_per_curve) * 2, 0.0f);
+  for (int r = 0; r < rings.count; r++) {
+    if (rings.begin(r) == rings.ends[r]) continue;
+    const float* v = g.vertices.data() + 2 * starts[0];
+    v = f.settings.subdivide ? pull_back_subdivided(f, p, r, starts[0], starts[1], v, g.points.data())
+                             : pull_back_ring(f, rings, r, q.samples, v, g.points.data());
+    if (!f.scene.closed)
+      for (int c = 0; c < 2; c++) g.points[6 * size_t(rings.ends[r]) + c] += v[c];
+    starts++;
+  }
 }
 
 void through_logits(const Primitive& q, Gathered& g) {
@@ -89,33 +106,45 @@ void write(const Frame& f, int p, const Gathered& g, const CsGradients& out) {
   if (out.importance) out.importance[p] = g.importance;
 }
 
-void step(const Frame& f, int p, const Gathered& g, const CsTraining& t) {
-  const AdanRates r{t.rate_points, t.rate_colours, t.rate_opacities, t.rate_half_widths, t.rate_edge_widths,
-                    t.keep1,       t.keep2,        t.keep3,          t.epsilon};
-  float age = float(++t.ages[p]);
-  const AdanBias bias{1.0f - std::pow(r.keep1, age), 1.0f - std::pow(r.keep2, age),
-                      std::sqrt(1.0f - std::pow(r.keep3, age)), t.ages[p] == 1};
-  int k = f.points_per_curve * 2;
+void step_points(const Frame& f, int p, const Gathered& g, const CsTraining& t, const AdanRates& r,
+                 const AdanBias& bias) {
+  const Rings rings = f.rings(p);
+  const int k = f.points_per_curve * 2, used = 2 * (3 * rings.ends[rings.count - 1] + (f.scene.closed ? 0 : 1));
   auto* moments = reinterpret_cast<AdanMoments*>(t.moments) + size_t(p) * (k + 5);
   const float* further = t.points_gradient ? t.points_gradient + size_t(p) * k : nullptr;
-  for (int i = 0; i < k; i++) {
+  for (int i = 0; i < used; i++) {
     float gradient = g.points[i] + (further ? further[i] : 0.0f);
     t.points[size_t(p) * k + i] -= adan(gradient, moments[i], r, bias, r.points);
   }
-  for (int c = 0; c < 3; c++) {
-    float& x = t.colours[3 * size_t(p) + c];
-    x = limit(x - adan(g.colour[c], moments[k + c], r, bias, r.colours), -kLogitLimit, kLogitLimit);
+}
+
+void step(const Frame& f, int p, const Gathered& g, const CsTraining& t) {
+  const AdanRates common{t.rate_points, t.rate_colours, t.rate_opacities, t.rate_half_widths, t.rate_edge_widths,
+                         t.keep1,       t.keep2,        t.keep3,          t.epsilon};
+  const AdanRates r = scaled(common, t.rate_scale ? t.rate_scale + 5 * size_t(p) : nullptr);
+  float age = float(++t.ages[p]);
+  const AdanBias bias{1.0f - std::pow(r.keep1, age), 1.0f - std::pow(r.keep2, age),
+                      std::sqrt(1.0f - std::pow(r.keep3, age)), t.ages[p] == 1};
+  const size_t k = size_t(f.points_per_curve) * 2;
+  auto* moments = reinterpret_cast<AdanMoments*>(t.moments) + p * (k + 5) + k;  // behind those of the points
+  if (r.points != 0.0f) step_points(f, p, g, t, r, bias);
+  if (r.colours != 0.0f)
+    for (int c = 0; c < 3; c++) {
+      float& x = t.colours[3 * size_t(p) + c];
+      x = limit(x - adan(g.colour[c], moments[c], r, bias, r.colours), -kLogitLimit, kLogitLimit);
+    }
+  if (r.opacities != 0.0f) {
+    float& o = t.opacities[p];
+    o = limit(o - adan(g.opacity, moments[3], r, bias, r.opacities), -kLogitLimit, kLogitLimit);
   }
-  float& o = t.opacities[p];
-  o = limit(o - adan(g.opacity, moments[k + 3], r, bias, r.opacities), -kLogitLimit, kLogitLimit);
-  if (t.edge_widths) {
+  if (t.edge_widths && r.edge_widths != 0.0f) {
     auto& edge_moments = reinterpret_cast<AdanMoments*>(t.edge_moments)[p];
     float& w = t.edge_widths[p];
     w = limit(w - adan(g.edge_width, edge_moments, r, bias, r.edge_widths), kMinEdgeWidth, kMaxEdgeWidth);
   }
-  if (f.scene.closed) return;
+  if (f.scene.closed || r.half_widths == 0.0f) return;
   float& h = t.half_widths[p];
-  h = std::max(h - adan(g.half_width, moments[k + 4], r, bias, r.half_widths), kMinHalfWidth);
+  h = std::max(h - adan(g.half_width, moments[4], r, bias, r.half_widths), kMinHalfWidth);
 }
 
 }  // namespace
@@ -127,7 +156,7 @@ void update(const Frame& f, int index, const CsGradients* out, const CsTraining*
   for (int p = index * kChunk; p < last; p++) {
     const Primitive& q = f.primitives[p];
     gather(f, chunk, q, g);
-    pull_back(f, q, p, g);
+    pull_back(f, chunk, q, p, g);
     if (f.scene.logits) through_logits(q, g);
     if (out) write(f, p, g, *out);
     if (training) step(f, p, g, *training);

@@ -16,9 +16,20 @@ constexpr float kMaxEdgeWidth = 64.0f;
 
 // Hyper-parameters of one update (Adan: Xie et al., 2022, arXiv:2208.06677; betas are the kept fractions).
 struct AdanRates {
-  float points, colours, opacities, half_widths, edge_widths;  // step sizes; 0 freezes the group
+  float points, colours, opacities, half_widths, edge_widths;  // step sizes; 0: parameter and moments stay as they are
   float keep1, keep2, keep3, epsilon;
 };
+
+// The rates of one curve: scale holds a factor for each of the five step sizes, or is null.
+CS_INLINE AdanRates scaled(AdanRates r, const float* scale) {
+  if (!scale) return r;
+  r.points *= scale[0];
+  r.colours *= scale[1];
+  r.opacities *= scale[2];
+  r.half_widths *= scale[3];
+  r.edge_widths *= scale[4];
+  return r;
+}
 
 // Moments of one scalar parameter: gradient mean, difference mean, second moment, previous gradient.
 struct AdanMoments {
@@ -43,6 +54,20 @@ CS_INLINE float adan(float g, AdanMoments& m, const AdanRates& r, const AdanBias
   m.square = r.keep3 * m.square + (1.0f - r.keep3) * look_ahead * look_ahead;
   return rate * (m.mean / b.mean + r.keep2 * m.change / b.change) / (root(m.square) / b.square + r.epsilon);
 }
+
+// The rings of one curve. Ring r has the segments begin(r) <= m < ends[r], and segment m the control points 3m, 3m + 1,
+// 3m + 2 and 3m + 3, but the last one of a closed ring ends in the ring's first point. A curve with fewer rings than
+// others repeats its last end: a ring without segments is none. An open curve is one ring.
+struct Rings {
+  const int* ends;
+  int count;
+
+  CS_INLINE int begin(int r) const { return r > 0 ? ends[r - 1] : 0; }
+  // The control point that ends segment m of ring r.
+  CS_INLINE int end_point(int r, int m, bool closed) const {
+    return 3 * (closed && m + 1 == ends[r] ? begin(r) : m + 1);
+  }
+};
 
 CS_INLINE float limit(float x, float low, float high) { return x < low ? low : (x > high ? high : x); }
 

@@ -1,0 +1,367 @@
+"""Curves of different length and of several rings: holes, islands, padding; frozen curves; on the CPU engine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from engines import GRADIENT_TOLERANCE, PICTURE_TOLERANCE, compared, outliers, packed, truth
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import (
+    MODES,
+    PAPER,
+    TENSORS,
+    as_arguments,
+    circle,
+    in_double,
+    ragged_scene,
+    random_scene,
+    random_target,
+    rectangle,
+    reference_render,
+    reverse_ring,
+    scene_of,
+    straight,
+)
+from torch import Tensor
+
+from cubicsplat_cli.errors import EngineError, InputError
+from cubicsplat_cli.raster import RasterSettings, reference, render, render_scene
+from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
+from cubicsplat_cli.raster.engine import OptimiserState, Rates
+from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.settings import Mode
+
+RELAXED, EXACT = RasterSettings("relaxed", 1.0, 8), RasterSettings("exact", 1.0, 16)
+
+
+@pytest.fixture(scope="module")
+def engine():
+    engine = CpuEngine(2)
+    yield engine
+    engine.close()
+
+
+def compound(*curves: list[Tensor], width: int = 24, height: int = 20, opacity: float = 0.8) -> Scene:
+    """Fills of the given rings over a background."""
+    points, ring_ends = pack_rings(Mode.CLOSED, curves)
+    scene = scene_of(Mode.CLOSED, [rectangle(0, 0, 1, 1)] * len(curves), width, height, background=PAPER)
+    return replace(scene, points=points, ring_ends=ring_ends, opacities=torch.full((len(curves),), opacity))
+
+
+def padding(scene: Scene) -> Tensor:
+    """(N, K) bool: the points behind each curve's last ring."""
+    used = 3 * scene.ring_ends[:, -1:] + (scene.mode is Mode.OPEN)
+    return torch.arange(scene.points_per_curve) >= used
+
+
+DEGENERATE = {
+    "hole-larger-than-the-ring": [rectangle(8, 8, 12, 12), reverse_ring(rectangle(3, 3, 18, 17))],
+    "rings-that-cancel": [circle(12, 10, 6), reverse_ring(circle(12, 10, 6))],
+    "the-same-ring-twice": [circle(12, 10, 6), circle(12, 10, 6)],
+    "rings-that-touch": [rectangle(2, 2, 10, 10), rectangle(10, 2, 18, 10)],
+    "one-segment": [torch.tensor([[3.0, 3.0], [30.0, 4.0], [4.0, 22.0]]), circle(12, 10, 3)],
+    "a-point": [torch.full((3, 2), 5.25), circle(12, 10, 5)],
+    "no-area": [straight([(2.25, 3.0), (20.0, 12.5)], closed=True), circle(12, 10, 5)],
+    "one-ring-off-canvas": [circle(12, 10, 5), circle(-80, 10, 5)],
+    "covers-all": [rectangle(-50, -50, 80, 80), reverse_ring(rectangle(5, 5, 9, 9))],
+}
+
+
+def test_rings_are_packed_and_given_back():
+    rings = [[circle(5, 5, 4, 4), circle(5, 5, 2, 3)], [circle(9, 9, 3, 2)]]
+    points, ring_ends = pack_rings(Mode.CLOSED, rings)
+    assert points.shape == (2, 21, 2)
+    assert ring_ends.tolist() == [[4, 7], [2, 2]]
+    scene = compound(*rings)
+    for curve in range(2):
+        assert all(torch.equal(a, b) for a, b in zip(scene.rings(curve), rings[curve], strict=True))
+    assert not points[1, 6:].any()
+    assert (scene.curves, scene.segments, scene.points_per_curve) == (2, 7, 21)
+
+
+def test_equal_curves_of_one_ring_need_no_table():
+    curves = list(random_scene(Mode.OPEN, 3, 2).points)
+    points, ring_ends = pack_rings(Mode.OPEN, [[c] for c in curves])
+    assert ring_ends is None
+    assert torch.equal(points, torch.stack(curves))
+
+
+@pytest.mark.parametrize(
+    ("mode", "curves", "words"),
+    [
+        (Mode.CLOSED, [], "at least 1 curve"),
+        (Mode.CLOSED, [[circle(5, 5, 4)], []], "curve 1 has 0 rings"),
+        (Mode.OPEN, [[torch.zeros(4, 2), torch.zeros(4, 2)]], "curve 0 has 2 rings"),
+        (Mode.CLOSED, [[torch.zeros(4, 2)]], "need 3M"),
+    ],
+)
+def test_rings_that_cannot_be_packed(mode, curves, words):
+    with pytest.raises(InputError, match=words):
+        pack_rings(mode, curves)
+
+
+@pytest.mark.parametrize(
+    ("mode", "table", "words"),
+    [
+        (Mode.CLOSED, torch.tensor([[1], [2]]), "int32"),
+        (Mode.CLOSED, torch.tensor([[1, 2]], dtype=torch.int32), r"shape \(N, R\) for 2 curves"),
+        (Mode.OPEN, torch.tensor([[1, 2], [1, 2]], dtype=torch.int32), r"shape \(N, 1\)"),
+        (Mode.CLOSED, torch.tensor([[1, 2], [0, 2]], dtype=torch.int32), "curve 1 has .0, 2."),
+        (Mode.CLOSED, torch.tensor([[2, 1], [1, 2]], dtype=torch.int32), "curve 0 has .2, 1."),
+        (Mode.CLOSED, torch.tensor([[1, 2], [1, 4]], dtype=torch.int32), "at most 3 segments, but curve 1"),
+    ],
+)
+def test_wrong_tables_are_named(mode, table, words):
+    scene = replace(random_scene(mode, 2, 3), ring_ends=table)
+    with pytest.raises(InputError, match=words):
+        scene.validate()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_reference_gradients_match_finite_differences(mode):
+    scene = in_double(ragged_scene(mode, 4, 13, 11, 3, background=PAPER), requires_grad=True)
+    target = random_target(scene).double()
+
+    def loss(points: Tensor) -> Tensor:
+        return reference.image_loss(reference_render(replace(scene, points=points), edge_width=2.0, samples=4), target)
+
+    (gradient,) = torch.autograd.grad(loss(scene.points), scene.points)
+    assert not gradient[padding(scene)].any()
+    assert int((gradient != 0.0).sum()) > 40
+    step, points = 1e-6, scene.points.detach()
+    for index in range(0, points.numel(), 3):
+        shift = torch.zeros(points.numel(), dtype=torch.float64)
+        shift[index] = step
+        shift = shift.view_as(points)
+        slope = (loss(points + shift) - loss(points - shift)) / (2.0 * step)
+        assert float(gradient.view(-1)[index]) == pytest.approx(float(slope.detach()), rel=1e-4, abs=1e-5)
+
+
+@pytest.mark.parametrize("coverage", ["relaxed", "exact"])
+def test_a_hole_is_a_ring_that_runs_the_other_way(engine, coverage):
+    ring, inner = rectangle(2, 2, 18, 18), rectangle(6, 6, 14, 14)
+    scene = compound([ring, reverse_ring(inner)], [ring, inner], [ring], opacity=1.0)
+    for curve, inside in ((0, 0.0), (1, 1.0)):
+        one = replace(
+            scene,
+            background=None,
+            **{name: getattr(scene, name)[curve : curve + 1] for name in (*TENSORS, "ring_ends")},
+        )
+        for picture in (
+            engine.render(packed(one), RasterSettings(coverage, 1.0, 4)).double(),
+            reference_render(one, coverage, samples=4),
+        ):
+            assert float(picture[10, 10, 3]) == pytest.approx(inside, abs=1e-3)
+            assert float(picture[4, 10, 3]) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("subdivide", [False, True])
+def test_padding_changes_no_bit(engine, mode, subdivide):
+    scene = random_scene(mode, 9, 3, 40, 30, 2, background=PAPER)
+    target = random_target(scene)
+    raster = RasterSettings("relaxed", 1.5, 16, 0.02 if subdivide else 0.0, subdivide)
+    wide = torch.cat((scene.points, torch.full((9, 6, 2), 12.5)), dim=1)
+    padded = replace(
+        scene, points=wide, ring_ends=torch.full((9, 2 if mode is Mode.CLOSED else 1), 3, dtype=torch.int32)
+    )
+    padded.validate()
+    assert torch.equal(engine.render(packed(scene), raster), engine.render(packed(padded), raster))
+    _, want = engine.gradients(packed(scene), raster, target=target, importance="loo")
+    _, got = engine.gradients(packed(padded), raster, target=target, importance="loo")
+    count = scene.points_per_curve
+    assert torch.equal(got["points"][:, :count], want["points"])
+    assert not got["points"][:, count:].any()
+    for name in ("colours", "opacities", "half_widths", "importance"):
+        assert torch.equal(got[name], want[name]), name
+
+
+def check_against_reference(engine: CpuEngine, scene: Scene, raster: RasterSettings, flipped: float) -> None:
+    """Picture and gradients, less the fraction of values that rounding may put on another side of an edge."""
+    scene.validate()
+    target = random_target(scene)
+    want = truth(scene, raster, target)
+    assert outliers(engine.render(packed(scene), raster), want.image, PICTURE_TOLERANCE) <= flipped
+    _, got = engine.gradients(packed(scene), raster, target=target)
+    if scene.ring_ends is not None:
+        assert not got["points"][padding(scene)].any()
+    for name in compared(scene):
+        assert torch.isfinite(got[name]).all()
+        scale = max(1.0, float(want.gradients[name].abs().max()))
+        assert outliers(got[name], want.gradients[name], 5 * GRADIENT_TOLERANCE * scale) <= 5 * flipped, name
+
+
+@pytest.mark.parametrize("isa", instruction_sets())
+@pytest.mark.parametrize("background", [PAPER, None])
+@pytest.mark.parametrize("mode", MODES)
+def test_the_engine_matches_the_reference(mode, background, isa):
+    engine = CpuEngine(1, isa)
+    for seed, raster in enumerate((RELAXED, EXACT)):
+        check_against_reference(engine, ragged_scene(mode, 9, 41, 35, seed, background=background), raster, 0.01)
+
+
+@given(data=st.data())
+@settings(deadline=None, derandomize=True, max_examples=25)
+def test_the_engine_matches_the_reference_on_any_rings(engine, data):
+    seed = data.draw(st.integers(0, 2**20))
+    counts = data.draw(st.lists(st.lists(st.integers(1, 4), min_size=1, max_size=4), min_size=1, max_size=4))
+    shapes = [
+        [random_scene(Mode.CLOSED, 1, m, 24, 20, seed + 17 * i + r).points[0] for r, m in enumerate(of_curve)]
+        for i, of_curve in enumerate(counts)
+    ]
+    scene = compound(*shapes)
+    check_against_reference(engine, scene, data.draw(st.sampled_from([RELAXED, EXACT])), 0.02)
+
+
+@pytest.mark.parametrize("raster", [RELAXED, EXACT], ids=["relaxed", "exact"])
+@pytest.mark.parametrize("name", DEGENERATE)
+def test_degenerate_rings(engine, name, raster):
+    scene = compound(DEGENERATE[name], [circle(15.3, 12.2, 5.5)])
+    target = random_target(scene)
+    want = truth(scene, raster, target)
+    assert outliers(engine.render(packed(scene), raster), want.image, 2e-3) <= 0.02
+    _, got = engine.gradients(packed(scene), raster, target=target, importance="loo")
+    for key, value in got.items():
+        assert torch.isfinite(value).all(), key
+    for key in ("colours", "opacities"):
+        scale = max(1.0, float(want.gradients[key].abs().max()))
+        assert outliers(got[key], want.gradients[key], 0.02 * scale) == 0.0, key
+
+
+@pytest.mark.parametrize("kind", ["loo", "visibility"])
+@pytest.mark.parametrize("mode", MODES)
+def test_importance(engine, mode, kind):
+    scene = ragged_scene(mode, 8, 41, 35, 2, background=PAPER)
+    target = random_target(scene, 3)
+    tensors, keywords = as_arguments(in_double(scene))
+    want = reference.importance(*tensors, **keywords, settings=RELAXED, target=target.double(), kind=kind)
+    _, got = engine.gradients(packed(scene), RELAXED, target=target, importance=kind)
+    assert torch.allclose(got["importance"].double(), want, rtol=5e-3, atol=5e-3 * float(want.abs().max()))
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_subdivision(engine, mode):
+    scene = ragged_scene(mode, 8, 60, 50, 2, background=PAPER)
+    target = random_target(scene)
+    fine, subdivided = RasterSettings("relaxed", 2.0, 64), RasterSettings("relaxed", 2.0, 64, 0.02, subdivide=True)
+    difference = (engine.render(packed(scene), fine) - engine.render(packed(scene), subdivided)).abs()
+    assert 0.0 < float(difference.max()) < 0.02
+    want = engine.gradients(packed(scene), fine, target=target)[1]
+    got = engine.gradients(packed(scene), subdivided, target=target)[1]
+    for name in compared(scene):
+        assert outliers(got[name], want[name], 0.02 * float(want[name].abs().max())) <= 0.05, name
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_each_curve_gets_as_many_edges_as_its_flatness_needs(engine, mode):
+    scene = ragged_scene(mode, 8, 120, 90, 4, background=PAPER)
+    fine = engine.render(packed(scene), RasterSettings("relaxed", 1.0, 64))
+    all_edges = engine.counts()["edges"]
+    picture = engine.render(packed(scene), RasterSettings("relaxed", 1.0, 64, 0.02))
+    assert float((picture - fine).abs().max()) < 0.05
+    assert engine.counts()["edges"] < all_edges
+
+
+def training(scene: Scene):
+    """The scene's tensors as logits, to train in place, with a fresh optimiser."""
+    parameters = packed(replace(scene, colours=scene.colours * 2 - 1, opacities=scene.opacities * 2))
+    parameters.logits = True
+    parameters.edge_widths = torch.full((scene.curves,), 2.0)
+    for name in TENSORS:
+        setattr(parameters, name, getattr(parameters, name).clone())
+    return parameters, OptimiserState.zeros(scene.curves, scene.points_per_curve)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_steps_lower_the_loss_and_leave_the_padding(engine, mode):
+    scene = ragged_scene(mode, 16, 64, 64, 2, background=PAPER)
+    unused = padding(scene)
+    scene.points[unused] = 7.0
+    target = random_target(scene, 7)
+    parameters, state = training(scene)
+    further = torch.ones_like(scene.points)
+    rates = Rates(0.3, 0.05, 0.05, 0.02, keep=(0.98, 0.92, 0.99), epsilon=1e-2)
+    losses = [engine.step(parameters, RELAXED, target, state, rates, points_gradient=0.0 * further) for _ in range(60)]
+    assert losses[-1] < 0.6 * losses[0]
+    engine.step(parameters, RELAXED, target, state, rates, points_gradient=further)
+    assert (parameters.points[unused] == 7.0).all()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_frozen_parameters_keep_every_bit(engine, mode):
+    """Each curve has another of the five groups frozen, and the sixth all of them."""
+    scene = ragged_scene(mode, 6, 40, 32, 1, background=PAPER)
+    scene.colours[:] = 25.0  # beyond the logits' limits: writing would bring it back
+    parameters, state = training(scene)
+    before = {name: getattr(parameters, name).clone() for name in (*TENSORS, "edge_widths")}
+    scale = torch.cat((1.0 - torch.eye(5), torch.zeros(1, 5)))
+    target = random_target(scene)
+    for _ in range(3):
+        engine.step(parameters, RELAXED, target, state, Rates(0.3, 0.05, 0.05, 0.02, 0.02), rate_scale=scale)
+    moved = {name: (getattr(parameters, name) != old).view(6, -1).any(1).tolist() for name, old in before.items()}
+    if mode is Mode.CLOSED:
+        assert moved.pop("half_widths") == [False] * 6
+    for group, name in enumerate((*TENSORS, "edge_widths")):
+        if name in moved:
+            assert moved[name] == [curve not in (group, 5) for curve in range(6)], name
+    assert not state.moments[5].any()
+    assert state.ages.tolist() == [3] * 6
+
+
+def test_a_rate_of_zero_freezes_as_well(engine):
+    scene = ragged_scene(Mode.OPEN, 4, background=PAPER)
+    parameters, state = training(scene)
+    before = parameters.half_widths.clone()
+    engine.step(parameters, RELAXED, random_target(scene), state, Rates(0.3, 0.05, 0.05, 0.0))
+    assert torch.equal(parameters.half_widths, before)
+
+
+def test_a_scaled_rate_is_that_rate(engine):
+    """Powers of two, so that no rounding differs."""
+    scene = ragged_scene(Mode.OPEN, 6, 40, 32, 1, background=PAPER)
+    target = random_target(scene)
+    results = []
+    for rates, scale in ((Rates(0.25, 0.125, 0.5, 0.0625, 0.5), None), (Rates(0.5, 0.5, 0.5, 0.5, 0.5), True)):
+        parameters, state = training(scene)
+        given = torch.tensor([[0.5, 0.25, 1.0, 0.125, 1.0]]).expand(6, 5).contiguous() if scale else None
+        for _ in range(3):
+            engine.step(parameters, RELAXED, target, state, rates, rate_scale=given)
+        results.append(parameters)
+    for name in (*TENSORS, "edge_widths"):
+        assert torch.equal(getattr(results[0], name), getattr(results[1], name)), name
+
+
+def test_wrong_tables_and_factors_do_not_reach_the_engine(engine):
+    scene = packed(ragged_scene(Mode.CLOSED, 4, background=PAPER))
+    good = scene.ring_ends
+    for bad in ([0, 1, 1], [2, 1, 3], [1, 2, 99]):
+        scene.ring_ends = good.clone()
+        scene.ring_ends[2] = torch.tensor(bad, dtype=torch.int32)
+        with pytest.raises(EngineError, match="ring_ends must rise"):
+            engine.render(scene, RELAXED)
+    scene.ring_ends = good.long()
+    with pytest.raises(EngineError, match=r"ring_ends must be a contiguous torch\.int32"):
+        engine.render(scene, RELAXED)
+    scene.ring_ends = good
+    with pytest.raises(EngineError, match=r"rate_scale must be .* of shape \(4, 5\)"):
+        engine.step(
+            scene, RELAXED, torch.zeros(20, 24, 3), OptimiserState.zeros(4, scene.points.shape[1]),
+            Rates(0.1, 0.1, 0.1, 0.1), rate_scale=torch.ones(4),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_operator_and_render_scene_draw_rings(engine, mode):
+    scene = ragged_scene(mode, 6, background=PAPER)
+    want = engine.render(packed(scene), EXACT)
+    assert torch.equal(torch.from_numpy(render_scene(scene, samples=16)), want)
+    points = scene.points.clone().requires_grad_()
+    picture = render(replace(scene, points=points), EXACT)
+    assert torch.equal(picture.detach(), want)
+    target = random_target(scene)
+    (picture - target).square().sum().backward()
+    _, got = engine.gradients(packed(scene), EXACT, target=target)
+    assert torch.allclose(points.grad, got["points"], rtol=1e-4, atol=1e-4)
