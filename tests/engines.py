@@ -1,16 +1,20 @@
-"""Comparing an engine with the reference, the same way for every engine and every test."""
+"""The engines that the tests run on, each under one name; and comparing them with the reference, all the same way."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import pytest
 import torch
-from scenes import PAPER, TENSORS, as_arguments, in_double
+from emulated import EmulatedDriver, compiler
+from scenes import DEGENERATE, PAPER, TENSORS, as_arguments, in_double
 from torch import Tensor
 
 from cubicsplat_cli.raster import reference
+from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.draw import scene_tensors
-from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.raster.engine import Engine, OptimiserState, SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
@@ -28,10 +32,65 @@ NAMES = [f"{s.coverage}-{s.edge_width:g}" for s in SETTINGS]
 CASES = [(mode, background) for mode in Mode for background in (PAPER, None)]
 CASE_NAMES = [f"{mode.value}-{'rgb' if background else 'rgba'}" for mode, background in CASES]
 
+FIRST, *OTHERS = instruction_sets()
+MARKS = {
+    "emulated": pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler"),
+    "gpu": pytest.mark.gpu,
+}
+
+
+def _case(kind: str, *values: object, name: str = "") -> object:
+    return pytest.param(kind, *values, marks=MARKS.get(kind, ()), id=f"{kind}-{name}" if name else kind)
+
+
+CUDA = [_case("emulated"), _case("gpu")]
+ENGINES = [_case(kind) for kind in (FIRST, *OTHERS)] + CUDA
+
+
+def _representative(kind: str) -> list[RasterSettings]:
+    """All settings on the best CPU engine and on a GPU; of the others, whose code is the same, one that tells most.
+
+    The emulated GPU has a kernel for either coverage.
+    """
+    if kind in (FIRST, "gpu"):
+        return SETTINGS
+    return SETTINGS[1:] if kind == "emulated" else SETTINGS[2:]
+
+
+KINDS = (FIRST, *OTHERS, "emulated", "gpu")
+WITH_SETTINGS = [_case(k, s, name=NAMES[SETTINGS.index(s)]) for k in KINDS for s in _representative(k)]
+
+
+def _degenerate_cases() -> list[object]:
+    """Every scene in all settings where those are all tested, and elsewhere in one of them, taken in turn."""
+    cases = []
+    for kind in KINDS:
+        for i, (name, scene) in enumerate(DEGENERATE):
+            chosen = SETTINGS if _representative(kind) == SETTINGS else [SETTINGS[i % len(SETTINGS)]]
+            cases += [_case(kind, name, scene, s, name=f"{name}-{NAMES[SETTINGS.index(s)]}") for s in chosen]
+    return cases
+
+
+DEGENERATE_CASES = _degenerate_cases()
+
+
+def open_cuda(kind: str, **options) -> CudaEngine:
+    """The CUDA engine on the emulator or on the real device. options: of `EmulatedDriver`."""
+    if kind == "gpu":
+        if not torch.cuda.is_available():
+            pytest.skip("needs a CUDA device")
+        return CudaEngine()
+    return CudaEngine(driver=EmulatedDriver(**options))
+
+
+def open_kind(kind: str) -> Engine:
+    """The engine of a name: an instruction set, "emulated" or "gpu"."""
+    return open_cuda(kind) if kind in MARKS else CpuEngine(2, kind)
+
 
 @dataclass
 class Truth:
-    """What the float64 reference says of a scene: picture, loss, gradients and importance."""
+    """What the float64 reference says of a scene: picture, loss and gradients."""
 
     image: Tensor
     loss: float
@@ -50,17 +109,50 @@ def truth(scene: Scene, settings: RasterSettings, target: Tensor) -> Truth:
     return Truth(image.detach(), float(loss.detach()), gradients)
 
 
-def packed(scene: Scene) -> SceneTensors:
-    return scene_tensors(scene)
+def packed(scene: Scene | SceneTensors, device: torch.device | str = "cpu") -> SceneTensors:
+    """A copy of a scene's tensors on a device."""
+    tensors = scene_tensors(scene) if isinstance(scene, Scene) else scene
+    moved = {name: getattr(tensors, name) for name in (*TENSORS, "edge_widths")}
+    return replace(tensors, **{name: None if t is None else t.to(device, copy=True) for name, t in moved.items()})
+
+
+def state_for(scene: SceneTensors) -> OptimiserState:
+    """An empty optimiser state beside the scene's tensors."""
+    return OptimiserState.zeros(*scene.points.shape[:2]).to(scene.points.device)
 
 
 def outliers(got: Tensor, want: Tensor, tolerance: float) -> float:
     """Fraction of the values that differ by more than the tolerance."""
     if want.numel() == 0:
         return 0.0
-    return float(((got.double() - want).abs() > tolerance).double().mean())
+    return float(((got.cpu().double() - want).abs() > tolerance).double().mean())
+
+
+def close(got: Tensor, want: Tensor, tolerance: float, share: float = 0.0) -> bool:
+    """Whether all values but a share differ by at most the tolerance times the largest wanted one (or 1e-6)."""
+    got, want = got.detach().cpu().double(), want.detach().cpu().double()
+    assert got.shape == want.shape
+    assert torch.isfinite(got).all()
+    if want.numel() == 0:
+        return True
+    return outliers(got, want, tolerance * max(float(want.abs().max()), 1e-6)) <= share
 
 
 def compared(scene: Scene) -> list[str]:
     """Parameters whose gradients are compared: half-widths only where there are strokes."""
     return [name for name in TENSORS if name != "half_widths" or scene.mode is Mode.OPEN]
+
+
+def assert_like_cpu(engine: Engine, scene: SceneTensors, settings, target: Tensor, share: float = 0.02) -> None:
+    """Picture, loss, every gradient and leave-one-out importance are those of the CPU engine."""
+    cpu = CpuEngine(1)
+    here = packed(scene, engine.device)
+    picture = cpu.render(scene, settings)
+    assert close(engine.render(here, settings), picture, 5e-4, share / 5), "picture"
+    loss, want = cpu.gradients(scene, settings, target=target, importance="loo")
+    found, got = engine.gradients(here, settings, target=target.to(engine.device), importance="loo")
+    assert found == pytest.approx(loss, rel=2e-3, abs=1e-4)
+    assert set(got) == set(want)
+    for name, value in want.items():
+        assert close(got[name], value, 3e-3, share), name
+    cpu.close()

@@ -17,11 +17,11 @@ from cubicsplat_cli.bench.artwork.counts import count, minified
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.edges import edge_displacement
 from cubicsplat_cli.bench.artwork.inks import exact_inks
-from cubicsplat_cli.bench.artwork.pathdata import count_numbers, pieces
 from cubicsplat_cli.bench.artwork.seams import opaque_inside, seam_areas
 from cubicsplat_cli.bench.artwork.wireframe import wireframe
 from cubicsplat_cli.cli.app import app
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.svg.pathparse import count_numbers, pieces
 
 
 def svg(body: str, width: int = 64, height: int = 48, root: str = "") -> bytes:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from cuda_bodies import ENGINES, open_cuda
+from engines import CUDA, open_cuda
 
 from cubicsplat_cli.raster.cuda import driver as cuda_driver
 from cubicsplat_cli.settings import Mode
@@ -35,7 +35,7 @@ def test_without_a_gpu_the_benchmark_says_what_is_missing(tool, monkeypatch, cap
     assert capsys.readouterr().err == "bench_gpu: error: no GPU today\n"
 
 
-@pytest.mark.parametrize("kind", ENGINES)
+@pytest.mark.parametrize("kind", CUDA)
 @pytest.mark.parametrize("mode", list(Mode))
 def test_the_benchmark_of_the_gpu(kind, mode, tool, monkeypatch):
     monkeypatch.setattr(tool, "ROUNDS", 1)

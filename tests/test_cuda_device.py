@@ -7,8 +7,8 @@ import types
 
 import pytest
 import torch
-from cuda_bodies import close, open_cuda
 from emulated import EmulatedDriver, compiler
+from engines import close, open_cuda
 from scenes import as_arguments, random_scene
 
 from cubicsplat_cli.errors import EngineError

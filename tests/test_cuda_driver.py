@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 import pytest
 import torch
-from cuda_bodies import packed, state_for
 from emulated import EmulatedDriver, compiler
+from engines import packed, state_for
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 import torch
-from cuda_bodies import assert_like_cpu, close, packed, state_for
 from emulated import EmulatedDriver, compiler
+from engines import assert_like_cpu, close, packed, state_for
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
@@ -229,7 +229,7 @@ import ctypes, sys
 sys.path[:0] = {paths!r}
 import torch
 from emulated import EmulatedDriver
-from cuda_bodies import packed, state_for
+from engines import packed, state_for
 from scenes import PAPER, random_scene, random_target
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.cuda.engine import CudaEngine

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from cuda_bodies import close, open_cuda, packed, state_for
+from engines import close, open_cuda, packed, state_for
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError

@@ -19,7 +19,7 @@ _LARGEST = 2048
 
 def artwork(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)],
-    tools: Annotated[str, typer.Option("--tools", metavar="TOOL,...", help="Of photo and vtracer.")] = "photo,vtracer",
+    tools: Annotated[str, typer.Option("--tools", metavar="TOOL,...", help="Of ours, photo and vtracer.")] = "ours",
     size: Annotated[int, typer.Option("--size", min=16, max=_LARGEST, help="Longer side of the input in px.")] = 512,
     only: Annotated[
         str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from cubicsplat_cli.bench.artwork.document import Document, local_name
-from cubicsplat_cli.bench.artwork.pathdata import count_numbers
+from cubicsplat_cli.svg.pathparse import count_numbers
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _REFERENCE = re.compile(r"#([^\s'\")]+)")

@@ -35,6 +35,15 @@ def _picture(pixels: np.ndarray) -> Picture:
     return load_picture(buffer.getvalue(), name="drawing.png")
 
 
+def _ours(pixels: np.ndarray) -> bytes:
+    """The artwork style as it is without options."""
+    from cubicsplat_cli.artwork.vectorize import draw
+    from cubicsplat_cli.svg.drawing import write_drawing
+
+    drawing = draw(_picture(pixels).target())
+    return write_drawing(drawing, title="drawing.png", comment="bench artwork").encode()
+
+
 def _photo(pixels: np.ndarray) -> bytes:
     """The photo style with 64 curves."""
     from cubicsplat_cli.fit import FitSettings
@@ -60,4 +69,4 @@ def _vtracer():  # type: ignore[no-untyped-def]
         ) from error
 
 
-TOOLS: dict[str, Tool] = {"photo": _photo, "vtracer": _vtracer_svg}
+TOOLS: dict[str, Tool] = {"ours": _ours, "photo": _photo, "vtracer": _vtracer_svg}

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.bench.artwork.document import Document, local_name
-from cubicsplat_cli.bench.artwork.pathdata import Piece, pieces
+from cubicsplat_cli.svg.pathparse import Piece, pieces
 
 _TRANSFORM = re.compile(r"(matrix|translate|scale|rotate)\s*\(([^)]*)\)")
 _PRIMITIVES = {"circle", "ellipse", "rect", "line", "polygon", "polyline"}

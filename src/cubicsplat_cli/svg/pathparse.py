@@ -1,4 +1,4 @@
-"""Path data of any SVG as absolute pieces; used for counting numbers and for showing anchors and handles."""
+"""Path data of any SVG, command by command and as absolute pieces."""
 
 from __future__ import annotations
 
@@ -9,19 +9,25 @@ from dataclasses import dataclass
 from cubicsplat_cli.errors import InputError
 
 _TOKEN = re.compile(r"[\s,]*([MmLlHhVvCcSsQqTtAaZz]|[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)")
+_FLAG = re.compile(r"[\s,]*([01])")
 # How many numbers a command takes.
 _NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
+_DECIMALS = 9
 Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Piece:
-    """One command: its capital letter, where it starts and ends, and its handles (none, one or two), absolute."""
+    """One command: its capital letter, where it starts and ends, and its handles (none, one or two), absolute.
+
+    numbers: of an arc, its radii, the angle in degrees and the two flags.
+    """
 
     command: str
     start: Point
     end: Point
     handles: tuple[Point, ...] = ()
+    numbers: tuple[float, ...] = ()
 
 
 def count_numbers(d: str) -> int:
@@ -48,10 +54,9 @@ def commands(d: str) -> Iterator[tuple[str, tuple[float, ...]]]:
 def _numbers(d: str, position: int, letter: str) -> tuple[tuple[float, ...], int]:
     numbers: list[float] = []
     for index in range(_NUMBERS[letter.upper()]):
-        if letter in "Aa" and index in (3, 4):  # flags may stand without anything between them
-            found = re.compile(r"[\s,]*([01])").match(d, position)
-        else:
-            found = _TOKEN.match(d, position)
+        # Flags may stand without anything between them.
+        flag = letter in "Aa" and index in (3, 4)
+        found = (_FLAG if flag else _TOKEN).match(d, position)
         if found is None or found[1].isalpha():
             raise InputError(f"path data lacks a number of {letter} at {d[position : position + 12]!r}")
         numbers.append(float(found[1]))
@@ -61,34 +66,48 @@ def _numbers(d: str, position: int, letter: str) -> tuple[tuple[float, ...], int
 
 def pieces(d: str) -> list[Piece]:
     """All commands but M as absolute pieces; of S and T the mirrored handle too. An arc has no handles."""
-    found: list[Piece] = []
+    return [piece for ring in subpaths(d) for piece in ring]
+
+
+def subpaths(d: str) -> list[list[Piece]]:
+    """The absolute pieces of each subpath, which ends with Z or before the next M; InputError for bad path data."""
+    found: list[list[Piece]] = []
     here = start = (0.0, 0.0)
     for letter, numbers in commands(d):
         command = letter.upper()
-        points = _points(letter, numbers, here)
+        if command == "M" or not found or (found[-1] and found[-1][-1].command == "Z"):
+            found.append([])
+        points = _points(letter, numbers, here) or [start]
         if command == "M":
             here = start = points[-1]
             continue
-        if command == "Z":
-            points = [start]
-        handles = tuple(points[:-1])
-        if command in "ST":
-            handles = (_mirrored(found, here, command), *handles)
-        found.append(Piece(command, here, points[-1], handles))
+        found[-1].append(_piece(command, numbers, points, here, found[-1]))
         here = points[-1]
     return found
+
+
+def _piece(command: str, numbers: tuple[float, ...], points: list[Point], here: Point, before: list[Piece]) -> Piece:
+    handles = tuple(points[:-1])
+    if command in "ST":
+        handles = (_mirrored(before, here, command), *handles)
+    return Piece(command, here, points[-1], handles, numbers[:5] if command == "A" else ())
 
 
 def _points(letter: str, numbers: tuple[float, ...], here: Point) -> list[Point]:
     x, y = here if letter.islower() else (0.0, 0.0)
     command = letter.upper()
     if command == "H":
-        return [(x + numbers[0], here[1])]
+        return [(_sum(x, numbers[0]), here[1])]
     if command == "V":
-        return [(here[0], y + numbers[0])]
+        return [(here[0], _sum(y, numbers[0]))]
     if command == "A":
         numbers = numbers[5:]
-    return [(x + a, y + b) for a, b in zip(numbers[::2], numbers[1::2], strict=True)]
+    return [(_sum(x, a), _sum(y, b)) for a, b in zip(numbers[::2], numbers[1::2], strict=True)]
+
+
+def _sum(first: float, second: float) -> float:
+    """Of decimals, without the noise of binary fractions, which would add up along a path."""
+    return round(first + second, _DECIMALS)
 
 
 def _mirrored(found: list[Piece], here: Point, command: str) -> Point:
@@ -96,4 +115,4 @@ def _mirrored(found: list[Piece], here: Point, command: str) -> Point:
     if not found or found[-1].command not in kin or found[-1].end != here:
         return here
     x, y = found[-1].handles[-1]
-    return 2.0 * here[0] - x, 2.0 * here[1] - y
+    return _sum(2.0 * here[0], -x), _sum(2.0 * here[1], -y)

@@ -1,0 +1,141 @@
+"""Artwork as one plain SVG 1.1 document: primitives as such, one path per other shape, exact inks, named shapes."""
+
+from __future__ import annotations
+
+import math
+from xml.etree import ElementTree
+
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, reversed_ring, signed_area
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.svg.markup import Identifiers, comment_text, short_colour, xml_text
+from cubicsplat_cli.svg.pathdata import format_number
+from cubicsplat_cli.svg.quantise import MAX_PRECISION, check_precision
+from cubicsplat_cli.svg.ringgrid import grid_ring, to_steps
+from cubicsplat_cli.svg.ringpath import PathText, add_ring
+
+_OPAQUE = 255
+# Steps of the grid across the longer side: 0.01 px at 512 px.
+_STEPS_ACROSS = 51_200
+_ANGLE_DECIMALS = 3  # degrees
+
+
+def suggested_precision(width: int, height: int) -> int:
+    """Decimals that a drawing of this size needs: 2 at 512 px, 3 at 64 px, 1 at 4,096 px; rounding is a step in 51,200
+    of its longer side.
+    """
+    return min(MAX_PRECISION, max(0, round(math.log10(_STEPS_ACROSS / max(width, height)))))
+
+
+def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:
+    """The SVG text of artwork: its shapes in order, the first at the back, nothing else in it.
+
+    precision: decimals of the coordinates in px, 0..6; by default `suggested_precision`. title: any text, shown by
+    viewers. comment: one line for an XML comment; the command line knows its own files by it. A shape that is smaller
+    than the grid's step is left out. Raises UsageError for a bad precision.
+    """
+    if precision is None:
+        precision = suggested_precision(drawing.width, drawing.height)
+    check_precision(precision)
+    size = {"width": str(drawing.width), "height": str(drawing.height)}
+    box = f"0 0 {drawing.width} {drawing.height}"
+    root = ElementTree.Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **size, "viewBox": box})
+    root.append(ElementTree.Comment(comment_text(comment)))
+    ElementTree.SubElement(root, "title").text = xml_text(title)
+    names = Identifiers()
+    for shape in drawing.shapes:
+        element = _element(shape, precision)
+        if element is not None:
+            root.append(_finished(element, shape, names))
+    root.text = "\n"
+    for child in root:
+        child.tail = "\n"
+    # ElementTree puts a space before "/>"; a ">" in the title is escaped, so nothing else can match.
+    text = ElementTree.tostring(root, encoding="unicode").replace(" />\n", "/>\n")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+
+
+def _finished(element: ElementTree.Element, shape: Shape, names: Identifiers) -> ElementTree.Element:
+    """The element with its id in front and its paint behind."""
+    red, green, blue, alpha = shape.ink
+    attributes = {"id": names.unique(shape.name), **element.attrib, "fill": short_colour(red, green, blue)}
+    if alpha != _OPAQUE:
+        attributes["fill-opacity"] = format_number(round(1000 * alpha / _OPAQUE), 3)
+    element.attrib.clear()
+    element.attrib.update(attributes)
+    return element
+
+
+def _element(shape: Shape, precision: int) -> ElementTree.Element | None:
+    if len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring):
+        return _primitive(shape.outlines[0], precision)
+    path = PathText(precision)
+    for index, outline in enumerate(shape.outlines):
+        _add_outline(path, outline, precision, clockwise=index == 0)
+    return ElementTree.Element("path", {"d": path.text}) if path.text else None
+
+
+def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> ElementTree.Element | None:
+    """A circle, ellipse or rect; None where it has no extent."""
+    if isinstance(outline, Circle):
+        return _shown("circle", {"cx": outline.cx, "cy": outline.cy, "r": outline.r}, "r", precision)
+    if isinstance(outline, Ellipse):
+        lengths = {"cx": outline.cx, "cy": outline.cy, "rx": outline.rx, "ry": outline.ry}
+        return _turned(_shown("ellipse", lengths, "rx", precision), outline.angle, outline.cx, outline.cy, precision)
+    # Both ends of a side are rounded, so that it meets its neighbours'.
+    unit = 10.0**precision
+    left, right = (int(to_steps(x, precision)) / unit for x in (outline.x, outline.x + outline.width))
+    top, bottom = (int(to_steps(y, precision)) / unit for y in (outline.y, outline.y + outline.height))
+    lengths = {"x": left, "y": top, "width": right - left, "height": bottom - top, "rx": outline.radius}
+    middle = ((left + right) / 2.0, (top + bottom) / 2.0)
+    return _turned(_shown("rect", lengths, "width", precision), outline.angle, *middle, precision)
+
+
+def _shown(name: str, lengths: dict[str, float], extent: str, precision: int) -> ElementTree.Element | None:
+    """An element with its lengths; those that are zero are left out, as zero is what they are then."""
+    steps = {attribute: int(to_steps(length, precision)) for attribute, length in lengths.items()}
+    if steps[extent] <= 0 or steps.get("height", 1) <= 0 or steps.get("ry", 1) <= 0:
+        return None
+    return ElementTree.Element(name, {a: format_number(value, precision) for a, value in steps.items() if value})
+
+
+def _turned(
+    element: ElementTree.Element | None, angle: float, x: float, y: float, precision: int
+) -> ElementTree.Element | None:
+    degrees = _degrees(angle)
+    if element is not None and degrees != "0":
+        middle = (format_number(int(to_steps(value, precision + 1)), precision + 1) for value in (x, y))
+        element.set("transform", f"rotate({degrees} {' '.join(middle)})")
+    return element
+
+
+def _degrees(angle: float) -> str:
+    return format_number(round(math.degrees(angle) * 10**_ANGLE_DECIMALS), _ANGLE_DECIMALS)
+
+
+def _add_outline(path: PathText, outline: Outline, precision: int, *, clockwise: bool) -> None:
+    """One ring of a compound path: the outer ones clockwise as seen, holes the other way."""
+    if isinstance(outline, (Circle, Ellipse)):
+        _add_ellipse(path, outline, precision, clockwise)
+        return
+    ring = outline.ring()
+    if (signed_area(ring) > 0.0) != clockwise:
+        ring = reversed_ring(ring)
+    add_ring(path, grid_ring(ring, precision))
+
+
+def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, clockwise: bool) -> None:
+    """Two half arcs between the ends of the first axis."""
+    ellipse = Ellipse(outline.cx, outline.cy, outline.r, outline.r) if isinstance(outline, Circle) else outline
+    radii = (int(to_steps(ellipse.rx, precision)), int(to_steps(ellipse.ry, precision)))
+    if min(radii) <= 0:
+        return
+    along = (
+        to_steps(ellipse.rx * math.cos(ellipse.angle), precision),
+        to_steps(ellipse.rx * math.sin(ellipse.angle), precision),
+    )
+    middle = to_steps(ellipse.cx, precision), to_steps(ellipse.cy, precision)
+    ends = [(int(middle[0] + sign * along[0]), int(middle[1] + sign * along[1])) for sign in (-1, 1)]
+    path.move(ends[0])
+    for end in (ends[1], ends[0]):
+        path.arc(radii, _degrees(ellipse.angle), (1, int(clockwise)), end)
+    path.close()

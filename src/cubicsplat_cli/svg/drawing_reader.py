@@ -1,0 +1,219 @@
+"""Reads the SVG files that `write_drawing` makes back into a drawing; any other SVG is refused with a clear line.
+
+Expat with a whitelist of elements and attributes: no document type, no entities, nothing fetched.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+import numpy as np
+
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.shapes import Drawing, Ink, Shape
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.svg.pathparse import Piece, subpaths
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE
+from cubicsplat_cli.words import printable
+
+_COLOUR = re.compile(r"#([0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
+_NUMBER = re.compile(r"-?(?:\d{1,9}(?:\.\d{1,12})?|\.\d{1,12})")
+_ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
+_PAINT = {"id", "fill", "fill-opacity"}
+_LENGTHS = {
+    "circle": ("cx", "cy", "r"),
+    "ellipse": ("cx", "cy", "rx", "ry"),
+    "rect": ("x", "y", "width", "height", "rx"),
+    "path": (),
+}
+_MORE = {"circle": set(), "ellipse": {"transform"}, "rect": {"transform"}, "path": {"d"}}
+_ROOT = {"width", "height", "viewBox", "xmlns"}
+# A joint that turns by less is meant to be smooth.
+_SMOOTH = math.radians(0.5)
+
+
+class _Found(Exception):
+    """The first element that tells the two kinds of file apart."""
+
+
+def is_drawing(data: bytes) -> bool:
+    """Whether an SVG has shapes right below its root, as artwork has, and no group of curves. False for bad XML."""
+    depth, answer = 0, False
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, answer
+        depth += 1
+        if depth == 2 and (name == "g" or name in _LENGTHS):
+            answer = name != "g"
+            if name != "rect":  # which may be either's background
+                raise _Found
+
+    def end(_name: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser = expat.ParserCreate("utf-8")
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    try:
+        parser.Parse(data, True)
+    except _Found:
+        return answer
+    except expat.ExpatError:
+        return False
+    return answer
+
+
+def read_drawing(text: str | bytes) -> Drawing:
+    """The drawing of an SVG that `write_drawing` wrote; InputError for anything else."""
+    collector = _Collector()
+    parser = expat.ParserCreate("utf-8")
+    collector.parser = parser
+    parser.StartElementHandler = collector.start
+    parser.EndElementHandler = collector.end
+    parser.StartDoctypeDeclHandler = _refuse_doctype
+    parser.EntityDeclHandler = _refuse_doctype
+    try:
+        parser.Parse(text.encode() if isinstance(text, str) else text, True)
+    except expat.ExpatError as error:
+        raise InputError(f"the SVG is not well-formed XML: {error}; it may be cut short, write it again") from error
+    if collector.size is None:
+        raise InputError("the SVG says no size; give a file that `cubicsplat vectorize` wrote")
+    return Drawing(*collector.size, tuple(collector.shapes))
+
+
+def _refuse_doctype(*_: object) -> None:
+    raise InputError("the SVG has a DOCTYPE or entity declaration, which cubicsplat never writes and does not read")
+
+
+@dataclass
+class _Collector:
+    """Follows the elements of one document: svg > (title, shapes)."""
+
+    parser: expat.XMLParserType | None = None
+    size: tuple[int, int] | None = None
+    depth: int = 0
+    shapes: list[Shape] = field(default_factory=list)
+
+    def start(self, name: str, attributes: dict[str, str]) -> None:
+        self.depth += 1
+        if self.depth == 1 and name == "svg":
+            self._root(attributes)
+        elif self.depth == 2 and name in _LENGTHS:
+            self.shapes.append(self._shape(name, attributes))
+        elif self.depth != 2 or name != "title":
+            raise self.foreign(f"has an unexpected <{name}> element")
+
+    def end(self, _name: str) -> None:
+        self.depth -= 1
+
+    def foreign(self, what: str) -> InputError:
+        """The error for a document that is not ours, with the line where that shows."""
+        line = self.parser.CurrentLineNumber if self.parser is not None else 0
+        return InputError(
+            f"this SVG was not written by cubicsplat or was edited: line {line} {printable(what)[:120]}; "
+            "`cubicsplat render` and `cubicsplat eval` take any SVG"
+        )
+
+    def _root(self, attributes: dict[str, str]) -> None:
+        self._check(attributes, _ROOT)
+        width, height = attributes.get("width", ""), attributes.get("height", "")
+        if not (re.fullmatch(r"[1-9]\d{0,6}", width) and re.fullmatch(r"[1-9]\d{0,6}", height)):
+            raise self.foreign("needs width and height in whole pixels")
+        if attributes.get("viewBox") != f"0 0 {width} {height}":
+            raise self.foreign("needs a viewBox equal to its width and height")
+        self.size = (int(width), int(height))
+
+    def _check(self, attributes: dict[str, str], known: set[str]) -> None:
+        for name in attributes:
+            if name not in known:
+                raise self.foreign(f"has an unexpected attribute {name!r}")
+
+    def _shape(self, name: str, attributes: dict[str, str]) -> Shape:
+        self._check(attributes, _PAINT | set(_LENGTHS[name]) | _MORE[name])
+        outlines = self._rings(attributes.get("d", "")) if name == "path" else (self._primitive(name, attributes),)
+        return Shape(self._ink(attributes), outlines, attributes.get("id", ""))
+
+    def _ink(self, attributes: dict[str, str]) -> Ink:
+        match = _COLOUR.fullmatch(attributes.get("fill", ""))
+        if match is None:
+            raise self.foreign(f"has the colour {attributes.get('fill')!r}, not #rgb or #rrggbb")
+        digits = match[1] if len(match[1]) == 6 else "".join(2 * digit for digit in match[1])
+        opacity = self._number(attributes.get("fill-opacity", "1"))
+        if not 0.0 <= opacity <= 1.0:
+            raise self.foreign(f"has the opacity {opacity:g}, not one in 0..1")
+        red, green, blue = bytes.fromhex(digits)
+        return red, green, blue, round(255.0 * opacity)
+
+    def _number(self, text: str) -> float:
+        if not _NUMBER.fullmatch(text) or abs(float(text)) > MAX_COORDINATE:
+            raise self.foreign(f"has the number {text!r} where one in px is wanted")
+        return float(text)
+
+    def _primitive(self, name: str, attributes: dict[str, str]) -> Outline:
+        lengths = [self._number(attributes.get(length, "0")) for length in _LENGTHS[name]]
+        angle = self._angle(attributes)
+        if min(lengths[2:4]) <= 0.0 or lengths[-1] < 0.0:
+            raise self.foreign(f"has a <{name}> without extent")
+        if name == "circle":
+            return Circle(*lengths)
+        return Ellipse(*lengths, angle) if name == "ellipse" else Rectangle(*lengths, angle)
+
+    def _angle(self, attributes: dict[str, str]) -> float:
+        if "transform" not in attributes:
+            return 0.0
+        match = _ROTATION.fullmatch(attributes["transform"])
+        if match is None:
+            raise self.foreign("has a transform other than a rotation about the middle")
+        return math.radians(self._number(match[1]))
+
+    def _rings(self, d: str) -> tuple[Outline, ...]:
+        try:
+            found = subpaths(d)
+        except InputError as error:
+            raise self.foreign(f"has {error}") from error
+        if not found:
+            raise self.foreign("has a path without data")
+        return tuple(self._outline(subpath) for subpath in found)
+
+    def _outline(self, subpath: list[Piece]) -> Outline:
+        numbers = [*(v for p in subpath for point in (p.start, p.end, *p.handles) for v in point)]
+        if not all(abs(number) <= MAX_COORDINATE for number in numbers):  # false for NaN too
+            raise self.foreign(f"has a point more than {MAX_COORDINATE:.0f} px from the origin")
+        letters = "".join(piece.command for piece in subpath)
+        if letters == "AAZ":
+            return self._ellipse(*subpath[:2])
+        if not re.fullmatch(r"[LHVCS]+Z", letters):
+            raise self.foreign("has path data other than closed rings of L, H, V, C, S, or two half ellipses")
+        return _ring(subpath)
+
+    def _ellipse(self, first: Piece, second: Piece) -> Outline:
+        rx, ry, degrees = first.numbers[:3]
+        middle = ((first.start[0] + first.end[0]) / 2.0, (first.start[1] + first.end[1]) / 2.0)
+        if second.end != first.start or first.numbers != second.numbers or min(rx, ry) <= 0.0:
+            raise self.foreign("has arcs that are not two halves of an ellipse")
+        return Circle(*middle, rx) if rx == ry else Ellipse(*middle, rx, ry, math.radians(degrees))
+
+
+def _ring(subpath: list[Piece]) -> Ring:
+    """Of pieces of which the last one closes the ring: a line of its own where that has a length."""
+    if math.dist(subpath[-1].start, subpath[-1].end) < 1e-9 and len(subpath) > 1:
+        subpath = subpath[:-1]
+    anchors = np.array([piece.start for piece in subpath])
+    ends = np.roll(anchors, -1, axis=0)
+    lines = np.array([not piece.handles for piece in subpath])
+    controls = anchors[:, None] + (ends - anchors)[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
+    for index, piece in enumerate(subpath):
+        if piece.handles:
+            controls[index] = piece.handles
+    return Ring(anchors, controls, lines, _smooth(anchors, controls))
+
+
+def _smooth(anchors: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """(A,) bool: where the two handles of an anchor are opposite to each other."""
+    back, ahead = anchors - np.roll(controls[:, 1], 1, axis=0), controls[:, 0] - anchors
+    cross = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
+    dot = (back * ahead).sum(axis=1)
+    return (dot > 0.0) & (np.abs(np.arctan2(cross, dot)) < _SMOOTH)

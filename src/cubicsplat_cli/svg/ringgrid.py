@@ -1,0 +1,102 @@
+"""Rings of artwork in whole steps of the file's grid, with their smooth joints kept smooth.
+
+Equal coordinates stay equal: lines along an axis stay so, and anchors that shapes share stay shared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.artwork.outlines import Ring
+
+# Differences below this are of the arithmetic; they must not decide to which step a coordinate is rounded.
+_NOISE_DECIMALS = 7
+# Steps that a handle may move for a smoother joint, and what its deviation weighs against that.
+_REACH = 2
+_STRAIGHTNESS = 6.0
+
+
+@dataclass(frozen=True)
+class GridRing:
+    """anchors: (A, 2) int64 in steps. controls: (A, 2, 2) int64, of piece i from anchor i to i + 1. lines: (A,) bool.
+    smooth: (A,) bool, at which anchors the tangent is meant to be continuous.
+    """
+
+    anchors: np.ndarray
+    controls: np.ndarray
+    lines: np.ndarray
+    smooth: np.ndarray
+
+    @property
+    def pieces(self) -> int:
+        """A, the number of lines and cubics; 0 where the ring has shrunk to a point."""
+        return len(self.anchors)
+
+
+def to_steps(values: np.ndarray | float, precision: int) -> np.ndarray:
+    """Lengths in px as whole multiples of 10^-precision px."""
+    return np.rint(np.round(np.asarray(values, np.float64), _NOISE_DECIMALS) * 10.0**precision).astype(np.int64)
+
+
+def grid_ring(ring: Ring, precision: int) -> GridRing:
+    """The ring on the grid, without pieces of no extent, begun so that its closing line is the longest to write."""
+    anchors, controls = to_steps(ring.anchors, precision), to_steps(ring.controls, precision)
+    found = GridRing(anchors, controls, np.asarray(ring.lines, bool), np.asarray(ring.smooth, bool))
+    found = _begun_after_a_line(_without_points(found))
+    return GridRing(found.anchors, _smoothed(found), found.lines, found.smooth)
+
+
+def _without_points(ring: GridRing) -> GridRing:
+    after = np.roll(ring.anchors, -1, axis=0)
+    moved = (after != ring.anchors).any(axis=1)
+    bent = ~ring.lines & (ring.controls != ring.anchors[:, None]).any(axis=(1, 2))
+    kept = moved | bent
+    return GridRing(ring.anchors[kept], ring.controls[kept], ring.lines[kept], ring.smooth[kept])
+
+
+def _begun_after_a_line(ring: GridRing) -> GridRing:
+    """The line with the most digits comes last, since closing the path draws it for nothing."""
+    if not ring.lines.any():
+        return ring
+    steps = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
+    digits = np.where(steps > 0, 1.0 + np.log10(np.maximum(steps, 1)), 0.0).sum(axis=1)
+    last = int(np.argmax(np.where(ring.lines, digits, -1.0)))
+    order = (last + 1 + np.arange(ring.pieces)) % ring.pieces
+    return GridRing(ring.anchors[order], ring.controls[order], ring.lines[order], ring.smooth[order])
+
+
+def _smoothed(ring: GridRing) -> np.ndarray:
+    """Controls whose shorter handle at each smooth joint is moved by at most two steps towards the other's line."""
+    controls = ring.controls.copy()
+    if not ring.pieces:
+        return controls
+    before, after = np.roll(ring.controls[:, 1], 1, axis=0), ring.controls[:, 0]
+    line_before = np.roll(ring.lines, 1)
+    # A line's handle is its other end, which is where it is.
+    before = np.where(line_before[:, None], np.roll(ring.anchors, 1, axis=0), before)
+    after = np.where(ring.lines[:, None], np.roll(ring.anchors, -1, axis=0), after)
+    back, ahead = before - ring.anchors, after - ring.anchors
+    longer_back = (back**2).sum(axis=1) >= (ahead**2).sum(axis=1)
+    joint = ring.smooth & ((back * ahead).sum(axis=1) < 0)
+    move_ahead = joint & ~ring.lines & (longer_back | line_before)
+    move_back = joint & ~line_before & ~move_ahead
+    controls[move_ahead, 0] = (ring.anchors + _aligned(ahead, back))[move_ahead]
+    controls[np.roll(move_back, -1), 1] = np.roll(ring.anchors + _aligned(back, ahead), -1, axis=0)[
+        np.roll(move_back, -1)
+    ]
+    return controls
+
+
+def _aligned(handles: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(A, 2) handles, each at the place near it where it continues the other best."""
+    reach = np.arange(-_REACH, _REACH + 1)
+    offsets = np.stack(np.meshgrid(reach, reach, indexing="ij"), axis=-1).reshape(-1, 2)
+    places = handles[:, None] + offsets
+    lengths = np.maximum(np.sqrt((others.astype(float) ** 2).sum(axis=1)), 1e-9)[:, None]
+    deviation = np.abs(places[..., 0] * others[:, None, 1] - places[..., 1] * others[:, None, 0]) / lengths
+    ahead = (places * others[:, None]).sum(axis=-1) < 0
+    cost = np.where(ahead, (_STRAIGHTNESS * deviation) ** 2, np.inf) + (offsets**2).sum(axis=-1)
+    best = np.where(np.isfinite(cost).any(axis=1), cost.argmin(axis=1), len(offsets) // 2)
+    return handles + offsets[best]

@@ -1,0 +1,104 @@
+"""Path data of rings as an artist's exporter writes it: lines as H, V and L, cubics as C and S, all in their shortest
+form, absolute or relative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cubicsplat_cli.svg.pathdata import format_number
+from cubicsplat_cli.svg.ringgrid import GridRing
+
+Point = tuple[int, int]
+# A handle that is so many steps off the mirrored one before it is written as mirrored.
+_MIRROR_REACH = 1
+
+
+class PathText:
+    """Path data under construction, in steps of 10^-precision px; each command is written in its shorter form."""
+
+    def __init__(self, precision: int) -> None:
+        self.precision = precision
+        self.text = ""
+        self._letter = ""  # of the command that a further number would repeat
+        self._last = ""  # the last number, where one stands at the end
+        self.here: Point = (0, 0)
+        self._start: Point = (0, 0)
+
+    def move(self, to: Point) -> None:
+        """Begin a ring."""
+        self._add("M", to, to)
+        # Further pairs of numbers are lines.
+        self._letter = "L" if self._letter == "M" else "l"
+        self._start = to
+
+    def line(self, to: Point) -> None:
+        """A straight line, horizontal and vertical ones with one number."""
+        if to[1] == self.here[1]:
+            self._add("H", (to[0],), to, axis=0)
+        elif to[0] == self.here[0]:
+            self._add("V", (to[1],), to, axis=1)
+        else:
+            self._add("L", to, to)
+
+    def cubic(self, first: Point, second: Point, to: Point, *, mirrored: bool) -> None:
+        """A cubic; mirrored: its first handle is the one before it, turned round."""
+        self._add("S" if mirrored else "C", (*(() if mirrored else first), *second, *to), to)
+
+    def arc(self, radii: Point, angle: str, flags: tuple[int, int], to: Point) -> None:
+        """An elliptical arc; angle: degrees as text. flags: whether it is the larger one, whether clockwise as seen."""
+        head = [*(format_number(radius, self.precision) for radius in radii), angle, *map(str, flags)]
+        self._add("A", to, to, head)
+
+    def close(self) -> None:
+        """End the ring where it began."""
+        self.text += "z"
+        self._letter = self._last = ""
+        self.here = self._start
+
+    def _add(self, letter: str, numbers: Sequence[int], to: Point, head: Sequence[str] = (), axis: int = 0) -> None:
+        """numbers: absolute, x and y in turn from the axis on. head: what comes before them in either form."""
+        relative = [number - self.here[(index + axis) % 2] for index, number in enumerate(numbers)]
+        forms = []
+        for form, values in ((letter.lower(), relative), (letter, numbers)):
+            parts = [*head, *(format_number(value, self.precision) for value in values)]
+            forms.append((self._joined(form, parts), form, parts[-1]))
+        # At equal length the relative form, but for the first point, where both mean the same.
+        if not self.text:
+            forms.reverse()
+        text, self._letter, self._last = min(forms, key=lambda found: len(found[0]))
+        self.text += text
+        self.here = to
+
+    def _joined(self, letter: str, parts: Sequence[str]) -> str:
+        repeats = letter == self._letter
+        text, last = ("", self._last) if repeats else (letter, "")
+        for part in parts:
+            glued = not last or part[0] == "-" or (part[0] == "." and "." in last)
+            text += part if glued else f" {part}"
+            last = part
+        return text
+
+
+def add_ring(path: PathText, ring: GridRing) -> None:
+    """Appends a closed ring; nothing where it is only a point."""
+    if ring.pieces == 0:
+        return
+    anchors, controls = ring.anchors.tolist(), ring.controls.tolist()
+    path.move(tuple(anchors[0]))
+    mirror: Point | None = None
+    for index in range(ring.pieces):
+        end = tuple(anchors[(index + 1) % ring.pieces])
+        if ring.lines[index]:
+            if index < ring.pieces - 1:
+                path.line(end)
+            mirror = None
+            continue
+        first, second = (tuple(control) for control in controls[index])
+        path.cubic(first, second, end, mirrored=_near(first, mirror))
+        mirror = (2 * end[0] - second[0], 2 * end[1] - second[1])
+    path.close()
+
+
+def _near(first: Point, mirror: Point | None) -> bool:
+    return mirror is not None and max(abs(first[0] - mirror[0]), abs(first[1] - mirror[1])) <= _MIRROR_REACH

@@ -1,0 +1,87 @@
+"""Training steps in float64, from the reference's gradients and a plain Adan: what every engine's steps are held to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import torch
+from scenes import TENSORS
+from torch import Tensor
+
+from cubicsplat_cli.raster import reference
+from cubicsplat_cli.raster.engine import Rates, SceneTensors
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.settings import Mode
+
+LIMITS = {"colours": (-9.0, 9.0), "opacities": (-9.0, 9.0), "half_widths": (0.1, torch.inf)}
+
+
+@dataclass
+class Adan:
+    """Xie et al., 2022, for one group of parameters."""
+
+    rate: float
+    rates: Rates
+    age: int = 0
+    mean: Tensor | float = 0.0
+    change: Tensor | float = 0.0
+    square: Tensor | float = 0.0
+    previous: Tensor | None = None
+
+    def step(self, gradient: Tensor) -> Tensor:
+        """What to subtract from the parameters."""
+        keep1, keep2, keep3 = self.rates.keep
+        difference = torch.zeros_like(gradient) if self.previous is None else gradient - self.previous
+        self.age, self.previous = self.age + 1, gradient
+        self.mean = keep1 * self.mean + (1 - keep1) * gradient
+        self.change = keep2 * self.change + (1 - keep2) * difference
+        self.square = keep3 * self.square + (1 - keep3) * (gradient + keep2 * difference) ** 2
+        bias1, bias2, bias3 = (1 - keep**self.age for keep in (keep1, keep2, keep3))
+        ahead = self.mean / bias1 + keep2 * self.change / bias2
+        return self.rate * ahead / ((self.square / bias3).sqrt() + self.rates.epsilon)
+
+
+@dataclass
+class ReferenceFit:
+    """A scene of logits under training by the reference. Last step's picture, importance and background gradient."""
+
+    scene: SceneTensors
+    target: Tensor
+    rates: Rates
+    values: dict[str, Tensor] = field(default_factory=dict)
+    image: Tensor | None = None
+    importance: Tensor | None = None
+    background_gradient: Tensor | None = None
+
+    def __post_init__(self) -> None:
+        self.values = {name: getattr(self.scene, name).double() for name in TENSORS}
+        self._adans = {name: Adan(getattr(self.rates, name), self.rates) for name in TENSORS}
+
+    def _active(self, values: dict[str, Tensor]) -> list[Tensor]:
+        return [values[n].sigmoid() if n in ("colours", "opacities") else values[n] for n in TENSORS]
+
+    def step(self, settings: RasterSettings, extras: bool = False) -> float:
+        """One step; returns the loss before it. extras: also picture, importance and background gradient."""
+        scene = self.scene
+        keywords = {"mode": scene.mode, "width": scene.width, "height": scene.height, "settings": settings}
+        leaves = {name: value.clone().requires_grad_() for name, value in self.values.items()}
+        self.image = reference.render(*self._active(leaves), **keywords, background=scene.background)
+        loss = reference.image_loss(self.image, self.target.double())
+        loss.backward()
+        if extras:
+            self._look(keywords)
+        for name, leaf in leaves.items():
+            if name == "half_widths" and scene.mode is Mode.CLOSED:
+                continue
+            moved = leaf.detach() - self._adans[name].step(leaf.grad)
+            self.values[name] = moved.clamp(*LIMITS[name]) if name in LIMITS else moved
+        return float(loss.detach())
+
+    def _look(self, keywords: dict) -> None:
+        values, target = self._active(self.values), self.target.double()
+        given = {"background": self.scene.background, "target": target, "kind": "loo"}
+        self.importance = reference.importance(*values, **keywords, **given)
+        # How much of the background shows: the picture of black curves before white.
+        black = (values[0], torch.zeros_like(values[1]), *values[2:])
+        transmitted = reference.render(*black, **keywords, background=(1.0, 1.0, 1.0))
+        self.background_gradient = (2.0 * (self.image.detach() - target) * transmitted).sum((0, 1))

@@ -1,0 +1,67 @@
+"""What only the native CPU engine has: threads, instruction sets, de Casteljau subdivision, counts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from engines import compared, outliers, packed, state_for
+from scenes import PAPER, random_scene, random_target
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.settings import Mode
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("coverage", ["relaxed", "exact"])
+def test_results_do_not_depend_on_threads(mode, coverage):
+    scene = random_scene(mode, 60, 3, 150, 90, 1, background=PAPER)
+    target = random_target(scene)
+    results = []
+    for threads in (1, 2, 5):
+        engine = CpuEngine(threads)
+        parameters = packed(replace(scene, colours=scene.colours * 4 - 2, opacities=scene.opacities * 4 - 2))
+        parameters.logits = True
+        state, importance = state_for(parameters), torch.zeros(scene.curves)
+        for _ in range(5):
+            loss = engine.step(
+                parameters, RasterSettings(coverage, 1.0, 8), target, state, Rates(0.5, 0.05, 0.05, 0.1),
+                importance=importance, importance_kind="loo",
+            )  # fmt: skip
+        results.append((loss, parameters.points, parameters.colours, parameters.half_widths, importance))
+    for other in results[1:]:
+        for a, b in zip(results[0], other, strict=True):
+            assert a == b if isinstance(a, float) else torch.equal(a, b)
+
+
+def test_adaptive_sampling_spares_edges():
+    engine = CpuEngine(1)
+    scene = packed(random_scene(Mode.CLOSED, 10, 4, 120, 90, 4, background=PAPER, scale=0.1))
+    edges = {}
+    for tolerance in (0.0, 0.02):
+        engine.render(scene, RasterSettings("exact", 1.0, 48, tolerance))
+        edges[tolerance] = engine.counts()["edges"]
+    assert edges[0.02] < edges[0.0]
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_subdivision_draws_the_same_curves_with_the_same_gradients(mode):
+    engine = CpuEngine(1)
+    scene = random_scene(mode, 8, 3, 60, 50, 2, background=PAPER)
+    target = random_target(scene)
+    fine, subdivided = RasterSettings("relaxed", 2.0, 64), RasterSettings("relaxed", 2.0, 64, 0.02, subdivide=True)
+    difference = (engine.render(packed(scene), fine) - engine.render(packed(scene), subdivided)).abs()
+    assert 0.0 < float(difference.max()) < 0.02
+    want = engine.gradients(packed(scene), fine, target=target)[1]
+    got = engine.gradients(packed(scene), subdivided, target=target)[1]
+    for name in compared(scene):
+        assert outliers(got[name], want[name], 0.02 * float(want[name].abs().max())) <= 0.05, name
+
+
+def test_an_unknown_instruction_set_is_refused():
+    with pytest.raises(EngineError, match="instruction set mmx"):
+        CpuEngine(1, "mmx")

@@ -1,0 +1,298 @@
+"""Artwork as SVG: elements, path data, numbers, names; what the file shows equals what was drawn."""
+
+from __future__ import annotations
+
+import math
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, Ring, polygon, ring_of_cubics, signed_area
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.svg.drawing import suggested_precision, write_drawing
+from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
+from cubicsplat_cli.svg.pathparse import count_numbers, pieces
+from cubicsplat_cli.svg.ringgrid import grid_ring
+
+RED, BLACK, GLASS = (255, 0, 0, 255), (0, 0, 0, 255), (0, 18, 171, 51)
+
+
+def written(*shapes: Shape, precision: int | None = 2, size: tuple[int, int] = (200, 100)) -> list[ElementTree.Element]:
+    """The elements behind the title."""
+    text = write_drawing(Drawing(*size, shapes), precision=precision, title="a title", comment="a comment")
+    return list(ElementTree.fromstring(text))[1:]
+
+
+def shape(*outlines, ink=RED, name="shape") -> Shape:
+    return Shape(ink, outlines, name)
+
+
+def path_of(*outlines, **options) -> str:
+    return written(shape(*outlines), **options)[0].get("d")
+
+
+def test_primitives_are_elements_of_their_own():
+    found = written(
+        shape(Rectangle(0, 0, 200, 100), name="background"),
+        shape(Circle(10.004, 20.5, 5.25), ink=(255, 255, 254, 255)),
+        shape(Ellipse(50, 40, 10, 5, math.radians(30))),
+        shape(Rectangle(100, 10, 40, 20, 4), ink=GLASS),
+        shape(Rectangle(100.25, 50, 40.5, 20, 0, -math.pi / 6)),
+    )
+    assert [re.sub("{.*}", "", element.tag) for element in found] == ["rect", "circle", "ellipse", "rect", "rect"]
+    assert found[0].attrib == {"id": "background", "width": "200", "height": "100", "fill": "red"} | {"fill": "#f00"}
+    assert found[1].attrib == {"id": "shape", "cx": "10", "cy": "20.5", "r": "5.25", "fill": "#fffffe"}
+    assert found[2].get("transform") == "rotate(30 50 40)"
+    assert (found[3].get("rx"), found[3].get("fill"), found[3].get("fill-opacity")) == ("4", "#0012ab", ".2")
+    assert found[4].get("transform") == "rotate(-30 120.5 60)"
+
+
+def test_a_polygon_is_written_as_an_artist_would():
+    corners = polygon(np.array([[10.0, 10.0], [50.0, 10.0], [62.5, 30.0], [62.5, 55.5], [10.0, 55.5]]))
+    # The slanted side is the longest to write, so closing the path draws it.
+    assert path_of(corners) == "M62.5 30v25.5H10V10h40z"
+    assert path_of(polygon(np.array([[0.5, 0.25], [1.5, 0.75], [0.0, 99.5]]))) == "M0 99.5.5.25l1 .5z"
+
+
+def test_mirrored_handles_are_left_out():
+    d = path_of(Circle(50, 50, 30).ring())
+    assert d == "M80 50c0 16.57-13.43 30-30 30S20 66.57 20 50s13.43-30 30-30 30 13.43 30 30z"
+    assert count_numbers(d) == 2 + 6 + 3 * 4
+
+
+def test_holes_run_the_other_way_and_round_ones_are_arcs():
+    assert (
+        path_of(Circle(50, 50, 40), Circle(50, 50, 10))
+        == "M10 50a40 40 0 1 1 80 0 40 40 0 1 1-80 0zm30 0a10 10 0 1 0 20 0 10 10 0 1 0-20 0z"
+    )
+    square = polygon(np.array([[0.0, 0.0], [0.0, 50.0], [50.0, 50.0], [50.0, 0.0]]))
+    hole = polygon(np.array([[20.0, 20.0], [30.0, 20.0], [30.0, 30.0], [20.0, 30.0]]))
+    ends = [piece.end for piece in pieces(path_of(square, hole))]
+    areas = [
+        sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(r, r[1:] + r[:1], strict=True)) for r in (ends[:4], ends[4:])
+    ]
+    assert areas[0] > 0 > areas[1]
+
+
+def test_what_is_smaller_than_a_step_is_left_out():
+    tiny = [Circle(5, 5, 0.004), Rectangle(5, 5, 0.004, 9), Ellipse(5, 5, 9, 0.001), polygon(np.full((3, 2), 5.001))]
+    assert written(*(shape(outline) for outline in tiny)) == []
+    assert path_of(Rectangle(1, 1, 20, 20), Circle(5, 5, 0.001)) == path_of(Rectangle(1, 1, 20, 20).ring())
+
+
+def test_names_become_unique_identifiers():
+    names = ["sky", "sky", "sky-2", "sky", "1 <b>", "", "été"]
+    found = written(*(shape(Circle(5, 5, 2), name=name) for name in names))
+    identifiers = [element.get("id") for element in found]
+    assert identifiers == ["sky", "sky-2", "sky-2-2", "sky-3", "_1-b", "shape", "t"]
+    assert len(set(identifiers)) == len(names)
+
+
+def test_title_and_comment_are_safe():
+    text = write_drawing(Drawing(1, 1, ()), title="a <b> & \x00", comment="1 -- 2 --- 3-")
+    assert "<!-- 1 - - 2 - - - 3- -->" in text
+    assert "<title>a &lt;b&gt; &amp; \ufffd</title>" in text
+    ElementTree.fromstring(text)
+
+
+def test_decimals_follow_the_size():
+    assert [suggested_precision(size, 1) for size in (16, 64, 128, 512, 1024, 4096, 100_000)] == [4, 3, 3, 2, 2, 1, 0]
+    assert path_of(polygon(np.array([[0, 0], [1, 0], [0.26, 1]])), precision=1) == "M.3 1 0 0h1z"
+    with pytest.raises(UsageError):
+        write_drawing(Drawing(1, 1, ()), precision=7, title="", comment="")
+
+
+def smooth_ring(seed: int, joints: int) -> Ring:
+    """A wavy ring whose tangents are continuous everywhere."""
+    random = np.random.default_rng(seed)
+    angles = 2 * np.pi * np.arange(joints) / joints + 0.4 * random.random(joints)
+    anchors = 50 + (20 + 25 * random.random((joints, 1))) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    tangents = angles + np.pi / 2 + 0.5 * random.standard_normal(joints)
+    unit = np.stack([np.cos(tangents), np.sin(tangents)], axis=1)
+    lengths = random.uniform(0.6, 12, (joints, 2, 1))
+    after = anchors + lengths[:, 0] * unit
+    before = np.roll(anchors - lengths[:, 1] * unit, -1, axis=0)
+    ends = np.roll(anchors, -1, axis=0)
+    return ring_of_cubics(np.stack([anchors, after, before, ends], axis=1), smooth=True)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.integers(2, 9), st.integers(1, 3))
+def test_the_path_says_what_the_grid_says(seed, joints, precision):
+    ring = smooth_ring(seed, joints)
+    grid = grid_ring(ring, precision)
+    found = pieces(path_of(ring, precision=precision))[:-1]
+    unit = 10.0**-precision
+    assert len(found) == grid.pieces
+    for piece, control, end in zip(found, grid.controls, np.roll(grid.anchors, -1, axis=0), strict=True):
+        assert np.allclose(piece.end, end * unit, atol=1e-9)
+        # A mirrored handle may be a step off.
+        assert np.abs(np.array(piece.handles) - control * unit).max() < 1.01 * unit
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.integers(2, 9))
+def test_rounding_keeps_joints_smooth(seed, joints):
+    ring = smooth_ring(seed, joints)
+    grid = grid_ring(ring, 2)
+    rounded = np.rint(100 * np.stack([np.roll(ring.controls[:, 1], 1, axis=0), ring.controls[:, 0]], axis=1))
+    kept = np.stack([np.roll(grid.controls[:, 1], 1, axis=0), grid.controls[:, 0]], axis=1)
+    turns = [np.abs(_turn(controls - grid.anchors[:, None])) for controls in (rounded, kept)]
+    assert turns[1].max() <= turns[0].max() + 1e-12
+    assert turns[1].max() < math.radians(0.4)
+    assert np.abs(kept - rounded).max() <= 2
+
+
+def _turn(handles: np.ndarray) -> np.ndarray:
+    back, ahead = -handles[:, 0], handles[:, 1]
+    cross = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
+    return np.arctan2(cross, (back * ahead).sum(axis=1))
+
+
+def test_lines_along_the_axes_and_shared_anchors_survive_rounding():
+    # The same coordinate up to the noise of float arithmetic, on the border between two steps.
+    ring = polygon(np.array([[1.005, 2.0], [9.0, 2.0], [9.0, 7.0], [1.005 + 1e-12, 7.0]]))
+    assert len(pieces(path_of(ring))) == 4
+    assert "l" not in path_of(ring).lower()
+
+
+@pytest.mark.parametrize("renderer", ["resvg", "cairosvg"])
+def test_the_file_shows_the_drawing(renderer):
+    wavy = smooth_ring(5, 6)
+    shapes = (
+        shape(Rectangle(0, 0, 200, 100)),
+        shape(wavy, Circle(50, 50, 8), ink=GLASS),
+        shape(Ellipse(150, 50, 40, 20, 1), ink=BLACK),
+    )
+    drawing = Drawing(200, 100, shapes)
+    text = write_drawing(drawing, title="t", comment="c")
+    plain = "".join(
+        f'<path fill="rgb{s.ink[:3]}" fill-opacity="{s.ink[3] / 255}" d="'
+        + "".join(_plain(ring) for ring in s.oriented())
+        + '"/>'
+        for s in shapes
+    )
+    head = '<svg xmlns="http://www.w3.org/2000/svg" width="200" height="100" viewBox="0 0 200 100">'
+    drawn, wanted = (
+        rerender(data.encode(), 800, 400, renderer=renderer).pixels.astype(int)
+        for data in (text, f"{head}{plain}</svg>")
+    )
+    assert np.abs(drawn - wanted).mean() < 0.05
+    assert np.abs(drawn - wanted).max() <= 30
+
+
+def _plain(ring: Ring) -> str:
+    cubics = "".join("C" + " ".join(f"{v:.9f}" for v in cubic[1:].ravel()) for cubic in ring.cubics)
+    return "M{:.9f} {:.9f}".format(*ring.anchors[0]) + cubics + "z"
+
+
+# --- reading back --------------------------------------------------------------------------------------------
+
+
+def svg_of(*shapes: Shape, precision: int | None = 2) -> str:
+    return write_drawing(Drawing(200, 100, shapes), precision=precision, title="a <g> title", comment="c")
+
+
+def some_shapes() -> tuple[Shape, ...]:
+    square = polygon(np.array([[20.0, 20.0], [30.0, 20.0], [30.0, 30.0], [20.0, 30.0]]))
+    return (
+        shape(Rectangle(0, 0, 200, 100), name="background"),
+        shape(smooth_ring(3, 5), Circle(50, 50, 8), square, ink=GLASS, name="b"),
+        shape(Circle(10.5, 20.25, 7), name="c"),
+        shape(Ellipse(50, 40, 10, 5, math.radians(30)), ink=BLACK, name="d"),
+        shape(Ellipse(50, 40, 10, 5, math.radians(-20)), Rectangle(48, 38, 4, 4).ring(), name="e"),
+        shape(Rectangle(100, 10, 40, 20, 4, math.radians(12.5)), name="f"),
+        shape(Rectangle(100, 10, 40, 20, 4), Rectangle(105, 12, 20, 6), name="g"),
+    )
+
+
+def test_what_was_written_is_read_back():
+    shapes = some_shapes()
+    found = read_drawing(svg_of(*shapes))
+    assert (found.width, found.height) == (200, 100)
+    assert [(s.ink, s.name) for s in found.shapes] == [(s.ink, s.name) for s in shapes]
+    for one, other in zip(found.shapes, shapes, strict=True):
+        for ring, wanted in zip(one.oriented(), other.oriented(), strict=True):
+            assert ring.pieces == wanted.pieces
+            assert sorted(map(tuple, ring.anchors.round(1))) == sorted(map(tuple, wanted.anchors.round(1)))
+            assert signed_area(ring) == pytest.approx(signed_area(wanted), rel=2e-3)
+            assert ring.smooth.sum() == wanted.smooth.sum()
+    assert found.shapes[0].outlines[0] == shapes[0].outlines[0]
+    assert found.shapes[2].outlines[0] == shapes[2].outlines[0]
+    assert [type(outline) for s in found.shapes for outline in s.outlines][:5] == [
+        Rectangle,
+        Ring,
+        Circle,
+        Ring,
+        Circle,
+    ]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 4))
+def test_reading_gives_the_numbers_of_the_file(seed, joints, precision):
+    text = svg_of(shape(smooth_ring(seed, joints)), precision=precision)
+    ring = read_drawing(text).shapes[0].outlines[0]
+    found = pieces(ElementTree.fromstring(text)[1].get("d"))[:-1]
+    assert np.array_equal(ring.anchors, [piece.start for piece in found])
+    assert np.array_equal(ring.controls, [piece.handles for piece in found])
+
+
+def test_artwork_is_told_from_curves():
+    assert is_drawing(svg_of(*some_shapes()).encode())
+    assert is_drawing(svg_of(shape(Rectangle(0, 0, 200, 100))).encode())
+    assert not is_drawing(b'<svg><title>t</title><rect id="background"/><g id="curves"><path/></g></svg>')
+    assert not is_drawing(b"no XML")
+
+
+HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" viewBox="0 0 9 9">'
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<path d="M0 0h1v1" fill="#fff"/>',
+        '<path d="M0 0q1 1 2 2z" fill="#fff"/>',
+        '<path d="M0 0a1 1 0 1 1 2 0z" fill="#fff"/>',
+        '<path d="M0 0a1 1 0 1 1 2 0 1 1 0 1 1-3 0z" fill="#fff"/>',
+        '<path d="M0 0h1e999v1z" fill="#fff"/>',
+        '<path d="M0 0h9999999v1z" fill="#fff"/>',
+        '<path d="nonsense" fill="#fff"/>',
+        '<path d="" fill="#fff"/>',
+        '<path d="M0 0h1v1z" fill="white"/>',
+        '<path d="M0 0h1v1z" fill="#fff" fill-opacity="2"/>',
+        '<path d="M0 0h1v1z" fill="#fff" stroke="#fff"/>',
+        '<circle r="-1" fill="#fff"/>',
+        '<circle cx="1" fill="#fff"/>',
+        '<rect width="1" height="0" fill="#fff"/>',
+        '<rect width="1" height="2" fill="#fff" transform="skewX(3)"/>',
+        '<rect width="1" height="nan" fill="#fff"/>',
+        '<g><path d="M0 0h1v1z"/></g>',
+        '<image href="file:///etc/passwd"/>',
+        "<script/>",
+    ],
+)
+def test_other_drawings_are_refused_with_the_line(body):
+    with pytest.raises(InputError, match="not written by cubicsplat or was edited: line 2"):
+        read_drawing(f"{HEAD}\n{body}</svg>")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "<svg",
+        '<svg width="9"/>',
+        HEAD.replace("0 0 9 9", "0 0 9 8") + "</svg>",
+        f'<!DOCTYPE svg [<!ENTITY a "b">]>{HEAD}</svg>',
+    ],
+)
+def test_what_is_no_file_of_ours_is_refused(text):
+    with pytest.raises(InputError):
+        read_drawing(text)
