@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from skimage.draw import polygon2mask
 
+from cubicsplat_cli.artwork.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.extents import Contour, Extent
 from cubicsplat_cli.artwork.fitting import fit_outline
-from cubicsplat_cli.artwork.outlines import Outline, flattened
+from cubicsplat_cli.artwork.outlines import Outline, flattened, reversed_ring, signed_area
 
 # How a hidden run is guided, in the order of trial: standard errors in px, or its chord.
 FREE, CHORD = np.inf, -1.0
@@ -43,8 +43,10 @@ class _Window:
 
     def wrong(self, outline: Outline, hole: bool) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline covers or leaves wrongly."""
-        points = flattened(outline.ring(), 1.0) - [self.left, self.top]
-        inside = polygon2mask(self.must.shape, points[:, ::-1] - 0.5)
+        ring = outline.ring()
+        points = flattened(ring, 1.0) - [self.left, self.top]
+        ring = ring if signed_area(ring) > 0.0 else reversed_ring(ring)
+        inside = coverage(edges_of(ring.cubics, ring.lines), self.top, self.left, *self.must.shape) > 0.5
         bad = (inside & self.must) if hole else (inside & ~self.may) | (~inside & self.must)
         y, x = np.nonzero(bad)
         within = np.stack([x + 0.5, y + 0.5], axis=1)
