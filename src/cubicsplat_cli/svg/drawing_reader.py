@@ -154,12 +154,16 @@ class _Collector:
 
     def _primitive(self, name: str, attributes: dict[str, str]) -> Outline:
         lengths = [self._number(attributes.get(length, "0")) for length in _LENGTHS[name]]
-        angle = self._angle(attributes)
         if min(lengths[2:4]) <= 0.0 or lengths[-1] < 0.0:
             raise self.foreign(f"has a <{name}> without extent")
         if name == "circle":
-            return Circle(*lengths)
-        return Ellipse(*lengths, angle) if name == "ellipse" else Rectangle(*lengths, angle)
+            x, y, radius = lengths
+            return Circle(x, y, radius)
+        if name == "ellipse":
+            x, y, rx, ry = lengths
+            return Ellipse(x, y, rx, ry, self._angle(attributes))
+        x, y, width, height, radius = lengths
+        return Rectangle(x, y, width, height, radius, self._angle(attributes))
 
     def _angle(self, attributes: dict[str, str]) -> float:
         if "transform" not in attributes:

@@ -29,7 +29,8 @@ class Opaque:
         if scale >= 4:
             return self.mask.repeat(scale // 4, axis=0).repeat(scale // 4, axis=1)
         height, width = (side // 4 * 4 for side in self.mask.shape)
-        return self.mask[:height, :width].reshape(height // 4, 4, width // 4, 4).all(axis=(1, 3))
+        blocks = self.mask[:height, :width].reshape(height // 4, 4, width // 4, 4)
+        return np.logical_and.reduce(blocks, axis=(1, 3))
 
 
 def opaque_inside(truth: Document) -> Opaque:
