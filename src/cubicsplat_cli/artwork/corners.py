@@ -1,9 +1,9 @@
 """Corners of a loop of boundary points: where two flanks meet at an angle, and exactly where.
 
-The tangent is extrapolated to each point from its left and from its right, by the widest run of neighbours that one
+The tangent is extrapolated to each place from its left and from its right, by the widest run of neighbours that one
 line or parabola explains. On an arc both agree, however tight it is; at a corner they differ by its angle, at every
 scale. The points next to a corner are biased (a pixel there sees both flanks), so they never take part: the corner
-is the intersection of the flanks.
+is the intersection of the flanks, and the points between must only not contradict it, as those of a rounding do.
 """
 
 from __future__ import annotations
@@ -13,103 +13,160 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.smoothing import WINDOW_MISFIT, arc_lengths
+from cubicsplat_cli.artwork.smoothing import arc_lengths, most_misfit
 
-GAP = 1.5  # px next to a corner that are not looked at
+GAP = 1.0  # px to either side of a place that are not looked at
+FARTHEST = 4.5  # px from the place to the nearest point of a flank
+WIDEST_GAP = 14.0  # px of unknown points in which a thin tip may lie
 FLANKS = (2, 3, 5, 8, 12)  # points of a flank less one; parabolas from PARABOLA on
 PARABOLA = 5
+FIRST_MISFIT = 4.0  # of the shortest flank
 SMALLEST_TURN = math.radians(20.0)
-SPACING = 2.5  # px between corners
-TIP_DISTANCE = 0.45  # px from a right angle's tip to the nearest boundary sample, at most
+SURE_TURN = 5.0  # standard errors
+SPACING = 2.0  # px between corners
+ROUNDING = 0.3  # px that points near a sharp corner may stay away from its flanks
+SURE_SIGMA = 0.3  # px: less certain points take no part
 
 
 @dataclass(frozen=True)
 class Corners:
-    """C corners in order: index (C,) of the nearest point, position (C, 2) px, turn (C,) radians, in (-pi, pi)."""
+    """C corners in order: index (C,) of the first point after, position (C, 2) px, turn (C,) radians, in (-pi, pi)."""
 
     indices: np.ndarray
     positions: np.ndarray
     turns: np.ndarray
 
 
+@dataclass(frozen=True)
+class _Flanks:
+    """Of each place, the run on one side extrapolated to it.
+
+    at: (n, 2) px. tangent: (n, 2) unit. error: (n,) of the tangent, radians, inf where there is no run. first: (n,) the
+    run's point nearest to the place.
+    """
+
+    at: np.ndarray
+    tangent: np.ndarray
+    error: np.ndarray
+    first: np.ndarray
+
+
 def find_corners(points: np.ndarray, weights: np.ndarray) -> Corners:
     """The corners of a closed loop. points: (n, 2) px. weights: (n,) 1/px^2, 0 where unknown."""
-    n = len(points)
-    pad = min(n, FLANKS[-1] + 4)
-    index = np.arange(-pad, n + pad) % n
-    loop, known = points[index], weights[index]
-    s = arc_lengths(loop)
-    inner = slice(pad, pad + n)
-    back = _flanks(loop[::-1], known[::-1], s[-1] - s[::-1])
-    a, ta, sure_a = (part[::-1][inner] for part in back)
-    ta = -ta
-    b, tb, sure_b = (part[inner] for part in _flanks(loop, known, s))
-    turn = np.arctan2(ta[:, 0] * tb[:, 1] - ta[:, 1] * tb[:, 0], (ta * tb).sum(1))
-    meet = _intersection(a, ta, b, tb)
-    tip = np.hypot(*(meet - points).T)
-    good = (np.abs(turn) >= SMALLEST_TURN) & sure_a & sure_b & (tip <= 2.0)
-    good &= _nearest(meet, points) <= _tip_allowance(turn)
-    chosen = _strongest(np.where(good, np.abs(turn) - 0.15 * tip, 0.0), meet)
-    return Corners(chosen, meet[chosen], turn[chosen])
+    known = np.flatnonzero(weights > SURE_SIGMA**-2)
+    n = len(known)
+    if n < 2 * FLANKS[0] + 2:
+        return Corners(np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
+    pad = min(n, FLANKS[-1] + 6)
+    index = known[np.arange(-pad, n + pad) % n]
+    loop, sharp = points[index], weights[index]
+    s = _unrolled(points, known, pad)
+    places = 0.5 * (s[:-1] + s[1:])
+    after = _flanks(loop, sharp, s, places)
+    back = _flanks(loop[::-1], sharp[::-1], -s[::-1], -places[::-1])
+    last = len(s) - 1
+    before = _Flanks(back.at[::-1], -back.tangent[::-1], back.error[::-1], last - back.first[::-1])
+    turn, meet, score = _judged(loop, before, after)
+    score[:pad] = score[pad + n :] = 0.0
+    chosen = _strongest(score, meet)
+    split = [
+        _first_after(points, k, m, at) for k, m, at in zip(index[chosen], index[chosen + 1], meet[chosen], strict=True)
+    ]
+    return Corners(np.array(split, dtype=int), meet[chosen], turn[chosen])
 
 
-def _flanks(points: np.ndarray, weights: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The run after each point, extrapolated back to it: position, unit tangent (n, 2), and whether any fits."""
+def _first_after(points: np.ndarray, before: int, after: int, corner: np.ndarray) -> int:
+    """Which point of a loop is the first one after a corner that lies between two of them."""
     n = len(points)
-    start = np.searchsorted(s, s + GAP - 0.25)
-    at, slope = points.copy(), np.tile([1.0, 0.0], (n, 1))
-    growing = np.ones(n, dtype=bool)
-    sure = np.zeros(n, dtype=bool)
+    between = (before + np.arange((after - before) % n + 1)) % n
+    away = np.hypot(*(points[between] - corner).T)
+    return int(between[1 + int(np.argmin(away[1:] + away[:-1]))])
+
+
+def _unrolled(points: np.ndarray, known: np.ndarray, pad: int) -> np.ndarray:
+    """Arc length at the known points of a loop, with `pad` more of them to either side."""
+    s = arc_lengths(np.vstack([points, points[:1]]))
+    own, total = s[known], s[-1]
+    number = np.arange(-pad, len(known) + pad)
+    return own[number % len(known)] + total * (number // len(known))
+
+
+def _judged(loop: np.ndarray, a: _Flanks, b: _Flanks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Turn, meeting point and score of each place; a score of 0 is no corner."""
+    cross = a.tangent[:, 0] * b.tangent[:, 1] - a.tangent[:, 1] * b.tangent[:, 0]
+    turn = np.arctan2(cross, (a.tangent * b.tangent).sum(1))
+    gap = b.at - a.at
+    t = (gap[:, 0] * b.tangent[:, 1] - gap[:, 1] * b.tangent[:, 0]) / np.where(np.abs(cross) > 1e-6, cross, np.inf)
+    meet = a.at + t[:, None] * a.tangent
+    reach = ((meet - loop[a.first]) * a.tangent).sum(1)
+    onward = ((loop[b.first] - meet) * b.tangent).sum(1)
+    thin = 1.0 / np.maximum(np.sin(0.5 * (math.pi - np.abs(turn))), 0.15)
+    good = np.abs(turn) >= np.maximum(SMALLEST_TURN, SURE_TURN * np.hypot(a.error, b.error))
+    good &= (np.minimum(reach, onward) > -0.5) & (np.maximum(reach, onward) < FARTHEST * thin)
+    good &= _contradiction(loop, meet, a, b) <= ROUNDING
+    return turn, meet, np.where(good, 2.0 + np.abs(turn) - 0.15 * np.abs(reach - onward), 0.0)
+
+
+def _contradiction(loop: np.ndarray, meet: np.ndarray, a: _Flanks, b: _Flanks) -> np.ndarray:
+    """Largest distance from the two flanks, extended to where they meet, of the points between them."""
+    worst = np.zeros(len(meet))
+    for offset in range(1, 8):
+        index = a.first + offset
+        between = index < b.first
+        if not between.any():
+            break
+        p = loop[np.minimum(index, len(loop) - 1)] - meet
+        distances = []
+        for away in (-a.tangent, b.tangent):
+            along = np.maximum((p * away).sum(1), 0.0)
+            distances.append(np.hypot(*(p - along[:, None] * away).T))
+        worst = np.where(between, np.maximum(worst, np.minimum(*distances)), worst)
+    return worst
+
+
+def _flanks(points: np.ndarray, weights: np.ndarray, s: np.ndarray, places: np.ndarray) -> _Flanks:
+    """The run after each place, by the widest believed fit."""
+    n, m = len(points), len(places)
+    start = np.searchsorted(s, places + GAP)
+    near = np.minimum(start, n - 1)
+    at, slope = points[near].copy(), np.tile([1.0, 0.0], (m, 1))
+    spread = np.diff(s)
+    farthest = np.where(spread < WIDEST_GAP, np.maximum(FARTHEST, 0.5 * spread + 2.0), FARTHEST)
+    growing = (start < n) & (s[near] - places <= farthest)
+    error = np.full(m, np.inf)
     for length in FLANKS:
         index = start[:, None] + np.arange(length + 1)
         inside = index[:, -1] < n
         index = np.minimum(index, n - 1)
         degree = 2 if length >= PARABOLA else 1
-        terms, misfit = _one_sided(points[index] - points[:, None], weights[index], s[index] - s[:, None], degree)
-        ok = inside & (misfit <= (WINDOW_MISFIT if length > FLANKS[0] else 25.0)) & (weights[index] > 0.0).all(axis=1)
-        growing &= ok | (length == FLANKS[0])
-        take = growing & ok
-        sure |= take
-        at[take] = points[take] + terms[take, 0]
-        slope[take] = terms[take, 1]
-    return at, slope / np.maximum(np.hypot(*slope.T), 1e-12)[:, None], sure
+        origin = points[near]
+        terms, errors, misfit = _one_sided(
+            points[index] - origin[:, None], weights[index], s[index] - places[:, None], degree
+        )
+        most = FIRST_MISFIT if length == FLANKS[0] else most_misfit(length - degree)
+        dense = s[index[:, -1]] - s[near] <= 2.0 * length
+        growing &= inside & (misfit <= most) & dense
+        error[growing] = errors[growing]
+        at[growing] = origin[growing] + terms[growing, 0]
+        slope[growing] = terms[growing, 1]
+    return _Flanks(at, slope / np.maximum(np.hypot(*slope.T), 1e-12)[:, None], error, near)
 
 
-def _one_sided(offsets: np.ndarray, weights: np.ndarray, ds: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+def _one_sided(offsets: np.ndarray, weights: np.ndarray, ds: np.ndarray, degree: int) -> tuple[np.ndarray, ...]:
+    """Coefficients (n, degree + 1, 2) of a polynomial through each run, the error of its tangent, and its misfit.
+
+    The misfit is the mean squared residual across the run, in squared sigmas.
+    """
     powers = ds[..., None] ** np.arange(degree + 1)
-    w = weights + 1e-9
-    weighted = powers * w[..., None]
-    gram = np.einsum("nki,nkj->nij", weighted, powers)
+    weighted = np.swapaxes(powers * weights[..., None], 1, 2)
+    gram = weighted @ powers
     gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(degree + 1)
-    terms = np.linalg.solve(gram, np.einsum("nki,nkc->nic", weighted, offsets))
+    inverse = np.linalg.inv(gram)
+    terms = inverse @ (weighted @ offsets)
     rest = offsets - powers @ terms
     slope = terms[:, 1] / np.maximum(np.hypot(*terms[:, 1].T), 1e-12)[:, None]
     across = rest[..., 0] * slope[:, None, 1] - rest[..., 1] * slope[:, None, 0]
-    return terms, (w * across**2).sum(axis=1) / (ds.shape[1] - degree - 1)
-
-
-def _intersection(a: np.ndarray, ta: np.ndarray, b: np.ndarray, tb: np.ndarray) -> np.ndarray:
-    cross = ta[:, 0] * tb[:, 1] - ta[:, 1] * tb[:, 0]
-    gap = b - a
-    t = (gap[:, 0] * tb[:, 1] - gap[:, 1] * tb[:, 0]) / np.where(np.abs(cross) > 1e-6, cross, np.inf)
-    return a + t[:, None] * ta
-
-
-def _nearest(meet: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Distance of each meeting point from the polyline near its own point."""
-    best = np.full(len(points), np.inf)
-    for k in range(-3, 3):
-        p, q = np.roll(points, -k, axis=0), np.roll(points, -k - 1, axis=0)
-        d = q - p
-        t = np.clip(((meet - p) * d).sum(1) / np.maximum((d * d).sum(1), 1e-12), 0.0, 1.0)
-        best = np.minimum(best, np.hypot(*(meet - p - t[:, None] * d).T))
-    return best
-
-
-def _tip_allowance(turn: np.ndarray) -> np.ndarray:
-    """How far the samples may stay away from a sharp tip: it grows as the tip gets thinner than a pixel."""
-    interior = np.maximum(math.pi - np.abs(turn), 0.1)
-    return np.clip(TIP_DISTANCE / np.tan(interior / 2.0), 0.15, 3.0)
+    return terms, np.sqrt(inverse[:, 1, 1]), (weights * across**2).sum(axis=1) / (ds.shape[1] - degree - 1)
 
 
 def _strongest(score: np.ndarray, meet: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""Many cubics at once, each fitted to its own run of points with given ends and end tangents.
+"""Many cubics at once, each fitted to its own run of points between ends that are known only roughly.
 
-Least squares for the two handle lengths with the points' parameters found again after each step (Newton's step to the
-foot point); after the first round only the distance along the normal counts, which converges in a few rounds.
+Gauss-Newton on the handle lengths and, as far as the standard errors of the ends and tangents allow, on those too;
+only the distance along the normal counts, and the points' parameters are found again after each step (Newton's step to
+the foot point).
 """
 
 from __future__ import annotations
@@ -10,17 +11,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ROUNDS = 4
+ROUNDS = 3
 SHORTEST_HANDLE = 0.03  # of the run's length
 LONGEST_HANDLE = 1.0
 
 
 @dataclass(frozen=True)
+class Ends:
+    """Both ends of P runs: positions (P, 2, 2) px, unit tangents along the run (P, 2, 2), and their standard errors.
+
+    errors: (P, 2, 2), of each end the position across the run in px and the tangent in radians.
+    """
+
+    positions: np.ndarray
+    tangents: np.ndarray
+    errors: np.ndarray
+
+
+@dataclass(frozen=True)
 class CubicFits:
-    """P cubics: control points (P, 4, 2) px, and the squared distances (P, K) px^2 of their points."""
+    """P cubics: control points (P, 4, 2) px, and their chi^2 (P,), of the points and of the ends together."""
 
     cubics: np.ndarray
-    squares: np.ndarray
+    misfit: np.ndarray
 
 
 def basis(u: np.ndarray) -> np.ndarray:
@@ -55,51 +68,87 @@ def nearer(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.ndarray:
     return u - along / np.maximum(np.where(bend > 0.3 * speed, bend, speed), 1e-12)
 
 
-def fit_cubics(ends: np.ndarray, tangents: np.ndarray, points: np.ndarray, weights: np.ndarray) -> CubicFits:
-    """The best cubics with given ends and tangents.
+def fit_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits:
+    """The best cubics between roughly known ends.
 
-    ends: (P, 2, 2) px, start and end. tangents: (P, 2, 2), unit, both along the run. points: (P, K, 2) px in order
-    along the run. weights: (P, K), 0 leaves a point out.
+    points: (P, K, 2) px in order along the run. weights: (P, K) 1/px^2, 0 leaves a point out.
     """
-    knots = np.concatenate([ends[:, :1], points, ends[:, 1:]], axis=1)
-    along = np.cumsum(np.hypot(*np.moveaxis(np.diff(knots, axis=1), -1, 0)), axis=1)
+    knots = np.concatenate([ends.positions[:, :1], points, ends.positions[:, 1:]], axis=1)
+    steps = np.diff(knots, axis=1)
+    along = np.cumsum(np.hypot(steps[..., 0], steps[..., 1]), axis=1)
     length = np.maximum(along[:, -1], 1e-9)
     u = along[:, :-1] / length[:, None]
-    handles = np.repeat(length[:, None] / 3.0, 2, axis=1)
-    cubics = _assemble(ends, tangents, handles)
+    frame = _Frame(ends, length)
+    values = frame.start()
+    cubics = frame.cubics(values)
     u = np.clip(nearer(cubics, points, u), 0.0, 1.0)
     for _ in range(ROUNDS):
-        handles = _handles(ends, tangents, points, weights, u, cubics, handles, length)
-        cubics = _assemble(ends, tangents, handles)
+        values = frame.improved(values, cubics, points, weights, u)
+        cubics = frame.cubics(values)
         u = np.clip(nearer(cubics, points, u), 0.0, 1.0)
     rest = point(cubics, u) - points
-    return CubicFits(cubics, (rest * rest).sum(-1))
+    return CubicFits(cubics, (weights * (rest * rest).sum(-1)).sum(-1) + frame.strain(values))
 
 
-def _assemble(ends: np.ndarray, tangents: np.ndarray, handles: np.ndarray) -> np.ndarray:
-    signed = handles[..., None] * tangents * np.array([1.0, -1.0])[:, None]
-    return np.stack([ends[:, 0], ends[:, 0] + signed[:, 0], ends[:, 1] + signed[:, 1], ends[:, 1]], axis=1)
+class _Frame:
+    """The six values of each cubic: two handle lengths, two shifts of the ends and two of the handles across the run.
 
+    Control points are linear in them: base (P, 4, 2) + sum over the six of value * direction (P, 6, 4, 2).
+    """
 
-def _handles(ends, tangents, points, weights, u, cubics, handles, length) -> np.ndarray:
-    first, _ = derivatives(cubics, u)
-    normal = np.stack([-first[..., 1], first[..., 0]], axis=-1)
-    normal /= np.maximum(np.hypot(normal[..., 0], normal[..., 1]), 1e-12)[..., None]
-    b = basis(u)
-    columns = np.stack(
-        [
-            (normal * tangents[:, None, 0]).sum(-1) * b[..., 1],
-            -(normal * tangents[:, None, 1]).sum(-1) * b[..., 2],
-        ],
-        axis=-1,
-    )
-    rest = ((points - point(cubics, u)) * normal).sum(-1)
-    weighted = columns * weights[..., None]
-    gram = np.einsum("pki,pkj->pij", weighted, columns)
-    # Straight runs leave the handles free: pull them gently towards thirds.
-    ridge = 1e-4 * weights.sum(axis=1) * 1e-2 + 1e-12
-    gram += ridge[:, None, None] * np.eye(2)
-    pull = ridge[:, None] * (length[:, None] / 3.0 - handles)
-    step = np.linalg.solve(gram, (np.einsum("pki,pk->pi", weighted, rest) + pull)[..., None])[..., 0]
-    step = np.clip(step, -0.5 * length[:, None], 0.5 * length[:, None])
-    return np.clip(handles + step, SHORTEST_HANDLE * length[:, None], LONGEST_HANDLE * length[:, None])
+    def __init__(self, ends: Ends, length: np.ndarray) -> None:
+        first, last = ends.tangents[:, 0], ends.tangents[:, 1]
+        across = np.stack([-ends.tangents[..., 1], ends.tangents[..., 0]], axis=-1)
+        count = len(length)
+        self.length = length
+        self.base = np.stack([ends.positions[:, k] for k in (0, 0, 1, 1)], axis=1)
+        self.directions = np.zeros((count, 6, 4, 2))
+        self.directions[:, 0, 1], self.directions[:, 1, 2] = first, -last
+        self.directions[:, 2, 0] = self.directions[:, 2, 1] = self.directions[:, 4, 1] = across[:, 0]
+        self.directions[:, 3, 3] = self.directions[:, 3, 2] = self.directions[:, 5, 2] = across[:, 1]
+        # Straight runs leave the handles open: they are pulled gently towards thirds.
+        self.expected = np.zeros((count, 6))
+        self.expected[:, :2] = length[:, None] / 3.0
+        sizes = np.concatenate(
+            [
+                np.repeat(0.5 * length[:, None], 2, axis=1),
+                ends.errors[..., 0],
+                ends.errors[..., 1] * length[:, None] / 3.0,
+            ],
+            axis=1,
+        )
+        self.stiffness = 1.0 / np.maximum(sizes, 1e-6) ** 2
+        self.stiffness[:, :2] *= 0.1
+
+    def start(self) -> np.ndarray:
+        """(P, 6) ends as given, handles of a third."""
+        return self.expected.copy()
+
+    def cubics(self, values: np.ndarray) -> np.ndarray:
+        """(P, 4, 2) control points."""
+        return self.base + (values[:, None] @ self.directions.reshape(-1, 6, 8)).reshape(-1, 4, 2)
+
+    def strain(self, values: np.ndarray) -> np.ndarray:
+        """(P,) chi^2 of the ends."""
+        return (self.stiffness * (values - self.expected) ** 2)[:, 2:].sum(-1)
+
+    def improved(
+        self, values: np.ndarray, cubics: np.ndarray, points: np.ndarray, weights: np.ndarray, u: np.ndarray
+    ) -> np.ndarray:
+        """The values after one Gauss-Newton step."""
+        first, _ = derivatives(cubics, u)
+        speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-12)
+        normal = np.stack([-first[..., 1] / speed, first[..., 0] / speed], axis=-1)
+        b = basis(u)
+        rows = (b[..., :, None] * normal[..., None, :]).reshape(*u.shape, 8)
+        columns = rows @ np.swapaxes(self.directions.reshape(-1, 6, 8), 1, 2)
+        rest = ((points - b @ cubics) * normal).sum(-1)
+        weighted = np.swapaxes(columns * weights[..., None], 1, 2)
+        gram = weighted @ columns
+        diagonal = np.arange(6)
+        gram[:, diagonal, diagonal] += self.stiffness
+        slope = (weighted @ rest[..., None])[..., 0] + self.stiffness * (self.expected - values)
+        values = values + np.linalg.solve(gram, slope[..., None])[..., 0]
+        least, most = SHORTEST_HANDLE * self.length[:, None], LONGEST_HANDLE * self.length[:, None]
+        values[:, :2] = np.clip(values[:, :2], least, most)
+        return values

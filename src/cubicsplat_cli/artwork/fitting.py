@@ -13,12 +13,17 @@ from cubicsplat_cli.artwork.corners import Corners, find_corners
 from cubicsplat_cli.artwork.outlines import Outline, Ring, polygon
 from cubicsplat_cli.artwork.primitives import fit_primitive
 from cubicsplat_cli.artwork.refine import Feet, Pieces, refine
-from cubicsplat_cli.artwork.sections import Division, Section, divide
+from cubicsplat_cli.artwork.sections import CORNER_ERRORS, LEAST_ERRORS, Division, Section, divide
 from cubicsplat_cli.artwork.smoothing import HIDDEN_SIGMA, LocalFits, local_fits
 from cubicsplat_cli.errors import InputError
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
 FINEST_SIGMA = 0.02  # px: what is systematic in the points is never below this
+# Drawing programs sample edges on a grid of about quarter pixels, so the points of a nearly level or upright stretch
+# err together as far as the stretch takes to cross a row of samples; they count as one.
+GRID = 0.25  # px
+FLATTEST = 0.01
+PLAIN_MISFIT = 1.2  # mean squared residual of a primitive, in sigmas, at which nothing else need be tried
 CORNER_REACH = 1.5  # px around a corner in which points are biased
 FEWEST_POINTS = 8
 SMOOTH_JOINT = math.radians(15.0)
@@ -35,11 +40,11 @@ def fit_outline(points: np.ndarray, sigma: np.ndarray, detail: float = 1.0) -> O
     if len(points) < FEWEST_POINTS:
         return polygon(points)
     price = parameter_price(points, detail)
-    ring, cost = _fit_ring(points, weights, price)
-    primitive = fit_primitive(points, weights, price)
-    if primitive is not None and primitive[1] <= cost:
+    primitive = fit_primitive(points, _independent(points, weights), price)
+    if primitive is not None and primitive[2] <= PLAIN_MISFIT:
         return primitive[0]
-    return ring
+    ring, cost = _fit_ring(points, weights, price)
+    return primitive[0] if primitive is not None and primitive[1] <= cost else ring
 
 
 def parameter_price(points: np.ndarray, detail: float) -> float:
@@ -64,6 +69,7 @@ def _checked(points: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _fit_ring(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Ring, float]:
     corners = find_corners(points, weights)
+    weights = _independent(points, weights)
     weights = _without_corners(points, weights, corners)
     if len(corners.indices):
         order, sections = _sections(points, weights, corners)
@@ -78,6 +84,13 @@ def _fit_ring(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Ri
         pieces, feet, misfit = refine(levelled, points[order], weights[order], feet)
     ring = as_ring(pieces)
     return ring, 0.5 * misfit + price * ring.parameters
+
+
+def _independent(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The weights, less where neighbouring points err together."""
+    way = np.roll(points, -3, axis=0) - np.roll(points, 3, axis=0)
+    slope = np.abs(way).min(axis=1) / np.maximum(np.abs(way).max(axis=1), 1e-9)
+    return weights / (1.0 + GRID / np.maximum(slope, FLATTEST))
 
 
 def _without_corners(points: np.ndarray, weights: np.ndarray, corners: Corners) -> np.ndarray:
@@ -104,18 +117,23 @@ def _sections(points: np.ndarray, weights: np.ndarray, corners: Corners) -> tupl
 
 def _section(points: np.ndarray, weights: np.ndarray, ends: np.ndarray) -> Section:
     known = np.flatnonzero(weights > 0.0)
+    errors = np.array([CORNER_ERRORS, CORNER_ERRORS])
     if len(known) < 4:
         # Too short to measure: it is straight.
         way = ends[1] - ends[0]
         tangent = way / max(float(np.hypot(*way)), 1e-9)
         m = len(points)
         fits = LocalFits(
-            ends[0] + way * (np.arange(m) + 0.5)[:, None] / m, np.tile(tangent, (m, 1)), np.zeros(m), np.ones(m)
+            ends[0] + way * (np.arange(m) + 0.5)[:, None] / m,
+            np.tile(tangent, (m, 1)),
+            np.zeros(m),
+            np.ones(m),
+            np.full((m, 2), 0.1),
         )
-        return Section(fits, np.zeros(m), ends, np.stack([tangent, tangent]), (True, True))
+        return Section(fits, np.zeros(m), ends, np.stack([tangent, tangent]), errors, True)
     fits = local_fits(points, weights, closed=False)
     tangents = np.stack([_towards(fits, known[0], ends[0]), _towards(fits, known[-1], ends[1])])
-    return Section(fits, weights, ends, tangents, (True, True))
+    return Section(fits, weights, ends, tangents, errors, True)
 
 
 def _towards(fits: LocalFits, index: int, end: np.ndarray) -> np.ndarray:
@@ -142,9 +160,10 @@ def _divided_loop(points: np.ndarray, weights: np.ndarray, price: float) -> tupl
 
 def _loop_from(fits: LocalFits, weights: np.ndarray, start: int, price: float) -> tuple[np.ndarray, Division]:
     order = (start + np.arange(len(weights))) % len(weights)
-    turned = LocalFits(fits.positions[order], fits.tangents[order], fits.curvature[order], fits.windows[order])
+    turned = fits.taken(order)
     at, tangent = turned.positions[[0, 0]], turned.tangents[[0, 0]]
-    return order, divide(Section(turned, weights[order], at, tangent, (False, False)), price)
+    errors = np.maximum(turned.errors[[0, 0]], LEAST_ERRORS)
+    return order, divide(Section(turned, weights[order], at, tangent, errors, False), price)
 
 
 def _joined(divisions: list[Division], cornered: bool) -> tuple[Pieces, Feet]:

@@ -4,121 +4,136 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle
 
-ROUNDS = 12
+ROUNDS = 10
 HUBER = 3.0
-WORST_RMS = 3.0  # sigmas: a primitive farther away from its points than that is none
+WORST_MISFIT = 9.0  # mean squared residual, in sigmas, above which a primitive is out of the question
+FEW = 120  # points suffice for the first fit
+# Area over the root of the determinant of the second moments: 12 for rectangles, 4 pi for ellipses, less for the rest.
+LEAST_FULLNESS = 11.7
+MOST_HIDDEN = 0.03  # share of the loop's length above which its area tells nothing
+SHARP_REACH = 1.5  # px from a sharp corner in which points are biased
 
 Signed = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Outline, float] | None:
-    """The cheapest primitive through a closed loop, and its description length; None when none comes near.
+@dataclass(frozen=True)
+class _Candidate:
+    """A kind of primitive: signed distance of points (n, 2) from it, a start, and the outline of its values."""
 
-    points: (n, 2) px. weights: (n,) 1/px^2, 0 where unknown. price: of a parameter, in nats.
+    distance: Signed
+    start: np.ndarray
+    outline: Callable[[np.ndarray], Outline | None]
+    sharp: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+
+
+def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Outline, float, float] | None:
+    """The cheapest primitive through a closed loop, its description length, and its misfit; None when none comes near.
+
+    points: (n, 2) px. weights: (n,) 1/px^2, 0 where unknown. price: of a parameter, in nats. The misfit is the mean
+    squared residual in sigmas.
     """
     known = weights > 0.0
     if known.sum() < 6:
         return None
     p, w = points[known], weights[known]
-    found = []
-    for candidate in (_circle, _ellipse, _rectangle):
-        found += candidate(p, w)
-    costs = [
-        (0.5 * misfit + price * shape.parameters, k) for k, (shape, misfit, n) in enumerate(found) if _near(misfit, n)
-    ]
-    if not costs:
+    middle, spread, turn, fullness = _solid(points)
+    whole = (~known).mean() <= MOST_HIDDEN
+    if whole and fullness < LEAST_FULLNESS:
         return None
-    cost, k = min(costs)
-    return found[k][0], cost
+    if not whole:
+        middle = 0.5 * (p.min(axis=0) + p.max(axis=0))
+        spread = np.ptp(p, axis=0) ** 2 / 14.0
+        turn = 0.0
+    best = None
+    for candidate in _candidates(p, middle, spread, turn):
+        fitted = _fitted(candidate, p, w)
+        if fitted is None:
+            continue
+        outline, misfit, mean = fitted
+        cost = 0.5 * misfit + price * outline.parameters
+        if best is None or cost < best[1]:
+            best = (outline, cost, mean)
+    return best
 
 
-def _near(misfit: float, count: float) -> bool:
-    return misfit <= WORST_RMS**2 * max(count, 1.0)
+def _candidates(p: np.ndarray, middle: np.ndarray, spread: np.ndarray, turn: float) -> list[_Candidate]:
+    size = 2.0 * np.sqrt(spread)
+    low, high = p.min(axis=0), p.max(axis=0)
+    half = 0.5 * (high - low)
+    box = [*(0.5 * (low + high)), *half]
+    tilt = _box_angle(p)
+    q = _turned(p, -tilt)
+    tilted_middle = _turned(0.5 * (q.min(axis=0) + q.max(axis=0))[None], tilt)[0]
+    tilted = [*tilted_middle, *(0.5 * np.ptp(q, axis=0))]
+    radius = 0.3 * float(half.min())
+
+    def ellipse(v: np.ndarray) -> Outline | None:
+        return Ellipse(*map(float, v)) if (v[2:4] > 0.0).all() else None
+
+    return [
+        _Candidate(_circle_distance, np.array([*middle, size.mean()]), lambda v: Circle(*map(float, v))),
+        _Candidate(lambda v, x: _ellipse_distance(np.append(v, 0.0), x), np.array(box), ellipse),
+        _Candidate(_ellipse_distance, np.array([*middle, *size, turn]), ellipse),
+        _box(box, (0.0, 0.0), ""),
+        _box(box, (radius, 0.0), "r"),
+        _box(tilted, (0.0, tilt), "a"),
+        _box(tilted, (radius, tilt), "ra"),
+    ]
 
 
-Found = list[tuple[Outline, float, float]]
+def _box(start: list[float], rest: tuple[float, float], free: str) -> _Candidate:
+    """A rectangle; free: "r" if its corners are rounded, "a" if it is turned."""
+
+    def full(v: np.ndarray) -> np.ndarray:
+        return np.array([*v[:4], v[4] if "r" in free else 0.0, v[-1] if "a" in free else 0.0])
+
+    def outline(v: np.ndarray) -> Outline | None:
+        x, y, a, b, radius, angle = map(float, full(v))
+        if min(a, b) <= 0.25 or not 0.0 <= radius <= 1.02 * min(a, b) or ("r" in free and radius < 0.5):
+            return None
+        return Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, min(radius, a, b), angle)
+
+    def near_corner(v: np.ndarray, p: np.ndarray) -> np.ndarray:
+        q = np.abs(_turned(p - v[:2], -full(v)[5])) - v[2:4]
+        return np.hypot(*q.T) < SHARP_REACH
+
+    begin = np.array([*start, *([rest[0]] if "r" in free else []), *([rest[1]] if "a" in free else [])])
+    return _Candidate(lambda v, p: _box_distance(full(v), p), begin, outline, None if "r" in free else near_corner)
 
 
-def _circle(p: np.ndarray, w: np.ndarray) -> Found:
-    middle, axes, _ = _moments(p, w)
-    start = np.array([*middle, math.sqrt(2.0) * float(np.sqrt(axes.mean()))])
-    value, misfit = _least_squares(_circle_distance, start, p, w)
-    return [(Circle(*map(float, value)), misfit, len(p))] if value[2] > 0.0 else []
+def _fitted(candidate: _Candidate, p: np.ndarray, w: np.ndarray) -> tuple[Outline, float, float] | None:
+    """The outline, chi^2 and mean squared residual in sigmas; None when it is far off."""
+    if candidate.sharp is not None:
+        w = w * ~candidate.sharp(candidate.start, p)
+    few = np.unique(np.linspace(0, len(p) - 1, FEW).astype(int))
+    value, misfit = _least_squares(candidate.distance, candidate.start, p[few], w[few])
+    if misfit > 2.0 * WORST_MISFIT * len(few):
+        return None
+    if candidate.sharp is not None:
+        w = w * ~candidate.sharp(value, p)
+    value, misfit = _least_squares(candidate.distance, value, p, w)
+    mean = misfit / max(int((w > 0.0).sum()), 1)
+    outline = candidate.outline(value)
+    return None if outline is None or mean > WORST_MISFIT else (outline, misfit, mean)
 
 
 def _circle_distance(value: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.hypot(p[:, 0] - value[0], p[:, 1] - value[1]) - value[2]
 
 
-def _ellipse(p: np.ndarray, w: np.ndarray) -> Found:
-    middle, axes, turn = _moments(p, w)
-    sizes = np.sqrt(2.0 * np.maximum(axes, 1e-6))
-    out: Found = []
-    for angle in (None, 0.0):
-        if angle is None:
-            start = np.array([*middle, *sizes, turn])
-            value, misfit = _least_squares(_ellipse_distance, start, p, w)
-        else:
-            half = 0.5 * np.ptp(p, axis=0)
-            value, misfit = _least_squares(
-                lambda v, q: _ellipse_distance(np.append(v, 0.0), q), np.array([*middle, *half]), p, w
-            )
-            value = np.append(value, 0.0)
-        if (value[2:4] > 0.0).all():
-            out.append((Ellipse(*map(float, value)), misfit, len(p)))
-    return out
-
-
 def _ellipse_distance(value: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """First-order distance (Sampson), refined by the radial one; both agree near the ellipse."""
+    """The distance to first order, exact on the ellipse and on circles."""
     q = _turned(p - value[:2], -value[4])
     size = np.maximum(np.abs(value[2:4]), 1e-3)
     f = np.hypot(*(q / size).T)
     slope = np.hypot(*(q / size**2).T)
     return (f - 1.0) * f / np.maximum(slope, 1e-9)
-
-
-def _rectangle(p: np.ndarray, w: np.ndarray) -> Found:
-    out: Found = []
-    for free in (False, True):
-        turn = _box_angle(p) if free else 0.0
-        q = _turned(p, -turn)
-        low, high = q.min(axis=0), q.max(axis=0)
-        middle = _turned(0.5 * (low + high)[None], turn)[0]
-        half = 0.5 * (high - low)
-        for radius in (0.0, 0.25 * float(half.min())):
-            start = [*middle, *half]
-            if radius:
-                start.append(radius)
-            fitted = _fitted_box(np.array(start), turn, free, radius > 0.0, p, w)
-            if fitted is not None:
-                out.append(fitted)
-    return out
-
-
-def _fitted_box(start: np.ndarray, turn: float, free: bool, rounded: bool, p: np.ndarray, w: np.ndarray):
-    def full(v: np.ndarray) -> np.ndarray:
-        radius = v[4] if rounded else 0.0
-        return np.array([*v[:4], radius, v[-1] if free else turn])
-
-    if not rounded:
-        # The points next to a sharp corner are biased.
-        w = w * (_corner_distance(full(np.append(start, turn) if free else start), p) > 2.0)
-        if (w > 0.0).sum() < 6:
-            return None
-    start = np.append(start, turn) if free else start
-    value, misfit = _least_squares(lambda v, q: _box_distance(full(v), q), start, p, w)
-    x, y, a, b, radius, angle = full(value)
-    if min(a, b) <= 0.25 or not 0.0 <= radius <= 1.02 * min(a, b):
-        return None
-    radius = min(radius, a, b)
-    shape = Rectangle(float(x - a), float(y - b), float(2 * a), float(2 * b), float(radius), float(angle))
-    return shape, misfit, float((w > 0.0).sum())
 
 
 def _box_distance(value: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -128,31 +143,34 @@ def _box_distance(value: np.ndarray, p: np.ndarray) -> np.ndarray:
     return outside + np.minimum(q.max(axis=1), 0.0) - value[4]
 
 
-def _corner_distance(value: np.ndarray, p: np.ndarray) -> np.ndarray:
-    q = np.abs(_turned(p - value[:2], -value[5])) - value[2:4]
-    return np.hypot(*q.T)
-
-
 def _box_angle(p: np.ndarray) -> float:
     """Angle in (-pi/4, pi/4] of the smallest box around the points."""
-    angles = np.linspace(-math.pi / 4, math.pi / 4, 91)[1:]
-    for width in (math.radians(1.0), math.radians(0.1)):
-        areas = []
-        for angle in angles:
-            sides = np.ptp(_turned(p, -angle), axis=0)
-            areas.append(sides.prod())
-        best = angles[int(np.argmin(areas))]
+    angles = np.linspace(-math.pi / 4, math.pi / 4, 46)[1:]
+    for width in (math.radians(2.0), math.radians(0.2)):
+        cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
+        sides = np.ptp(cos * p[:, 0] + sin * p[:, 1], axis=1), np.ptp(cos * p[:, 1] - sin * p[:, 0], axis=1)
+        best = angles[int(np.argmin(sides[0] * sides[1]))]
         angles = best + np.linspace(-width, width, 21)
     return float(best)
 
 
-def _moments(p: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Middle, variances along the main axes (larger first), and the angle of the first axis."""
-    middle = 0.5 * (p.min(axis=0) + p.max(axis=0))
-    q = p - middle
-    steps = np.hypot(*(np.roll(p, -1, axis=0) - np.roll(p, 1, axis=0)).T)
-    values, vectors = np.linalg.eigh((q * steps[:, None]).T @ q / steps.sum())
-    return middle, values[::-1], math.atan2(vectors[1, 1], vectors[0, 1])
+def _solid(p: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Of the polygon: middle, variances along its main axes (larger first), angle of the first axis, and fullness."""
+    origin = p.mean(axis=0)
+    a = p - origin
+    b = np.roll(a, -1, axis=0)
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    area = 0.5 * cross.sum()
+    if abs(area) < 1e-6:
+        return origin, np.ones(2), 0.0, 0.0
+    middle = ((a + b) * cross[:, None]).sum(axis=0) / (6.0 * area)
+    outer = a[:, :, None] * a[:, None, :] + b[:, :, None] * b[:, None, :]
+    mixed = 0.5 * (a[:, :, None] * b[:, None, :] + b[:, :, None] * a[:, None, :])
+    second = ((outer + mixed) * cross[:, None, None]).sum(axis=0) / (12.0 * area) - np.outer(middle, middle)
+    values, vectors = np.linalg.eigh(second)
+    values = np.maximum(values, 1e-9)
+    fullness = abs(area) / math.sqrt(values[0] * values[1])
+    return middle + origin, values[::-1], math.atan2(vectors[1, 1], vectors[0, 1]), fullness
 
 
 def _turned(p: np.ndarray, angle: float) -> np.ndarray:
@@ -161,17 +179,13 @@ def _turned(p: np.ndarray, angle: float) -> np.ndarray:
 
 
 def _least_squares(distance: Signed, start: np.ndarray, p: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
-    """Levenberg-Marquardt with Huber weights and central differences; the parameters and chi^2."""
+    """Levenberg-Marquardt with Huber weights and differences for the derivatives; the values and chi^2."""
     value, damping = start.astype(float), 1e-3
     rest = distance(value, p)
     best = _huber(rest, w)
     for _ in range(ROUNDS):
-        columns = []
-        for k in range(len(value)):
-            step = np.zeros(len(value))
-            step[k] = 1e-4
-            columns.append((distance(value + step, p) - distance(value - step, p)) / 2e-4)
-        jacobian = np.stack(columns, axis=1)
+        shifts = 1e-4 * np.eye(len(value))
+        jacobian = np.stack([(distance(value + shift, p) - rest) / 1e-4 for shift in shifts], axis=1)
         z = np.abs(rest) * np.sqrt(w)
         weighted = jacobian * (w * np.minimum(1.0, HUBER / np.maximum(z, 1e-12)))[:, None]
         gram = weighted.T @ jacobian
@@ -182,7 +196,7 @@ def _least_squares(distance: Signed, start: np.ndarray, p: np.ndarray, w: np.nda
         if misfit < best:
             gain, best, value, rest = best - misfit, misfit, trial, trial_rest
             damping = max(damping / 10.0, 1e-8)
-            if gain < 1e-3 * best + 1e-3:
+            if gain < 1e-3 * best + 1e-2:
                 break
         else:
             damping *= 10.0

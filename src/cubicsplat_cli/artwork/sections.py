@@ -12,28 +12,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.cubics import fit_cubics
+from cubicsplat_cli.artwork.cubics import Ends, fit_cubics
 from cubicsplat_cli.artwork.smoothing import LocalFits, arc_lengths
 
-MOST_NODES = 64
+MOST_NODES = 48
 STRAIGHT_SHARE = 0.05  # of sqrt(1/px): how dense nodes are on straight stretches against bent ones
 SAMPLES = 20
 WIDEST_TURN = math.radians(200.0)  # of one cubic, all bends added
 LINE_PARAMETERS, CUBIC_PARAMETERS = 2, 5
+BEND_PARAMETERS = 4  # of a line after a line where no corner was found
+# The least that two pieces cost: two lines with a bend, or a line and a cubic.
+PAIR_PARAMETERS = (LINE_PARAMETERS + CUBIC_PARAMETERS + 1, LINE_PARAMETERS + CUBIC_PARAMETERS)
+CORNER_ERRORS = (0.15, 0.3)  # px and radians: how well the ends at corners are known beforehand
+LEAST_ERRORS = (0.01, 0.01)  # px and radians
+LINE_SLACK = math.radians(2.0)  # between a line and the tangent where it meets a cubic smoothly
 
 
 @dataclass(frozen=True)
 class Section:
     """A run of m points. fits: of its m points. ends, tangents: (2, 2), where it starts and stops, px and unit.
 
-    weights: (m,) 1/px^2, 0 where the points tell nothing. corners: whether the run starts and stops at a corner.
+    weights: (m,) 1/px^2, 0 where the points tell nothing. errors: (2, 2) of the ends, px and radians. corners: whether
+    the run starts and stops at corners, or is a loop.
     """
 
     fits: LocalFits
     weights: np.ndarray
     ends: np.ndarray
     tangents: np.ndarray
-    corners: tuple[bool, bool]
+    errors: np.ndarray
+    corners: bool
 
 
 @dataclass(frozen=True)
@@ -58,24 +66,44 @@ class _Nodes:
     at: np.ndarray
     tangent: np.ndarray
     level: np.ndarray
+    errors: np.ndarray
 
 
 def divide(section: Section, price: float) -> Division:
     """The cheapest division. price: of a parameter, in nats."""
     nodes = _nodes(section)
-    first, last = _pairs(nodes, section)
+    plain = _undivided(section, nodes, price)
+    if plain is not None:
+        return plain
+    first, last = _pairs(nodes)
     lines, cubics, line_cost, cubic_cost = _fits(section, nodes, first, last, price)
-    straight = line_cost <= cubic_cost
-    path = _cheapest(len(nodes.index), first, last, np.where(straight, line_cost, cubic_cost))
-    chosen, cost = path
+    costs = np.stack([line_cost, cubic_cost], axis=1)
+    chosen, kinds, cost = _cheapest(len(nodes.index), first, last, costs, BEND_PARAMETERS * price)
+    straight = kinds == 0
     stops = np.append(first[chosen], len(nodes.index) - 1)
+    pieces = np.where(straight[:, None, None], lines[chosen], cubics[chosen])
+    return _division(nodes, stops, straight, pieces, cost)
+
+
+def _undivided(section: Section, nodes: _Nodes, price: float) -> Division | None:
+    """The run as a single piece, where no two could be cheaper; None where they could."""
+    ends = np.array([0]), np.array([len(nodes.index) - 1])
+    lines, cubics, line_cost, cubic_cost = _fits(section, nodes, *ends, price)
+    straight = line_cost <= cubic_cost
+    if not section.corners or min(line_cost[0], cubic_cost[0]) > price * PAIR_PARAMETERS[int(straight[0])]:
+        return None
+    piece = np.where(straight[:, None, None], lines, cubics)
+    return _division(nodes, np.concatenate(ends), straight, piece, float(min(line_cost[0], cubic_cost[0])))
+
+
+def _division(nodes: _Nodes, stops: np.ndarray, straight: np.ndarray, pieces: np.ndarray, cost: float) -> Division:
     return Division(
         breaks=nodes.index[stops],
         anchors=nodes.at[stops],
         tangents=nodes.tangent[stops],
         level=nodes.level[stops],
-        lines=straight[chosen],
-        cubics=np.where(straight[chosen, None, None], lines[chosen], cubics[chosen]),
+        lines=straight,
+        cubics=pieces,
         cost=cost,
     )
 
@@ -97,11 +125,13 @@ def _nodes(section: Section) -> _Nodes:
     at = np.concatenate([fits.positions[index], at])[order]
     tangent = np.concatenate([fits.tangents[index], tangent])[order]
     level = np.concatenate([np.zeros(len(index), bool), np.ones(len(extreme), bool)])[order]
+    errors = np.maximum(fits.errors[inner], LEAST_ERRORS)
     return _Nodes(
         np.concatenate([[0], inner, [m]]).astype(int),
         np.concatenate([section.ends[:1], at, section.ends[1:]]),
         np.concatenate([section.tangents[:1], tangent, section.tangents[1:]]),
         np.concatenate([[False], level, [False]]),
+        np.concatenate([section.errors[:1], errors, section.errors[1:]]),
     )
 
 
@@ -134,7 +164,7 @@ def _extrema(fits: LocalFits, known: np.ndarray) -> tuple[np.ndarray, np.ndarray
     )
 
 
-def _pairs(nodes: _Nodes, section: Section) -> tuple[np.ndarray, np.ndarray]:
+def _pairs(nodes: _Nodes) -> tuple[np.ndarray, np.ndarray]:
     """Node pairs that one piece could join: those next to each other, and those with not too much turn between."""
     t = nodes.tangent
     turn = np.arctan2(t[:-1, 0] * t[1:, 1] - t[:-1, 1] * t[1:, 0], (t[:-1] * t[1:]).sum(1))
@@ -153,15 +183,22 @@ def _fits(section: Section, nodes: _Nodes, first: np.ndarray, last: np.ndarray, 
     weights = section.weights[index] * ((hi - lo) / SAMPLES)[:, None]
     ends = np.stack([nodes.at[first], nodes.at[last]], axis=1)
     tangents = np.stack([nodes.tangent[first], nodes.tangent[last]], axis=1)
-    fits = fit_cubics(ends, tangents, points, weights)
-    starts_at_corner = section.corners[0] & (first == 0)
-    stops_at_corner = section.corners[1] & (last == len(nodes.index) - 1)
-    parameters = CUBIC_PARAMETERS + starts_at_corner + 0.0 * stops_at_corner - nodes.level[last]
-    cubic_cost = 0.5 * (weights * fits.squares).sum(1) + price * parameters
+    errors = np.stack([nodes.errors[first], nodes.errors[last]], axis=1)
+    fits = fit_cubics(Ends(ends, tangents, errors), points, weights)
+    starts, stops = section.corners & (first == 0), section.corners & (last == len(nodes.index) - 1)
+    cubic_cost = 0.5 * fits.misfit + price * (CUBIC_PARAMETERS + starts - nodes.level[last])
     line_cost = 0.5 * _line_misfit(points, weights) + price * LINE_PARAMETERS
+    line_cost += _strain(ends, tangents[:, 0]) * ~starts + _strain(ends, tangents[:, 1]) * ~stops
     thirds = np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])[:, None]
     lines = ends[:, :1] * (1.0 - thirds) + ends[:, 1:] * thirds
     return lines, fits.cubics, line_cost, cubic_cost
+
+
+def _strain(ends: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    """(P,) nats for the angle between lines (P, 2, 2) and the tangents (P, 2) where they meet a smooth run."""
+    way = ends[:, 1] - ends[:, 0]
+    angle = np.arctan2(way[:, 0] * tangents[:, 1] - way[:, 1] * tangents[:, 0], (way * tangents).sum(1))
+    return 0.5 * np.minimum(np.abs(angle) / LINE_SLACK, 30.0) ** 2
 
 
 def _line_misfit(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -174,20 +211,31 @@ def _line_misfit(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.maximum(0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2), 0.0)
 
 
-def _cheapest(count: int, first: np.ndarray, last: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, float]:
-    """Indices of the pairs on the cheapest path from node 0 to node count - 1, in order, and its cost."""
-    best = np.full(count, np.inf)
-    best[0] = 0.0
-    via = np.full(count, -1)
+def _cheapest(
+    count: int, first: np.ndarray, last: np.ndarray, costs: np.ndarray, bend: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """The cheapest path from node 0 to node count - 1: its pairs in order, their kinds, and its cost.
+
+    costs: (P, 2) of each pair as a line (kind 0) and as a cubic (kind 1). bend: of a line after a line.
+    """
+    best = np.full((count, 2), np.inf)
+    best[0, 1] = 0.0
+    via = np.zeros((count, 2), dtype=int)
+    kind_before = np.zeros((count, 2), dtype=int)
     order = np.argsort(last, kind="stable")
     bounds = np.searchsorted(last[order], np.arange(count + 1))
+    surcharge = np.array([[bend, 0.0], [0.0, 0.0]])
     for node in range(1, count):
         own = order[bounds[node] : bounds[node + 1]]
-        totals = best[first[own]] + cost[own]
-        k = int(np.argmin(totals))
-        best[node], via[node] = totals[k], own[k]
-    path, node = [], count - 1
+        totals = best[first[own]][:, :, None] + surcharge[None] + costs[own][:, None, :]
+        flat = totals.reshape(-1, 2)
+        k = flat.argmin(axis=0)
+        best[node] = flat[k, [0, 1]]
+        via[node], kind_before[node] = own[k // 2], k % 2
+    path, kinds, node, kind = [], [], count - 1, int(best[-1].argmin())
     while node > 0:
-        path.append(via[node])
-        node = first[via[node]]
-    return np.array(path[::-1], dtype=int), float(best[-1])
+        pair = via[node, kind]
+        path.append(pair)
+        kinds.append(kind)
+        node, kind = first[pair], kind_before[node, kind]
+    return np.array(path[::-1], dtype=int), np.array(kinds[::-1], dtype=int), float(best[-1].min())

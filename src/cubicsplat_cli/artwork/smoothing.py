@@ -7,31 +7,49 @@ rule for the choice of a bandwidth).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 HALF_WINDOWS = (2, 4, 7, 12, 20)
-# Mean squared residual over its expectation up to which a wider window is still believed.
-WINDOW_MISFIT = 1.6
 # A point whose standard error is larger tells nothing (it is hidden or unknown).
-HIDDEN_SIGMA = 0.5
+HIDDEN_SIGMA = 3.0
 
 
 @dataclass(frozen=True)
 class LocalFits:
-    """Of n points: positions (n, 2) px, unit tangents (n, 2), curvature (n,) 1/px, half-windows (n,) in points."""
+    """Of n points: positions (n, 2) px, unit tangents (n, 2), curvature (n,) 1/px, half-windows (n,) in points.
+
+    errors: (n, 2) standard errors of the position across the run in px, and of the tangent in radians.
+    """
 
     positions: np.ndarray
     tangents: np.ndarray
     curvature: np.ndarray
     windows: np.ndarray
+    errors: np.ndarray
+
+    def taken(self, index: np.ndarray) -> LocalFits:
+        """The fits of some points, in their order."""
+        return LocalFits(
+            self.positions[index],
+            self.tangents[index],
+            self.curvature[index],
+            self.windows[index],
+            self.errors[index],
+        )
 
 
 def arc_lengths(points: np.ndarray) -> np.ndarray:
     """(n,) length of the polyline up to each point, in px."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def most_misfit(freedom: int) -> float:
+    """Mean squared residual, in sigmas, up to which a fit with that many degrees of freedom is believed."""
+    return 1.0 + 2.0 * math.sqrt(2.0 / freedom)
 
 
 def local_fits(points: np.ndarray, weights: np.ndarray, closed: bool) -> LocalFits:
@@ -51,40 +69,45 @@ def _open_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, ...
     best = None
     growing = np.ones(len(points), dtype=bool)
     for half in HALF_WINDOWS:
-        terms, misfit = _parabolas(points, weights, s, half)
+        terms, errors, misfit = _parabolas(points, weights, s, half)
         if best is None:
-            best = terms
+            best, sure = terms, errors
             windows = np.full(len(points), half)
             continue
-        growing &= misfit <= WINDOW_MISFIT
-        best[growing] = terms[growing]
+        growing &= misfit <= most_misfit(2 * half - 2)
+        best[growing], sure[growing] = terms[growing], errors[growing]
         windows[growing] = half
     positions, first, second = best[:, 0], best[:, 1], 2.0 * best[:, 2]
     speed = np.maximum(np.hypot(*first.T), 1e-9)
     curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
-    return positions, first / speed[:, None], curvature, windows
+    return positions, first / speed[:, None], curvature, windows, sure
 
 
-def _parabolas(points: np.ndarray, weights: np.ndarray, s: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
-    """((n, 3, 2) coefficients of 1, s and s^2 around each point, (n,) mean squared normal residual in sigmas)."""
+def _parabolas(points: np.ndarray, weights: np.ndarray, s: np.ndarray, half: int) -> tuple[np.ndarray, ...]:
+    """Coefficients (n, 3, 2) of 1, s and s^2 around each point, their errors (n, 2), and the misfit (n,).
+
+    The misfit is the mean squared residual across the run, in squared sigmas.
+    """
     n = len(points)
     index = np.arange(n)[:, None] + np.arange(-half, half + 1)
     valid = (index >= 0) & (index < n)
     index = np.clip(index, 0, n - 1)
     ds = (s[index] - s[:, None]) / half
     w = weights[index] * valid
-    w = w + 1e-9 * valid  # hidden points decide where nothing else does
+    w = w + 1e-6 * valid  # hidden points decide where nothing else does
     powers = ds[..., None] ** np.arange(3)
     weighted = powers * w[..., None]
     gram = np.einsum("nki,nkj->nij", weighted, powers)
     gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     offsets = points[index] - points[:, None]
-    terms = np.linalg.solve(gram, np.einsum("nki,nkc->nic", weighted, offsets))
+    inverse = np.linalg.inv(gram)
+    terms = inverse @ np.einsum("nki,nkc->nic", weighted, offsets)
+    errors = np.sqrt(np.stack([inverse[:, 0, 0], inverse[:, 1, 1] / half**2], axis=1))
     rest = offsets - powers @ terms
     slope = terms[:, 1] / np.maximum(np.hypot(*terms[:, 1].T), 1e-12)[:, None]
     across = rest[..., 0] * slope[:, None, 1] - rest[..., 1] * slope[:, None, 0]
-    count = (w > 1e-8).sum(axis=1)
+    count = (w > 1e-4).sum(axis=1)
     misfit = (w * across**2).sum(axis=1) / np.maximum(count - 3, 1)
     terms = terms / (float(half) ** np.arange(3))[None, :, None]
     terms[:, 0] += points
-    return terms, misfit
+    return terms, errors, misfit
