@@ -36,6 +36,10 @@ class Corners:
     positions: np.ndarray
     turns: np.ndarray
 
+    def taken(self, which: np.ndarray) -> Corners:
+        """Some of the corners, in their order."""
+        return Corners(self.indices[which], self.positions[which], self.turns[which])
+
 
 @dataclass(frozen=True)
 class _Flanks:

@@ -99,6 +99,7 @@ def refine(pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet) 
 
     points: (n, 2) px; weights: (n,) 1/px^2.
     """
+    pieces = joined_smoothly(pieces)
     feet = settle(pieces, points, feet)
     rest, normals = residuals(pieces, points, feet)
     best = huber(rest, weights)
@@ -123,6 +124,12 @@ def refine(pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet) 
         if gain < ENOUGH * best + 0.05:
             break
     return pieces, feet, best
+
+
+def joined_smoothly(pieces: Pieces) -> Pieces:
+    """The pieces with the handles at smooth joints turned into one direction, that of the line where there is one."""
+    variables = Variables(pieces)
+    return variables.moved(np.zeros(variables.total + 1))
 
 
 def _normal_equations(pieces, feet, rest, normals, weights) -> tuple[sparse.csr_matrix, np.ndarray]:

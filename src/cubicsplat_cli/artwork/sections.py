@@ -15,6 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.cubics import Ends, fit_cubics
 from cubicsplat_cli.artwork.smoothing import LocalFits, arc_lengths
 
+SURE_WEIGHT = 4.0  # 1/px^2: points that know less are no place for a joint
 MOST_NODES = 48
 STRAIGHT_SHARE = 0.05  # of sqrt(1/px): how dense nodes are on straight stretches against bent ones
 SAMPLES = 20
@@ -110,7 +111,7 @@ def _division(nodes: _Nodes, stops: np.ndarray, straight: np.ndarray, pieces: np
 
 def _nodes(section: Section) -> _Nodes:
     fits, m = section.fits, len(section.weights)
-    known = section.weights > 0.0
+    known = section.weights > SURE_WEIGHT
     density = np.sqrt(np.minimum(np.abs(fits.curvature), 1.0)) + STRAIGHT_SHARE
     s = arc_lengths(fits.positions)
     measure = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(s))])
