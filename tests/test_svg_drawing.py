@@ -12,9 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, Ring, polygon, ring_of_cubics, signed_area
+from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate import agreement_db, rerender
+from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg import read_svg
 from cubicsplat_cli.svg.drawing import suggested_precision, write_drawing
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
 from cubicsplat_cli.svg.pathparse import count_numbers, pieces
@@ -249,6 +253,21 @@ def test_artwork_is_told_from_curves():
     assert is_drawing(svg_of(shape(Rectangle(0, 0, 200, 100))).encode())
     assert not is_drawing(b'<svg><title>t</title><rect id="background"/><g id="curves"><path/></g></svg>')
     assert not is_drawing(b"no XML")
+
+
+@pytest.mark.parametrize("renderer", ["resvg", "cairosvg"])
+def test_the_engine_draws_what_viewers_draw(renderer):
+    text = svg_of(*some_shapes())
+    scene = read_svg(text)
+    assert (scene.curves, scene.mode, scene.background) == (7, Mode.CLOSED, None)
+    own = render_scene(scene, coverage="exact", samples=48)
+    assert agreement_db(own, rerender(text.encode(), 200, 100, renderer=renderer).pixels) > 42
+
+
+def test_a_drawing_without_shapes_is_no_scene():
+    with pytest.raises(InputError):
+        scene_of(Drawing(9, 9, ()))
+    assert read_drawing(svg_of()).shapes == ()
 
 
 HEAD = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" viewBox="0 0 9 9">'

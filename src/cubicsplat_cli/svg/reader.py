@@ -12,9 +12,11 @@ from xml.parsers import expat
 import numpy as np
 import torch
 
+from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
 from cubicsplat_cli.svg.writer import BACKGROUND_ID, CURVES_ID
 
 MAX_SVG_BYTES = 256 * 1024 * 1024
@@ -50,6 +52,8 @@ def read_svg(text: str | bytes) -> Scene:
     data = text.encode() if isinstance(text, str) else text
     if len(data) > MAX_SVG_BYTES:
         raise InputError(f"the SVG has {len(data)} bytes; at most {MAX_SVG_BYTES} are read")
+    if is_drawing(data):
+        return scene_of(read_drawing(data))
     collector = _Collector()
     parser = expat.ParserCreate("utf-8")
     parser.StartElementHandler = collector.start

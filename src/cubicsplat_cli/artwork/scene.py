@@ -1,0 +1,48 @@
+"""A drawing as a scene that the engines render."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from cubicsplat_cli.artwork.freedom import fine_ring
+from cubicsplat_cli.artwork.outlines import Outline, Ring, reversed_ring, signed_area
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.settings import Mode
+
+
+def scene_of(drawing: Drawing) -> Scene:
+    """The shapes as closed curves of one or more rings, front to back, without a background (float32 CPU tensors).
+
+    Arcs of primitives become cubics that are true to 1e-5 of a radius. Raises InputError for a drawing without shapes,
+    which no scene can be.
+    """
+    if not drawing.shapes:
+        raise InputError("the drawing has no shapes; give one of a picture that is not all transparent")
+    front_first = drawing.shapes[::-1]
+    points, ring_ends = pack_rings(Mode.CLOSED, [_rings(shape) for shape in front_first])
+    inks = torch.tensor([shape.ink for shape in front_first], dtype=torch.float32) / 255.0
+    return Scene(
+        mode=Mode.CLOSED,
+        width=drawing.width,
+        height=drawing.height,
+        points=points,
+        colours=inks[:, :3].contiguous(),
+        opacities=inks[:, 3].contiguous(),
+        half_widths=torch.zeros(len(front_first)),
+        ring_ends=ring_ends,
+    )
+
+
+def _rings(shape: Shape) -> list[torch.Tensor]:
+    """(3m, 2) control points of each ring: the outer one clockwise as seen, holes the other way."""
+    return [_points(outline, clockwise=index == 0) for index, outline in enumerate(shape.outlines)]
+
+
+def _points(outline: Outline, *, clockwise: bool) -> torch.Tensor:
+    ring = outline if isinstance(outline, Ring) else fine_ring(outline)
+    if (signed_area(ring) > 0.0) != clockwise:
+        ring = reversed_ring(ring)
+    return torch.from_numpy(ring.cubics[:, :3].reshape(-1, 2).astype(np.float32))
