@@ -13,12 +13,13 @@ from functools import cache
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from cubicsplat_cli.raster.cuda.compile import KERNELS, Program, sources
+from cubicsplat_cli.raster.cuda.driver import Driver, LateCopy
 from cubicsplat_cli.raster.cuda.frame import Frame
 
 EMULATOR = Path(__file__).with_name("cuda_emulator")
-INCLUDE = [f"-I{KERNELS / folder}" for folder in ("cuda", "shared")]
 LIBRARIES = Path(__file__).parent.parent / "build" / "emulator"
 OPTIONS = ["-std=c++17", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unknown-pragmas"]
 
@@ -86,10 +87,11 @@ class EmulatedKernels:
         assert error is None, error.decode()
 
 
-class EmulatedDriver:
+class EmulatedDriver(Driver):
     """A device in the CPU's memory. order: seed of the order in which its threads run; 0: as they are numbered."""
 
     def __init__(self, shared_per_sm: int = 228 * 1024, order: int = 0, extra: tuple[str, ...] = ()) -> None:
+        super().__init__()
         self.device = torch.device("cpu")
         self.shared_per_block = 48 * 1024
         self.shared_per_sm = shared_per_sm
@@ -98,7 +100,7 @@ class EmulatedDriver:
         self.launches: list[tuple] = []
         self.recording: list[Callable[[], None]] | None = None
 
-    def load(self, program: Program) -> EmulatedKernels:
+    def _load(self, program: Program) -> EmulatedKernels:
         return EmulatedKernels(self, ctypes.CDLL(str(build(program, self.extra))))
 
     def capture(self, body: Callable[[], None]) -> Callable[[], None]:
@@ -114,6 +116,12 @@ class EmulatedDriver:
                 launch()
 
         return replay
+
+    def stream(self) -> int:
+        return 0
+
+    def late_copy(self, source: Tensor) -> LateCopy:
+        return LateCopy(source, torch.empty_like(source), None)
 
     def active(self) -> nullcontext:
         return nullcontext()

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import threading
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cuda import cache as kernel_cache
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
-from cubicsplat_cli.raster.cuda.compile import Program, Resources
+from cubicsplat_cli.raster.cuda import nvrtc
+from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.frame import shared_bytes, slots_for
 from cubicsplat_cli.settings import Mode
 
-pytest.importorskip("cuda.bindings.nvrtc", reason="needs cuda-bindings")
 try:
-    cuda_compile.nvrtc()
+    nvrtc.version()
 except EngineError as error:
     pytest.skip(f"needs NVRTC: {error}", allow_module_level=True)
 
@@ -37,6 +41,30 @@ CASES = [(architecture, PROGRAMS[0]) for architecture in MULTIPROCESSORS]
 CASES += [("sm_90", program) for program in PROGRAMS[1:]] + [("sm_75", PROGRAMS[3])]
 
 
+@dataclass(frozen=True)
+class Resources:
+    """What a kernel takes, from the compiler's report. spilled: bytes stored and loaded again."""
+
+    registers: int
+    spilled: int
+    shared: int
+
+
+def resources(log: str) -> dict[str, Resources]:
+    """Reads the log of a compilation with --ptxas-options=-v."""
+    found: dict[str, Resources] = {}
+    name, spilled = "", 0
+    for line in log.splitlines():
+        if match := re.search(r"Compiling entry function '(\w+)'", line):
+            name = match[1]
+        elif match := re.search(r"(\d+) bytes spill stores, (\d+) bytes spill loads", line):
+            spilled = int(match[1]) + int(match[2])
+        elif match := re.search(r"Used (\d+) registers", line):
+            shared = re.search(r"(\d+) bytes smem", line)
+            found[name] = Resources(int(match[1]), spilled, int(shared[1]) if shared else 0)
+    return found
+
+
 @pytest.fixture(scope="module")
 def reports() -> dict[tuple[str, Program], tuple[bytes, dict[str, Resources]]]:
     """Machine code and resources of every case; on two threads, since the compiler lets go of Python's lock."""
@@ -45,7 +73,7 @@ def reports() -> dict[tuple[str, Program], tuple[bytes, dict[str, Resources]]]:
     def work(cases) -> None:
         for architecture, program in cases:
             code, log = cuda_compile.compile_text(program, architecture, ("--ptxas-options=-v",))
-            found[architecture, program] = code, cuda_compile.resources(log)
+            found[architecture, program] = code, resources(log)
 
     threads = [threading.Thread(target=work, args=(CASES[i::2],)) for i in range(2)]
     for thread in threads:
@@ -146,7 +174,7 @@ def test_the_cache_knows_programs_architectures_versions_and_texts_apart(cache, 
     get()
     get(PROGRAMS[1])
     get(PROGRAMS[0], (8, 0))
-    monkeypatch.setattr(cuda_compile, "version", lambda: (99, 9))
+    monkeypatch.setattr(nvrtc, "version", lambda: (99, 9))
     get()
     text = cuda_compile.sources()
     monkeypatch.setattr(cuda_compile, "sources", lambda: text | {"pixel.h": text["pixel.h"] + b"\n"})
@@ -170,6 +198,21 @@ def test_a_damaged_cache_costs_a_compilation(cache, damage):
 def test_a_cache_that_cannot_be_written_costs_compilations(cache, tmp_path):
     folder, calls = cache
     folder.parent.write_bytes(b"a file where the folder should be")
+    assert get() == b"code 1"
+    assert get() == b"code 2"
+    assert len(calls) == 2
+
+
+def test_without_a_home_folder_kernels_are_compiled_each_time(cache, monkeypatch):
+    """As in a container whose user is in no user database."""
+
+    def homeless():
+        raise RuntimeError("Could not determine home directory.")
+
+    _, calls = cache
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(Path, "home", homeless)
+    assert kernel_cache.cache_folder() is None
     assert get() == b"code 1"
     assert get() == b"code 2"
     assert len(calls) == 2

@@ -1,168 +1,160 @@
-"""`CudaDriver` between stand-ins: for NVIDIA's bindings, which run the emulator, and for torch's streams and graphs."""
+"""`CudaDriver` between stand-ins for NVIDIA's library and for torch's graphs: launches, contexts, errors."""
 
 from __future__ import annotations
 
 import ctypes
-import types
-from contextlib import contextmanager
 
 import pytest
 import torch
-from emulated import EmulatedDriver, compiler
+from cuda_stand_in import CONTEXT, OTHER_STREAM, FakeEvent, install, on_the_cpu
+from emulated import compiler
 from engines import packed, state_for
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.cuda import compile as cuda_compile
-from cubicsplat_cli.raster.cuda import driver as cuda_driver
-from cubicsplat_cli.raster.cuda.driver import CudaDriver
+from cubicsplat_cli.raster.cuda import libcuda
+from cubicsplat_cli.raster.cuda.compile import Program
+from cubicsplat_cli.raster.cuda.driver import CudaDriver, cuda_driver
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.cuda.frame import Frame, StepValues
+from cubicsplat_cli.raster.cuda.frame import carve_out
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
-OK, OLD_CODE = 0, 222
-MAIN_STREAM, OTHER_STREAM = types.SimpleNamespace(cuda_stream=7), types.SimpleNamespace(cuda_stream=8)
-
-
-class FakeCuda:
-    """One GPU: driver calls as `cuda.bindings.driver` has them, and streams and graphs as `torch.cuda` has them."""
-
-    def __init__(self) -> None:
-        self.context = 0
-        self.version = 13000
-        self.loading = OK
-        self.stream = MAIN_STREAM
-        self.captured: list | None = None
-        self.kernels = None
-        self.calls: list[tuple] = []
-        self.CUdevice_attribute = types.SimpleNamespace(
-            CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_BLOCK="block",
-            CU_DEVICE_ATTRIBUTE_MAX_SHARED_MEMORY_PER_MULTIPROCESSOR="sm",
-        )
-
-    def cuDeviceGet(self, index):
-        return OK, f"device {index}"
-
-    def cuDevicePrimaryCtxRetain(self, device):
-        return OK, 77
-
-    def cuCtxGetCurrent(self):
-        return OK, self.context
-
-    def cuCtxSetCurrent(self, context):
-        self.context = context
-        return (OK,)
-
-    def cuDriverGetVersion(self):
-        return OK, self.version
-
-    def cuDeviceGetAttribute(self, attribute, device):
-        return OK, {"block": 48 * 1024, "sm": 228 * 1024}[attribute]
-
-    def cuModuleLoadData(self, code):
-        assert self.context == 77
-        program = dict(line.split("=") for line in code.decode().split())
-        mode, channels = Mode(program["mode"]), int(program["channels"])
-        self.kernels = EmulatedDriver().load(cuda_compile.Program(mode, channels))
-        return self.loading, self.kernels
-
-    def cuModuleGetFunction(self, module, name):
-        return OK, (module, name.decode())
-
-    def cuLaunchKernel(self, function, gx, gy, gz, bx, by, bz, shared, stream, parameters, extra):
-        assert (gz, by, bz, extra) == (1, 1, 1, 0)
-        assert stream == self.stream.cuda_stream
-        kernels, name = function
-        kinds = (StepValues, ctypes.c_void_p) if name == "set_step" else (Frame,)
-        addresses = (ctypes.c_void_p * len(kinds)).from_address(parameters)
-        copies = [kind.from_buffer_copy(kind.from_address(at)) for kind, at in zip(kinds, addresses, strict=True)]
-        self.calls.append((name, "captured" if self.captured is not None else "run"))
-        if self.captured is not None:
-            self.captured.append((kernels, name, gx, gy, bx, shared, copies))
-        else:
-            kernels.launch(name, (gx, gy), bx, shared, *copies)
-        return (OK,)
-
-    @contextmanager
-    def use(self, stream):
-        before, self.stream = self.stream, stream
-        yield
-        self.stream = before
-
-    def graph(self):
-        cuda = self
-
-        class Graph:
-            def capture_begin(self, capture_error_mode):
-                assert cuda.stream is OTHER_STREAM, "a capture on the stream in use would need the device to be idle"
-                cuda.captured = []
-
-            def capture_end(self):
-                self.launches, cuda.captured = cuda.captured, None
-
-            def replay(self):
-                cuda.calls.append(("graph", "replayed"))
-                for kernels, name, gx, gy, bx, shared, copies in self.launches:
-                    kernels.launch(name, (gx, gy), bx, shared, *copies)
-
-        return Graph()
+SETTINGS, RATES = RasterSettings("relaxed", 1.5, 8), Rates(0.2, 0.02, 0.02, 0.01)
+STROKES = Program(Mode.OPEN, 3)
+KERNELS = ("flatten", "bin", "raster_relaxed", "update")
 
 
 @pytest.fixture
-def fake(monkeypatch):
-    fake = FakeCuda()
-    MAIN_STREAM.wait_stream = OTHER_STREAM.wait_stream = lambda other: None
-    properties = types.SimpleNamespace(name="Pretender", major=9, minor=0, total_memory=10**11)
-    replaced = {
-        "current_device": lambda: 0, "device": lambda device: fake.use(fake.stream), "synchronize": lambda: None,
-        "get_device_properties": lambda device: properties, "current_stream": lambda device: fake.stream,
-        "Stream": lambda device: OTHER_STREAM, "stream": fake.use, "CUDAGraph": fake.graph,
-    }  # fmt: skip
-    for name, value in replaced.items():
-        monkeypatch.setattr(torch.cuda, name, value)
-    monkeypatch.setattr(cuda_driver, "missing_piece", lambda: None)
-    monkeypatch.setattr(cuda_driver, "_bindings", lambda: fake)
-    monkeypatch.setattr(cuda_driver, "version", lambda: (13, 0))
-
-    def machine_code(program, capability):
-        return f"mode={program.mode.value} channels={program.channels}".encode(), "sm_90"
-
-    monkeypatch.setattr(cuda_driver, "machine_code", machine_code)
-    return fake
+def gpu(monkeypatch):
+    return install(monkeypatch)
 
 
-def test_steps_go_through_the_driver_and_its_graphs(fake):
-    driver = CudaDriver()
-    assert driver.device == torch.device("cuda", 0)
-    driver.device = torch.device("cpu")  # where the emulator's memory is
-    engine = CudaEngine(driver=driver)
-    assert engine.describe()["gpu"] == "Pretender"
+@pytest.fixture
+def engine(gpu):
+    engine = CudaEngine(program=STROKES, driver=on_the_cpu(CudaDriver()))
+    gpu.calls.clear()
+    return engine
+
+
+def prepared(seed=1):
     scene = random_scene(Mode.OPEN, 9, 2, 30, 26, background=PAPER)
-    target, settings, rates = random_target(scene, 1), RasterSettings("relaxed", 1.5, 8), Rates(0.2, 0.02, 0.02, 0.01)
-    here, there = packed(scene), packed(scene)
-    states = state_for(here), state_for(there)
-    fake.calls.clear()
-    fake.context = 0  # as in a new thread
+    here = packed(scene)
+    return here, random_target(scene, seed), state_for(here)
+
+
+def test_steps_go_through_the_driver_and_its_graphs(gpu, engine):
+    here, target, state = prepared()
+    there, _, cpu_state = prepared()
     for _ in range(4):
-        got = float(engine.step(here, settings, target, states[0], rates))
-        assert got == pytest.approx(CpuEngine(1).step(there, settings, target, states[1], rates), rel=1e-3)
-    names = ("flatten", "bin", "raster_relaxed", "update")
-    steps = [call for call in fake.calls if call != ("set_step", "run")]
-    tests = 2 * (3 + 4)  # this program's self-test: a picture and gradients in two kinds of coverage
-    wanted = [(name, "run") for name in names] + [(name, "captured") for name in names] + 3 * [("graph", "replayed")]
-    assert steps[tests:] == wanted
-    assert fake.context == 77
+        got = float(engine.step(here, SETTINGS, target, state, RATES))
+        assert got == pytest.approx(CpuEngine(1).step(there, SETTINGS, target, cpu_state, RATES), rel=1e-3)
+    steps = [call for call in gpu.calls if call != ("set_step", "run")]
+    wanted = [(name, "run") for name in KERNELS] + [(name, "captured") for name in KERNELS]
+    assert steps == wanted + 3 * [("graph", "replayed")]
+    assert engine.describe()["gpu"] == "Pretender"
 
 
-def test_what_goes_wrong_is_said(fake, monkeypatch):
-    fake.loading = OLD_CODE
-    with pytest.raises(EngineError, match=r"GPU failed while loading the kernels \(is the driver too old\?\): 222"):
-        CudaDriver().load(cuda_compile.Program(Mode.CLOSED, 3))
-    fake.version = 12040
+@pytest.mark.parametrize("stack", [[], [CONTEXT], [5], [CONTEXT, 5]], ids=["none", "own", "foreign", "above"])
+def test_any_context_may_be_current(gpu, engine, stack):
+    """A new thread has none; another library may have entered one of its own. Both find what they left."""
+    gpu.contexts = list(stack)
+    here, target, state = prepared()
+    engine.step(here, SETTINGS, target, state, RATES)
+    assert gpu.contexts == stack
+
+
+def test_engines_share_one_driver_with_its_programs(gpu):
+    driver = cuda_driver()
+    on_the_cpu(driver)
+    assert cuda_driver(0) is driver
+    for _ in range(3):
+        CudaEngine(program=STROKES)
+    assert gpu.loads == [STROKES], "loaded once in a process"
+    tests = len(gpu.calls)
+    CudaEngine(program=STROKES)
+    assert len(gpu.calls) == tests, "tested once in a process"
+
+
+def test_every_stream_has_buffers_of_its_own(gpu, engine):
+    here, target, state = prepared()
+    for stream in (None, OTHER_STREAM):
+        if stream:
+            gpu.streams.append(stream)
+        engine.step(here, SETTINGS, target, state, RATES)
+    first, second = engine._plans.values()
+    assert first.workspace.edges.data_ptr() != second.workspace.edges.data_ptr()
+
+
+def test_a_failed_launch_is_said(gpu, engine):
+    gpu.launch_errors = [700]
+    scene, _, _ = prepared()
+    with pytest.raises(EngineError, match="GPU failed while starting the kernel set_step: CUDA_ERROR_ILLEGAL_ADDRESS"):
+        engine.render(scene, RasterSettings())
+    gpu.launch_errors = [999]
+    with pytest.raises(EngineError, match="GPU failed while starting the kernel set_step: error 999"):
+        engine.render(scene, RasterSettings())
+
+
+def test_a_launch_that_fails_in_a_capture_is_the_one_that_is_said(gpu, engine):
+    here, target, state = prepared()
+    engine.step(here, SETTINGS, target, state, RATES)
+    gpu.launch_errors = [0, 700]
+    with pytest.raises(EngineError, match="while starting the kernel flatten: CUDA_ERROR_ILLEGAL_ADDRESS"):
+        engine.step(here, SETTINGS, target, state, RATES)
+    assert gpu.captured is None
+
+
+def test_what_torch_says_of_a_lost_gpu_is_an_error_of_the_engine(gpu, engine):
+    def lost():
+        raise RuntimeError("CUDA error: unspecified launch failure\nCompile with `TORCH_USE_CUDA_DSA`")
+
+    here, target, state = prepared()
+    for _ in range(2):
+        engine.step(here, SETTINGS, target, state, RATES)
+    (plan,) = engine._plans.values()
+    plan.replay = lost
+    with pytest.raises(EngineError, match=r"the GPU failed: CUDA error: unspecified launch failure Compile .* --dev"):
+        engine.step(here, SETTINGS, target, state, RATES)
+    with pytest.raises(EngineError, match="the GPU failed: CUDA error"), engine.guarded():
+        lost()
+
+
+def test_faults_are_seen_without_waiting(gpu, engine):
+    here, target, state = prepared()
+    assert engine.fault(wait=False) is None
+    engine.step(here, SETTINGS, target, state, RATES)
+    here.points[3, 1, 0] = float("nan")
+    engine.step(here, SETTINGS, target, state, RATES)
+    FakeEvent.done = False
+    try:
+        assert engine.fault(wait=False) is None, "the copy is on its way"
+    finally:
+        FakeEvent.done = True
+    assert engine.fault(wait=False) is None, "the copy was made before the step"
+    assert engine.fault(wait=False) == engine.fault() == (3, 1)
+    engine.close()
+    assert engine.fault() is None, "closing forgets it"
+
+
+def test_raster_kernels_ask_for_shared_memory(gpu, engine):
+    scene, _, _ = prepared()
+    for coverage in ("relaxed", "exact"):
+        engine.render(scene, RasterSettings(coverage, 1.0, 8))
+    assert set(gpu.hints) == {"raster_relaxed", "raster_exact"}
+    # Four blocks of 26 KB and three of 46 KB beside what the system keeps for itself.
+    assert 40 < gpu.hints["raster_relaxed"] < gpu.hints["raster_exact"] <= 100
+    assert carve_out("raster_exact", 47 * 1024, 100 * 1024) == 100
+
+
+def test_what_goes_wrong_at_the_start_is_said(gpu, monkeypatch):
+    gpu.failing["cuModuleLoadData"] = 222
+    with pytest.raises(EngineError, match=r"loading the kernels \(is the driver too old\?\): CUDA_ERROR_UNSUPP"):
+        CudaDriver().kernels(STROKES)
+    gpu.version = 12040
     with pytest.raises(EngineError, match=r"driver is too old: it supports CUDA 12, the compiler is for CUDA 13"):
         CudaDriver()
 
@@ -171,18 +163,17 @@ def test_what_goes_wrong_is_said(fake, monkeypatch):
 
     monkeypatch.setattr(torch.cuda, "synchronize", broken)
     with pytest.raises(EngineError, match="cuda:0 cannot be used: CUDA error: out of memory Compile"):
-        CudaDriver()
+        CudaDriver(0)
+    monkeypatch.setattr(torch.cuda, "current_device", broken)
+    for opened in (CudaDriver, cuda_driver):
+        with pytest.raises(EngineError, match="the current GPU cannot be used: CUDA error: out of memory Compile"):
+            opened()
 
 
-def test_a_failed_launch_is_said(fake):
-    driver = CudaDriver()
-    driver.device = torch.device("cpu")
-    engine = CudaEngine(driver=driver)
+def test_a_machine_without_the_library(monkeypatch):
+    def missing(name):
+        raise OSError(f"{name}: cannot open shared object file")
 
-    class Status(int):
-        name = "CUDA_ERROR_ILLEGAL_ADDRESS"
-
-    fake.cuLaunchKernel = lambda *_: (Status(700),)
-    scene = packed(random_scene(Mode.CLOSED, 2, 2, background=PAPER))
-    with pytest.raises(EngineError, match="GPU failed while starting the kernel set_step: CUDA_ERROR_ILLEGAL_ADDRESS"):
-        engine.render(scene, RasterSettings())
+    monkeypatch.setattr(ctypes, "CDLL", missing)
+    with pytest.raises(EngineError, match=r"library libcuda\.so\.1 cannot be loaded \(libcuda\.so\.1: .*install"):
+        libcuda.open_library()

@@ -169,7 +169,7 @@ def test_a_gradient_and_a_target_together(engine, importance):
         assert close(value, moved[name], 1e-4), name
 
 
-STEPS = 4
+STEPS = 3
 RATES = Rates(0.3, 0.05, 0.05, 0.02, keep=(0.98, 0.92, 0.99), epsilon=1e-2)
 
 
@@ -178,14 +178,14 @@ def changing(settings, i):
 
 
 def untrained(mode):
-    scene = packed(random_scene(mode, 8, 3, 26, 22, 2, background=PAPER))
+    scene = packed(random_scene(mode, 5, 3, 21, 18, 2, background=PAPER))
     return replace(scene, colours=4 * scene.colours - 2, opacities=4 * scene.opacities - 2, logits=True)
 
 
 @cache
 def trained(mode, settings):
     """A few steps of the reference, one for all engines: the losses, and how it stands afterwards."""
-    target = random_target(random_scene(mode, 1, 3, 26, 22, background=PAPER), 7)
+    target = random_target(random_scene(mode, 1, 3, 21, 18, background=PAPER), 7)
     fit = ReferenceFit(untrained(mode), target, RATES)
     return target, [fit.step(changing(settings, i), i == STEPS - 1) for i in range(STEPS)], fit
 
@@ -198,7 +198,7 @@ def test_steps_are_those_of_the_reference(engine, mode, settings):
     scene, here = untrained(mode), packed(untrained(mode), engine.device)
     state, target = state_for(here), target.to(engine.device)
     extras = {
-        "image": torch.zeros(22, 26, 3, device=engine.device), "importance": torch.zeros(8, device=engine.device),
+        "image": torch.zeros(18, 21, 3, device=engine.device), "importance": torch.zeros(5, device=engine.device),
         "background_gradient": torch.zeros(3, device=engine.device),
     }  # fmt: skip
     for i in range(STEPS):
@@ -207,7 +207,7 @@ def test_steps_are_those_of_the_reference(engine, mode, settings):
         assert loss == pytest.approx(losses[i], rel=2e-3)
     for name, value in extras.items():
         assert close(value, getattr(fit, name), 2e-2, 0.05), name
-    assert state.ages.tolist() == [STEPS] * 8
+    assert state.ages.tolist() == [STEPS] * 5
     for name, value in fit.values.items():
         moved = value - getattr(scene, name)
         assert name == "half_widths" or float(moved.abs().max()) > 1e-2

@@ -21,7 +21,6 @@ from cubicsplat_cli.fit.schedule import Phase, Schedule
 from cubicsplat_cli.fit.settle import settle
 from cubicsplat_cli.fit.threads import one_torch_thread
 from cubicsplat_cli.progress import Progress
-from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -108,7 +107,11 @@ class Trainer:
         self.unit = self.recipe.unit(self.width, self.height, self.settings.curves)
         self.schedule = Schedule(self.recipe, self.settings.steps)
         self.engine: Engine = open_engine(
-            self.settings.device, self.settings.threads, subdivide=self.recipe.flatten == "de-casteljau"
+            self.settings.device,
+            self.settings.threads,
+            mode=self.settings.mode,
+            channels=int(self.target.shape[2]),
+            subdivide=self.recipe.flatten == "de-casteljau",
         )
         device = self.engine.device
         self.goal = self.target.to(device)  # the target where the engine is
@@ -127,7 +130,7 @@ class Trainer:
         """All steps, or as many as there is time for."""
         interrupted = False
         try:
-            with one_torch_thread():
+            with one_torch_thread(), self.engine.guarded():
                 while self.progress() < 1.0:
                     self.advance()
         except KeyboardInterrupt:
@@ -263,7 +266,7 @@ class Trainer:
 
     def _broke_down(self, where: str) -> None:
         step = self.step
-        if not isinstance(self.engine, CpuEngine) and (fault := self.engine.fault()):
+        if fault := self.engine.fault():
             # It may have happened some steps ago: the engine has noted where and when.
             where, step = f"curve {fault[0]} has a non-finite value", fault[1]
         raise EngineError(f"the fit broke down at step {step}: {where}; lower the step sizes or change --seed")

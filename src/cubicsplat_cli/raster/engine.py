@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -134,6 +136,17 @@ class Engine(ABC):
     @abstractmethod
     def describe(self) -> dict[str, object]:
         """What the user should know of the engine, as plain values."""
+
+    def guarded(self) -> AbstractContextManager[Any]:
+        """Within, what torch says of a failing device is an EngineError: around reads of what a step returned."""
+        return nullcontext()
+
+    def fault(self, wait: bool = True) -> tuple[int, int] | None:
+        """(curve, step) of the first parameter that ceased to be finite, where the engine itself looks for it.
+
+        Without `wait`, as it was known some steps ago, so that nothing waits for the device.
+        """
+        return None
 
     @abstractmethod
     def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:

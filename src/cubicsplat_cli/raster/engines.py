@@ -9,9 +9,11 @@ import torch
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.driver import missing_piece
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import Engine
+from cubicsplat_cli.settings import Mode
 
 _log = logging.getLogger("cubicsplat")
 _of_thread = threading.local()
@@ -19,26 +21,34 @@ _of_gpu: dict[int, CudaEngine] = {}
 _lock = threading.Lock()
 
 
-def open_engine(device: str = "auto", threads: int | None = None, *, subdivide: bool = False) -> Engine:
+def open_engine(
+    device: str = "auto",
+    threads: int | None = None,
+    *,
+    mode: Mode = Mode.CLOSED,
+    channels: int = 3,
+    subdivide: bool = False,
+) -> Engine:
     """Opens the engine for `device`: "cpu", "cuda", or "auto", CUDA's where there is a GPU that passes its self-test.
 
-    subdivide: the engine has to know de Casteljau subdivision, which is the CPU's alone. Raises EngineError with the
-    reason where the engine that was asked for cannot run. Where "auto" finds a GPU that it cannot use, it logs why.
+    mode, channels: what it will draw first, which CUDA compiles and tests at once. subdivide: it has to know de
+    Casteljau subdivision, which is the CPU's alone. Raises EngineError with the reason where the engine that was asked
+    for cannot run. Where "auto" finds a GPU that it cannot use, it logs why.
     """
     if device == "cuda":
-        return _open_cuda(subdivide)
+        return _open_cuda(Program(mode, channels), subdivide)
     if device == "auto" and missing_piece() is None:
         try:
-            return _open_cuda(subdivide)
+            return _open_cuda(Program(mode, channels), subdivide)
         except EngineError as error:
             _log.warning("using the CPU: %s", error)
     return CpuEngine(threads)
 
 
-def _open_cuda(subdivide: bool) -> CudaEngine:
+def _open_cuda(program: Program, subdivide: bool) -> CudaEngine:
     if subdivide:
         raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
-    return CudaEngine()
+    return CudaEngine(program=program)
 
 
 def shared_engine(device: torch.device) -> Engine:

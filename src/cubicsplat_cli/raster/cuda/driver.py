@@ -7,15 +7,20 @@ which runs the kernels on an emulator, so that everything above this file runs w
 from __future__ import annotations
 
 import ctypes
+import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
-from types import ModuleType
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any, Protocol
 
 import torch
+from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cuda.compile import INSTALL, Program, machine_code, version
+from cubicsplat_cli.raster.cuda import libcuda, nvrtc
+from cubicsplat_cli.raster.cuda.compile import Program, machine_code
+from cubicsplat_cli.raster.cuda.frame import carve_out
+from cubicsplat_cli.raster.cuda.libcuda import LibCuda
 from cubicsplat_cli.words import one_line
 
 Argument = ctypes.Structure | ctypes.c_void_p
@@ -28,24 +33,76 @@ class Kernels(Protocol):
         """Queues a kernel of `grid` blocks with `threads` threads and `shared` bytes of dynamic shared memory each."""
 
 
-class Driver(Protocol):
-    """A device with its memory and its queue."""
+class Driver(ABC):
+    """A device with its memory and its queue, shared by all engines on it.
+
+    device: torch's. shared_per_block: bytes of shared memory that a block may take without asking. shared_per_sm: bytes
+    that the blocks of a multiprocessor share. tested: programs that have passed the self-test. lock: held while a
+    program is loaded and tested.
+    """
 
     device: torch.device
-    shared_per_block: int  # bytes of shared memory a block may take without asking
-    shared_per_sm: int  # bytes that the blocks of a multiprocessor share
+    shared_per_block: int
+    shared_per_sm: int
 
-    def load(self, program: Program) -> Kernels:
-        """The kernels of a program. Raises EngineError where they cannot be had."""
+    def __init__(self) -> None:
+        self.tested: set[Program] = set()
+        self.lock = threading.RLock()
+        self._loaded: dict[Program, Kernels] = {}
 
+    def kernels(self, program: Program) -> Kernels:
+        """The kernels of a program, loaded once. Raises EngineError where they cannot be had."""
+        with self.lock:
+            if program not in self._loaded:
+                self._loaded[program] = self._load(program)
+            return self._loaded[program]
+
+    @abstractmethod
+    def _load(self, program: Program) -> Kernels:
+        """Brings the kernels of a program to the device."""
+
+    @abstractmethod
+    def stream(self) -> int:
+        """Address of the queue that launches go to now: buffers of one queue must not be reused in another."""
+
+    @abstractmethod
     def capture(self, body: Callable[[], None]) -> Callable[[], None]:
         """Records the launches of `body` without running them; the result replays them with the same arguments."""
 
+    @abstractmethod
     def active(self) -> AbstractContextManager[Any]:
-        """Within, the device is torch's current one."""
+        """Within, the device is torch's current one, and what torch says of its failure is an EngineError."""
 
+    @abstractmethod
+    def late_copy(self, source: Tensor) -> LateCopy:
+        """A tensor's values, read without waiting for the device."""
+
+    @abstractmethod
     def describe(self) -> dict[str, object]:
         """What the user should know of it, as plain values."""
+
+
+class LateCopy:
+    """Values of a small tensor on a device, some time after it had them, without waiting for the device.
+
+    copy: a tensor of the same kind that the device can write to while the host goes on. event: of torch.cuda, or None
+    where copies are done at once.
+    """
+
+    def __init__(self, source: Tensor, copy: Tensor, event: torch.cuda.Event | None) -> None:
+        self._source, self._copy, self._event = source, copy, event
+        self._asked = False
+
+    def poll(self) -> list[int] | None:
+        """The values at the time of an earlier call, None while they are on their way; and asks for the next."""
+        if self._asked and self._event is not None and not self._event.query():
+            return None
+        values = self._copy.tolist() if self._asked else None
+        self._copy.copy_(self._source, non_blocking=True)
+        if self._event is not None:
+            self._event.record()
+        self._asked = True
+        return values
 
 
 def missing_piece() -> str | None:
@@ -63,83 +120,70 @@ def missing_piece() -> str | None:
     return f"no usable GPU: {reason.rstrip('.')}; check nvidia-smi and CUDA_VISIBLE_DEVICES, or use --device cpu"
 
 
-def _bindings() -> ModuleType:
-    try:
-        from cuda.bindings import driver
-    except ImportError as error:
-        raise EngineError(f"the CUDA engine needs the Python package cuda-bindings ({error}); {INSTALL}") from error
-    return driver
-
-
 class _LoadedKernels:
     """Functions of a module in the device's memory."""
 
-    def __init__(self, driver: CudaDriver, module: Any) -> None:
+    def __init__(self, driver: CudaDriver, module: ctypes.c_void_p) -> None:
         self._driver = driver
         self._module = module
-        self._functions: dict[str, Any] = {}
+        self._functions: dict[str, ctypes.c_void_p] = {}
+
+    def _function(self, name: str, shared: int) -> ctypes.c_void_p:
+        if name not in self._functions:
+            function = self._driver.library.function(self._module, name)
+            if shared:
+                percent = carve_out(name, shared, self._driver.shared_per_sm)
+                self._driver.library.carve_out(function, percent)
+            self._functions[name] = function
+        return self._functions[name]
 
     def launch(self, name: str, grid: tuple[int, int], threads: int, shared: int, *arguments: Argument) -> None:
         driver = self._driver
-        if name not in self._functions:
-            found = driver.bindings.cuModuleGetFunction(self._module, name.encode())
-            self._functions[name] = driver.checked(found, f"looking up the kernel {name}")
-        addresses = (ctypes.c_void_p * len(arguments))(*(ctypes.addressof(argument) for argument in arguments))
-        stream = torch.cuda.current_stream(driver.device).cuda_stream
-        launched = driver.bindings.cuLaunchKernel(
-            self._functions[name], grid[0], grid[1], 1, threads, 1, 1, shared, stream, ctypes.addressof(addresses), 0
-        )
-        driver.checked(launched, f"starting the kernel {name}")
+        function = self._function(name, shared)
+        driver.library.launch(name, function, grid, threads, shared, driver.stream(), arguments)
 
 
-class CudaDriver:
-    """An NVIDIA GPU. index: torch's number of it (default: torch's current device).
+class CudaDriver(Driver):
+    """An NVIDIA GPU. index: torch's number of it (default: torch's current device). See `cuda_driver`.
 
-    Raises EngineError with the missing piece: torch without CUDA, no GPU, no bindings, too old a GPU or driver.
+    Raises EngineError with the missing piece: torch without CUDA, no GPU, no driver, too old a GPU or driver.
     """
 
     def __init__(self, index: int | None = None) -> None:
+        super().__init__()
         if reason := missing_piece():
             raise EngineError(reason)
-        self.bindings = _bindings()
-        self.device = torch.device("cuda", torch.cuda.current_device() if index is None else index)
         try:
+            number = torch.cuda.current_device() if index is None else index
+            self.device = torch.device("cuda", number)
             with torch.cuda.device(self.device):
                 torch.cuda.synchronize()  # creates torch's context, which the driver's calls then share
             properties = torch.cuda.get_device_properties(self.device)
         except (RuntimeError, AssertionError) as error:  # a wrong number, no memory for a context, a broken device
-            raise EngineError(f"{self.device} cannot be used: {one_line(error)}") from error
-        self._number = self.checked(self.bindings.cuDeviceGet(self.device.index), "asking for the device")
-        self._context = self.checked(self.bindings.cuDevicePrimaryCtxRetain(self._number), "sharing torch's context")
+            name = "the current GPU" if index is None else f"cuda:{index}"
+            raise EngineError(f"{name} cannot be used: {one_line(error)}") from error
         self.name = properties.name
         self.capability = (properties.major, properties.minor)
         self.memory = properties.total_memory
-        self.shared_per_block = self._attribute("MAX_SHARED_MEMORY_PER_BLOCK")
-        self.shared_per_sm = self._attribute("MAX_SHARED_MEMORY_PER_MULTIPROCESSOR")
-        self.driver_version = int(self.checked(self.bindings.cuDriverGetVersion(), "asking for the driver's version"))
-        self.architecture = ""
-        if self.driver_version // 1000 < version()[0]:
+        self.library = LibCuda()
+        handle = self.library.device(number)
+        self._context = self.library.primary_context(handle)
+        self.shared_per_block = self.library.attribute(handle, libcuda.MAX_SHARED_MEMORY_PER_BLOCK)
+        self.shared_per_sm = self.library.attribute(handle, libcuda.MAX_SHARED_MEMORY_PER_MULTIPROCESSOR)
+        self.driver_version = self.library.driver_version()
+        if self.driver_version // 1000 < nvrtc.version()[0]:
             raise EngineError(
                 f"the NVIDIA driver is too old: it supports CUDA {self.driver_version // 1000}, the compiler is for "
-                f"CUDA {version()[0]}; update the driver, or install torch for the older CUDA"
+                f"CUDA {nvrtc.version()[0]}; update the driver, or install torch for the older CUDA"
             )
 
-    def checked(self, result: tuple[Any, ...], doing: str) -> Any:
-        """The value of a driver call. Raises EngineError for its error."""
-        status, *rest = result
-        if int(status) != 0:
-            raise EngineError(f"the GPU failed while {doing}: {getattr(status, 'name', status)}")
-        return rest[0] if rest else None
-
-    def _attribute(self, name: str) -> int:
-        attribute = getattr(self.bindings.CUdevice_attribute, f"CU_DEVICE_ATTRIBUTE_{name}")
-        return int(self.checked(self.bindings.cuDeviceGetAttribute(attribute, self._number), f"asking for {name}"))
-
-    def load(self, program: Program) -> Kernels:
-        code, self.architecture = machine_code(program, self.capability)
+    def _load(self, program: Program) -> Kernels:
+        code, _ = machine_code(program, self.capability)
         with self.active():
-            module = self.checked(self.bindings.cuModuleLoadData(code), "loading the kernels (is the driver too old?)")
-        return _LoadedKernels(self, module)
+            return _LoadedKernels(self, self.library.load_module(code))
+
+    def stream(self) -> int:
+        return torch.cuda.current_stream(self.device).cuda_stream
 
     def capture(self, body: Callable[[], None]) -> Callable[[], None]:
         # torch.cuda.graph() would collect garbage and wait for the device first, which costs more than many steps.
@@ -150,22 +194,63 @@ class CudaDriver:
             graph.capture_begin(capture_error_mode="thread_local")
             try:
                 body()
-            finally:
-                graph.capture_end()
+            except BaseException:
+                # A failed launch spoils the capture, and ending it fails too: the first error is the one to tell.
+                with suppress(RuntimeError):
+                    graph.capture_end()
+                raise
+            graph.capture_end()
         torch.cuda.current_stream(self.device).wait_stream(stream)
         return graph.replay
 
     @contextmanager
     def active(self) -> Iterator[None]:
         with torch.cuda.device(self.device):
-            # torch does not touch a device that is already the current one, so a new thread may have no context yet.
-            if int(self.checked(self.bindings.cuCtxGetCurrent(), "asking for the context")) == 0:
-                self.checked(self.bindings.cuCtxSetCurrent(self._context), "entering the context")
-            yield
+            # torch does not touch a device that is already the current one: a new thread may have no context yet, and
+            # another library may have entered one of its own.
+            entered = self.library.current_context() != self._context.value
+            if entered:
+                self.library.push(self._context)
+            try:
+                yield
+            except RuntimeError as error:  # of torch: an earlier kernel's failure, a lost device
+                raise EngineError(f"the GPU failed: {one_line(error)}; try again, or use --device cpu") from error
+            finally:
+                if entered:
+                    self.library.pop()
+
+    def late_copy(self, source: Tensor) -> LateCopy:
+        return LateCopy(source, torch.empty_like(source, device="cpu", pin_memory=True), torch.cuda.Event())
 
     def describe(self) -> dict[str, object]:
         return {
             "gpu": self.name, "capability": ".".join(map(str, self.capability)),
             "memory_gb": round(self.memory / 1e9, 1), "driver_cuda": f"{self.driver_version // 1000}."
-            f"{self.driver_version % 1000 // 10}", "nvrtc": ".".join(map(str, version())), "torch": torch.__version__,
+            f"{self.driver_version % 1000 // 10}", "nvrtc": ".".join(map(str, nvrtc.version())),
+            "torch": torch.__version__,
         }  # fmt: skip
+
+
+_drivers: dict[int | None, CudaDriver] = {}
+_lock = threading.Lock()
+
+
+def cuda_driver(index: int | None = None) -> CudaDriver:
+    """The driver of a GPU (default: torch's current one): one for the process, since loaded kernels stay for its life.
+
+    Raises EngineError as `CudaDriver` does.
+    """
+    with _lock:
+        found = _drivers.get(index if index is not None else _current_device())
+        if found is None:
+            found = CudaDriver(index)
+            _drivers[found.device.index] = found
+        return found
+
+
+def _current_device() -> int | None:
+    """Torch's current GPU; None where asking fails, which `CudaDriver` then reports."""
+    try:
+        return torch.cuda.current_device() if missing_piece() is None else None
+    except (RuntimeError, AssertionError):
+        return None

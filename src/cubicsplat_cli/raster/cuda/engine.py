@@ -10,14 +10,16 @@ from __future__ import annotations
 import ctypes
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.cuda.driver import CudaDriver, Driver, Kernels
+from cubicsplat_cli.raster.cuda.driver import Driver, Kernels, cuda_driver
 from cubicsplat_cli.raster.cuda.frame import (
     SMALL_THREADS,
     THREADS,
@@ -59,33 +61,44 @@ class _Plan:
 class CudaEngine(Engine):
     """The CUDA engine on one GPU. Steps are not to be made from several Python threads at once.
 
-    device: torch's number of the GPU (default: its current one). driver: another device, for tests. Raises EngineError
-    with the reason where it cannot run. Every program is tried on a tiny scene before its first use (`self_test`).
+    device: torch's number of the GPU (default: its current one). program: what it will draw first, loaded now. driver:
+    another device, for tests. Raises EngineError with the reason where it cannot run. Every program is tried on a tiny
+    scene before its first use in the process (`self_test`).
     """
 
     name = "cuda"
 
-    def __init__(self, device: int | None = None, *, driver: Driver | None = None) -> None:
-        self._driver: Driver = driver or CudaDriver(device)
+    def __init__(
+        self, device: int | None = None, program: Program | None = None, *, driver: Driver | None = None
+    ) -> None:
+        self._driver: Driver = driver or cuda_driver(device)
         self.device = self._driver.device
-        self._programs: dict[Program, Kernels] = {}
         self._plans: OrderedDict[bytes, _Plan] = OrderedDict()
         self._number = 0
-        self._status = self._allocate("the status", 2, torch.int32).zero_()
-        self._load(Program(Mode.CLOSED, 3))
+        with self._driver.active():
+            self._status = self._allocate("the status", 2, torch.int32).zero_()
+            self._late_status = self._driver.late_copy(self._status)
+        self._load(program or Program(Mode.CLOSED, 3))
 
     def close(self) -> None:
-        """Frees the prepared steps and their memory; the next step prepares its own again."""
+        """Frees the prepared steps and their memory, and forgets a fault; the next step prepares its own again."""
         self._plans.clear()
+        with self._driver.active():
+            self._status.zero_()
+        self._number = 0
+
+    def guarded(self) -> AbstractContextManager[Any]:
+        return self._driver.active()
 
     def describe(self) -> dict[str, object]:
         return {"name": self.name, **self._driver.describe()}
 
     def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:
-        image = self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
-        values = step_values(scene, settings, None)
-        values.image = image.data_ptr()
-        self._run(scene, settings, values, backward=False)
+        with self._driver.active():
+            image = self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
+            values = step_values(scene, settings, None)
+            values.image = image.data_ptr()
+            self._run(scene, settings, values, backward=False)
         return image.view(scene.height, scene.width, scene.channels)
 
     def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
@@ -94,14 +107,17 @@ class CudaEngine(Engine):
             # The kernels know a pixel's error from its gradient, so it has to be the squared error's.
             out["importance"] = self.gradients(scene, settings, target=target, importance="loo")[1]["importance"]
             importance = None
-        loss = torch.zeros((), dtype=torch.float64, device=self.device)
         values = step_values(scene, settings, importance)
-        values.loss, values.background_gradient = loss.data_ptr(), out["background"].data_ptr()
+        values.background_gradient = out["background"].data_ptr()
         if importance:
             values.importance = out["importance"].data_ptr()
         parameters = {f"out_{name}": t for name, t in out.items() if name not in ("background", "importance")}
-        self._run(scene, settings, values, backward=True, target=target, gradient=wanted.gradient, outputs=parameters)
-        return float(loss) if target is not None else 0.0  # reading it waits for the GPU
+        pictures = {"target": target, "gradient": wanted.gradient}
+        with self._driver.active():
+            loss = torch.zeros((), dtype=torch.float64, device=self.device)
+            values.loss = loss.data_ptr()
+            self._run(scene, settings, values, backward=True, **pictures, outputs=parameters)
+            return float(loss) if target is not None else 0.0  # reading it waits for the GPU
 
     def _step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> Tensor:
         """It does not wait: the loss comes as a float64 tensor without dimensions on the GPU, and float() of it waits.
@@ -111,25 +127,21 @@ class CudaEngine(Engine):
         if training.rate_scale is not None:
             raise EngineError("the CUDA engine has no rates per curve; use the CPU")
         frame = self._training_frame(scene, settings, training.target, training.state)
-        plan = self._plan(frame, scene, settings, (scene, training.target, training.state))
         values = self._training_values(scene, settings, training)
-        loss = torch.empty((), dtype=torch.float64, device=self.device)
-        values.loss = loss.data_ptr()
-        self._number += 1
         with self._driver.active():
+            plan = self._plan(frame, scene, settings, (scene, training.target, training.state))
+            loss = torch.empty((), dtype=torch.float64, device=self.device)
+            values.loss = loss.data_ptr()
             self._set_step(plan.kernels, values, plan.step)
             self._repeat(plan)
+        self._number += 1
         return loss
 
-    def fault(self) -> tuple[int, int] | None:
-        """(curve, step) of the first parameter that ceased to be finite, this engine's steps counted from 0; waits."""
-        curve, step = (int(n) for n in self._status.tolist())
-        return (curve - 1, step) if curve else None
-
-    def bytes_for(self, scene: SceneTensors, settings: RasterSettings) -> int:
-        """Memory that a step on such a scene takes beside the scene, the optimiser and the pictures."""
-        sizes = Sizes.of(scene, settings, True)
-        return Workspace(sizes, lambda _, count, dtype: torch.empty(count, dtype=dtype, device="meta")).bytes
+    def fault(self, wait: bool = True) -> tuple[int, int] | None:
+        """See `Engine.fault`; the steps are counted from 0 since `close`."""
+        with self._driver.active():
+            found = self._status.tolist() if wait else self._late_status.poll()
+        return (found[0] - 1, found[1]) if found and found[0] else None
 
     # How a call is prepared
 
@@ -146,14 +158,17 @@ class CudaEngine(Engine):
             ) from error
 
     def _load(self, program: Program) -> Kernels:
-        if program not in self._programs:
-            self._programs[program] = self._driver.load(program)
-            try:
-                self_test(self, program)
-            except EngineError:
-                del self._programs[program]
-                raise
-        return self._programs[program]
+        driver = self._driver
+        with driver.lock:
+            kernels = driver.kernels(program)
+            if program not in driver.tested:
+                driver.tested.add(program)  # the test's own calls come through here
+                try:
+                    self_test(CudaEngine(program=program, driver=driver), program)
+                except BaseException:
+                    driver.tested.discard(program)
+                    raise
+            return kernels
 
     def _slots(self, settings: RasterSettings) -> int:
         return slots_for(settings.coverage, self._driver.shared_per_block, self._driver.shared_per_sm)
@@ -192,12 +207,11 @@ class CudaEngine(Engine):
         frame.target = pointer(target, "target", shape, self.device)
         frame.gradient = pointer(gradient, "gradient", shape, self.device)
         kernels = self._load(Program(scene.mode, scene.channels))
-        with self._driver.active():
-            step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
-            workspace = Workspace(sizes, self._allocate)
-            attach(frame, workspace.tensors() | (outputs or {}) | {"step": step, "status": self._status})
-            self._set_step(kernels, values, step)
-            self._launch(kernels, frame)
+        step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
+        workspace = Workspace(sizes, self._allocate)
+        attach(frame, workspace.tensors() | (outputs or {}) | {"step": step, "status": self._status})
+        self._set_step(kernels, values, step)
+        self._launch(kernels, frame)
 
     def _training_frame(
         self, scene: SceneTensors, settings: RasterSettings, target: Tensor, state: OptimiserState
@@ -223,17 +237,19 @@ class CudaEngine(Engine):
         return values
 
     def _plan(self, frame: Frame, scene: SceneTensors, settings: RasterSettings, kept: tuple[object, ...]) -> _Plan:
-        """The prepared step for these tensors and settings; what differs from step to step is not part of a frame."""
-        key = bytes(frame) + f"{scene.mode} {scene.channels}".encode()
+        """The prepared step for these tensors and settings; what differs from step to step is not part of a frame.
+
+        A stream has plans of its own: their buffers are of its memory, which is given out again in its order.
+        """
+        key = bytes(frame) + f"{scene.mode} {scene.channels} {self._driver.stream()}".encode()
         if key in self._plans:
             self._plans.move_to_end(key)
             return self._plans[key]
         kernels = self._load(Program(scene.mode, scene.channels))
-        with self._driver.active():
-            while len(self._plans) >= PLANS_KEPT:
-                self._plans.popitem(last=False)
-            workspace = Workspace(Sizes.of(scene, settings, True), self._allocate)
-            step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
+        while len(self._plans) >= PLANS_KEPT:
+            self._plans.popitem(last=False)
+        workspace = Workspace(Sizes.of(scene, settings, True), self._allocate)
+        step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
         attach(frame, workspace.tensors() | {"step": step, "status": self._status})
         plan = self._plans[key] = _Plan(frame, kernels, workspace, step, kept)
         return plan

@@ -116,6 +116,12 @@ def shared_bytes(coverage: str, slots: int) -> int:
     return FIXED_SHARED + slots * CODE_BYTES
 
 
+def carve_out(kernel: str, shared: int, shared_per_sm: int) -> int:
+    """Percent of a multiprocessor's shared memory that a raster kernel's blocks take, as many as registers allow."""
+    resident = BLOCKS_PER_SM[kernel.removeprefix("raster_")]
+    return min(100, blocks(100 * resident * (shared + RESERVED_SHARED), shared_per_sm))
+
+
 def _supers(tiles: tuple[int, int], shift: int) -> tuple[int, int]:
     return -(-tiles[0] >> shift), -(-tiles[1] >> shift)
 
@@ -218,10 +224,6 @@ class Workspace:
     def tensors(self) -> dict[str, Tensor]:
         """Every buffer by the name of its field in `Frame`."""
         return {name: t for name, t in vars(self).items() if isinstance(t, Tensor)}
-
-    @property
-    def bytes(self) -> int:
-        return sum(t.numel() * t.element_size() for t in self.tensors().values())
 
 
 def make_frame(scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device) -> Frame:

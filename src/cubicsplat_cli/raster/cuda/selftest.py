@@ -1,6 +1,6 @@
-"""Does this GPU, with this driver and compiler, compute what it should? A tiny scene, before a program's first use.
+"""Does this GPU, with this driver and compiler, compute what it should? A small scene, before a program's first use.
 
-The expected numbers are the float64 reference's; tests/test_cuda_device.py recomputes them.
+The expected numbers are the float64 reference's; tests/test_cuda_selftest.py recomputes them.
 """
 
 from __future__ import annotations
@@ -12,47 +12,64 @@ from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.engine import Engine, SceneTensors
+from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import points_from_segments
 from cubicsplat_cli.settings import Mode
 
 WIDTH, HEIGHT = 22, 19
+CURVES = 40  # more than a batch of the raster kernel holds
 SEGMENTS = 2
+STEPS = 3  # one launched, one captured and replayed, one replayed
+RATES = Rates(0.5, 0.2, 0.2, 0.1, keep=(0.98, 0.92, 0.99), epsilon=1.0)
 TOLERANCE = 5e-3
 COVERAGES = ("relaxed", "exact")
+TRAINED = ("points", "colours", "opacities", "half_widths")
 
-# (mode, channels, coverage): loss, weighted sum of the picture, and of the gradients of points, colours, opacities
-# and (strokes) half-widths.
+# (mode, channels, coverage): loss, weighted sums of the picture, of the gradients of points, colours, opacities and
+# (strokes) half-widths, and of the leave-one-out importance.
 EXPECTED: dict[tuple[Mode, int, str], tuple[float, ...]] = {
-    (Mode.CLOSED, 3, "relaxed"): (181.79, -1.83752, -4.41829, 71.307, 21.7566),
-    (Mode.CLOSED, 3, "exact"): (184.438, -2.25309, -4.58036, 71.1561, 21.7643),
-    (Mode.CLOSED, 4, "relaxed"): (356.664, 0.177381, -1.89714, 90.2225, 25.9772),
-    (Mode.CLOSED, 4, "exact"): (359.37, 0.695249, -2.11044, 91.2337, 26.0875),
-    (Mode.OPEN, 3, "relaxed"): (194.504, -2.27187, -0.198964, 75.512, 4.22303, 4.35682),
-    (Mode.OPEN, 3, "exact"): (198.702, -1.99163, -0.255351, 77.3445, 4.17261, 4.30474),
-    (Mode.OPEN, 4, "relaxed"): (366.427, -0.450273, 0.482953, 85.0673, 8.75546, -0.233356),
-    (Mode.OPEN, 4, "exact"): (371.53, -0.600606, 0.336584, 86.9477, 9.06559, -0.298909),
+    (Mode.CLOSED, 3, "relaxed"): (156.871, -1.98084, 0.237312, 5.854, -62.82, 11.6528),
+    (Mode.CLOSED, 3, "exact"): (157.681, -2.19423, 0.262951, 5.51856, -62.4957, 11.607),
+    (Mode.CLOSED, 4, "relaxed"): (259.153, 0.217441, -0.139549, -0.699524, -129.106, 14.9883),
+    (Mode.CLOSED, 4, "exact"): (259.742, -0.486481, -0.110663, -1.24681, -126.305, 14.6722),
+    (Mode.OPEN, 3, "relaxed"): (163.044, -1.60495, 1.1742, -0.973057, -52.8005, -10.6903, 9.78459),
+    (Mode.OPEN, 3, "exact"): (164.139, -1.53291, 1.17734, -0.92975, -51.7525, -10.7991, 9.56208),
+    (Mode.OPEN, 4, "relaxed"): (257.897, -1.17633, -0.699511, -3.7952, -103.018, -10.5145, 11.4528),
+    (Mode.OPEN, 4, "exact"): (259.124, -1.72238, -0.770784, -3.94963, -101.613, -10.7345, 11.214),
+}
+# The same: loss at the last of the training steps, and weighted sums of how far the parameters have come after it.
+EXPECTED_STEPS: dict[tuple[Mode, int, str], tuple[float, ...]] = {
+    (Mode.CLOSED, 3, "relaxed"): (103.502, -1.1991, -1.28854, 0.963941, 0.0),
+    (Mode.CLOSED, 3, "exact"): (103.653, -1.26376, -1.2599, 0.968599, 0.0),
+    (Mode.CLOSED, 4, "relaxed"): (257.974, 0.00358641, -2.11899, 1.43931, 0.0),
+    (Mode.CLOSED, 4, "exact"): (258.296, -0.145928, -2.06483, 1.39066, 0.0),
+    (Mode.OPEN, 3, "relaxed"): (110.972, 1.73082, -0.110691, 0.269736, 0.327084),
+    (Mode.OPEN, 3, "exact"): (111.509, 1.84651, -0.0920031, 0.224984, 0.322738),
+    (Mode.OPEN, 4, "relaxed"): (261.669, -0.717129, -1.25958, 1.03262, 0.599128),
+    (Mode.OPEN, 4, "exact"): (262.422, -0.627315, -1.30057, 1.00505, 0.636277),
 }
 
 
 def scene(program: Program, device: torch.device | str = "cpu") -> SceneTensors:
-    """Three overlapping curves, one of them partly outside the canvas."""
+    """Overlapping faint curves, some of them partly outside the canvas."""
     count = points_from_segments(program.mode, SEGMENTS)
     along = torch.arange(count) / count
     shapes = []
-    for i in range(3):
+    for i in range(CURVES):
         if program.mode is Mode.CLOSED:
             turn = 2.0 * math.pi * along + 0.7 * i
-            shape = torch.stack((7.0 * turn.cos(), 6.0 * turn.sin()), -1)
+            shape = torch.stack((5.0 * turn.cos(), 4.0 * turn.sin()), -1)
         else:
-            shape = torch.stack((16.0 * along - 8.0, 5.0 * (5.0 * along + i).sin()), -1)
-        shapes.append(shape + torch.tensor([5.3 + 5.1 * i, 6.2 + 3.4 * i]))
-    colours = torch.tensor([[0.9, 0.2, 0.1], [0.1, 0.7, 0.3], [0.2, 0.3, 0.8]])
-    half_widths = torch.full((3,), 1.4) if program.mode is Mode.OPEN else torch.zeros(3)
+            shape = torch.stack((12.0 * along - 6.0, 4.0 * (5.0 * along + i).sin()), -1)
+        shapes.append(shape + torch.tensor([(5.3 + 6.1 * i) % WIDTH, (4.2 + 4.7 * i) % HEIGHT]))
+    curves = torch.arange(CURVES)
+    colours = 0.5 + 0.4 * (curves[:, None] + torch.tensor([0.3, 1.1, 2.3])).sin()
+    opacities = 0.15 + 0.1 * curves.sin()
+    half_widths = 1.4 + 0.4 * curves.cos() if program.mode is Mode.OPEN else torch.zeros(CURVES)
     background = (0.9, 0.85, 0.7) if program.channels == 3 else None
-    tensors = (torch.stack(shapes), colours, torch.tensor([0.5, 0.7, 0.9]), half_widths)
-    return SceneTensors(program.mode, WIDTH, HEIGHT, *(t.float().to(device) for t in tensors), background)
+    tensors = (t.float().contiguous().to(device) for t in (torch.stack(shapes), colours, opacities, half_widths))
+    return SceneTensors(program.mode, WIDTH, HEIGHT, *tensors, background)
 
 
 def target(program: Program, device: torch.device | str = "cpu") -> Tensor:
@@ -62,14 +79,19 @@ def target(program: Program, device: torch.device | str = "cpu") -> Tensor:
     return torch.stack(planes, -1).float().contiguous().to(device)
 
 
+def untrained(program: Program, device: torch.device | str = "cpu") -> SceneTensors:
+    """The scene as a fit has it, with logits."""
+    start = scene(program, device)
+    start.logits = True
+    return start
+
+
 def settings(coverage: str) -> RasterSettings:
     return RasterSettings(coverage, 1.3, 5)
 
 
-def digest(program: Program, image: Tensor, loss: float, gradients: dict[str, Tensor]) -> tuple[float, ...]:
+def digest(loss: float, values: list[Tensor]) -> tuple[float, ...]:
     """A few numbers that any mistake changes: sums with weights that differ from value to value."""
-    names = ["points", "colours", "opacities"] + ["half_widths"] * (program.mode is Mode.OPEN)
-    values = [image, *(gradients[name] for name in names)]
     weighted = []
     for value in values:
         flat = value.detach().double().cpu().reshape(-1)
@@ -77,17 +99,37 @@ def digest(program: Program, image: Tensor, loss: float, gradients: dict[str, Te
     return loss, *weighted
 
 
+def gradient_names(program: Program) -> list[str]:
+    """What of `gradients()` is compared."""
+    return ["points", "colours", "opacities"] + ["half_widths"] * (program.mode is Mode.OPEN) + ["importance"]
+
+
+def _drawn(engine: Engine, program: Program, coverage: str) -> tuple[float, ...]:
+    small, wanted = scene(program, engine.device), target(program, engine.device)
+    image = engine.render(small, settings(coverage))
+    loss, gradients = engine.gradients(small, settings(coverage), target=wanted, importance="loo")
+    return digest(loss, [image, *(gradients[name] for name in gradient_names(program))])
+
+
+def _trained(engine: Engine, program: Program, coverage: str) -> tuple[float, ...]:
+    start, small = untrained(program, engine.device), untrained(program, engine.device)
+    wanted = target(program, engine.device)
+    state = OptimiserState.zeros(*small.points.shape[:2]).to(engine.device)
+    losses = [engine.step(small, settings(coverage), wanted, state, RATES) for _ in range(STEPS)]
+    return digest(float(losses[-1]), [getattr(small, name) - getattr(start, name) for name in TRAINED])
+
+
 def self_test(engine: Engine, program: Program) -> None:
-    """Raises EngineError where the engine's numbers are not the expected ones."""
-    tiny, wanted = scene(program, engine.device), target(program, engine.device)
+    """Raises EngineError where the engine's numbers are not the expected ones: pictures, gradients, training steps."""
     for coverage in COVERAGES:
-        image = engine.render(tiny, settings(coverage))
-        loss, gradients = engine.gradients(tiny, settings(coverage), target=wanted)
-        got = digest(program, image, loss, gradients)
-        expected = EXPECTED[program.mode, program.channels, coverage]
-        for value, right in zip(got, expected, strict=True):
-            if not abs(value - right) <= TOLERANCE * (1.0 + abs(right)):
-                raise EngineError(
-                    f"the CUDA engine's self-test ({program.name}, {coverage}) gives {value:.6g} in place of "
-                    f"{right:.6g}: the GPU, its driver or its compiler is broken; use --device cpu"
-                )
+        key = (program.mode, program.channels, coverage)
+        for doing, got, expected in (
+            ("gradients", _drawn(engine, program, coverage), EXPECTED[key]),
+            ("training", _trained(engine, program, coverage), EXPECTED_STEPS[key]),
+        ):
+            for value, right in zip(got, expected, strict=True):
+                if not abs(value - right) <= TOLERANCE * (1.0 + abs(right)):
+                    raise EngineError(
+                        f"the CUDA engine's self-test ({program.name}, {coverage} {doing}) gives {value:.6g} in place "
+                        f"of {right:.6g}: the GPU, its driver or its compiler is broken; use --device cpu"
+                    )

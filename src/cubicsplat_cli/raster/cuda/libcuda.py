@@ -1,0 +1,124 @@
+"""NVIDIA's driver library, called with ctypes: the dozen functions that torch does not offer."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from ctypes import POINTER, byref, c_char_p, c_int, c_uint, c_void_p
+from typing import Any
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.words import one_line
+
+# Arguments of the functions in use (cuda.h); each returns a status, 0 for success.
+PROTOTYPES: dict[str, list[Any]] = {
+    "cuInit": [c_uint],
+    "cuDriverGetVersion": [POINTER(c_int)],
+    "cuGetErrorName": [c_int, POINTER(c_char_p)],
+    "cuDeviceGet": [POINTER(c_int), c_int],
+    "cuDeviceGetAttribute": [POINTER(c_int), c_int, c_int],
+    "cuDevicePrimaryCtxRetain": [POINTER(c_void_p), c_int],
+    "cuCtxGetCurrent": [POINTER(c_void_p)],
+    "cuCtxPushCurrent_v2": [c_void_p],
+    "cuCtxPopCurrent_v2": [POINTER(c_void_p)],
+    "cuModuleLoadData": [POINTER(c_void_p), c_char_p],
+    "cuModuleGetFunction": [POINTER(c_void_p), c_void_p, c_char_p],
+    "cuFuncSetAttribute": [c_void_p, c_int, c_int],
+    "cuLaunchKernel": [c_void_p, *[c_uint] * 7, c_void_p, POINTER(c_void_p), POINTER(c_void_p)],
+}
+# Numbers of CUdevice_attribute and CUfunction_attribute.
+MAX_SHARED_MEMORY_PER_BLOCK = 8
+MAX_SHARED_MEMORY_PER_MULTIPROCESSOR = 81
+PREFERRED_SHARED_MEMORY_CARVEOUT = 9
+
+
+def open_library() -> Any:
+    """The driver's library, which comes with the driver. Raises EngineError where it cannot be loaded."""
+    name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+    try:
+        return ctypes.CDLL(name)
+    except OSError as error:
+        raise EngineError(
+            f"the NVIDIA driver's library {name} cannot be loaded ({one_line(error)}); install the driver, or use "
+            "--device cpu"
+        ) from error
+
+
+class LibCuda:
+    """The functions, as methods that return their value and raise EngineError for their error."""
+
+    def __init__(self) -> None:
+        self._library = open_library()
+        for function, arguments in PROTOTYPES.items():
+            getattr(self._library, function).argtypes = arguments
+        self._checked("starting", "cuInit", 0)
+
+    def _checked(self, doing: str, function: str, *arguments: object) -> None:
+        if status := int(getattr(self._library, function)(*arguments)):
+            name = c_char_p()
+            self._library.cuGetErrorName(status, byref(name))
+            said = name.value.decode() if name.value else f"error {status}"
+            raise EngineError(f"the GPU failed while {doing}: {said}")
+
+    def driver_version(self) -> int:
+        """1000 major + 10 minor of the newest CUDA that the driver supports."""
+        version = c_int()
+        self._checked("asking for the driver's version", "cuDriverGetVersion", byref(version))
+        return version.value
+
+    def device(self, index: int) -> int:
+        """Handle of the GPU that torch has under this number."""
+        device = c_int()
+        self._checked("asking for the device", "cuDeviceGet", byref(device), index)
+        return device.value
+
+    def attribute(self, device: int, attribute: int) -> int:
+        value = c_int()
+        self._checked("asking for its properties", "cuDeviceGetAttribute", byref(value), attribute, device)
+        return value.value
+
+    def primary_context(self, device: int) -> c_void_p:
+        """The context that torch works in; held for the life of the process."""
+        context = c_void_p()
+        self._checked("sharing torch's context", "cuDevicePrimaryCtxRetain", byref(context), device)
+        return context
+
+    def current_context(self) -> int | None:
+        """Address of the context that this thread's calls go to."""
+        context = c_void_p()
+        self._checked("asking for the context", "cuCtxGetCurrent", byref(context))
+        return context.value
+
+    def push(self, context: c_void_p) -> None:
+        self._checked("entering the context", "cuCtxPushCurrent_v2", context)
+
+    def pop(self) -> None:
+        left = c_void_p()
+        self._checked("leaving the context", "cuCtxPopCurrent_v2", byref(left))
+
+    def load_module(self, code: bytes) -> c_void_p:
+        """A module from machine code, or from intermediate code that ends with a zero byte."""
+        module = c_void_p()
+        self._checked("loading the kernels (is the driver too old?)", "cuModuleLoadData", byref(module), code)
+        return module
+
+    def function(self, module: c_void_p, name: str) -> c_void_p:
+        function = c_void_p()
+        doing = f"looking up the kernel {name}"
+        self._checked(doing, "cuModuleGetFunction", byref(function), module, name.encode())
+        return function
+
+    def carve_out(self, function: c_void_p, percent: int) -> None:
+        """Hints how much of a multiprocessor's fast memory a kernel would like as shared memory."""
+        self._checked("dividing its memory", "cuFuncSetAttribute", function, PREFERRED_SHARED_MEMORY_CARVEOUT, percent)
+
+    def launch(
+        self, name: str, function: c_void_p, grid: tuple[int, int], threads: int, shared: int, stream: int,
+        arguments: tuple[ctypes.Structure | c_void_p, ...],
+    ) -> None:  # fmt: skip
+        """Queues a kernel. Its arguments are copied before this returns."""
+        addresses = (c_void_p * len(arguments))(*(ctypes.addressof(argument) for argument in arguments))
+        self._checked(
+            f"starting the kernel {name}", "cuLaunchKernel",
+            function, grid[0], grid[1], 1, threads, 1, 1, shared, stream, addresses, None,
+        )  # fmt: skip

@@ -1,0 +1,136 @@
+"""NVIDIA's run-time compiler NVRTC, called with ctypes: torch's own copy, so that their versions fit each other."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+import re
+import sys
+from collections.abc import Iterator
+from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_void_p, create_string_buffer
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.words import one_line
+
+OLDEST_VERSION = 12
+INSTALL = "torch's CUDA wheels bring it; else: pip install nvidia-cuda-nvrtc"
+# Arguments of the functions in use (nvrtc.h); each returns a status, 0 for success.
+PROTOTYPES: dict[str, list[Any]] = {
+    "nvrtcVersion": [POINTER(c_int), POINTER(c_int)],
+    "nvrtcGetNumSupportedArchs": [POINTER(c_int)],
+    "nvrtcGetSupportedArchs": [POINTER(c_int)],
+    "nvrtcCreateProgram": [POINTER(c_void_p), c_char_p, c_char_p, c_int, POINTER(c_char_p), POINTER(c_char_p)],
+    "nvrtcCompileProgram": [c_void_p, c_int, POINTER(c_char_p)],
+    "nvrtcGetProgramLogSize": [c_void_p, POINTER(c_size_t)],
+    "nvrtcGetProgramLog": [c_void_p, c_char_p],
+    "nvrtcGetCUBINSize": [c_void_p, POINTER(c_size_t)],
+    "nvrtcGetCUBIN": [c_void_p, c_char_p],
+    "nvrtcGetPTXSize": [c_void_p, POINTER(c_size_t)],
+    "nvrtcGetPTX": [c_void_p, c_char_p],
+    "nvrtcDestroyProgram": [POINTER(c_void_p)],
+}
+_PATTERNS = {"linux": ("libnvrtc.so.*", r"so\.(\d+)"), "win32": ("nvrtc64_*_0.dll", r"64_(\d+)\d_")}
+
+
+def _folders() -> Iterator[Path]:
+    """Where torch's wheels and NVIDIA's put it: torch/lib, nvidia/cuda_nvrtc/lib (12), nvidia/cu13/lib."""
+    yield Path(torch.__file__).parent / "lib"
+    package = importlib.util.find_spec("nvidia")
+    for place in package.submodule_search_locations or () if package else ():
+        for folder in ("lib", "bin"):
+            yield from sorted(Path(place).glob(f"*/{folder}"))
+
+
+def candidates() -> list[str]:
+    """Files of NVRTC, then names for the system's loader; those of torch's CUDA version first, then the newest."""
+    pattern, version = _PATTERNS.get(sys.platform, _PATTERNS["linux"])
+    found = {}
+    for folder in _folders():
+        for path in sorted(folder.glob(pattern)):
+            if match := re.search(version, path.name):
+                found[str(path)] = int(match[1])
+    of_torch = int((torch.version.cuda or "0").split(".")[0])
+    if sys.platform == "linux":
+        found |= {f"libnvrtc.so.{n}": n for n in {of_torch, 13, 12} if n >= OLDEST_VERSION}
+    # Sorting keeps the order of equals: files before names.
+    return sorted((f for f in found if found[f] >= OLDEST_VERSION), key=lambda f: (found[f] != of_torch, -found[f]))
+
+
+@lru_cache(maxsize=1)
+def library() -> Any:
+    """The library with its prototypes. Raises EngineError where there is none that can be used."""
+    why = "there is none"
+    for name in candidates():
+        try:
+            found = ctypes.CDLL(name)
+            for function, arguments in PROTOTYPES.items():
+                getattr(found, function).argtypes = arguments
+        except (OSError, AttributeError) as error:  # not there, or too old to have all functions
+            why = one_line(error)
+            continue
+        return found
+    raise EngineError(f"NVIDIA's run-time compiler NVRTC cannot be loaded ({why[:200]}); {INSTALL}")
+
+
+def _call(function: str, *arguments: object) -> int:
+    """The status of a call."""
+    return int(getattr(library(), function)(*arguments))
+
+
+def _checked(function: str, *arguments: object) -> None:
+    if status := _call(function, *arguments):
+        raise EngineError(f"NVRTC failed in {function}: error {status}")
+
+
+@lru_cache(maxsize=1)
+def version() -> tuple[int, int]:
+    """Version of NVRTC. Raises EngineError where there is none, or one that is too old."""
+    major, minor = c_int(), c_int()
+    _checked("nvrtcVersion", byref(major), byref(minor))
+    if major.value < OLDEST_VERSION:
+        raise EngineError(f"NVRTC {major.value}.{minor.value} is too old; version 12 or newer is needed. {INSTALL}")
+    return major.value, minor.value
+
+
+def architectures() -> list[int]:
+    """Compute capabilities that it compiles for, as 10 * major + minor, ascending."""
+    count = c_int()
+    _checked("nvrtcGetNumSupportedArchs", byref(count))
+    numbers = (c_int * count.value)()
+    _checked("nvrtcGetSupportedArchs", numbers)
+    return sorted(numbers)
+
+
+def _result(handle: c_void_p, size_of: str, get: str) -> bytes:
+    size = c_size_t()
+    _checked(size_of, handle, byref(size))
+    text = create_string_buffer(max(1, size.value))
+    _checked(get, handle, text)
+    return text.raw[: size.value]
+
+
+def compile_program(
+    name: str, text: bytes, headers: dict[str, bytes], options: list[str], *, intermediate: bool = False
+) -> tuple[bytes | None, str]:
+    """Compiles a text with its headers by name: the machine code, or PTX (`intermediate`); and the compiler's log.
+
+    The code is None where the text has a mistake, which the log then shows.
+    """
+    handle = c_void_p()
+    names = (c_char_p * len(headers))(*(header.encode() for header in headers))
+    texts = (c_char_p * len(headers))(*headers.values())
+    _checked("nvrtcCreateProgram", byref(handle), text, name.encode(), len(headers), texts, names)
+    try:
+        chosen = (c_char_p * len(options))(*(option.encode() for option in options))
+        status = _call("nvrtcCompileProgram", handle, len(options), chosen)
+        log = _result(handle, "nvrtcGetProgramLogSize", "nvrtcGetProgramLog")
+        kind = "PTX" if intermediate else "CUBIN"
+        code = None if status else _result(handle, f"nvrtcGet{kind}Size", f"nvrtcGet{kind}")
+        return code, log.rstrip(b"\0\n ").decode(errors="replace")
+    finally:
+        _call("nvrtcDestroyProgram", byref(handle))

@@ -1,0 +1,89 @@
+"""The self-test expects what the float64 reference computes, and an engine that computes otherwise is not used."""
+
+from __future__ import annotations
+
+import pytest
+from adan import ReferenceFit
+from emulated import EmulatedDriver, compiler
+from scenes import TENSORS
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster import reference
+from cubicsplat_cli.raster.cuda import selftest
+from cubicsplat_cli.raster.cuda.compile import Program
+from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.settings import Mode
+
+PROGRAMS = [Program(mode, channels) for mode in Mode for channels in (3, 4)]
+CASES = [pytest.param(p, c, id=f"{p.name}, {c}") for p in PROGRAMS for c in selftest.COVERAGES]
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
+
+
+def drawn(program, coverage):
+    """What the reference says of the self-test's scene."""
+    scene, target = selftest.scene(program), selftest.target(program).double()
+    leaves = [getattr(scene, name).double().requires_grad_() for name in TENSORS]
+    keywords = {"mode": program.mode, "width": scene.width, "height": scene.height, "background": scene.background}
+    keywords["settings"] = selftest.settings(coverage)
+    image = reference.render(*leaves, **keywords)
+    loss = reference.image_loss(image, target)
+    loss.backward()
+    found = {name: leaf.grad for name, leaf in zip(TENSORS, leaves, strict=True)}
+    found["importance"] = reference.importance(*(t.detach() for t in leaves), **keywords, target=target, kind="loo")
+    return selftest.digest(float(loss.detach()), [image, *(found[name] for name in selftest.gradient_names(program))])
+
+
+def trained(program, coverage):
+    """How far the reference comes in the self-test's training steps."""
+    start = selftest.untrained(program)
+    fit = ReferenceFit(start, selftest.target(program), selftest.RATES)
+    losses = [fit.step(selftest.settings(coverage)) for _ in range(selftest.STEPS)]
+    return selftest.digest(losses[-1], [fit.values[name] - getattr(start, name) for name in selftest.TRAINED])
+
+
+@pytest.mark.parametrize(("program", "coverage"), CASES)
+def test_the_self_test_expects_what_the_reference_computes(program, coverage):
+    key = (program.mode, program.channels, coverage)
+    assert drawn(program, coverage) == pytest.approx(selftest.EXPECTED[key], rel=1e-4, abs=1e-4)
+    assert trained(program, coverage) == pytest.approx(selftest.EXPECTED_STEPS[key], rel=1e-4, abs=1e-4)
+
+
+def test_the_self_test_would_notice():
+    """What it compares is far from nothing, so that a wrong sign or a missing step is outside of the tolerance."""
+    for expected in (*selftest.EXPECTED.values(), *selftest.EXPECTED_STEPS.values()):
+        assert all(abs(2.0 * value) > selftest.TOLERANCE * (1.0 + abs(value)) for value in expected if value != 0.0)
+
+
+@needs_compiler
+def test_a_gpu_that_draws_wrongly_is_not_used(monkeypatch):
+    driver = EmulatedDriver()
+    engine = CudaEngine(driver=driver)
+    draw = CudaEngine.render
+    monkeypatch.setattr(CudaEngine, "render", lambda *a: draw(*a).mul_(1.1))
+    with pytest.raises(EngineError, match=r"self-test \(closed, RGB, relaxed gradients\) gives .* in place of .*; use"):
+        CudaEngine(driver=EmulatedDriver())
+    assert CudaEngine(driver=driver).name == "cuda", "tested once in a process"
+    # A program loaded later is tested then, and stays untrusted.
+    for _ in range(2):
+        with pytest.raises(EngineError, match=r"self-test \(open, RGBA, relaxed gradients\)"):
+            engine._load(Program(Mode.OPEN, 4))
+
+
+@needs_compiler
+@pytest.mark.parametrize("broken", ["capture", "update"])
+def test_a_gpu_that_trains_wrongly_is_not_used(monkeypatch, broken):
+    """Graphs that do nothing, and an optimiser that does nothing."""
+    driver = EmulatedDriver()
+    if broken == "capture":
+        monkeypatch.setattr(driver, "capture", lambda body: lambda: None)
+    else:
+        monkeypatch.setattr(selftest, "RATES", selftest.Rates(0.0, 0.0, 0.0, 0.0))
+    with pytest.raises(EngineError, match=r"self-test \(open, RGB, relaxed training\)"):
+        CudaEngine(program=Program(Mode.OPEN, 3), driver=driver)
+
+
+@needs_compiler
+@pytest.mark.parametrize("program", PROGRAMS, ids=[p.name for p in PROGRAMS])
+def test_only_the_program_in_use_is_compiled(program):
+    driver = CudaEngine(program=program, driver=EmulatedDriver())._driver
+    assert driver.tested == {program}
