@@ -73,9 +73,8 @@ def find_corners(points: np.ndarray, weights: np.ndarray) -> Corners:
     turn, meet, score = _judged(loop, before, after)
     score[:pad] = score[pad + n :] = 0.0
     chosen = _strongest(score, meet)
-    split = [
-        _first_after(points, k, m, at) for k, m, at in zip(index[chosen], index[chosen + 1], meet[chosen], strict=True)
-    ]
+    ends = zip(index[before.first[chosen]], index[after.first[chosen]], meet[chosen], strict=True)
+    split = [_first_after(points, a, b, at) for a, b, at in ends]
     return Corners(np.array(split, dtype=int), meet[chosen], turn[chosen])
 
 

@@ -30,10 +30,11 @@ class Ends:
 
 @dataclass(frozen=True)
 class CubicFits:
-    """P cubics: control points (P, 4, 2) px, and their chi^2 (P,), of the points and of the ends together."""
+    """P cubics: control points (P, 4, 2) px, squared distances of their points (P, K) px^2, and chi^2 of the ends (P,)."""
 
     cubics: np.ndarray
-    misfit: np.ndarray
+    squares: np.ndarray
+    strain: np.ndarray
 
 
 def basis(u: np.ndarray) -> np.ndarray:
@@ -87,7 +88,7 @@ def fit_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits
         cubics = frame.cubics(values)
         u = np.clip(nearer(cubics, points, u), 0.0, 1.0)
     rest = point(cubics, u) - points
-    return CubicFits(cubics, (weights * (rest * rest).sum(-1)).sum(-1) + frame.strain(values))
+    return CubicFits(cubics, (rest * rest).sum(-1), frame.strain(values))
 
 
 class _Frame:

@@ -10,18 +10,22 @@ import math
 import numpy as np
 
 from cubicsplat_cli.artwork.corners import find_corners
-from cubicsplat_cli.artwork.joining import as_ring, joined, with_level_lines
+from cubicsplat_cli.artwork.joining import as_ring, at_lines, joined, loosened, tightened, with_level_lines
 from cubicsplat_cli.artwork.layout import independent, lay_out
 from cubicsplat_cli.artwork.outlines import Outline, Ring, polygon
 from cubicsplat_cli.artwork.primitives import fit_primitive
-from cubicsplat_cli.artwork.refine import refine
+from cubicsplat_cli.artwork.refine import Feet, Pieces, Variables, refine
 from cubicsplat_cli.artwork.smoothing import HIDDEN_SIGMA
 from cubicsplat_cli.errors import InputError
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
 FINEST_SIGMA = 0.02  # px: what is systematic in the points is never below this
 FEWEST_POINTS = 8
+# Bends, in radians, up to which a line and a cubic are joined smoothly; the first that pays.
+SMOOTHEST = (math.radians(12.0), math.radians(4.0), math.radians(1.5))
 PLAIN_MISFIT = 1.2  # mean squared residual of a primitive, in sigmas, at which nothing else need be tried
+
+Fitted = tuple[Pieces, Feet, float]
 
 
 def fit_outline(points: np.ndarray, sigma: np.ndarray, detail: float = 1.0) -> Outline:
@@ -66,9 +70,25 @@ def _fit_ring(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Ri
     layout = lay_out(points, independent(points, weights), find_corners(points, weights), price)
     points, weights = points[layout.order], layout.weights[layout.order]
     pieces, feet = joined(layout.divisions, cornered=len(layout.corners.indices) > 0)
-    pieces, feet, misfit = refine(pieces, points, weights, feet)
-    levelled = with_level_lines(pieces, weights, feet)
-    if levelled is not pieces:
-        pieces, feet, misfit = refine(levelled, points, weights, feet)
-    ring = as_ring(pieces)
-    return ring, 0.5 * misfit + price * ring.parameters
+    best = refine(loosened(pieces), points, weights, feet)
+    for widest in SMOOTHEST:
+        trial = tightened(best[0], at_lines(pieces), widest)
+        best, done = _if_cheaper(best, trial, points, weights, price)
+        if done:
+            break
+    best, _ = _if_cheaper(best, with_level_lines(best[0], weights, best[1]), points, weights, price)
+    ring = as_ring(best[0])
+    return ring, 0.5 * best[2] + price * ring.parameters
+
+
+def _if_cheaper(
+    best: Fitted, trial: Pieces, points: np.ndarray, weights: np.ndarray, price: float
+) -> tuple[Fitted, bool]:
+    """The fit of more regular pieces, if what it loses is worth less than the parameters it saves."""
+    saved = Variables(best[0]).total - Variables(trial).total
+    if saved <= 0:
+        return best, True
+    fitted = refine(trial, points, weights, best[1])
+    if 0.5 * (fitted[2] - best[2]) <= price * saved:
+        return fitted, True
+    return best, False

@@ -45,6 +45,27 @@ def _feet(divisions: list[Division]) -> Feet:
     return Feet(np.concatenate(piece), np.concatenate(u))
 
 
+def at_lines(pieces: Pieces) -> np.ndarray:
+    """(A,) bool: the smooth joints between a line and a cubic of a closed outline."""
+    return pieces.smooth & (pieces.lines ^ np.roll(pieces.lines, 1))
+
+
+def loosened(pieces: Pieces) -> Pieces:
+    """The pieces with the smooth joints at lines free to bend."""
+    smooth = pieces.smooth & ~at_lines(pieces)
+    return replace(pieces, smooth=smooth, level=pieces.level & smooth)
+
+
+def tightened(pieces: Pieces, joints: np.ndarray, widest: float) -> Pieces:
+    """The pieces with those of the joints (A,) bool smooth again that bend by less than `widest` radians."""
+    before = np.roll(pieces.lines, 1)
+    way = pieces.anchors - np.roll(pieces.anchors, 1, axis=0)
+    arrive = np.where(before[:, None], way, -pieces.incoming)
+    leave = np.where(pieces.lines[:, None], np.roll(way, -1, axis=0), pieces.outgoing)
+    bend = np.arctan2(arrive[:, 0] * leave[:, 1] - arrive[:, 1] * leave[:, 0], (arrive * leave).sum(1))
+    return replace(pieces, smooth=pieces.smooth | (joints & (np.abs(bend) < widest)))
+
+
 def with_level_lines(pieces: Pieces, weights: np.ndarray, feet: Feet) -> Pieces:
     """The same pieces if no line is level or upright within its standard errors, else with those exactly so."""
     tied, anchors = pieces.tied.copy(), pieces.anchors.copy()

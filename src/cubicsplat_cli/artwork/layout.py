@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.smoothing import LocalFits, local_fits
 # err together as far as the stretch takes to cross a row of samples; they count as one.
 GRID = 0.25  # px
 FLATTEST = 0.01
-CORNER_REACH = 1.5  # px around a corner in which points are biased
+CORNER_REACH = 1.4  # px around a corner in which points are biased; up to twice that they count less
 TIP_WIDTH = 0.6  # px between the flanks of a thin tip below which its points are biased
 FEWEST_KNOWN = 4  # points of a run that is more than a straight line
 # A corner is doubted, and kept only if it pays, when it turns less, or is nearer to another, than this.
@@ -69,7 +69,8 @@ class _Runs:
         weights = self.weights.copy()
         for at, turn in zip(corners.positions, corners.turns, strict=True):
             reach = TIP_WIDTH / max(math.sin(0.5 * (math.pi - abs(turn))), 0.12)
-            weights[np.hypot(*(self.points - at).T) < max(CORNER_REACH, reach)] = 0.0
+            away = np.hypot(*(self.points - at).T) / max(CORNER_REACH, reach)
+            weights *= np.clip(away - 1.0, 0.0, 1.0) ** 2
         return weights
 
     def between(self, corners: Corners, i: int, j: int) -> np.ndarray:

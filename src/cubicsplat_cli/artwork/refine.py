@@ -18,6 +18,7 @@ HUBER = 3.0  # sigmas beyond which a residual counts linearly
 ROUNDS = 8
 ENOUGH = 0.01  # relative gain of a round below which the fit has converged
 LARGEST_STEP = 2.0  # px
+LONGEST_HANDLE = 1.2  # of the distance between its piece's ends
 
 
 @dataclass(frozen=True)
@@ -270,7 +271,14 @@ class Variables:
         free_out = p.outgoing + step[np.where(self.free_out[:, None], self.vector_out[:, None] + pairs, -1)]
         incoming = np.where(self.long_in[:, None], -sizes_in[:, None] * d, free_in)
         outgoing = np.where(self.long_out[:, None], sizes_out[:, None] * d, free_out)
+        spans = np.hypot(*line.T)
+        incoming = _shortened(incoming, LONGEST_HANDLE * spans)
+        outgoing = _shortened(outgoing, LONGEST_HANDLE * np.roll(spans, -1))
         return replace(p, anchors=anchors, incoming=incoming, outgoing=outgoing)
+
+
+def _shortened(handles: np.ndarray, longest: np.ndarray) -> np.ndarray:
+    return handles * np.minimum(1.0, longest[:, None] / _norm(handles))
 
 
 def _norm(vectors: np.ndarray) -> np.ndarray:

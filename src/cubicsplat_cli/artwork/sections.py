@@ -26,7 +26,8 @@ BEND_PARAMETERS = 4  # of a line after a line where no corner was found
 PAIR_PARAMETERS = (LINE_PARAMETERS + CUBIC_PARAMETERS + 1, LINE_PARAMETERS + CUBIC_PARAMETERS)
 CORNER_ERRORS = (0.15, 0.3)  # px and radians: how well the ends at corners are known beforehand
 LEAST_ERRORS = (0.01, 0.01)  # px and radians
-LINE_SLACK = math.radians(2.0)  # between a line and the tangent where it meets a cubic smoothly
+LINE_SLACK = math.radians(0.5)  # between a line and the tangent where it meets a cubic smoothly
+HUBER = 3.0  # sigmas beyond which a residual counts linearly
 
 
 @dataclass(frozen=True)
@@ -181,35 +182,47 @@ def _fits(section: Section, nodes: _Nodes, first: np.ndarray, last: np.ndarray, 
     share = (np.arange(SAMPLES) + 0.5) / SAMPLES
     index = np.minimum((lo[:, None] + (hi - lo)[:, None] * share).astype(int), m - 1)
     points = section.fits.positions[index]
-    weights = section.weights[index] * ((hi - lo) / SAMPLES)[:, None]
+    share_of = ((hi - lo) / SAMPLES)[:, None]
+    weights = section.weights[index] * share_of
     ends = np.stack([nodes.at[first], nodes.at[last]], axis=1)
     tangents = np.stack([nodes.tangent[first], nodes.tangent[last]], axis=1)
     errors = np.stack([nodes.errors[first], nodes.errors[last]], axis=1)
+    single = section.weights[index]
     fits = fit_cubics(Ends(ends, tangents, errors), points, weights)
+    curve_misfit = _bounded(fits.squares * single, share_of) + fits.strain
     starts, stops = section.corners & (first == 0), section.corners & (last == len(nodes.index) - 1)
-    cubic_cost = 0.5 * fits.misfit + price * (CUBIC_PARAMETERS + starts - nodes.level[last])
-    line_cost = 0.5 * _line_misfit(points, weights) + price * LINE_PARAMETERS
-    line_cost += _strain(ends, tangents[:, 0]) * ~starts + _strain(ends, tangents[:, 1]) * ~stops
+    cubic_cost = 0.5 * curve_misfit + price * (CUBIC_PARAMETERS + starts - nodes.level[last])
+    line_cost = 0.5 * _bounded(_line_squares(points, weights) * single, share_of) + price * LINE_PARAMETERS
+    line_cost += (
+        _strain(ends, tangents[:, 0], errors[:, 0]) * ~starts + _strain(ends, tangents[:, 1], errors[:, 1]) * ~stops
+    )
     thirds = np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])[:, None]
     lines = ends[:, :1] * (1.0 - thirds) + ends[:, 1:] * thirds
     return lines, fits.cubics, line_cost, cubic_cost
 
 
-def _strain(ends: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+def _bounded(squares: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(P,) chi^2 of squared residuals in sigmas (P, K), linear beyond HUBER sigmas, each counted `share` (P, 1) times."""
+    z = np.sqrt(squares)
+    return (share * np.where(z <= HUBER, squares, HUBER * (2.0 * z - HUBER))).sum(axis=1)
+
+
+def _strain(ends: np.ndarray, tangents: np.ndarray, errors: np.ndarray) -> np.ndarray:
     """(P,) nats for the angle between lines (P, 2, 2) and the tangents (P, 2) where they meet a smooth run."""
     way = ends[:, 1] - ends[:, 0]
     angle = np.arctan2(way[:, 0] * tangents[:, 1] - way[:, 1] * tangents[:, 0], (way * tangents).sum(1))
-    return 0.5 * np.minimum(np.abs(angle) / LINE_SLACK, 30.0) ** 2
+    slack = LINE_SLACK + errors[:, 1]
+    return 0.5 * np.minimum(np.abs(angle) / slack, 30.0) ** 2
 
 
-def _line_misfit(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(P,) chi^2 of the best line through each run of points (P, K, 2)."""
+def _line_squares(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(P, K) squared distances, px^2, from the best line through each run of points (P, K, 2)."""
     total = np.maximum(weights.sum(1), 1e-12)
     centred = points - ((weights[..., None] * points).sum(1) / total[:, None])[:, None]
-    xx = (weights * centred[..., 0] ** 2).sum(1)
-    yy = (weights * centred[..., 1] ** 2).sum(1)
-    xy = (weights * centred[..., 0] * centred[..., 1]).sum(1)
-    return np.maximum(0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2), 0.0)
+    x, y = centred[..., 0], centred[..., 1]
+    xx, yy, xy = (weights * x * x).sum(1), (weights * y * y).sum(1), (weights * x * y).sum(1)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)[:, None]
+    return (x * np.sin(angle) - y * np.cos(angle)) ** 2
 
 
 def _cheapest(
