@@ -30,7 +30,7 @@ class Ends:
 
 @dataclass(frozen=True)
 class CubicFits:
-    """P cubics: control points (P, 4, 2) px, squared distances of their points (P, K) px^2, and chi^2 of the ends (P,)."""
+    """P cubics (P, 4, 2) px, the squared distances of their points (P, K) px^2, and chi^2 of their ends (P,)."""
 
     cubics: np.ndarray
     squares: np.ndarray

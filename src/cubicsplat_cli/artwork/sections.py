@@ -202,7 +202,7 @@ def _fits(section: Section, nodes: _Nodes, first: np.ndarray, last: np.ndarray, 
 
 
 def _bounded(squares: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(P,) chi^2 of squared residuals in sigmas (P, K), linear beyond HUBER sigmas, each counted `share` (P, 1) times."""
+    """(P,) chi^2 of squared residuals (P, K) in sigmas, linear beyond HUBER, each counted `share` (P, 1) times."""
     z = np.sqrt(squares)
     return (share * np.where(z <= HUBER, squares, HUBER * (2.0 * z - HUBER))).sum(axis=1)
 
