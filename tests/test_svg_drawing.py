@@ -57,6 +57,11 @@ def test_primitives_are_elements_of_their_own():
     assert found[4].get("transform") == "rotate(-30 120.5 60)"
 
 
+def test_a_rectangle_without_straight_sides_is_a_circle():
+    found = written(shape(Rectangle(10, 20, 40, 40.004, 20, 0.7)))[0]
+    assert found.attrib == {"id": "shape", "cx": "30", "cy": "40", "r": "20", "fill": "#f00"}
+
+
 def test_a_polygon_is_written_as_an_artist_would():
     corners = polygon(np.array([[10.0, 10.0], [50.0, 10.0], [62.5, 30.0], [62.5, 55.5], [10.0, 55.5]]))
     # The slanted side is the longest to write, so closing the path draws it.

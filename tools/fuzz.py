@@ -1,4 +1,5 @@
-"""Fuzzing of what reads files of others: pictures (`load_picture`) and drawings (`read_svg`, `check_untrusted`).
+"""Fuzzing of what reads files of others: pictures (`load_picture`), drawings (`read_svg`, `check_untrusted`), and
+pictures drawn as artwork, written and read back.
 
     python tools/fuzz.py --inputs 100000
 
@@ -21,7 +22,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 FINDS = Path(__file__).resolve().parents[1] / "tests" / "fuzz"
-TARGETS = ("picture", "drawing")
+TARGETS = ("picture", "drawing", "artwork")
 MOST_SECONDS = 5.0
 MOST_CHARACTERS = 1000
 MAX_PIXELS = 2_000_000
@@ -37,6 +38,8 @@ def try_input(target: str, data: bytes) -> str:
     from cubicsplat_cli.files.load import load_picture
     from cubicsplat_cli.svg import read_svg
 
+    if target == "artwork":
+        return _draw(data)
     outcomes = set()
     readers = {"load_picture": lambda: load_picture(data, max_pixels=MAX_PIXELS)}
     if target == "drawing":
@@ -59,6 +62,21 @@ def try_input(target: str, data: bytes) -> str:
             found.validate()
         outcomes.add("read")
     return "read" if "read" in outcomes else "refused"
+
+
+def _draw(data: bytes) -> str:
+    """A picture drawn as artwork, whose file must be one of ours; "refused" where nothing is left to draw."""
+    from cubicsplat_cli.artwork.vectorize import draw
+    from cubicsplat_cli.files.load import load_picture
+    from cubicsplat_cli.svg import read_drawing, read_svg, write_drawing
+
+    drawing = draw(load_picture(data).target())
+    text = write_drawing(drawing, title="x", comment="x")
+    written = read_drawing(text).shapes
+    if not written:
+        return "refused"
+    read_svg(text).validate()
+    return "read"
 
 
 def _work(pipe: Connection, target: str, seed: int, first: int, last: int) -> None:

@@ -14,9 +14,11 @@ import numpy as np
 import torch
 from PIL import Image
 
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, polygon, ring_of_cubics
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg import write_drawing, write_svg
 
 _EDGES = (0, 1, 2, 0x7F, 0x80, 0xFF)
 _WORDS = (0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0xFFFF, 0x10000)
@@ -31,8 +33,10 @@ _XML = (
 
 
 def make_input(target: str, number: int, seed: int) -> bytes:
-    """The bytes of one input: a sound file, damaged in one to eight ways."""
+    """The bytes of one input: a sound file, damaged in one to eight ways, or of artwork a sound picture of any kind."""
     rng = random.Random(f"{seed}:{target}:{number}")
+    if target == "artwork":
+        return artwork_input(np.random.default_rng([seed, number]))
     seeds = picture_seeds() if target == "picture" else drawing_seeds()
     data = bytearray(rng.choice(seeds))
     ways = PICTURE_WAYS if target == "picture" else DRAWING_WAYS
@@ -81,6 +85,39 @@ def picture_seeds() -> tuple[bytes, ...]:
     return (*(_saved(image, kind, options) for image, kind, options in saved), b"P3 2 1 255 1 2 3 4 5 6\n")
 
 
+def artwork_input(rng: np.random.Generator) -> bytes:
+    """A small PNG of flat shapes with hard or soft edges, thin lines, noise, checkers, or nothing, clear or not."""
+    width, height = (int(side) for side in rng.choice((1, 2, 3, 5, 8, 16, 24, 40), 2))
+    inks = rng.integers(0, 256, (8, 4)).astype(np.float32)
+    inks[:, 3] = np.where(rng.random(8) < 0.7, 255.0, inks[:, 3] * (rng.random(8) < 0.7))
+    zoom = int(rng.choice((1, 1, 4)))  # soft edges come of a larger drawing
+    pixels = np.empty((height * zoom, width * zoom, 4), np.float32)
+    pixels[:] = inks[0]
+    y, x = np.mgrid[: height * zoom, : width * zoom].astype(np.float32)
+    for ink in inks[1 : rng.integers(1, 8)]:
+        pixels[_shape(rng, x, y)] = ink
+    pixels = pixels.reshape(height, zoom, width, zoom, 4).mean(axis=(1, 3))
+    if rng.random() < 0.2:
+        pixels += rng.normal(0.0, rng.choice((1.0, 8.0, 80.0)), pixels.shape)
+    return _saved(Image.fromarray(np.clip(np.rint(pixels), 0, 255).astype(np.uint8)), "PNG", {})
+
+
+def _shape(rng: np.random.Generator, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(H, W) bool: an ellipse, a half-plane, a box, a thin line, a checkerboard, or scattered pixels."""
+    (cx, cy), (rx, ry) = rng.random(2) * x.shape[::-1], 0.5 + rng.random(2) * x.shape[::-1] / 2
+    angle = rng.random() * 2 * np.pi
+    across = (x - cx) * np.cos(angle) + (y - cy) * np.sin(angle)
+    forms = (
+        ((x - cx) / rx) ** 2 + ((y - cy) / ry) ** 2 < 1,
+        across > 0,
+        (np.abs(x - cx) < rx) & (np.abs(y - cy) < ry),
+        np.abs(across) < rng.choice((0.5, 1.0, 2.0)),
+        (x // max(1, int(rx)) + y // max(1, int(ry))) % 2 == 0,
+        rng.random(x.shape) < 0.1,
+    )
+    return forms[rng.integers(len(forms))]
+
+
 def _saved(image: Image.Image, kind: str, options: dict) -> bytes:
     buffer = io.BytesIO()
     image.save(buffer, kind, **options)
@@ -104,6 +141,13 @@ def drawing_seeds() -> tuple[bytes, ...]:
                     half_widths=torch.full((3,), 0.7 if mode is Mode.OPEN else 0.0),
                 )  # fmt: skip
                 found.append(write_svg(scene, precision=precision, title="a & b", comment="cubicsplat").encode())
+    ring = ring_of_cubics(rng.normal(10, 6, (4, 4, 2)), smooth=True)
+    outlines = (ring, polygon(rng.normal(10, 6, (5, 2))), Circle(9, 8, 5), Ellipse(9, 8, 5, 3, 0.4))
+    shapes = [Shape((9, 99, 200, 255), outlines, "all"), Shape((1, 2, 3, 99), (Rectangle(1, 2, 9, 8, 2, 0.3),), "r")]
+    shapes += [Shape((255, 0, 0, 255), (outline,), "one") for outline in outlines]
+    found += [
+        write_drawing(Drawing(24, 20, tuple(shapes)), precision=p, title="a", comment="c").encode() for p in (0, 2, 6)
+    ]
     foreign = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><g><rect width="1e1" height="5%"/></g></svg>'
     return (*found, foreign, b"\xef\xbb\xbf" + foreign, foreign.decode().encode("utf-16"))
 

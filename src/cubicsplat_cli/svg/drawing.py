@@ -81,8 +81,11 @@ def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> Element
     if isinstance(outline, Ellipse):
         lengths = {"cx": outline.cx, "cy": outline.cy, "rx": outline.rx, "ry": outline.ry}
         return _turned(_shown("ellipse", lengths, "rx", precision), outline.angle, outline.cx, outline.cy, precision)
-    # Both ends of a side are rounded, so that it meets its neighbours'.
     unit = 10.0**precision
+    if max(outline.width, outline.height) - 2.0 * outline.radius < 1.0 / unit:  # nothing but round corners
+        middle = (outline.x + outline.width / 2.0, outline.y + outline.height / 2.0)
+        return _primitive(Circle(*middle, outline.radius), precision)
+    # Both ends of a side are rounded, so that it meets its neighbours'.
     left, right = (int(to_steps(x, precision)) / unit for x in (outline.x, outline.x + outline.width))
     top, bottom = (int(to_steps(y, precision)) / unit for y in (outline.y, outline.y + outline.height))
     lengths = {"x": left, "y": top, "width": right - left, "height": bottom - top, "rx": outline.radius}
