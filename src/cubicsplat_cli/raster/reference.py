@@ -21,7 +21,6 @@ from torch import Tensor
 from cubicsplat_cli.bezier import polyline_basis
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.raster.settings import (
-    EXACT_ROWS,
     EXACT_SUBSAMPLES,
     HALF_SUPPORT,
     MAX_ALPHA,
@@ -207,23 +206,61 @@ def coverage_exact(vertices: Polyline, half_width: Tensor, mode: Mode, width: in
 
 
 def _fill_coverage(vertices: Polyline, width: int, height: int) -> Tensor:
-    """Mean over the sub-scanlines of a pixel row of the length inside the pixel: exact in x, sampled in y."""
+    """Area of each pixel (H, W) in which the winding number is not zero, exact in x and y.
+
+    The picture is cut at all heights where an edge begins, ends or crosses another, so that between two neighbouring
+    cuts the edges keep their order and bound trapezoids.
+    """
     a, b = edges(vertices, Mode.CLOSED)
-    rows = height * EXACT_ROWS
-    y = (torch.arange(rows, dtype=torch.float64, device=a.device) + 0.5) / EXACT_ROWS
-    crossing, direction = _crossings(a, b, y.unsqueeze(-1))
+    y = _cuts(a, b, height)
+    middle, thickness = 0.5 * (y[1:] + y[:-1]), y[1:] - y[:-1]
+    crossing, direction = _crossings(a, b, middle.unsqueeze(-1))
     # The few true crossings of each line come first when sorted; the rest, at infinity, is cut off.
     crossing, order = crossing.sort(dim=-1)
     most = int((direction != 0).sum(-1).max())
-    crossing, direction = crossing[:, :most], direction.gather(-1, order)[:, :most]
-    inside = direction.cumsum(-1) != 0
-    pixel = torch.arange(width, dtype=torch.float64, device=a.device)
-    covered = torch.zeros(rows, width, dtype=torch.float64, device=a.device)
-    for k in range(most - 1):
-        start, end = crossing[:, k, None], crossing[:, k + 1, None]
-        length = (torch.minimum(end, pixel + 1.0) - torch.maximum(start, pixel)).clamp(min=0.0)
-        covered += torch.where(inside[:, k, None], length, 0.0)
-    return covered.view(height, EXACT_ROWS, width).mean(dim=1)
+    crossing, order = crossing[:, :most], order[:, :most]
+    inside = (direction.gather(-1, order).cumsum(-1) != 0).double()
+    enters = inside - torch.nn.functional.pad(inside, (1, 0))[:, :-1]
+    v = b - a
+    slope = torch.where(direction != 0, v[:, 0] / torch.where(v[:, 1] != 0.0, v[:, 1], 1.0), 0.0).gather(-1, order)
+    half = 0.5 * thickness.unsqueeze(-1) * slope.abs()
+    right = torch.arange(width, dtype=torch.float64, device=a.device) + 1.0
+    covered = torch.zeros(len(middle), width, dtype=torch.float64, device=a.device)
+    for k in range(most):
+        beyond = right - crossing[:, k, None].nan_to_num(posinf=width + 1.0)
+        covered += enters[:, k, None] * _mean_of_ramp(beyond - half[:, k, None], beyond + half[:, k, None])
+    rows = torch.zeros(height, width, dtype=torch.float64, device=a.device)
+    return rows.index_add(0, middle.long(), covered * thickness.unsqueeze(-1)).clamp(0.0, 1.0)
+
+
+def _cuts(a: Tensor, b: Tensor, height: int) -> Tensor:
+    """Heights within the picture, rising: the pixel rows' sides, the ends of the edges, and where two edges cross."""
+    v = b - a
+    across = _cross(v.unsqueeze(1), v)
+    between = a - a.unsqueeze(1)
+    parallel = across == 0.0
+    along = torch.where(parallel, torch.nan, _cross(between, v) / torch.where(parallel, 1.0, across))
+    along_other = torch.where(parallel, torch.nan, _cross(between, v.unsqueeze(1)) / torch.where(parallel, 1.0, across))
+    meet = (along > 0.0) & (along < 1.0) & (along_other > 0.0) & (along_other < 1.0)
+    crossings = (a[:, 1].unsqueeze(1) + along * v[:, 1].unsqueeze(1))[meet]
+    sides = torch.arange(height + 1, dtype=torch.float64, device=a.device)
+    return torch.cat((sides, a[:, 1], crossings)).clamp(0.0, float(height)).unique()
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _mean_of_ramp(low: Tensor, high: Tensor) -> Tensor:
+    """Mean of clamp(u, 0, 1) over low <= u <= high."""
+
+    def antiderivative(u: Tensor) -> Tensor:
+        return 0.5 * u.clamp(0.0, 1.0) ** 2 + u.clamp(min=1.0) - 1.0
+
+    width = high - low
+    thin = width < 1e-9
+    mean = (antiderivative(high) - antiderivative(low)) / torch.where(thin, 1.0, width)
+    return torch.where(thin, (0.5 * (low + high)).clamp(0.0, 1.0), mean)
 
 
 def _stroke_coverage(vertices: Polyline, half_width: Tensor, width: int, height: int) -> Tensor:

@@ -21,6 +21,7 @@ struct Outline {
   uint64_t* near;           // for each block, the set of the edges within reach of its pixel centres
   uint32_t words;           // of each of these sets
   Lanes* crossings;         // scratch for exact fills, twice as many as edges; shared by the tile's pairs
+  bool arc;                 // fills to be covered exactly: all the edges together are a single arc
   uint16_t full, mixed;     // blocks that the primitive covers altogether, and those near its outline
   // Fills: winding number at the left side of each block's rows, from all edges but those near the block.
   float winding[kBlock][kBlocks];
@@ -30,6 +31,38 @@ struct Outline {
   CS_INLINE void each_near(const Block& block, Visit&& visit) const {
     each_member(near_block(block.number), words, visit);
   }
+};
+
+// Collects the edges of a chain and says whether they form a single arc: each begins where the one before ends, and their
+// directions lie within less than half a turn, so that the chain cannot cross itself. It may run over the end of the list,
+// as rings do.
+class ArcTest {
+ public:
+  CS_INLINE void add(const TileEdge& e) {
+    if (last_)
+      gaps_ += last_->bx != e.ax || last_->by != e.ay;
+    else
+      first_ = &e;
+    last_ = &e;
+    if (e.vx == 0.0f && e.vy == 0.0f) return;
+    if (!left_) left_ = right_ = &e;
+    const bool before = cross(*left_, e) < 0.0f, behind = cross(*right_, e) > 0.0f;
+    if (before) left_ = &e;
+    if (behind) right_ = &e;
+    within_ &= !(before && behind) && (left_ == right_ || cross(*left_, *right_) > 0.0f);
+  }
+
+  CS_INLINE bool passed() const {
+    return within_ && gaps_ + (last_->bx != first_->ax || last_->by != first_->ay) == 1;
+  }
+
+ private:
+  const TileEdge *first_ = nullptr, *last_ = nullptr;
+  const TileEdge *left_ = nullptr, *right_ = nullptr;  // the outermost directions
+  int gaps_ = 0;
+  bool within_ = true;
+
+  static CS_INLINE float cross(const TileEdge& a, const TileEdge& b) { return a.vx * b.vy - a.vy * b.vx; }
 };
 
 // The tile's pairs, front to back, and for each block the set of those that show in it.
@@ -141,7 +174,12 @@ class Gatherer {
       for (unsigned m = near; m; m &= m - 1) o.near[lowest_bit(m) * o.words + i / 64] |= uint64_t(1) << (i % 64);
       if (task_.scene->closed) pass(e, sight, winding);
     }
-    if (task_.scene->closed) settle(pair, winding, o);
+    if (!task_.scene->closed) return;
+    settle(pair, winding, o);
+    ArcTest test;
+    if (task_.settings->exact)
+      for (uint32_t i = 0; i < pair.edge_count; i++) test.add(o.edges[i]);
+    o.arc = task_.settings->exact && test.passed();
   }
 
   // Adds an edge to the winding numbers of the blocks that it passes on their left.
