@@ -23,7 +23,7 @@ from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate import compare, rerender
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.fit import FitSettings
+from cubicsplat_cli.settings import FitSettings
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "bench.md"
 SHORT = ("--steps", 12, "--threads", 1)
@@ -53,7 +53,7 @@ def folder(tmp_path: Path) -> Path:
 
 def jobs_of(folder: Path, **overrides):
     settings = {"steps": 12, "threads": 1} | overrides
-    return quality_jobs(sorted(folder.iterdir()), ["closed"], [5], "draft", settings)
+    return quality_jobs(sorted(folder.iterdir()), ["closed"], [5], {"preset": "draft", **settings})
 
 
 # --- quality -----------------------------------------------------------------------------------------------
@@ -121,14 +121,14 @@ def test_a_bad_picture_is_reported_once_and_the_others_go_on(folder):
 
 
 def test_a_fit_that_breaks_down_is_reported_with_its_configuration(folder, monkeypatch):
-    original = runs.vectorize
+    original = runs.vectorize_picture
 
     def sometimes(picture, settings, **options):
         if settings.curves == 5:
             raise EngineError("the fit broke\ndown")
         return original(picture, settings, **options)
 
-    monkeypatch.setattr(runs, "vectorize", sometimes)
+    monkeypatch.setattr(runs, "vectorize_picture", sometimes)
     done = run("quality", folder, "--curves", "4,5", *SHORT)
     assert done.exit_code == 1
     assert "cubicsplat: failed: a.png, closed 5: the fit broke down" in done.stderr
@@ -142,7 +142,7 @@ def test_a_fit_that_breaks_down_is_reported_with_its_configuration(folder, monke
 def test_a_second_run_takes_everything_from_the_cache(folder, tmp_path, monkeypatch):
     cache = tmp_path / "new" / "cache"
     first = run_all(jobs_of(folder), cache, quiet, lambda _: None)
-    monkeypatch.setattr(runs, "vectorize", lambda *_, **__: pytest.fail("fitted again"))
+    monkeypatch.setattr(runs, "vectorize_picture", lambda *_, **__: pytest.fail("fitted again"))
     said: list[str] = []
     second = run_all(jobs_of(folder), cache, quiet, said.append)
     assert [svg for _, svg in second.done] == [svg for _, svg in first.done]
@@ -279,14 +279,14 @@ def test_ablation_table_and_json_agree(folder, tmp_path):
 
 
 def test_change_is_over_the_pictures_that_both_have(folder, monkeypatch):
-    original = runs.vectorize
+    original = runs.vectorize_picture
 
     def fail_one(picture, settings, **options):
         if settings.recipe.opaque and picture.source.endswith("b.png"):
             raise EngineError("broke")
         return original(picture, settings, **options)
 
-    monkeypatch.setattr(runs, "vectorize", fail_one)
+    monkeypatch.setattr(runs, "vectorize_picture", fail_one)
     done = run("ablation", folder, "--curves", 4, "--mode", "closed", "--rows", "opaque", *SHORT, "--json")
     assert done.exit_code == 1
     found = strict(done.stdout)
@@ -315,7 +315,7 @@ def test_all_rows_without_a_choice_and_unknown_ones_are_refused():
     ],
 )  # fmt: skip
 def test_wrong_values_are_refused_before_any_work(folder, arguments, monkeypatch):
-    monkeypatch.setattr(runs, "vectorize", lambda *_, **__: pytest.fail("worked"))
+    monkeypatch.setattr(runs, "vectorize_picture", lambda *_, **__: pytest.fail("worked"))
     assert isinstance(run("quality", folder, *arguments).exception, UsageError)
 
 

@@ -16,7 +16,7 @@ from cubicsplat_cli.bench.step import measure_step, step_lines, total_steps
 from cubicsplat_cli.bench.synthetic import synthetic_picture
 from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.fit import FitSettings
+from cubicsplat_cli.settings import FitSettings
 
 SMALL = {"curves": 6, "threads": 1, "steps": 20}
 

@@ -18,8 +18,8 @@ from cubicsplat_cli import __main__
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.cli import app as app_module
 from cubicsplat_cli.cli import doctor as doctor_module
-from cubicsplat_cli.cli import options
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.settings import FitSettings, Recipe, settings_of
 
 try:
     import resource
@@ -94,15 +94,11 @@ def test_documented_defaults_and_choices_are_the_real_ones():
             assert rows[name][1] == str(default), name
             checked += 1
     assert checked >= 6
-    for name, choice in (
-        ("--mode", options.ModeChoice),
-        ("--preset", options.PresetChoice),
-        ("--device", options.DeviceChoice),
-        ("--importance", options.ImportanceChoice),
-        ("--flatten", options.FlattenChoice),
-        ("--edges", options.EdgesChoice),
-    ):
-        assert f"`{name} {'/'.join(c.value for c in choice)}`" == rows[name][0]
+    for owner in (FitSettings, Recipe):
+        for field, known in settings_of(owner):
+            if known.choices:
+                option = f"--{field.name.replace('_', '-')}"
+                assert f"`{option} {'/'.join(known.choices)}`" == rows[option][0]
 
 
 # Runs the command with each line of arguments, one after the other; after each, what is imported of the heavy modules.
@@ -183,32 +179,6 @@ def test_public_names_exist():
         _ = cubicsplat_cli.nonsense
 
 
-def test_limits_are_those_of_the_modules_they_speak_for():
-    from cubicsplat_cli.errors import CubicSplatError
-    from cubicsplat_cli.files.load import DEFAULT_MAX_PIXELS
-    from cubicsplat_cli.fit import FitSettings
-    from cubicsplat_cli.settings import PRESETS, Mode
-    from cubicsplat_cli.svg.quantise import MAX_PRECISION
-
-    assert options.DEFAULT_MAX_PIXELS == DEFAULT_MAX_PIXELS
-    assert options.MAX_PRECISION == MAX_PRECISION
-    assert {choice.value for choice in options.PresetChoice} == set(PRESETS)
-    assert {choice.value for choice in options.ModeChoice} == {mode.value for mode in Mode}
-    ranges = {
-        "curves": (1, options.MAX_CURVES),
-        "steps": (1, options.MAX_STEPS),
-        "segments": (1, options.MAX_SEGMENTS),
-        "samples": (options.MIN_SAMPLES, options.MAX_SAMPLES),
-        "threads": (1, options.MAX_THREADS),
-    }
-    for name, (least, most) in ranges.items():
-        for value in (least, most):
-            assert getattr(FitSettings(**{name: value}), name) == value
-        for value in (least - 1, most + 1):
-            with pytest.raises(CubicSplatError, match=name):
-                FitSettings(**{name: value})
-
-
 def test_doctor_reports_versions_renderers_and_engine(run_cli, capsys):
     done = run_cli("doctor", "--json")
     assert done.returncode == 0, done.stdout
@@ -279,22 +249,20 @@ def test_an_empty_name_is_an_unset_variable(arguments, run_cli):
     assert b"a file name is empty" in done.stderr
 
 
-def test_every_fit_setting_has_one_option_and_the_library_takes_it():
-    from cubicsplat_cli.cli.fit_options import FitOptions, fit_overrides
-    from cubicsplat_cli.fit import FitSettings
+def test_every_setting_of_a_fit_has_one_option_and_the_library_takes_it():
+    from cubicsplat_cli.cli.options import fit_settings
 
-    names = list(FitOptions.__annotations__)
-    declared = {p.name for p in COMMANDS["vectorize"].params}
-    assert set(names) <= declared
-    preset, overrides = fit_overrides({name: getattr(FitOptions, name) for name in names})
-    assert FitSettings.from_preset(preset, **overrides) == FitSettings.from_preset()
+    names = [field.name for owner in (FitSettings, Recipe) for field, _ in settings_of(owner)]
+    assert set(names) <= {p.name for p in COMMANDS["vectorize"].params}
+    defaults = {p.name: p.default for p in COMMANDS["vectorize"].params if p.name in names}
+    assert fit_settings(defaults) == FitSettings()
     chosen = {
         "curves": 9, "mode": "open", "preset": "draft", "steps": 3, "time_limit": 4.5, "segments": 2, "samples": 9,
         "device": "cpu", "threads": 2, "seed": 5, "background": "teal", "opaque": True, "prune": False,
         "importance": "visibility", "geometric_reg": 0.5, "flatten": "de-casteljau", "edges": "soft",
     }  # fmt: skip
     assert set(chosen) == set(names)
-    settings = FitSettings.from_preset(*fit_overrides(chosen)[:1], **fit_overrides(chosen)[1])
+    settings = fit_settings(chosen)
     for name, value in {**chosen, "background": "#008080"}.items():
         holder = settings if hasattr(settings, name) else settings.recipe
         assert getattr(holder, name) == value, name

@@ -6,18 +6,21 @@ import gzip
 import os
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from cubicsplat_cli.cli import console
-from cubicsplat_cli.cli.options import parse_background
+from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.display import progress_text
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.evaluate.report import to_json
 from cubicsplat_cli.files.marks import hashes_in, provenance_comment, settings_hash
-from cubicsplat_cli.files.names import check_outputs, is_ours, plan_outputs
+from cubicsplat_cli.files.names import is_compressed_name, plan_outputs
+from cubicsplat_cli.files.ownership import check_outputs, is_ours
 from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.report import to_json
+from cubicsplat_cli.settings import parse_background
+from cubicsplat_cli.words import duration, file_size
 
 
 def names(outputs) -> list[str]:
@@ -61,7 +64,7 @@ def test_compressed_outputs(folder):
     jpeg = folder / "photo.jpg"
     assert names(plan_outputs(jpeg, None, png=False, compress=True)) == ["photo.svgz", "photo.json"]
     assert names(plan_outputs(jpeg, str(folder / "x.svgz"), png=False)) == ["x.svgz", "x.json"]
-    assert plan_outputs(jpeg, str(folder / "x.svgz"), png=False).compressed
+    assert is_compressed_name(plan_outputs(jpeg, str(folder / "x.svgz"), png=False).svg)
     with pytest.raises(UsageError, match=r"\.svgz"):
         plan_outputs(jpeg, str(folder / "x.svg"), png=False, compress=True)
 
@@ -111,9 +114,10 @@ def test_our_files_are_known_by_their_marks(folder):
         foreign = (gzip.decompress(data) if packed else data).replace(b"cubicsplat", b"inkscape  ")
         (folder / name).write_bytes(gzip.compress(foreign) if packed else foreign)
         assert not is_ours(folder / name), name
-        for broken in (b"", data[:20]):
-            (folder / name).write_bytes(broken)
-            assert not is_ours(folder / name), name
+        (folder / name).write_bytes(data[:20])
+        assert is_ours(folder / name) is (name == "a.json"), "a report that was cut short is nobody else's"
+        (folder / name).write_bytes(b"")
+        assert is_ours(folder / name), "a crashed disk leaves files without a byte"
 
 
 def test_impossible_outputs_are_found_before_the_work(folder):
@@ -141,7 +145,14 @@ def test_settings_hash_depends_on_values_not_on_order():
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("auto", "auto"), ("NONE", "none"), ("#FfCc00", "#ffcc00"), ("#fc0", "#ffcc00"), ("teal", "#008080")],
+    [
+        ("auto", "auto"),
+        ("NONE", "none"),
+        ("transparent", "none"),
+        ("#FfCc00", "#ffcc00"),
+        ("#fc0", "#ffcc00"),
+        ("teal", "#008080"),
+    ],
 )
 def test_backgrounds(text, value):
     assert parse_background(text) == value
@@ -149,7 +160,7 @@ def test_backgrounds(text, value):
 
 @pytest.mark.parametrize("text", ["", "#12", "#12345678", "ffcc00", "not a colour", "rgba(1,2,3,4)"])
 def test_bad_backgrounds_are_usage_errors(text):
-    with pytest.raises(UsageError, match="--background"):
+    with pytest.raises(UsageError, match="background"):
         parse_background(text)
 
 
@@ -165,29 +176,28 @@ def test_bad_backgrounds_are_usage_errors(text):
     ],
 )
 def test_durations(seconds, text):
-    assert console.duration(seconds) == text
+    assert duration(seconds) == text
 
 
 @pytest.mark.parametrize(
     ("count", "text"), [(612, "612 B"), (1234, "1.2 kB"), (61_400, "61 kB"), (999_600, "1.0 MB"), (6_400_000, "6.4 MB")]
 )
 def test_file_sizes(count, text):
-    assert console.file_size(count) == text
+    assert file_size(count) == text
 
 
-def progress(step: int, **values):
-    known = {"psnr_db": 28.314, "ms_per_step": 14.23, "replaced": 320, "seconds_left": 23.4}
-    return SimpleNamespace(step=step, steps=100, **(known | values))
+def progress(step: int) -> Progress:
+    return Progress(step / 100, step, 100, psnr_db=28.314, ms_per_step=14.23, replaced=320, seconds_left=23.4)
 
 
-def test_progress_text_leaves_out_what_is_not_known():
-    assert console.progress_text(progress(1)) == "28.31 dB  14.2 ms/step  320 replaced  23 s left"
-    unknown = progress(1, psnr_db=float("nan"), seconds_left=float("inf"))
-    assert console.progress_text(unknown) == "14.2 ms/step  320 replaced"
+def test_progress_begins_with_what_matters_and_is_cut_to_the_room():
+    assert progress_text(progress(1)) == "  1 %  23 s left  28.3 dB  14.2 ms/step  320 replaced"
+    assert progress_text(progress(1), 26) == "  1 %  23 s left  28.3 dB"
+    assert progress_text(progress(100), 3) == "100 %"
 
 
 def test_plain_progress_is_a_few_lines_and_goes_to_stderr(capsys):
-    with console.Reporter(quiet=False, verbose=True).progress("x") as show:
+    with Reporter(quiet=False, verbose=True).progress("x") as show:
         for step in range(1, 101):
             show(progress(step))
     out, err = capsys.readouterr()
@@ -197,14 +207,16 @@ def test_plain_progress_is_a_few_lines_and_goes_to_stderr(capsys):
 
 
 @pytest.mark.parametrize(("quiet", "verbose"), [(True, False), (True, True), (False, False)])
-def test_no_progress_where_none_was_asked_for(quiet, verbose):
+def test_no_progress_where_none_was_asked_for(quiet, verbose, capsys):
     assert not sys.stderr.isatty()
-    with console.Reporter(quiet=quiet, verbose=verbose).progress("x") as show:
-        assert show is None
+    with Reporter(quiet=quiet, verbose=verbose).progress("x") as show:
+        for step in range(1, 101):
+            show(progress(step))
+    assert capsys.readouterr().err == ""
 
 
 def test_messages_stay_one_line(capsys):
-    reporter = console.Reporter(quiet=False, verbose=False)
+    reporter = Reporter(quiet=False, verbose=False)
     reporter.note("a\nb\x1b[31m")
     reporter.detail("hidden")
     assert capsys.readouterr().err == "cubicsplat: note: a\\nb\\x1b[31m\n"

@@ -211,7 +211,7 @@ def test_the_order_of_threads_brings_out_a_missing_barrier():
 
 def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(monkeypatch):
     """The whole trainer with the CUDA engine in the CPU engine's place, exact finish included."""
-    from cubicsplat_cli.fit import FitSettings, fit, trainer
+    from cubicsplat_cli.photo import FitSettings, fit, trainer
 
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 40, 32, background=PAPER), 4).numpy()
     levels = []

@@ -15,8 +15,7 @@ from typer.testing import CliRunner, Result
 
 from cubicsplat_cli.cli import eval as command
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate.scaled import MAX_SCALE
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import SCALE, Mode
 from cubicsplat_cli.svg import write_svg
 
 app = typer.Typer()
@@ -120,8 +119,5 @@ def test_wrong_usage(folders, tmp_path):
     assert isinstance(done.exception, UsageError)
     done = run(folders[0] / "b.png", folders[1] / "b.png", "--scale", 2)
     assert isinstance(done.exception, UsageError)
-    assert run(folders[0] / "a.png", folders[1] / "a.svg", "--scale", MAX_SCALE + 1).exit_code == 2
-
-
-def test_limits_are_those_of_the_evaluation():
-    assert command.MAX_SCALE == MAX_SCALE
+    done = run(folders[0] / "a.png", folders[1] / "a.svg", "--scale", SCALE.most + 1)
+    assert isinstance(done.exception, UsageError)

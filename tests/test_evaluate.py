@@ -13,17 +13,16 @@ from scenes import PAPER, as_arguments, random_scene
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate import (
-    Quality,
     agreement_db,
     available_renderers,
     compare,
     compare_premultiplied,
     rerender,
 )
-from cubicsplat_cli.evaluate.report import gap_db, quality_fields, to_json
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.report import Quality, gap_db, plain, to_json
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import quantise_scene, write_svg
@@ -203,7 +202,7 @@ def test_identical_pictures_have_no_psnr():
     pixels = noise(20, 15)
     quality = compare(picture(pixels / 255), pixels)
     assert quality == Quality(None, 1.0, True)
-    assert "Infinity" not in to_json(quality_fields(quality))
+    assert "Infinity" not in to_json(quality)
     opaque = np.dstack([pixels, np.full((20, 15), 255, np.uint8)])
     assert compare(picture(pixels / 255), opaque).identical
     assert compare_premultiplied(picture(pixels / 255), pixels / 255).identical
@@ -215,7 +214,7 @@ def test_small_pictures_have_no_ssim_but_a_reason(height, width):
     assert quality.ssim is None
     assert "11" in quality.ssim_note
     assert quality.psnr_db > 20
-    assert quality_fields(quality)["ssim"] is None
+    assert plain(quality)["ssim"] is None
 
 
 def test_transparency_reports_the_worse_of_black_and_white():

@@ -1,4 +1,4 @@
-"""The judgement of one candidate, folders matched by name, and figures as tables."""
+"""The comparison of one candidate, folders matched by name, and figures as tables."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from PIL import Image
 from scenes import PAPER, random_scene
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate.comparison import Change, compare_with
 from cubicsplat_cli.evaluate.folders import match_folders, pictures_in
-from cubicsplat_cli.evaluate.judge import Change, judge
-from cubicsplat_cli.evaluate.metrics import Quality
-from cubicsplat_cli.evaluate.report import to_json
-from cubicsplat_cli.evaluate.table import csv_text, number, text_table
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.report import Quality, plain, to_json
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.tables import csv_text, number, text_table
 
 SCENE = random_scene(Mode.CLOSED, curves=9, width=40, height=28, background=PAPER, seed=6)
 SVG = write_svg(SCENE, title="t", comment="cubicsplat test").encode()
@@ -34,12 +33,12 @@ def reference() -> Picture:
 
 
 def judged(data: bytes = SVG, *, is_svg: bool = True, picture: Picture | None = None, **options):
-    return judge(picture or reference(), "photo.png", data, "c", is_svg=is_svg, threads=1, **options)
+    return compare_with(picture or reference(), "photo.png", data, "c", is_svg=is_svg, threads=1, **options)
 
 
 def test_scale_figures_of_file_and_engine():
     found = judged(scale=3)
-    assert (found.kind, found.size, found.notes) == ("svg", len(SVG), [])
+    assert (found.candidate.kind, found.candidate.data, found.notes) == ("svg", SVG, [])
     scale = found.scale
     assert scale.factor == 3
     assert scale.file.native == found.quality
@@ -49,15 +48,15 @@ def test_scale_figures_of_file_and_engine():
     for change in (scale.file, scale.engine):
         assert change.change_db == pytest.approx(change.scaled.psnr_db - change.native.psnr_db)
         assert 0 < abs(change.change_db) < 0.1
-    fields = found.fields()["scale"]
+    fields = plain(found.public())["scale"]
     assert (fields["width"], fields["height"]) == (120, 84)
     assert fields["svg"]["change_db"] == pytest.approx(scale.file.change_db, abs=1e-3)
     assert fields["engine"]["scaled"]["psnr_db"] == pytest.approx(scale.engine.scaled.psnr_db, abs=1e-3)
-    assert "NaN" not in to_json(found.fields())
+    assert "NaN" not in to_json(found.public())
 
 
 def test_without_a_scale_there_is_no_such_member():
-    assert "scale" not in judged().fields()
+    assert "scale" not in judged().public()
     assert judged().scale is None
 
 
@@ -72,7 +71,7 @@ def test_files_whose_engine_figures_would_be_wrong_have_none_and_a_note(data, pi
     large = load_picture(encode(Image.fromarray(smooth_pixels(80, 56)))) if picture else None
     found = judged(data, picture=large, scale=2)
     assert found.scale.engine is None
-    assert found.fields()["scale"]["engine"] is None
+    assert found.public()["scale"]["engine"] is None
     assert found.scale.file.scaled.psnr_db > 5
     assert said in found.notes[-1]
 
@@ -80,10 +79,10 @@ def test_files_whose_engine_figures_would_be_wrong_have_none_and_a_note(data, pi
 def test_pictures_have_no_scale_and_senseless_scales_are_refused():
     data = encode(Image.fromarray(smooth_pixels(40, 28)))
     same = judged(data, is_svg=False)
-    assert (same.kind, same.quality.identical, same.fields()["quality"]["renderer"]) == ("raster", True, None)
+    assert (same.candidate.kind, same.quality.identical, same.public()["quality"]["renderer"]) == ("raster", True, None)
     with pytest.raises(UsageError, match="scale"):
         judged(data, is_svg=False, scale=2)
-    with pytest.raises(UsageError, match="between 1 and 12"):
+    with pytest.raises(UsageError, match="from 1 to 12"):
         judged(scale=13)
 
 

@@ -10,11 +10,12 @@ import torch
 from conftest import smooth_pixels
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.fit import FitResult, FitSettings, Progress, fit
-from cubicsplat_cli.fit.trainer import Trainer, choose_background, psnr
+from cubicsplat_cli.photo import FitResult, fit
+from cubicsplat_cli.photo.trainer import Trainer, choose_background, psnr
+from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import FitSettings, Mode
 
 MODES = pytest.mark.parametrize("mode", ["closed", "open"])
 

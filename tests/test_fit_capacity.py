@@ -8,14 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
 
-from cubicsplat_cli.fit import FitSettings
-from cubicsplat_cli.fit.blobs import blob_points, find_blobs
-from cubicsplat_cli.fit.capacity import error_density, gini, reallocate
-from cubicsplat_cli.fit.initial import colours_at, control_points, draw_pixels, new_curves, random_centres
-from cubicsplat_cli.fit.parameters import Parameters
-from cubicsplat_cli.fit.smoothing import box_mean
+from cubicsplat_cli.photo.blobs import blob_points, find_blobs
+from cubicsplat_cli.photo.capacity import error_density, gini, reallocate
+from cubicsplat_cli.photo.initial import colours_at, control_points, draw_pixels, new_curves, random_centres
+from cubicsplat_cli.photo.parameters import Parameters
+from cubicsplat_cli.photo.smoothing import box_mean
 from cubicsplat_cli.raster.engine import OptimiserState
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import FitSettings, Mode
 
 MODES = pytest.mark.parametrize("mode", ["closed", "open"])
 VALUES = st.lists(st.floats(-10, 1e6, allow_nan=False, width=32), min_size=1, max_size=30)

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PAPER, random_scene, straight
 
-from cubicsplat_cli.fit.blobs import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
-from cubicsplat_cli.fit.geometric import crossing_gradient, crossing_penalty
-from cubicsplat_cli.fit.settle import settle
-from cubicsplat_cli.fit.threads import one_torch_thread
+from cubicsplat_cli.photo.blobs import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
+from cubicsplat_cli.photo.geometric import crossing_gradient, crossing_penalty
+from cubicsplat_cli.photo.settle import settle
+from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.settings import FitSettings, Mode
 
 

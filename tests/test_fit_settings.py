@@ -12,9 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.fit import FitSettings, Recipe
-from cubicsplat_cli.fit.schedule import Schedule
-from cubicsplat_cli.settings import PRESETS, Mode, parse_background
+from cubicsplat_cli.photo.schedule import Schedule
+from cubicsplat_cli.settings import PRESETS, FitSettings, Mode, Recipe
 
 SHARES = st.floats(0.0, 1.0, exclude_max=True)
 
@@ -38,7 +37,7 @@ def test_senseless_settings_are_refused_by_name(name, value):
 
 
 def test_subdivision_is_refused_on_cuda():
-    with pytest.raises(UsageError, match="only the CPU has flatten de-casteljau: use device cpu or auto"):
+    with pytest.raises(UsageError, match="de-casteljau runs on the CPU only; use device cpu or auto"):
         FitSettings.from_preset("standard", device="cuda", flatten="de-casteljau")
     assert FitSettings.from_preset("standard", flatten="de-casteljau").device == "auto"
 
@@ -57,7 +56,7 @@ def test_senseless_recipes_are_refused_by_name(name, value):
 
 
 def test_unknown_presets_and_settings_are_refused():
-    with pytest.raises(UsageError, match=r"best.*draft"):
+    with pytest.raises(UsageError, match=r"draft.*best"):
         FitSettings.from_preset("best")
     with pytest.raises(UsageError, match="colour"):
         FitSettings.from_preset("draft", colour=3)
@@ -78,12 +77,22 @@ def test_explicit_values_win_over_every_preset(preset, mode):
             assert getattr(changed.recipe, field.name) == getattr(plain.recipe, field.name), field.name
 
 
-def test_explicit_samples_are_used_exactly():
-    assert FitSettings.from_preset("standard").recipe.tolerance > 0.0
-    for samples, finish in ((8, 24), (48, 48)):
-        settings = FitSettings.from_preset("standard", samples=samples)
-        assert (settings.samples, settings.finish_samples, settings.recipe.tolerance) == (samples, finish, 0.0)
-    assert FitSettings.from_preset("standard", samples=8, tolerance=0.1).recipe.tolerance == 0.1
+@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("preset", list(PRESETS))
+def test_a_default_given_explicitly_changes_nothing(preset, mode):
+    plain = FitSettings(preset=preset, mode=mode)
+    assert plain == FitSettings.from_preset(preset, mode)
+    for field in fields(FitSettings):
+        given = {"preset": preset, "mode": mode, field.name: getattr(plain, field.name)}
+        assert FitSettings(**given) == plain, field.name
+    numbers = {field.name: getattr(plain.recipe, field.name) for field in fields(Recipe)}
+    assert FitSettings.from_preset(preset, mode, **numbers) == plain
+
+
+def test_the_finish_is_at_least_as_fine_as_the_fit():
+    assert FitSettings(samples=8).finish_samples == FitSettings().finish_samples == 48
+    assert FitSettings(samples=64).finish_samples == 64
+    assert FitSettings(samples=64, finish_samples=24).finish_samples == 24
 
 
 def test_none_means_the_presets_value():
@@ -112,10 +121,10 @@ def test_public_settings_are_plain_and_complete():
 
 
 def test_backgrounds_are_read():
-    assert parse_background("auto") is None
-    assert parse_background("none") is None
-    assert parse_background("#ff0080") == (1.0, 0.0, 128 / 255)
-    assert parse_background("#f08") == (1.0, 0.0, 136 / 255)
+    assert FitSettings().background_colour is None
+    assert FitSettings(background="none").background_colour is None
+    assert FitSettings(background="#ff0080").background_colour == (1.0, 0.0, 128 / 255)
+    assert FitSettings(background="#f08").background_colour == (1.0, 0.0, 136 / 255)
 
 
 # --- the course of a fit -----------------------------------------------------------------------------------

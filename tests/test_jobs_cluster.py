@@ -17,6 +17,7 @@ from cli_runs import SHORT, contents, json_lines, save_pictures, start, wait_unt
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.jobs.cluster import divide
 from cubicsplat_cli.jobs.plan import Request
+from cubicsplat_cli.settings import FitSettings
 
 NAMES = ("a.png", "deep/b.png", "deep/c.png")
 
@@ -96,16 +97,15 @@ def test_one_picture_on_a_cluster(address, photo, run_cli):
     assert done.stderr.decode().count("\n") == 1
 
 
-def share(resources: dict[str, float], overrides: dict[str, Any], **asked: int | None) -> tuple[int, int, int]:
-    known = {"count": 10, "limit": None, "threads": None}
-    found = divide(resources, Request(overrides=overrides), **{**known, **asked})
+def share(resources: dict[str, float], asked: dict[str, Any], **limits: int | None) -> tuple[int, int, int]:
+    found = divide(resources, Request(FitSettings(**asked)), **{"count": 10, "limit": None, **limits})
     return found.cpus, found.gpus, found.at_once
 
 
 def test_one_gpu_or_some_cores_a_task():
     assert share({"CPU": 64.0}, {}) == (6, 0, 20)
-    assert share({"CPU": 64.0}, {}, threads=16) == (16, 0, 8)
-    assert share({"CPU": 4.0}, {}, threads=16, count=1000) == (4, 0, 2)
+    assert share({"CPU": 64.0}, {"threads": 16}) == (16, 0, 8)
+    assert share({"CPU": 4.0}, {"threads": 16}, count=1000) == (4, 0, 2)
     assert share({"CPU": 4.0}, {}, count=1000) == (1, 0, 8)
     assert share({"CPU": 64.0, "GPU": 4.0}, {"device": "auto"}) == (1, 1, 8)
     assert share({"CPU": 64.0, "GPU": 4.0}, {"device": "cpu"}, limit=3) == (6, 0, 3)

@@ -11,9 +11,12 @@ import pytest
 
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.jobs import pool
+from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.execute import cores
 from cubicsplat_cli.jobs.plan import Job, Request
-from cubicsplat_cli.jobs.pool import Listener, run_jobs, share_threads
-from cubicsplat_cli.jobs.work import DONE, FAILED, Outcome
+from cubicsplat_cli.jobs.pool import run_in_workers, share_threads
+from cubicsplat_cli.jobs.run import DONE, FAILED, Outcome
+from cubicsplat_cli.settings import FitSettings
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -40,10 +43,15 @@ def dead_on_arrival(_pipe, _request: Request, _threads: int) -> None:
 def run(names: list[str], monkeypatch, worker=work_or_die, **options) -> tuple[list[Outcome], list[str]]:
     monkeypatch.setattr(pool, "_work", worker)
     notes: list[str] = []
-    known = {"workers": 2, "threads": 3, "stopping": lambda: False}
-    listener = Listener(note=lambda _, text: notes.append(text))
+    known = {"workers": 2, "stopping": lambda: False}
+
+    class Notes(Events):
+        def note(self, job: str, text: str) -> None:
+            notes.append(text)
+
     jobs = iter([job(name) for name in names])
-    return list(run_jobs(jobs, Request(), listener=listener, **{**known, **options})), notes
+    request = Request(FitSettings(threads=3))
+    return list(run_in_workers(jobs, request, events=Notes(), **{**known, **options})), notes
 
 
 def test_every_job_is_done_once_and_threads_are_shared(monkeypatch):
@@ -80,4 +88,4 @@ def test_once_stopped_nothing_is_begun(monkeypatch):
 )
 def test_shares_of_threads(threads, workers, shares):
     assert share_threads(threads, workers) == shares
-    assert sum(share_threads(None, 1)) == pool.cores()
+    assert sum(share_threads(None, 1)) == cores()

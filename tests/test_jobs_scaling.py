@@ -10,12 +10,13 @@ from image_files import encode
 from PIL import Image
 from scenes import PAPER, random_scene
 
+from cubicsplat_cli.evaluate import measurable as limits
 from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.fit import FitSettings
-from cubicsplat_cli.jobs import pipeline, scaling
-from cubicsplat_cli.jobs.scaling import measurable, scaled_scene
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.scene import scaled_scene
+from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg import write_svg
 
 
@@ -41,19 +42,19 @@ def test_sides_that_were_rounded_fit_again():
 def test_only_what_is_too_large_is_scaled_for_measuring(monkeypatch):
     picture = load_picture(encode(Image.fromarray(smooth_pixels(60, 20))))
     assert measurable(picture) is picture
-    monkeypatch.setattr(scaling, "MAX_SIDE", 30)
+    monkeypatch.setattr(limits, "MAX_SIDE", 30)
     assert (measurable(picture).width, measurable(picture).height) == (30, 10)
-    monkeypatch.setattr(scaling, "MAX_MEASURED_PIXELS", 100)
+    monkeypatch.setattr(limits, "MAX_MEASURED_PIXELS", 100)
     small = measurable(picture)
     assert 60 <= small.width * small.height <= 110
 
 
 def test_a_picture_too_large_to_draw_is_measured_smaller_and_says_so(monkeypatch):
-    monkeypatch.setattr(scaling, "MAX_SIDE", 30)
+    monkeypatch.setattr(limits, "MAX_SIDE", 30)
     picture = load_picture(encode(Image.fromarray(smooth_pixels(60, 20))), name="wide.png")
     settings = FitSettings.from_preset(curves=8, steps=20, threads=1)
-    done = pipeline.vectorize(picture, settings)
-    assert b'viewBox="0 0 60 20"' in done.svg
-    assert done.rendered.pixels.shape[:2] == (10, 30)
-    assert "quality measured at 30 x 10 pixels" in done.report["notes"]
-    assert done.report["quality"]["agreement_db"] > 35
+    done = vectorize_picture(picture, settings)
+    assert 'viewBox="0 0 60 20"' in done.svg
+    assert done.pixels.shape[:2] == (10, 30)
+    assert "quality measured at 30 x 10 pixels" in done.report.notes
+    assert done.report.quality.agreement_db > 35

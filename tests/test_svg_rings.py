@@ -13,9 +13,8 @@ from scenes import MODES, PAPER, circle, ragged_scene, rectangle, reverse_ring, 
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.jobs.scaling import scaled_scene
 from cubicsplat_cli.raster import render_scene
-from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene import Scene, pack_rings, scaled_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import quantise_scene, read_svg, write_svg
 

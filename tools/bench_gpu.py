@@ -31,14 +31,13 @@ from torch import Tensor
 
 from cubicsplat_cli.bench.synthetic import synthetic_picture
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.fit import FitSettings
-from cubicsplat_cli.fit.initial import colours_at, control_points, new_curves, random_centres
-from cubicsplat_cli.fit.trainer import fit
+from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
+from cubicsplat_cli.photo.trainer import fit
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneTensors
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import FitSettings, Mode
 
 ROUNDS = 7
 STEPS = 1500

@@ -1,34 +1,82 @@
 """cubicsplat: an image becomes an SVG of N cubic Bezier shapes, fitted through a differentiable renderer.
 
-The names below are imported on first use, so that `cubicsplat --help` stays fast.
+    import cubicsplat_cli as cubicsplat
+
+    result = cubicsplat.vectorize("photo.png", curves=256)
+    result.save("photo.svg")
+
+The names below are all there is to the public interface (docs/python.md); each is imported when it is first used, so
+that `cubicsplat --help` stays fast.
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli._version import __version__
 
-_HOME = {
-    "FitSettings": "cubicsplat_cli.fit",
-    "Mode": "cubicsplat_cli.scene",
-    "Scene": "cubicsplat_cli.scene",
-    "load_picture": "cubicsplat_cli.files.load",
-    "read_svg": "cubicsplat_cli.svg",
-    "render_scene": "cubicsplat_cli.raster",
-    "vectorize": "cubicsplat_cli.jobs.pipeline",
-    "write_svg": "cubicsplat_cli.svg",
-}
+if TYPE_CHECKING:
+    from cubicsplat_cli.api import compare, vectorize
+    from cubicsplat_cli.errors import CubicSplatError, EngineError, InputError, UsageError
+    from cubicsplat_cli.files.load import Picture, load_picture
+    from cubicsplat_cli.photo import FitResult, fit
+    from cubicsplat_cli.pipeline import Result
+    from cubicsplat_cli.progress import Progress
+    from cubicsplat_cli.raster import RasterSettings, render, render_scene
+    from cubicsplat_cli.report import Quality, Report
+    from cubicsplat_cli.scene import Scene
+    from cubicsplat_cli.settings import FitSettings, Mode, Recipe
+    from cubicsplat_cli.svg import read_svg, write_svg
 
-__all__ = ["__version__", *_HOME]
+__all__ = [
+    "CubicSplatError",
+    "EngineError",
+    "FitResult",
+    "FitSettings",
+    "InputError",
+    "Mode",
+    "Picture",
+    "Progress",
+    "Quality",
+    "RasterSettings",
+    "Recipe",
+    "Report",
+    "Result",
+    "Scene",
+    "UsageError",
+    "__version__",
+    "compare",
+    "fit",
+    "load_picture",
+    "read_svg",
+    "render",
+    "render_scene",
+    "vectorize",
+    "write_svg",
+]
+
+_HOME = {
+    "api": ("compare", "vectorize"),
+    "errors": ("CubicSplatError", "EngineError", "InputError", "UsageError"),
+    "files.load": ("Picture", "load_picture"),
+    "photo": ("FitResult", "fit"),
+    "pipeline": ("Result",),
+    "progress": ("Progress",),
+    "raster": ("RasterSettings", "render", "render_scene"),
+    "report": ("Quality", "Report"),
+    "scene": ("Scene",),
+    "settings": ("FitSettings", "Mode", "Recipe"),
+    "svg": ("read_svg", "write_svg"),
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOME[name]), name)
+    for module, names in _HOME.items():
+        if name in names:
+            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return sorted({*globals(), *__all__})

@@ -1,34 +1,83 @@
-"""The `cubicsplat` command: our errors end as one line and an exit code, all others as a traceback."""
+"""The `cubicsplat` command: our errors and the parser's end as one line and an exit code, all others as a traceback."""
 
 from __future__ import annotations
 
+import os
 import sys
 
-from cubicsplat_cli.errors import CubicSplatError
+from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.words import one_line
 
 # Messages quote names from files, which may be of any length.
 MAX_MESSAGE = 1000
+EXIT_USAGE, EXIT_INTERRUPTED = 2, 130
 
 
 def main() -> None:
     """Run the command line; never returns (SystemExit carries the exit code: 0, 1, 2 or 130)."""
-    if sys.argv[1:] == ["--version"]:
+    _open_streams()
+    arguments = sys.argv[1:]
+    if arguments == ["--version"]:
         # Scripts ask for it often: answered before the command line is built.
         from cubicsplat_cli._version import __version__
 
+        arguments, code = [], 0
         print(f"cubicsplat {__version__}")
-        sys.exit(0)
-    try:
-        from cubicsplat_cli.cli.app import app
+    else:
+        code = _run(arguments)
+    _end(code)
 
-        app(prog_name="cubicsplat")
+
+def _run(arguments: list[str]) -> int:
+    from cubicsplat_cli.cli.app import app, meant, parser_error
+
+    try:
+        # Typer returns the code of an Exit, and None where a command just ended.
+        return app(args=meant(arguments), prog_name="cubicsplat", standalone_mode=False) or 0
     except CubicSplatError as error:
-        message = one_line(error)[:MAX_MESSAGE]
-        print(f"cubicsplat: error: {message}", file=sys.stderr)
-        sys.exit(error.exit_code)
+        _say(error.as_option() if isinstance(error, UsageError) else str(error))
+        return error.exit_code
     except KeyboardInterrupt:
-        sys.exit(130)
+        return EXIT_INTERRUPTED
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        # Printing failed: a full disk, or a reader that has gone.
+        _say(f"standard output: cannot be written ({error.strerror or error}); free some space")
+        return 1
+    except Exception as error:
+        text = parser_error(error)
+        if text is None:
+            raise
+        if text:
+            _say(text)
+        return EXIT_USAGE if text else EXIT_INTERRUPTED
+
+
+def _say(text: str) -> None:
+    print(f"cubicsplat: error: {one_line(text)[:MAX_MESSAGE]}", file=sys.stderr)
+
+
+def _open_streams() -> None:
+    """Python has None where a stream was closed by whoever started us, and libraries fail on that in many ways."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            stream = open(os.devnull, mode)  # noqa: PTH123, SIM115
+            setattr(sys, name, stream)
+            setattr(sys, f"__{name}__", stream)
+
+
+def _end(code: int) -> None:
+    """Flush, and exit: where that fails, what was printed is not there, which is a failure too."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        # Python flushes once more when it ends, and would complain about what is still in the buffer.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            _say(f"standard output: cannot be written ({error.strerror}); free some space")
+        code = code or 1
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,22 @@ class EngineError(CubicSplatError):
 
 
 class UsageError(CubicSplatError):
-    """An option has a value that makes no sense; reported like a command line mistake."""
+    """A value that makes no sense; reported like a command line mistake.
+
+    setting: the name of the setting that has it, as Python has it ("time_limit"), where it is one; the text then goes
+    on after the name ("must be ...").
+    """
 
     exit_code = 2
+
+    def __init__(self, text: str, setting: str | None = None) -> None:
+        super().__init__(text, setting)
+        self.text = text
+        self.setting = setting
+
+    def __str__(self) -> str:
+        return self.text if self.setting is None else f"{self.setting} {self.text}"
+
+    def as_option(self) -> str:
+        """The text with the setting named as the command line has it ("--time-limit must be ...")."""
+        return self.text if self.setting is None else f"--{self.setting.replace('_', '-')} {self.text}"

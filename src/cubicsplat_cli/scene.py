@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -187,6 +187,24 @@ def _check_ring_ends(ends: Tensor, segments: int) -> None:
             f"ring_ends must rise along each row, from 1 to at most {segments} segments, but curve {curve} has "
             f"{ends[curve].tolist()}"
         )
+
+
+def scaled_scene(scene: Scene, width: int, height: int) -> Scene:
+    """The scene on a canvas of width x height px; the same object when it has that size already.
+
+    Sides are scaled independently, so that a canvas whose sides were rounded to whole pixels fits again; half-widths
+    by the geometric mean of both factors.
+    """
+    if (scene.width, scene.height) == (width, height):
+        return scene
+    across, down = width / scene.width, height / scene.height
+    return replace(
+        scene,
+        width=width,
+        height=height,
+        points=scene.points * scene.points.new_tensor([across, down]),
+        half_widths=scene.half_widths * math.sqrt(across * down),
+    )
 
 
 def _check_range(name: str, tensor: Tensor, low: float | None = None, high: float | None = None) -> None:

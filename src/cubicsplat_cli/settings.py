@@ -1,16 +1,22 @@
-"""The settings of a fit: what the user chooses, and the recipe (numbers found by measurement, see docs/quality.md)."""
+"""The settings of a fit: what the user chooses, and the recipe (numbers found by measurement, see docs/quality.md).
+
+A field made by `setting` is at the same time an option of the command: its help and its limits stand here alone.
+Imports nothing heavy, since the command line is built from it.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import Field, asdict, dataclass, field, fields, replace
 from enum import Enum
-from typing import Any
+from typing import Any, Literal
 
 from cubicsplat_cli.errors import UsageError
 
-MOST_CURVES = 1_000_000
-MOST_STEPS = 10_000_000
+Kind = Literal["count", "number", "choice", "flag", "colour"]
+# The default of a field whose value the preset says. Resolved before anybody sees it, hence not in the field's type.
+FROM_PRESET: Any = None
 
 
 class Mode(str, Enum):
@@ -18,6 +24,64 @@ class Mode(str, Enum):
 
     CLOSED = "closed"
     OPEN = "open"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the command line shows of a field, and the values it may have.
+
+    kind: a whole number in [least, most], a number in [least, most], one of `choices`, a yes or no, or a background.
+    metavar: how the help calls the value. optional: None is a value too, and means that there is none.
+    """
+
+    kind: Kind
+    help: str
+    least: float = 0
+    most: float = math.inf
+    choices: tuple[str, ...] = ()
+    metavar: str = "N"
+    optional: bool = False
+
+    def check(self, name: str, value: Any) -> None:
+        """Raise UsageError, naming the setting, for a value that makes no sense."""
+        if value is None and self.optional:
+            return
+        if self.kind == "choice" and value not in self.choices:
+            raise UsageError(f"must be {listed(self.choices)}, not {value!r}", name)
+        if self.kind == "flag" and not isinstance(value, bool):
+            raise UsageError(f"must be true or false, not {value!r}", name)
+        if self.kind in ("count", "number") and not self._in_range(value):
+            what = "a whole number" if self.kind == "count" else "a number"
+            span = f"of at least {self.least:g}" if self.most == math.inf else f"from {self.least:g} to {self.most:.0f}"
+            raise UsageError(f"must be {what} {span}, not {value!r}", name)
+
+    def _in_range(self, value: Any) -> bool:
+        allowed = int if self.kind == "count" else (int, float)
+        # A bool is an int, and NaN compares as false.
+        return isinstance(value, allowed) and not isinstance(value, bool) and self.least <= value <= self.most
+
+
+def listed(names: Sequence[str]) -> str:
+    """`a, b or c`."""
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+# Of what is no field of FitSettings.
+PRECISION = Setting("count", "Decimals of the SVG's coordinates, in px.", most=6)
+SCALE = Setting("count", "Times that a file is enlarged to see how it stands that.", least=1, most=12)
+MAX_PIXELS = 100_000_000  # of a picture, unless more are asked for
+
+
+def setting(default: Any, kind: Kind, text: str, **facts: Any) -> Any:
+    """A field that is an option of the command."""
+    return field(default=default, metadata={"setting": Setting(kind, text, **facts)})
+
+
+def settings_of(owner: type[FitSettings] | type[Recipe]) -> Iterator[tuple[Field[Any], Setting]]:
+    """The fields of a class that are settings, in the order of the help."""
+    for each in fields(owner):
+        if "setting" in each.metadata:
+            yield each, each.metadata["setting"]
 
 
 @dataclass(frozen=True)
@@ -50,15 +114,18 @@ class Recipe:
     anneal: float = 0.6  # fraction of the relaxed phase
     finish_edge_width: float = 1.0
     finish: float = 0.15  # fraction of the steps with exact coverage
-    edges: str = "crisp"  # or "soft": every curve learns its edge width, which no SVG can show
-    soft_edge: float = 2.7  # px, at the start
     # start
     opacity_logit: float = 0.0
-    opaque: bool = False
+    opaque: bool = setting(False, "flag", "Curves without transparency.")
     start_size: float = 0.14  # radius
     # capacity
-    prune: bool = True
-    importance: str = "loo"
+    prune: bool = setting(True, "flag", "Replace curves of little use.")
+    importance: str = setting(
+        "loo",
+        "choice",
+        "A curve's use: the loss without it (loo), or what is seen of it.",
+        choices=("loo", "visibility"),
+    )
     prune_rule: str = "decay"  # prune_fraction falls linearly to 0; or "gini": as published, by the inequality
     gini_threshold: float = 0.35  # of the rule "gini"
     prune_fraction: float = 0.6
@@ -69,152 +136,184 @@ class Recipe:
     seed_blur: int = 9  # px, odd
     seed_power: float = 1.25
     half_width_size: float = 0.07  # of a new stroke
-    # polyline
-    flatten: str = "uniform"  # or "de-casteljau": adaptive subdivision to flatness 0.5 px
+    # regulariser: weight of the non-crossing penalty, in squared error per pixel
+    geometric_reg: float = setting(
+        0.0, "number", "Penalty on curves that cross themselves.", most=1e6, metavar="WEIGHT"
+    )
+    # polyline: by uniform parameters, or adaptive subdivision to flatness 0.5 px
+    flatten: str = setting("uniform", "choice", "How curves become polylines.", choices=("uniform", "de-casteljau"))
     tolerance: float = 0.05  # px; 0: always `samples` edges per cubic
-    # regulariser
-    geometric_reg: float = 0.0  # weight of the non-crossing penalty, in squared error per pixel
+    # soft: every curve learns its edge width
+    edges: str = setting(
+        "crisp", "choice", "Crisp as in an SVG, or soft as published, which no SVG can show.", choices=("crisp", "soft")
+    )
+    soft_edge: float = 2.7  # px, at the start
 
     def __post_init__(self) -> None:
+        for each, known in settings_of(Recipe):
+            known.check(each.name, getattr(self, each.name))
         _choice("length_unit", self.length_unit, "spacing", "canvas")
         _choice("seeding", self.seeding, "blobs", "discs")
         _choice("rate_course", self.rate_course, "cosine", "published")
-        _choice("edges", self.edges, "crisp", "soft")
-        _choice("importance", self.importance, "loo", "visibility")
         _choice("prune_rule", self.prune_rule, "decay", "gini")
-        _choice("flatten", self.flatten, "uniform", "de-casteljau")
-        if not 0.0 <= self.geometric_reg < 1e6:
-            raise UsageError(f"geometric-reg must be a weight between 0 and 1000000, not {self.geometric_reg}")
         if not 0.0 <= self.finish < 1.0:
-            raise UsageError(f"finish must lie between 0 and 1, not {self.finish}")
+            raise UsageError(f"must lie between 0 and 1, not {self.finish}", "finish")
 
     def unit(self, width: int, height: int, curves: int) -> float:
         """The length unit in px."""
         return 0.5 * width if self.length_unit == "canvas" else math.sqrt(width * height / curves)
 
 
+_CLOSED = {"segments": 4, "samples": 12, "finish_samples": 48}
+# The outer side of a wide, tightly bent stroke needs more edges than its centre line.
+_OPEN = {"segments": 3, "samples": 24, "finish_samples": 48}
+# As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.
+_PAPER = {
+    "segments": 3, "steps": 10_000, "finish_samples": 24, "length_unit": "canvas", "rate_points": 1e-3,
+    "start_size": 0.01, "rate_colours": 0.1, "rate_opacities": 0.1, "rate_course": "published", "keep_change": 0.92,
+    "epsilon": 1e-8, "edges": "soft", "finish": 0.0, "importance": "visibility", "prune_rule": "gini",
+    "prune_fraction": 0.2, "reallocation_density": 0.16, "reallocate_until": 0.8, "opacity_logit": 1.0,
+    "tolerance": 0.0, "seeding": "discs", "seed_size": 0.01, "seed_blur": 1, "seed_power": 1.0, "background": "#ffffff",
+}  # fmt: skip
+# Of each preset by mode: what it says of `FitSettings`, and where its `Recipe` differs from the usual one.
+PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
+    "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 400}},
+    "standard": {Mode.CLOSED: _CLOSED | {"steps": 2500}, Mode.OPEN: _OPEN | {"steps": 2000}},
+    "high": {Mode.CLOSED: _CLOSED | {"steps": 6000}, Mode.OPEN: _OPEN | {"steps": 6000}},
+    "paper": {
+        Mode.CLOSED: _PAPER | {"samples": 12},
+        Mode.OPEN: _PAPER | {"samples": 24, "half_width_size": 5e-3, "rate_half_widths": 8e-4},
+    },
+}
+
+
 @dataclass(frozen=True)
 class FitSettings:
-    """What to fit, and how long. Raises UsageError on values that make no sense.
+    """What to fit, and how long; what is not given is as the preset says. Raises UsageError on senseless values.
 
-    curves 1..1,000,000; segments per curve 1..16; samples: edges per cubic while fitting, 4..64; finish_samples: those
-    of the exact finish (S*); background: "auto" (the picture's mean colour), "none" or "#rrggbb", for opaque pictures;
-    time_limit: seconds, > 0, that the fit may take: its schedule runs by the clock where the steps take longer.
+    samples: the most edges per cubic while fitting, of which a curve gets as many as its flatness needs;
+    finish_samples: those of the exact finish (S*), the preset's or `samples` where that is more. background: "auto"
+    (the picture's mean colour), "none" (transparent) or a colour, for pictures without transparency. time_limit:
+    seconds that the fit may take: its schedule runs by the clock where the steps take longer. recipe: the preset's.
     """
 
-    curves: int = 512
-    mode: Mode = Mode.CLOSED
-    preset: str = "standard"
-    steps: int = 1500
-    segments: int = 4
-    samples: int = 12
-    finish_samples: int = 24
-    seed: int = 0
-    device: str = "auto"
-    threads: int | None = None
-    background: str = "auto"
-    time_limit: float | None = None
-    recipe: Recipe = field(default_factory=Recipe)
+    curves: int = setting(512, "count", "Number of curves.", least=1, most=1_000_000)
+    mode: Mode = setting(
+        Mode.CLOSED, "choice", "Filled shapes (closed) or strokes (open).", choices=tuple(m.value for m in Mode)
+    )
+    preset: str = setting(
+        "standard",
+        "choice",
+        "Effort of the fit; options given explicitly win over it, in any order.",
+        choices=tuple(PRESETS),
+    )
+    steps: int = setting(FROM_PRESET, "count", "Optimisation steps.", least=1, most=10_000_000)
+    time_limit: float | None = setting(
+        None,
+        "number",
+        "End the fit after so many seconds; its schedule is shortened to match.",
+        least=1e-3,
+        most=1e7,
+        metavar="SECONDS",
+        optional=True,
+    )
+    segments: int = setting(FROM_PRESET, "count", "Cubic segments of a curve.", least=1, most=16)
+    samples: int = setting(FROM_PRESET, "count", "Most edges of a segment during the fit.", least=4, most=64)
+    finish_samples: int = FROM_PRESET
+    device: str = setting(
+        "auto", "choice", "Where to compute; auto takes a GPU that works.", choices=("auto", "cpu", "cuda")
+    )
+    threads: int | None = setting(
+        None, "count", "CPU threads in all.  [default: one per core]", least=1, most=1024, optional=True
+    )
+    seed: int = setting(0, "count", "Seed of all random choices.", most=2**31 - 1)
+    background: str = setting(FROM_PRESET, "colour", "auto, none (transparent), #rrggbb or a name.", metavar="COLOUR")
+    recipe: Recipe = FROM_PRESET
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mode", _mode(self.mode))
-        _between("curves", self.curves, 1, MOST_CURVES)
-        _between("steps", self.steps, 1, MOST_STEPS)
-        _between("segments", self.segments, 1, 16)
-        _between("samples", self.samples, 4, 64)
-        _between("finish_samples", self.finish_samples, 4, 64)
-        if self.threads is not None:
-            _between("threads", self.threads, 1, 1024)
-        if self.device not in ("auto", "cpu", "cuda"):
-            raise UsageError(f"device must be auto, cpu or cuda, not {self.device!r}")
+        self._set("mode", _mode(self.mode))
+        _choice("preset", self.preset, *PRESETS)
+        base = PRESETS[self.preset][self.mode]
+        if self.recipe is None:
+            self._set("recipe", Recipe(**{name: value for name, value in base.items() if name in _RECIPE}))
+        if self.finish_samples is None:
+            self._set("finish_samples", max(base["finish_samples"], self.samples or 0))
+        for name in ("steps", "segments", "samples"):
+            if getattr(self, name) is None:
+                self._set(name, base[name])
+        given = self.background
+        self._set("background", parse_background(base.get("background", "auto") if given is None else given))
+        for each, known in settings_of(FitSettings):
+            if each.name != "mode":
+                known.check(each.name, getattr(self, each.name))
+        Setting("count", "", least=4, most=64).check("finish_samples", self.finish_samples)
         if self.device == "cuda" and self.recipe.flatten == "de-casteljau":
-            raise UsageError("only the CPU has flatten de-casteljau: use device cpu or auto, or flatten uniform")
-        if self.time_limit is not None and not 0.0 < self.time_limit < 1e7:
-            raise UsageError(f"time-limit must be a number of seconds above 0, not {self.time_limit}")
-        parse_background(self.background)
+            raise UsageError("de-casteljau runs on the CPU only; use device cpu or auto, or flatten uniform", "flatten")
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
 
     @classmethod
     def from_preset(cls, preset: str = "standard", mode: Mode | str = Mode.CLOSED, **overrides: Any) -> FitSettings:
-        """A preset with explicit values on top; a value of None means the preset's. Recipe numbers may be given too.
-
-        Explicit samples are used exactly; otherwise they are the most that a curve's flatness may ask for.
-        """
-        if preset not in PRESETS:
-            raise UsageError(f"unknown preset {preset!r}; choose one of {', '.join(PRESETS)}")
-        mode = _mode(mode)
-        chosen = {name: value for name, value in overrides.items() if value is not None}
-        own = {f.name for f in fields(cls)}
-        recipe_names = {f.name for f in fields(Recipe)}
-        unknown = [name for name in chosen if name not in own | recipe_names]
+        """Settings with numbers of the recipe among them; a value of None means the preset's."""
+        given = {name: value for name, value in overrides.items() if value is not None}
+        unknown = [name for name in given if name not in _RECIPE and name not in cls.__dataclass_fields__]
         if unknown:
             raise UsageError(f"unknown setting {unknown[0]!r}")
-        if "samples" in chosen:
-            # Asked for by number: exactly so many edges per cubic, and S* = max(S, 24) as published.
-            chosen = {"tolerance": 0.0, "finish_samples": max(24, chosen["samples"])} | chosen
-        base = dict(PRESETS[preset][mode])
-        recipe = {name: base.pop(name) for name in list(base) if name in recipe_names}
-        recipe |= {name: value for name, value in chosen.items() if name in recipe_names}
-        base |= {name: value for name, value in chosen.items() if name in own}
-        return cls(preset=preset, mode=mode, recipe=Recipe(**recipe), **base)
+        settings = cls(preset=preset, mode=_mode(mode), **{n: v for n, v in given.items() if n not in _RECIPE})
+        numbers = {name: value for name, value in given.items() if name in _RECIPE}
+        return settings.with_(recipe=replace(settings.recipe, **numbers)) if numbers else settings
 
     def with_(self, **changes: Any) -> FitSettings:
+        """The same settings but for some; the preset is not asked again."""
         return replace(self, **changes)
+
+    @property
+    def background_colour(self) -> tuple[float, float, float] | None:
+        """sRGB in [0, 1]; None for "auto" and "none"."""
+        if not self.background.startswith("#"):
+            return None
+        red, green, blue = bytes.fromhex(self.background[1:])
+        return red / 255.0, green / 255.0, blue / 255.0
 
     def public(self) -> dict[str, Any]:
         """Plain values for the metrics file and the settings hash."""
         return asdict(self) | {"mode": self.mode.value}
 
 
+_RECIPE = frozenset(each.name for each in fields(Recipe))
+
+
 def _mode(mode: Mode | str) -> Mode:
     try:
         return Mode(mode)
     except ValueError:
-        raise UsageError(f"mode must be closed or open, not {mode!r}") from None
+        raise UsageError(f"must be closed or open, not {mode!r}", "mode") from None
 
 
 def _choice(name: str, value: str, *allowed: str) -> None:
     if value not in allowed:
-        raise UsageError(f"{name} must be {' or '.join(allowed)}, not {value!r}")
+        raise UsageError(f"must be {listed(allowed)}, not {value!r}", name)
 
 
-def _between(name: str, value: int, least: int, most: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
-        raise UsageError(f"{name} must be a whole number between {least} and {most}, not {value!r}")
+def parse_background(text: str) -> str:
+    """ "auto", "none" or "#rrggbb" from those, "transparent", #rgb, or a CSS colour name; UsageError for others."""
+    lowered = text.strip().lower() if isinstance(text, str) else ""
+    if lowered in ("auto", "none"):
+        return lowered
+    if lowered == "transparent":
+        return "none"
+    from PIL import ImageColor
 
-
-def parse_background(text: str) -> tuple[float, float, float] | None:
-    """ "#rrggbb" as values in [0, 1]; None for "auto" and "none"."""
-    if text in ("auto", "none"):
-        return None
-    digits = text.removeprefix("#")
-    if len(digits) == 3:
-        digits = "".join(2 * d for d in digits)
     try:
-        if len(digits) != 6:
-            raise ValueError
-        values = bytes.fromhex(digits)
+        colour = ImageColor.getrgb(lowered)
     except ValueError:
-        raise UsageError(f"background must be auto, none or a colour such as #ffcc00, not {text!r}") from None
-    return values[0] / 255.0, values[1] / 255.0, values[2] / 255.0
+        colour = ()
+    if len(colour) != 3:
+        raise UsageError(f"must be auto, none, a colour name or #rrggbb, not {text!r}", "background")
+    return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
-_CLOSED = {"segments": 4, "finish_samples": 48}
-# The outer side of a wide, tightly bent stroke needs more edges than its centre line.
-_OPEN = {"segments": 3, "samples": 24, "finish_samples": 48}
-# As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.
-_PAPER = {
-    "segments": 3, "steps": 10_000, "length_unit": "canvas", "rate_points": 1e-3, "start_size": 0.01,
-    "rate_colours": 0.1, "rate_opacities": 0.1, "rate_course": "published", "keep_change": 0.92, "epsilon": 1e-8,
-    "edges": "soft", "finish": 0.0, "importance": "visibility", "prune_rule": "gini",
-    "prune_fraction": 0.2, "reallocation_density": 0.16, "reallocate_until": 0.8, "opacity_logit": 1.0,
-    "tolerance": 0.0, "seeding": "discs", "seed_size": 0.01, "seed_blur": 1, "seed_power": 1.0, "background": "#ffffff",
-}  # fmt: skip
-PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
-    "paper": {
-        Mode.CLOSED: _PAPER | {"samples": 12},
-        Mode.OPEN: _PAPER | {"samples": 24, "half_width_size": 5e-3, "rate_half_widths": 8e-4},
-    },
-    "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 400}},
-    "standard": {Mode.CLOSED: _CLOSED | {"steps": 2500}, Mode.OPEN: _OPEN | {"steps": 2000}},
-    "high": {Mode.CLOSED: _CLOSED | {"steps": 6000}, Mode.OPEN: _OPEN | {"steps": 6000}},
-}
+def deciding(settings: FitSettings, *, precision: int, max_size: int | None) -> dict[str, Any]:
+    """Everything that decides the file, and what it was computed with, as plain values."""
+    return {**settings.public(), "precision": precision, "max_size": max_size}

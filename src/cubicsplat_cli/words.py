@@ -1,4 +1,4 @@
-"""Foreign text (file names, other programs' errors) as part of a message that stays one line. Imports nothing."""
+"""The words of messages: foreign text on one line, times, sizes and counts as people say them. Imports nothing."""
 
 from __future__ import annotations
 
@@ -11,3 +11,31 @@ def printable(text: str) -> str:
 def one_line(text: object) -> str:
     """`str(text)`, such as an error's, with its line ends and runs of spaces as single spaces."""
     return " ".join(str(text).split())
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them: `0.8 s`, `47 s`, `2 min 05 s`, `1 h 03 min`."""
+    if seconds < 9.95:
+        return f"{seconds:.1f} s"
+    whole = round(seconds)
+    if whole < 120:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+def file_size(count: int) -> str:
+    """Bytes in decimal units: `612 B`, `61 kB`, `6.4 MB`."""
+    if count < 1000:
+        return f"{count} B"
+    if count < 9_950:
+        return f"{count / 1000:.1f} kB"
+    if count < 999_500:
+        return f"{count / 1000:.0f} kB"
+    return f"{count / 1e6:.1f} MB"
+
+
+def counted(count: int, noun: str) -> str:
+    """`1 curve`, `2 curves`."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"

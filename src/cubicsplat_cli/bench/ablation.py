@@ -7,13 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.bench.quality import configuration_name
-from cubicsplat_cli.bench.runs import Job, Run, Runs, mean
+from cubicsplat_cli.bench.runs import Fit, Run, Runs
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.evaluate.table import number, text_table
-from cubicsplat_cli.files.marks import PROGRAM
-from cubicsplat_cli.fit import FitSettings
+from cubicsplat_cli.report import head
+from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.tables import mean, number, text_table
 
 BASE = "base"
 # Name of the row -> settings that differ from the preset's. A tolerance of 0 gives every cubic exactly `samples` edges;
@@ -54,10 +53,9 @@ def ablation_jobs(
     rows: Sequence[str],
     modes: Sequence[str],
     curves: Sequence[int],
-    preset: str,
-    overrides: Mapping[str, Any],
-) -> list[Job]:
-    """Every picture for every row, mode and number of curves. A row's settings win over `overrides`.
+    fit: Mapping[str, Any],
+) -> list[Fit]:
+    """Every picture for every row, mode and number of curves. A row's settings win over those of `fit`, by name.
 
     Raises UsageError for a setting that this version does not have.
     """
@@ -65,9 +63,9 @@ def ablation_jobs(
     for mode in modes:
         for count in curves:
             for row in rows:
-                own = {**overrides, **ABLATIONS[row]}
-                settings = FitSettings.from_preset(preset, mode=mode, curves=count, **own)
-                jobs += [Job(path, row_configuration(row, mode, count), settings) for path in pictures]
+                own = {**fit, **ABLATIONS[row]}
+                settings = FitSettings.from_preset(mode=mode, curves=count, **own)
+                jobs += [Fit(path, row_configuration(row, mode, count), settings) for path in pictures]
     return jobs
 
 
@@ -100,9 +98,7 @@ def _steps_per_minute(runs: Sequence[Run]) -> float | None:
 def ablation_report(runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Sequence[int]) -> dict[str, Any]:
     """The JSON of `bench ablation`."""
     return {
-        "schema": 1,
-        "program": PROGRAM,
-        "version": __version__,
+        **head(),
         "bench": "ablation",
         "rows": [
             {"row": row, "settings": ABLATIONS[row], "mode": mode, "curves": count, **figures(runs, row, mode, count)}

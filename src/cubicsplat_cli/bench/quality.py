@@ -7,11 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from cubicsplat_cli._version import __version__
-from cubicsplat_cli.bench.runs import Job, Run, Runs, mean
-from cubicsplat_cli.evaluate.table import number, text_table
-from cubicsplat_cli.files.marks import PROGRAM
-from cubicsplat_cli.fit import FitSettings
+from cubicsplat_cli.bench.runs import Fit, Run, Runs
+from cubicsplat_cli.report import head
+from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.tables import mean, number, text_table
 
 _HEADER = ("picture", "SVG dB", "SSIM", "own dB", "gap dB", "agreement dB", "s", "kB", "paths")
 
@@ -22,14 +21,17 @@ def configuration_name(mode: str, curves: int) -> str:
 
 
 def quality_jobs(
-    pictures: Sequence[Path], modes: Sequence[str], curves: Sequence[int], preset: str, overrides: Mapping[str, Any]
-) -> list[Job]:
-    """Every picture with every mode and number of curves; all pictures of one configuration, then of the next."""
+    pictures: Sequence[Path], modes: Sequence[str], curves: Sequence[int], fit: Mapping[str, Any]
+) -> list[Fit]:
+    """Every picture with every mode and number of curves; all pictures of one configuration, then of the next.
+
+    fit: settings by name, as `FitSettings.from_preset` takes them.
+    """
     jobs = []
     for mode in modes:
         for count in curves:
-            settings = FitSettings.from_preset(preset, mode=mode, curves=count, **overrides)
-            jobs += [Job(path, configuration_name(mode, count), settings) for path in pictures]
+            settings = FitSettings.from_preset(mode=mode, curves=count, **fit)
+            jobs += [Fit(path, configuration_name(mode, count), settings) for path in pictures]
     return jobs
 
 
@@ -53,9 +55,7 @@ def means(runs: Sequence[Run]) -> dict[str, float | int | None]:
 def quality_report(runs: Runs, configurations: Sequence[str]) -> dict[str, Any]:
     """The JSON of `bench quality`."""
     return {
-        "schema": 1,
-        "program": PROGRAM,
-        "version": __version__,
+        **head(),
         "bench": "quality",
         "means": {name: means(runs.of(name)) for name in configurations},
         "runs": [asdict(run) for run, _ in runs.done],

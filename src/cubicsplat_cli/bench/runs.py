@@ -9,17 +9,17 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import cubicsplat_cli
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import CubicSplatError
-from cubicsplat_cli.evaluate.report import to_json
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import settings_hash
-from cubicsplat_cli.fit import FitSettings, Progress
-from cubicsplat_cli.jobs.pipeline import vectorize
+from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.report import Report, to_json
+from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.words import one_line
 
 # Of the coordinates in the SVG: the command line's default.
@@ -29,7 +29,7 @@ Watch = Callable[[str], AbstractContextManager[Callable[[Progress], None] | None
 
 
 @dataclass(frozen=True)
-class Job:
+class Fit:
     """One fit: which picture, with which settings, as a part of which configuration of the benchmark."""
 
     path: Path
@@ -75,28 +75,28 @@ class Runs:
         return [run for run, _ in self.done if run.configuration == configuration]
 
 
-def run_all(jobs: Iterable[Job], cache: Path | None, watch: Watch, tell: Callable[[str], None]) -> Runs:
-    """Every job, from the cache where it was done before.
+def run_all(fits: Iterable[Fit], cache: Path | None, watch: Watch, tell: Callable[[str], None]) -> Runs:
+    """Every fit, from the cache where it was done before.
 
     watch: makes the progress callback of a fit, a context manager of its name. tell: gets a line per picture. Raises
     KeyboardInterrupt when a fit was interrupted (what was done is in the cache).
     """
     runs = Runs()
     unreadable: set[Path] = set()
-    for job in jobs:
-        if job.path in unreadable:
+    for fit in fits:
+        if fit.path in unreadable:
             continue
-        name = f"{job.path.name}, {job.configuration}"
+        name = f"{fit.path.name}, {fit.configuration}"
         try:
-            picture = load_picture(job.path)
+            picture = load_picture(fit.path)
         except CubicSplatError as error:
-            unreadable.add(job.path)
-            _fail(runs, job.path.name, "", error, tell)
+            unreadable.add(fit.path)
+            _fail(runs, fit.path.name, "", error, tell)
             continue
         try:
-            run, svg = _run(job, picture, cache, watch)
+            run, svg = _run(fit, picture, cache, watch)
         except CubicSplatError as error:
-            _fail(runs, job.path.name, job.configuration, error, tell)
+            _fail(runs, fit.path.name, fit.configuration, error, tell)
             continue
         runs.done.append((run, svg))
         level = "identical" if run.psnr_db is None else f"{run.psnr_db:.2f} dB"
@@ -110,40 +110,43 @@ def _fail(runs: Runs, picture: str, configuration: str, error: Exception, tell: 
     tell(f"{picture}{', ' if configuration else ''}{configuration}: failed: {text}")
 
 
-def _run(job: Job, picture: Picture, cache: Path | None, watch: Watch) -> tuple[Run, bytes]:
-    entry = None if cache is None else CacheEntry(cache, job, picture)
+def _run(fit: Fit, picture: Picture, cache: Path | None, watch: Watch) -> tuple[Run, bytes]:
+    entry = None if cache is None else CacheEntry(cache, fit, picture)
     found = None if entry is None else entry.read()
     if found is not None:
         return found
-    with watch(f"{job.path.name}, {job.configuration}") as on_progress:
-        result = vectorize(picture, job.settings, precision=PRECISION, title=job.path.name, on_progress=on_progress)
-    if result.result.interrupted:
+    with watch(f"{fit.path.name}, {fit.configuration}") as on_progress:
+        result = vectorize_picture(
+            picture, fit.settings, precision=PRECISION, title=fit.path.name, on_progress=on_progress
+        )
+    if result.report.interrupted:
         raise KeyboardInterrupt
-    run = run_of_report(job, result.report)
+    run, svg = run_of_report(fit, result.report), result.svg.encode()
     if entry is not None:
-        entry.write(run, result.svg)
-    return run, result.svg
+        entry.write(run, svg)
+    return run, svg
 
 
-def run_of_report(job: Job, report: dict[str, Any]) -> Run:
-    """The figures in the metrics JSON of one picture."""
-    quality, timing = report["quality"], report["timing"]
+def run_of_report(fit: Fit, report: Report) -> Run:
+    """The figures in the report of one picture, which was measured."""
+    quality, timing = report.quality, report.timing
+    assert quality is not None
     return Run(
-        picture=job.path.name,
-        configuration=job.configuration,
-        mode=job.settings.mode.value,
-        curves=job.settings.curves,
-        psnr_db=quality["svg"]["psnr_db"],
-        ssim=quality["svg"]["ssim"],
-        own_psnr_db=quality["surrogate"]["psnr_db"],
-        agreement_db=quality["agreement_db"],
-        gap_db=quality["gap_db"],
-        seconds=timing["total_s"],
-        fit_seconds=timing["fit_s"],
-        steps=timing["steps"],
-        bytes=report["output"]["bytes"],
-        paths=report["output"]["paths"],
-        renderer=quality["svg"]["renderer"],
+        picture=fit.path.name,
+        configuration=fit.configuration,
+        mode=fit.settings.mode.value,
+        curves=fit.settings.curves,
+        psnr_db=quality.svg.psnr_db,
+        ssim=quality.svg.ssim,
+        own_psnr_db=quality.surrogate.psnr_db,
+        agreement_db=quality.agreement_db,
+        gap_db=quality.gap_db,
+        seconds=timing.total_s,
+        fit_seconds=timing.fit_s,
+        steps=timing.steps,
+        bytes=report.output.bytes,
+        paths=report.output.paths,
+        renderer=quality.svg.renderer,
         cached=False,
     )
 
@@ -151,15 +154,16 @@ def run_of_report(job: Job, report: dict[str, Any]) -> Run:
 class CacheEntry:
     """Where the result of one job is kept: a JSON and an SVG whose names hold all that decides the result."""
 
-    def __init__(self, folder: Path, job: Job, picture: Picture) -> None:
-        decisive = job.settings.public() | {
+    def __init__(self, folder: Path, fit: Fit, picture: Picture) -> None:
+        decisive = fit.settings.public() | {
             "picture": picture.sha256,
             "precision": PRECISION,
             "version": __version__,
+            "engine": fit.settings.device,
             "code": code_digest(),
         }
-        self.job = job
-        stem = f"{job.path.stem}-{job.settings.mode.value}-{job.settings.curves}-{settings_hash(decisive)}"
+        self.fit = fit
+        stem = f"{fit.path.stem}-{fit.settings.mode.value}-{fit.settings.curves}-{settings_hash(decisive)}"
         self.json, self.svg = folder / f"{stem}.json", folder / f"{stem}.svg"
 
     def read(self) -> tuple[Run, bytes] | None:
@@ -171,7 +175,7 @@ class CacheEntry:
         if kept.get("sha256") != hashlib.sha256(svg).hexdigest() or set(kept.get("run", ())) != known:
             return None
         # The same fit may belong to another configuration by now.
-        named = {"picture": self.job.path.name, "configuration": self.job.configuration, "cached": True}
+        named = {"picture": self.fit.path.name, "configuration": self.fit.configuration, "cached": True}
         return Run(**kept["run"] | named), svg
 
     def write(self, run: Run, svg: bytes) -> None:
@@ -193,12 +197,6 @@ def code_digest() -> str:
 
 def _code_files() -> Iterator[Path]:
     root = Path(cubicsplat_cli.__file__).parent
-    for package in ("fit", "raster", "svg", "evaluate"):
+    for package in ("photo", "raster", "svg", "evaluate"):
         files = (path for path in (root / package).rglob("*") if path.is_file() and "__pycache__" not in path.parts)
         yield from sorted(files)
-
-
-def mean(values: Iterable[float | None]) -> float | None:
-    """Mean of the values that there are; None where there is none."""
-    known = [value for value in values if value is not None]
-    return sum(known) / len(known) if known else None

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.bench.memory import Memory, memory
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.marks import PROGRAM
-from cubicsplat_cli.fit import FitSettings
-from cubicsplat_cli.fit.threads import one_torch_thread
-from cubicsplat_cli.fit.trainer import Trainer
+from cubicsplat_cli.photo.threads import one_torch_thread
+from cubicsplat_cli.photo.trainer import Trainer
+from cubicsplat_cli.report import head
+from cubicsplat_cli.settings import FitSettings
 
 # Steps of the exact finish that are not timed: they bring its larger polylines and tile lists into memory.
 _EXACT_WARMUP = 5
@@ -56,9 +55,7 @@ def measure_step(
             exact = _time(trainer, steps)
     height, width, channels = target.shape
     return {
-        "schema": 1,
-        "program": PROGRAM,
-        "version": __version__,
+        **head(),
         "bench": "step",
         "picture": {"name": name, "width": width, "height": height, "channels": channels},
         "settings": settings.public(),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from typing import Annotated
 
 import typer
@@ -23,6 +25,9 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
+COMMANDS = ("vectorize", "eval", "render", "doctor", "bench")
+# All that the parser raises for wrong usage derives from what BadParameter derives from.
+_ParserError = typer.BadParameter.__mro__[2]
 
 
 def _print_version(wanted: bool) -> None:
@@ -46,3 +51,53 @@ app.command("eval")(evaluate)
 app.command("render")(render)
 app.command("doctor")(doctor)
 app.add_typer(bench, name="bench")
+
+
+def meant(arguments: list[str]) -> list[str]:
+    """What was meant: `help` is --help, and a picture in place of a command is to be vectorised."""
+    if not arguments:
+        return arguments
+    first = arguments[0]
+    if first == "help":
+        return [*arguments[1:], "--help"]
+    if first in COMMANDS or first.startswith("-") or difflib.get_close_matches(first, COMMANDS):
+        return arguments
+    return ["vectorize", *arguments] if re.search(r"[./\\*?]", first) else arguments
+
+
+def parser_error(error: Exception) -> str | None:
+    """The parser's complaint in our words; "" where the user gave up (Ctrl-C), None for any other exception."""
+    if isinstance(error, typer.Abort):
+        return ""
+    if not isinstance(error, _ParserError):
+        return None
+    text = error.format_message()
+    if match := re.match(r"Invalid value for '?([^':]+?)'?(?: / '[^']*')*(?: \([^)]*\))?: (.*)", text, re.DOTALL):
+        name, reason = match[1].split(" / ")[-1].strip("'[]. "), match[2]
+        return f"{name} {_reason(reason)}"
+    if match := re.match(r"No such command '(.*?)'", text):
+        close = difflib.get_close_matches(match[1], COMMANDS, 1)
+        hint = f"did you mean {close[0]}?" if close else f"the commands are {', '.join(COMMANDS)}"
+        return f"there is no command {match[1]!r}; {hint}"
+    if match := re.match(r"Missing argument '(.*?)'", text):
+        return f"{match[1]} is missing; see --help"
+    if match := re.match(r"No such option: (\S+)(?:.*\boptions?: (.*?)\)?$)?", text):
+        hint = f"did you mean {match[2].replace(', ', ' or ')}?" if match[2] else "see --help"
+        return f"there is no option {match[1]}; {hint}"
+    return _lowered(text).rstrip(".")
+
+
+def _reason(text: str) -> str:
+    """The reason without the jargon of the parser and of what it checks values with."""
+    if "valid integer" in text:
+        return "must be a whole number"
+    if "valid number" in text or "valid float" in text:
+        return "must be a number"
+    if match := re.match(r"(?:Value error, )?'(.*)' is not one of (.*?)\.?$", text, re.DOTALL):
+        choices = match[2].replace("'", "").split(", ")
+        return f"must be {', '.join(choices[:-1])} or {choices[-1]}, not {match[1]!r}"
+    return _lowered(text).rstrip(".")
+
+
+def _lowered(text: str) -> str:
+    return text[:1].lower() + text[1:]

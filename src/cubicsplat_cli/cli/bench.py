@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from cubicsplat_cli.cli.bench_artwork import artwork
-from cubicsplat_cli.cli.bench_options import Csv, Json, Limit, Markdown, Quiet, check_csv, check_sheet, listed
+from cubicsplat_cli.cli.bench_options import (
+    Csv,
+    Limit,
+    Markdown,
+    check_csv,
+    check_limit,
+    check_sheet,
+    parts_of,
+    write_csv,
+)
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.fit_options import Curves, Device, Mode, Preset, Seed, Steps, Threads
-from cubicsplat_cli.cli.options import MAX_CURVES, MAX_STEPS, DeviceChoice, ModeChoice, PresetChoice
+from cubicsplat_cli.cli.options import Json, Quiet, fit_settings, takes_fit_options
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.settings import FitSettings, Mode, listed
 
 if TYPE_CHECKING:
     from cubicsplat_cli.bench.runs import Runs
@@ -34,38 +44,32 @@ Cache = Annotated[
 
 
 @bench.command("step")
+@takes_fit_options("curves", "mode", "preset", "seed", "device", "threads")
 def step(
     image: Annotated[
         Path | None,
         typer.Argument(metavar="IMAGE", help="Picture to fit.  [default: a drawn one]", show_default=False),
     ] = None,
     size: Annotated[str, typer.Option("--size", metavar="WxH", help="Size of the drawn picture.")] = "768x512",
-    curves: Curves = 512,
-    mode: Mode = ModeChoice.closed,
-    preset: Preset = PresetChoice.standard,
     warmup_steps: Annotated[
-        int, typer.Option("--warmup-steps", min=0, max=MAX_STEPS, help="Steps before the timed ones.")
+        int, typer.Option("--warmup-steps", metavar="N", help="Steps before the timed ones.")
     ] = 300,
-    steps: Annotated[
-        int, typer.Option("--steps", min=1, max=MAX_STEPS, help="Timed steps, in each of the two phases.")
-    ] = 100,
-    seed: Seed = 0,
-    device: Device = DeviceChoice.auto,
-    threads: Threads = None,
+    steps: Annotated[int, typer.Option("--steps", metavar="N", help="Timed steps, in each of the two phases.")] = 100,
     json: Json = False,
+    **fit: Any,
 ) -> None:
     """Time of one training step in the middle of a fit, where it goes, and the memory it takes."""
     match = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", size)
     if match is None or max(int(side) for side in match.groups()) > _MOST_SIDE:
         raise UsageError(f"--size must be WIDTHxHEIGHT in pixels, at most {_MOST_SIDE} a side, not {size!r}")
+    settings = fit_settings(fit)
     import torch  # noqa: F401  (what the interpreter takes with torch is not the fit's memory)
 
     from cubicsplat_cli.bench.memory import memory
 
     baseline = memory()
     from cubicsplat_cli.bench.step import measure_step, step_lines
-    from cubicsplat_cli.evaluate.report import to_json
-    from cubicsplat_cli.fit import FitSettings
+    from cubicsplat_cli.report import to_json
 
     if image is None:
         from cubicsplat_cli.bench.synthetic import synthetic_picture
@@ -75,24 +79,17 @@ def step(
         from cubicsplat_cli.files.load import load_picture
 
         target, name = load_picture(image).target(), str(image)
-    settings = FitSettings.from_preset(
-        preset.value, mode=mode.value, curves=curves, seed=seed, device=device.value, threads=threads
-    )
     report = measure_step(target, name, settings, warmup=warmup_steps, steps=steps, baseline=baseline)
     typer.echo(to_json(report) if json else step_lines(report), nl=False)
 
 
 @bench.command("quality")
+@takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
 def quality(
     folder: Folder,
     curves: CurvesList = "512",
     mode: ModeList = "closed",
-    preset: Preset = PresetChoice.standard,
     limit: Limit = None,
-    steps: Steps = None,
-    seed: Seed = 0,
-    device: Device = DeviceChoice.auto,
-    threads: Threads = None,
     cache: Cache = None,
     sheet: Annotated[
         Path | None,
@@ -106,6 +103,7 @@ def quality(
     csv: Csv = None,
     markdown: Markdown = False,
     quiet: Quiet = False,
+    **fit: Any,
 ) -> None:
     """PSNR, SSIM, agreement, time and size of the SVG files of a folder of pictures, and their means."""
     counts, modes = _counts(curves), _modes(mode)
@@ -114,38 +112,35 @@ def quality(
     pictures = _pictures(folder, limit)
     from cubicsplat_cli.bench import quality as benchmark
 
-    jobs = benchmark.quality_jobs(pictures, modes, counts, preset.value, _overrides(steps, seed, device, threads))
-    runs = _run(jobs, cache, Reporter(quiet=quiet, verbose=False))
+    jobs = benchmark.quality_jobs(pictures, modes, counts, fit)
+    runs = _run(jobs, cache, Reporter(quiet=quiet))
     names = [benchmark.configuration_name(m, c) for m in modes for c in counts]
     if json:
         _print_json(benchmark.quality_report(runs, names))
     else:
         typer.echo(benchmark.quality_tables(runs, names, markdown=markdown), nl=False)
-    _write_csv(csv, runs)
+    write_csv(csv, [asdict(run) for run, _ in runs.done])
     if sheet is not None:
         _write_sheet(sheet, runs, pictures)
     _end(runs)
 
 
 @bench.command("ablation")
+@takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
 def ablation(
     folder: Folder,
     curves: CurvesList = "256,512",
     mode: ModeList = "closed,open",
-    preset: Preset = PresetChoice.standard,
     limit: Limit = 4,
-    steps: Steps = None,
     rows: Annotated[
         str | None, typer.Option("--rows", metavar="ROW,...", help="Only these rows, and the base.  [default: all]")
     ] = None,
-    seed: Seed = 0,
-    device: Device = DeviceChoice.auto,
-    threads: Threads = None,
     cache: Cache = None,
     json: Json = False,
     csv: Csv = None,
     markdown: Markdown = False,
     quiet: Quiet = False,
+    **fit: Any,
 ) -> None:
     """What each part of the method is worth: the same fits with one thing changed at a time."""
     counts, modes = _counts(curves), _modes(mode)
@@ -153,41 +148,40 @@ def ablation(
     pictures = _pictures(folder, limit)
     from cubicsplat_cli.bench import ablation as benchmark
 
-    chosen = benchmark.chosen_rows(None if rows is None else listed(rows))
-    overrides = _overrides(steps, seed, device, threads)
-    jobs = benchmark.ablation_jobs(pictures, chosen, modes, counts, preset.value, overrides)
-    runs = _run(jobs, cache, Reporter(quiet=quiet, verbose=False))
+    chosen = benchmark.chosen_rows(None if rows is None else parts_of(rows))
+    jobs = benchmark.ablation_jobs(pictures, chosen, modes, counts, fit)
+    runs = _run(jobs, cache, Reporter(quiet=quiet))
     if json:
         _print_json(benchmark.ablation_report(runs, chosen, modes, counts))
     else:
         typer.echo(benchmark.ablation_table(runs, chosen, modes, counts, markdown=markdown), nl=False)
-    _write_csv(csv, runs)
+    write_csv(csv, [asdict(run) for run, _ in runs.done])
     _end(runs)
-
-
-def _overrides(steps: int | None, seed: int, device: DeviceChoice, threads: int | None) -> dict[str, Any]:
-    return {"steps": steps, "seed": seed, "device": device.value, "threads": threads}
 
 
 def _counts(text: str) -> list[int]:
     """The value of --curves: whole numbers with commas between them, each once."""
-    counts = [int(part) if re.fullmatch(r"\d{1,7}", part) else 0 for part in listed(text)]
-    if not counts or not all(1 <= count <= MAX_CURVES for count in counts):
-        raise UsageError(f"--curves must be numbers between 1 and {MAX_CURVES} with commas between them, not {text!r}")
-    return list(dict.fromkeys(counts))
+    parts = parts_of(text)
+    if not parts or not all(part.isdecimal() for part in parts):
+        raise UsageError(f"must be whole numbers with commas between them, not {text!r}", "curves")
+    counts = [int(part) for part in dict.fromkeys(parts)]
+    for count in counts:
+        FitSettings(curves=count)
+    return counts
 
 
 def _modes(text: str) -> list[str]:
-    modes = list(dict.fromkeys(listed(text)))
-    known = [choice.value for choice in ModeChoice]
+    modes = list(dict.fromkeys(parts_of(text)))
+    known = [mode.value for mode in Mode]
     if not modes or not all(mode in known for mode in modes):
-        raise UsageError(f"--mode must be {' or '.join(known)}, or both with a comma, not {text!r}")
+        raise UsageError(f"must be {listed(known)}, or both with a comma, not {text!r}", "mode")
     return modes
 
 
 def _pictures(folder: Path, limit: int | None) -> list[Path]:
     from cubicsplat_cli.evaluate.folders import pictures_in
 
+    check_limit(limit)
     return pictures_in(folder)[:limit]
 
 
@@ -201,20 +195,9 @@ def _run(jobs: list[Any], cache: Path | None, reporter: Reporter) -> Runs:
 
 
 def _print_json(report: dict[str, Any]) -> None:
-    from cubicsplat_cli.evaluate.report import to_json
+    from cubicsplat_cli.report import to_json
 
     typer.echo(to_json(report), nl=False)
-
-
-def _write_csv(path: Path | None, runs: Runs) -> None:
-    if path is None:
-        return
-    from dataclasses import asdict
-
-    from cubicsplat_cli.evaluate.table import csv_text
-    from cubicsplat_cli.files.atomic import write_atomically
-
-    write_atomically(path, csv_text([asdict(run) for run, _ in runs.done]).encode())
 
 
 def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:

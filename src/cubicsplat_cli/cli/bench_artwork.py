@@ -7,20 +7,31 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cubicsplat_cli.cli.bench_options import Csv, Json, Limit, Markdown, Quiet, check_csv, check_sheet, listed
+from cubicsplat_cli.cli.bench_options import (
+    Csv,
+    Limit,
+    Markdown,
+    check_csv,
+    check_limit,
+    check_sheet,
+    parts_of,
+    write_csv,
+)
 from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.options import Json, Quiet
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.settings import Setting
 
 if TYPE_CHECKING:
     from cubicsplat_cli.bench.artwork.runs import Runs
 
-_LARGEST = 2048
+_SIZE = Setting("count", "", least=16, most=2048)
 
 
 def artwork(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)],
     tools: Annotated[str, typer.Option("--tools", metavar="TOOL,...", help="Of ours, photo and vtracer.")] = "ours",
-    size: Annotated[int, typer.Option("--size", min=16, max=_LARGEST, help="Longer side of the input in px.")] = 512,
+    size: Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")] = 512,
     only: Annotated[
         str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")
     ] = None,
@@ -41,16 +52,18 @@ def artwork(
     quiet: Quiet = False,
 ) -> None:
     """How close to the artist's own drawing each tool comes, and how much it writes for that."""
+    _SIZE.check("size", size)
+    check_limit(limit)
     check_csv(csv)
     check_sheet(sheet)
     from cubicsplat_cli.bench.artwork.runs import drawings_in, run_all
     from cubicsplat_cli.bench.artwork.tables import artwork_report, artwork_tables
     from cubicsplat_cli.bench.artwork.tools import chosen_tools
-    from cubicsplat_cli.evaluate.report import to_json
+    from cubicsplat_cli.report import to_json
 
-    chosen = chosen_tools(listed(tools))
+    chosen = chosen_tools(parts_of(tools))
     paths = drawings_in(folder, only, skip, limit)
-    runs = run_all(paths, chosen, size, Reporter(quiet=quiet, verbose=False).summary)
+    runs = run_all(paths, chosen, size, Reporter(quiet=quiet).summary)
     if not runs.done:
         raise InputError(f"no drawing could be measured: {runs.failed[0][0]}: {runs.failed[0][2]}")
     names = list(chosen)
@@ -63,11 +76,9 @@ def artwork(
 def _write(runs: Runs, paths: list[Path], size: int, csv: Path | None, keep: Path | None, sheet: Path | None) -> None:
     from dataclasses import asdict
 
-    from cubicsplat_cli.evaluate.table import csv_text
     from cubicsplat_cli.files.atomic import write_atomically
 
-    if csv is not None:
-        write_atomically(csv, csv_text([asdict(figures) for figures, _ in runs.done]).encode())
+    write_csv(csv, [asdict(figures) for figures, _ in runs.done])
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
         for figures, svg in runs.done:

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.settings import Setting
+from cubicsplat_cli.tables import csv_text
 
-Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Take the first so many pictures only.")]
-Json = Annotated[bool, typer.Option("--json", help="Print everything as JSON.")]
+_LIMIT = Setting("count", "", least=1, optional=True)
+
+Limit = Annotated[int | None, typer.Option("--limit", metavar="N", help="Take the first so many pictures only.")]
 Csv = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Also write one row per fit as a table.")]
 Markdown = Annotated[bool, typer.Option("--markdown", help="Print the tables as Markdown.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print results and errors only.")]
 
 
-def listed(text: str) -> list[str]:
+def parts_of(text: str) -> list[str]:
     """The parts of a value with commas in it."""
     return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def check_limit(limit: int | None) -> None:
+    """Raises UsageError for a --limit below 1."""
+    _LIMIT.check("limit", limit)
 
 
 def check_csv(path: Path | None) -> None:
@@ -38,6 +46,14 @@ def check_sheet(path: Path | None) -> None:
         return
     if path.suffix.lower() != ".png":
         raise UsageError(f"the sheet must end in .png, but --sheet is {path}")
-    from cubicsplat_cli.files.names import check_outputs
+    from cubicsplat_cli.files.ownership import check_outputs
 
     check_outputs([path], force=False)
+
+
+def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write the rows, where a table was asked for."""
+    if path is not None:
+        from cubicsplat_cli.files.atomic import write_atomically
+
+        write_atomically(path, csv_text(rows).encode())

@@ -17,7 +17,7 @@ def doctor(
     json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
     """Show versions, renderers and the engine; exit 1 when something needed does not work."""
-    from cubicsplat_cli.evaluate.report import to_json
+    from cubicsplat_cli.report import to_json
 
     found = examine()
     if json:

@@ -1,94 +1,89 @@
-"""Choices, ranges and checks of option values; everything here runs before numpy or torch is imported."""
+"""The options that several commands share; those of a fit are made from `settings.py`, where help and limits stand."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Iterator
 from enum import Enum
+from typing import Annotated, Any, Literal, get_type_hints
 
-from cubicsplat_cli.errors import UsageError
+from typer import Argument, Option
 
-MAX_CURVES = 1_000_000
-MAX_STEPS = 10_000_000
-MAX_SEGMENTS = 16
-MIN_SAMPLES = 4
-MAX_SAMPLES = 64
-MAX_THREADS = 1024
-MAX_SEED = 2**31 - 1
-MAX_PRECISION = 6
-# The picture loader's own default, repeated because importing the loader takes longer than printing help.
-DEFAULT_MAX_PIXELS = 100_000_000
+from cubicsplat_cli.settings import FitSettings, Recipe, Setting, settings_of
 
-MAX_JOBS = 1024
-MAX_SIZE = 1_000_000
+Renderer = Annotated[
+    Literal["auto", "cairosvg", "resvg"],
+    Option("--renderer", case_sensitive=False, help="What draws an SVG; auto is cairosvg where it works."),
+]
+MaxPixels = Annotated[int, Option("--max-pixels", metavar="N", help="Refuse pictures with more pixels than this.")]
+Json = Annotated[bool, Option("--json", help="Print everything as JSON.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="Print results and errors only.")]
+Pictures = Annotated[
+    list[str],
+    Argument(
+        metavar="IN...",
+        help="Pictures, folders, patterns such as 'photos/*.png', or - for standard input.",
+        show_default=False,
+    ),
+]
 
-
-class ModeChoice(str, Enum):
-    """What a curve is."""
-
-    closed = "closed"
-    open = "open"
-
-
-class PresetChoice(str, Enum):
-    """How long and how carefully to fit."""
-
-    draft = "draft"
-    standard = "standard"
-    high = "high"
-    paper = "paper"
+_KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "colour": str}
 
 
-class ImportanceChoice(str, Enum):
-    """What a curve's importance is."""
+def takes_fit_options(*names: str, after: int = 2) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Gives a command, whose last parameter is `**fit`, options in place of that parameter.
 
-    loo = "loo"
-    visibility = "visibility"
+    names: of the settings; all where none is named. after: how many of the command's own options the help shows first.
+    """
 
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        signature = inspect.signature(command)
+        hints = get_type_hints(command, include_extras=True)
+        own = [
+            p.replace(annotation=hints[p.name]) for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD
+        ]
+        fit = [p for p in _fit_parameters() if not names or p.name in names]
+        places = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own]
+        parameters = [*places[:after], *fit, *places[after:]]
+        command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        command.__annotations__ = {p.name: p.annotation for p in [*own, *fit]}
+        return command
 
-class FlattenChoice(str, Enum):
-    """How curves become polylines."""
-
-    uniform = "uniform"
-    de_casteljau = "de-casteljau"
-
-
-class EdgesChoice(str, Enum):
-    """What the edges of curves look like during the fit."""
-
-    crisp = "crisp"
-    soft = "soft"
-
-
-class DeviceChoice(str, Enum):
-    """Where to compute."""
-
-    auto = "auto"
-    cpu = "cpu"
-    cuda = "cuda"
+    return decorate
 
 
-class RendererChoice(str, Enum):
-    """What draws an SVG: auto is cairosvg, or resvg where the system has no libcairo."""
-
-    auto = "auto"
-    cairosvg = "cairosvg"
-    resvg = "resvg"
-
-    def wanted(self) -> str | None:
-        """The name that `rerender` takes: None for auto."""
-        return None if self is RendererChoice.auto else self.value
+def fit_settings(fit: dict[str, Any], **more: Any) -> FitSettings:
+    """The settings that the options ask for; None means the preset's. Raises UsageError for senseless values."""
+    given = {name: value.value if isinstance(value, Enum) else value for name, value in {**fit, **more}.items()}
+    return FitSettings.from_preset(**given)
 
 
-def parse_background(text: str) -> str:
-    """ "auto", "none" or "#rrggbb" from those, #rgb, or a CSS colour name; UsageError for anything else."""
-    lowered = text.strip().lower()
-    if lowered in ("auto", "none"):
-        return lowered
-    from PIL import ImageColor
+def _fit_parameters() -> Iterator[inspect.Parameter]:
+    """An option for each setting of a fit, in the order of the help."""
+    for owner in (FitSettings, Recipe):
+        for each, known in settings_of(owner):
+            default = None if owner is Recipe else each.default
+            yield inspect.Parameter(
+                each.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=default.value if isinstance(default, Enum) else default,
+                annotation=_annotation(each.name, known, default, from_preset=default is None and not known.optional),
+            )
 
-    try:
-        colour = ImageColor.getrgb(lowered)
-    except ValueError:
-        colour = ()
-    if len(colour) != 3:
-        raise UsageError(f"--background must be auto, none, a colour name or #rrggbb, not {text!r}")
-    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+def _annotation(name: str, known: Setting, default: Any, *, from_preset: bool) -> Any:
+    """What Typer needs to know. Limits are left to `Setting.check`, whose words are those of every other error."""
+    option = "--" + name.replace("_", "-")
+    text = known.help + ("  [default: from the preset]" if from_preset else "")
+    if known.kind == "choice":
+        kind: Any = Literal[known.choices]
+        extra: dict[str, Any] = {"case_sensitive": False}
+    else:
+        kind, extra = _KINDS[known.kind], {} if known.kind == "flag" else {"metavar": known.metavar}
+    declared = f"{option}/--no-{option[2:]}" if known.kind == "flag" else option
+    return Annotated[kind | None if default is None else kind, Option(declared, help=text, **extra)]
+
+
+def wanted_renderer(chosen: str) -> str | None:
+    """The name that `rerender` takes: None for auto."""
+    return None if chosen == "auto" else chosen

@@ -9,9 +9,10 @@ from typing import Annotated
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import RendererChoice
-from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.names import STDIO, check_outputs
+from cubicsplat_cli.cli.options import Renderer, wanted_renderer
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.files.names import STDIO, drawn_name
+from cubicsplat_cli.files.ownership import check_outputs
 from cubicsplat_cli.files.paths import same_file
 from cubicsplat_cli.files.stdout import write_stdout
 
@@ -28,11 +29,10 @@ def render(
             show_default=False,
         ),
     ] = None,
-    scale: Annotated[float, typer.Option("--scale", help="Pixels per unit of the SVG; above 0.")] = 1.0,
-    renderer: Annotated[
-        RendererChoice,
-        typer.Option("--renderer", help="What draws the SVG; auto is cairosvg where it works."),
-    ] = RendererChoice.auto,
+    scale: Annotated[
+        float, typer.Option("--scale", metavar="FACTOR", help="Pixels per unit of the SVG; above 0.")
+    ] = 1.0,
+    renderer: Renderer = "auto",
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace an existing file that cubicsplat did not write.")
@@ -46,7 +46,8 @@ def render(
             raise UsageError(f"the output must end in .png, but is {path}; choose another with -o")
         if given is not None and same_file(path, given):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
-        check_outputs([path], force=force)
+        # A name that nobody chose is never worth a picture of the user's.
+        check_outputs([path], force=force and output is not None)
 
     from cubicsplat_cli.evaluate import rerender_untrusted
     from cubicsplat_cli.files.atomic import write_atomically
@@ -55,9 +56,9 @@ def render(
 
     svg = unpacked(sys.stdin.buffer.read(), "stdin") if given is None else read_file(given)
     name = "stdin" if given is None else source
-    rendered, _ = rerender_untrusted(svg, source=name, scale=scale, renderer=renderer.wanted())
+    rendered, _ = rerender_untrusted(svg, source=name, scale=scale, renderer=wanted_renderer(renderer))
     data = encode_png(rendered.pixels)
-    reporter = Reporter(quiet=quiet, verbose=False)
+    reporter = Reporter(quiet=quiet)
     if rendered.note is not None:
         reporter.note(rendered.note)
     if path is None:
@@ -74,5 +75,7 @@ def _place(source: Path | None, output: str | None) -> Path | None:
         return None
     if output is not None:
         return Path(output)
-    # Without a name there is nothing to make a name of; reading it will say that it is no file.
-    return source.with_suffix(".png") if source.name else None
+    assert source is not None
+    if not source.name:
+        raise InputError(f"{source}: is no file; give an SVG")
+    return drawn_name(source)

@@ -3,11 +3,10 @@
 Importing this package is cheap; the renderers and scikit-image are imported by the functions that need them.
 """
 
-from cubicsplat_cli.evaluate.metrics import Quality, agreement_db, compare, compare_premultiplied
+from cubicsplat_cli.evaluate.metrics import agreement_db, compare, compare_premultiplied
 from cubicsplat_cli.evaluate.rerender import Rendered, available_renderers, rerender, rerender_untrusted
 
 __all__ = [
-    "Quality",
     "Rendered",
     "agreement_db",
     "available_renderers",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError
-
-PICTURE_SUFFIXES = frozenset(
-    (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".gif", ".ppm", ".pgm", ".pbm", ".pnm")
-)
+from cubicsplat_cli.files.names import SVG_SUFFIXES, is_picture_name
+from cubicsplat_cli.files.ownership import is_ours
 
 
 @dataclass
@@ -22,8 +21,11 @@ class Matches:
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """The picture files right in a folder, by name; InputError where it cannot be read or has none."""
-    found = _files(folder, PICTURE_SUFFIXES)
+    """The picture files right in a folder, by name, less those that cubicsplat drew itself.
+
+    Raises InputError where the folder cannot be read or has none.
+    """
+    found = [path for path in _files(folder, is_picture_name) if not is_ours(path)]
     if not found:
         raise InputError(f"{folder}: holds no pictures; give a folder with PNG, JPEG or other picture files")
     return found
@@ -37,8 +39,8 @@ def match_folders(references: Path, candidates: Path) -> Matches:
     if references.resolve() == candidates.resolve():
         raise InputError(f"{references}: is both the reference and the candidate; give two folders")
     wanted = _by_stem(pictures_in(references))
-    rasters = _files(candidates, PICTURE_SUFFIXES)
-    drawings = _by_stem(_files(candidates, frozenset((".svg",))))
+    rasters = _files(candidates, is_picture_name)
+    drawings = _by_stem(_files(candidates, lambda path: path.suffix.lower() in SVG_SUFFIXES))
     # Beside each SVG that `vectorize` writes lies its picture.
     found = _by_stem([path for path in rasters if path.stem not in drawings]) | drawings
     matches = Matches(extra=[path for stem, path in found.items() if stem not in wanted])
@@ -52,9 +54,9 @@ def match_folders(references: Path, candidates: Path) -> Matches:
     return matches
 
 
-def _files(folder: Path, suffixes: frozenset[str]) -> list[Path]:
+def _files(folder: Path, wanted: Callable[[Path], bool]) -> list[Path]:
     try:
-        return sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file())
+        return sorted(path for path in folder.iterdir() if wanted(path) and path.is_file())
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}); check the path") from error
 

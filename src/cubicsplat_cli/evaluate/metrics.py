@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.report import Quality
 
 # Wang et al. 2004 ("Image quality assessment: from error visibility to structural similarity"): Gaussian
 # window of sigma 1.5 cut to 11 x 11 taps, population covariance, data range 1, mean over pixels and channels.
@@ -16,21 +16,6 @@ SSIM_SIGMA = 1.5
 SSIM_TAPS = 11
 # Far below half a step of 16 bits: differences under this come from float arithmetic, not from the pictures.
 IDENTICAL_TOLERANCE = 1e-6
-
-
-@dataclass(frozen=True)
-class Quality:
-    """How close a picture is to its reference.
-
-    psnr_db: peak signal-to-noise ratio in dB, None when the pictures are identical. ssim: mean structural
-    similarity in [-1, 1], None when the picture is too small for the window (`ssim_note` says so). identical:
-    no pixel differs.
-    """
-
-    psnr_db: float | None
-    ssim: float | None
-    identical: bool
-    ssim_note: str | None = None
 
 
 def compare(reference: Picture, candidate: np.ndarray) -> Quality:

@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.rerender import choose_renderer, drawing_with, full_name
 from cubicsplat_cli.evaluate.tiles import Tile, area_means, draw_tile, tiles
 from cubicsplat_cli.evaluate.untrusted import check_untrusted
+from cubicsplat_cli.settings import SCALE
 
 if TYPE_CHECKING:
     from cubicsplat_cli.scene import Scene
 
-MAX_SCALE = 12
 # A pixel takes 4 bytes on cairo's surface, 16 in the engine's picture, up to 40 with resvg and its PNG.
 TILE_PIXELS = 2**22
 _MOST_SAMPLES = 64
@@ -35,12 +34,6 @@ class Downsampled:
     note: str | None
 
 
-def check_scale(scale: int) -> None:
-    """Raise UsageError unless `scale` is a whole number in 1..MAX_SCALE."""
-    if isinstance(scale, bool) or not isinstance(scale, int) or not 1 <= scale <= MAX_SCALE:
-        raise UsageError(f"scale must be a whole number between 1 and {MAX_SCALE}, not {scale!r}")
-
-
 def downsampled_svg(
     svg: bytes, width: int, height: int, scale: int, *, source: str = "SVG", renderer: str | None = None
 ) -> Downsampled:
@@ -49,7 +42,7 @@ def downsampled_svg(
     Memory is bounded by one tile and the result. Raises UsageError for a scale outside 1..12, and what
     `check_untrusted` and `rerender` raise.
     """
-    check_scale(scale)
+    SCALE.check("scale", scale)
     size = check_untrusted(svg, source)
     module, name, note = choose_renderer(renderer)
     pixels = np.empty((height, width, 4), np.float32)
@@ -72,7 +65,7 @@ def downsampled_scene(scene: Scene, scale: int, *, samples: int = 24, threads: i
     C = 3, or 4 (premultiplied) without a background. samples: edges per cubic at scale 1. Memory is bounded by one
     tile and the result. Raises UsageError for a scale outside 1..12, InputError for a scene that is not valid.
     """
-    check_scale(scale)
+    SCALE.check("scale", scale)
     scene.validate()
     picture = np.empty((scene.height, scene.width, scene.channels), np.float32)
     for tile in tiles(scene.width, scene.height, scale, TILE_PIXELS):

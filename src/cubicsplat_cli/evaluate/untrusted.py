@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from xml.parsers import expat
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.marks import GZIP
 
 MAX_SVG_BYTES = 64 * 1024 * 1024
 MAX_ELEMENTS = 2_000_000
 MAX_DEPTH = 256
 
-_GZIP = b"\x1f\x8b"
+
 _PICTURES = {"image", "feImage", "foreignObject"}
 _OUTSIDE = re.compile(r"@import|url\(\s*['\"]?\s*(?!#)[^\s'\"#)]", re.IGNORECASE)
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(px)?\s*")
@@ -40,7 +41,7 @@ def check_untrusted(data: bytes, source: str) -> SvgSize:
         raise InputError(f"{source}: is empty; give an SVG file")
     if len(data) > MAX_SVG_BYTES:
         raise InputError(f"{source}: has {len(data)} bytes; an SVG of at most {MAX_SVG_BYTES} bytes is read")
-    if data.startswith(_GZIP):
+    if data.startswith(GZIP):
         raise InputError(f"{source}: is compressed (.svgz); unpack it first, for example with gunzip")
     scan = _Scan(source)
     parser = expat.ParserCreate()

@@ -163,7 +163,7 @@ def _depth(image: Image.Image) -> str:
 
 def _reduced_from_16_bits(image: Image.Image, data: bytes) -> bool:
     """Whether this is a 16-bit PNG that Pillow reads with 8, as it does colour; byte 24 is IHDR's depth."""
-    return image.format == "PNG" and data[24] == 16 and not image.mode.startswith("I")
+    return image.format == "PNG" and data[24:25] == b"\x10" and not image.mode.startswith("I")
 
 
 def _as_float(image: Image.Image) -> np.ndarray:

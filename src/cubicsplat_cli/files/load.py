@@ -24,10 +24,11 @@ from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.decode import Decoded, decode
+from cubicsplat_cli.settings import MAX_PIXELS
 from cubicsplat_cli.words import one_line, printable
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
-DEFAULT_MAX_PIXELS = 100_000_000
+
 MAX_FILE_BYTES = 1 << 30
 
 _FORMATS_TEXT = ", ".join(FORMATS)
@@ -68,7 +69,7 @@ class Picture:
         return self.rgb if self.alpha is None else self.premultiplied()
 
 
-def load_picture(source: Path | bytes, *, name: str | None = None, max_pixels: int = DEFAULT_MAX_PIXELS) -> Picture:
+def load_picture(source: Path | bytes, *, name: str | None = None, max_pixels: int = MAX_PIXELS) -> Picture:
     """Read a picture from a path, or from the bytes of a file (standard input, a network answer).
 
     `name` replaces the path in messages and in `Picture.source`; for bytes it defaults to "<bytes>".

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 PROGRAM = "cubicsplat"
+GZIP = b"\x1f\x8b"  # what every gzip file begins with
 # The mark sits in the first lines of every file we write; a longer search would only cost time.
 HEAD_BYTES = 4096
 
@@ -20,9 +21,18 @@ _HASHES = re.compile(rb"<!-- cubicsplat \S+, seed \d+, settings ([0-9a-f]{12}), 
 
 
 def settings_hash(settings: Mapping[str, Any]) -> str:
-    """Twelve hexadecimal digits that identify `settings`: SHA-256 of its canonical JSON (keys sorted)."""
-    text = json.dumps(settings, sort_keys=True, separators=(",", ":"), default=str)
+    """Twelve hexadecimal digits that identify the `settings` that decide a file: SHA-256 of their canonical JSON.
+
+    The file is the same for every number of threads, and on one engine for every device of its kind.
+    """
+    decisive = {name: value for name, value in settings.items() if name not in ("device", "threads")}
+    text = json.dumps(decisive, sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def sha256_of(data: bytes) -> str:
+    """SHA-256 in hexadecimal digits."""
+    return hashlib.sha256(data).hexdigest()
 
 
 def provenance_comment(version: str, seed: int, digest: str, sha256: str) -> str:

@@ -1,16 +1,17 @@
-"""Reading the bytes of a file the user named: never a pipe, which would block, nor what is absurdly large."""
+"""The bytes of files: of those the user named never a pipe, which would block, nor what is absurdly large."""
 
 from __future__ import annotations
 
+import gzip
 import stat
 import zlib
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.marks import GZIP
 
 MAX_FILE_BYTES = 1 << 30
 MAX_UNPACKED_BYTES = 1 << 28
-_GZIP = b"\x1f\x8b"
 
 
 def read_file(path: Path) -> bytes:
@@ -39,7 +40,7 @@ def unpacked(data: bytes, name: str) -> bytes:
     Raises InputError, naming the file, where it is damaged or holds more than a limit: a small file can hold any
     number of zeros.
     """
-    if not data.startswith(_GZIP):
+    if not data.startswith(GZIP):
         return data
     unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
     try:
@@ -51,6 +52,12 @@ def unpacked(data: bytes, name: str) -> bytes:
     if not unpacker.eof:
         raise InputError(f"{name}: is compressed, but cut short; save or download it again")
     return content
+
+
+def packed(svg: str, *, compressed: bool) -> bytes:
+    """The bytes of an SVG file: UTF-8, or gzip of it without a time stamp: the same SVG gives the same bytes."""
+    data = svg.encode()
+    return gzip.compress(data, mtime=0) if compressed else data
 
 
 def looks_like_svg(path: Path, data: bytes) -> bool:

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import CubicSplatError, EngineError
+from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.plan import Job, Request
-from cubicsplat_cli.jobs.pool import Listener
-from cubicsplat_cli.jobs.work import FAILED, FileSink, MemorySink, Outcome, attempt, failure
+from cubicsplat_cli.jobs.run import FAILED, FileSink, MemorySink, Outcome, attempt, failure
 from cubicsplat_cli.words import one_line
 
 if TYPE_CHECKING:
@@ -44,23 +44,22 @@ def run_on_cluster(
     address: str,
     count: int,
     limit: int | None,
-    threads: int | None,
-    listener: Listener,
+    events: Events,
     stopping: Callable[[], bool],
 ) -> Iterator[Outcome]:
     """The outcomes of `jobs` as they come; their files are written here.
 
     address: of the cluster's head ("host:port", "ray://host:port", or "auto"). count: how many jobs there may be.
-    limit: of jobs at once. threads: CPU cores of a task (None: the cluster's cores, divided among the jobs).
+    limit: of jobs at once. A task takes as many cores as threads were asked for (None: the cluster's, divided).
     Raises EngineError where Ray is not installed or no cluster answers.
     """
     # Ray prints what it has to say about its workers to standard output, which is for results.
     with contextlib.redirect_stdout(sys.stderr), _connected(address) as ray:
-        share = divide(ray.cluster_resources(), request, count=count, limit=limit, threads=threads)
+        share = divide(ray.cluster_resources(), request, count=count, limit=limit)
         task = ray.remote(num_cpus=share.cpus, num_gpus=share.gpus, max_retries=RETRIES)(work)
         running: dict[Any, Job] = {}
         while not stopping():
-            yield from _submit(ray, task, jobs, request, share, running, listener)
+            yield from _submit(ray, task, jobs, request, share, running, events)
             if not running:
                 return
             ready, _ = ray.wait(list(running), timeout=_POLL_SECONDS)
@@ -74,18 +73,17 @@ def run_on_cluster(
 def work(job: Job, request: Request, threads: int) -> tuple[Outcome, dict[str, bytes]]:
     """What runs on the cluster: the outcome of a job, and its files by kind."""
     sink = MemorySink()
-    outcome = attempt(job, request, threads=threads, sink=sink)
+    outcome = attempt(job, request.with_threads(threads), sink=sink, events=Events())
     # The picture need not travel back.
     return dataclasses.replace(outcome, job=dataclasses.replace(job, data=None)), sink.files
 
 
-def divide(
-    resources: dict[str, float], request: Request, *, count: int, limit: int | None, threads: int | None
-) -> Share:
-    """One GPU a task where the cluster has any (and the device is not cpu), else `threads` cores."""
+def divide(resources: dict[str, float], request: Request, *, count: int, limit: int | None) -> Share:
+    """One GPU a task where the cluster has any (and the device is not cpu), else as many cores as threads."""
+    device, threads = request.settings.device, request.settings.threads
     cores = max(1, int(resources.get("CPU", 1)))
-    gpus = int(resources.get("GPU", 0)) if request.overrides.get("device", "auto") != "cpu" else 0
-    if request.overrides.get("device") == "cuda" and gpus == 0:
+    gpus = int(resources.get("GPU", 0)) if device != "cpu" else 0
+    if device == "cuda" and gpus == 0:
         raise EngineError("the cluster has no GPU; use --device auto or cpu")
     if gpus:
         slots, cpus = gpus, 1
@@ -124,7 +122,7 @@ def _submit(
     request: Request,
     share: Share,
     running: dict[Any, Job],
-    listener: Listener,
+    events: Events,
 ) -> Iterator[Outcome]:
     """Send out jobs while there is room; yields those whose picture cannot be read."""
     from cubicsplat_cli.files.load import read_picture_file
@@ -138,7 +136,7 @@ def _submit(
         except CubicSplatError as error:
             yield failure(job, error)
             continue
-        listener.start(job)
+        events.begin(job.name)
         running[task.remote(dataclasses.replace(job, data=data), request, share.cpus)] = job
 
 

@@ -1,68 +1,66 @@
-"""Jobs: which picture becomes which files, with which settings, and whether that work is done already."""
+"""Jobs: which picture becomes which files, and with which settings."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.marks import hashes_in
-from cubicsplat_cli.files.names import (
-    COMPRESSED,
-    PLAIN,
-    STDIO,
-    Outputs,
-    beside,
-    check_outputs,
-    check_ownership,
-    read_head,
-)
-from cubicsplat_cli.files.paths import is_file, is_folder, is_there, same_file
-from cubicsplat_cli.jobs.sources import Source
+from cubicsplat_cli.files.marks import settings_hash
+from cubicsplat_cli.files.names import COMPRESSED, PLAIN, STDIO, Outputs, beside, plan_outputs
+from cubicsplat_cli.files.paths import is_folder, is_there
+from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
+from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Setting, deciding
 
-if TYPE_CHECKING:
-    from cubicsplat_cli.fit import FitSettings
+MAX_SIDE = 1_000_000
+_CHECKS = {
+    "precision": PRECISION,
+    "max_size": Setting("count", "", least=1, most=MAX_SIDE, optional=True),
+    "max_pixels": Setting("count", "", least=1),
+}
 
 
 @dataclass(frozen=True)
 class Request:
-    """What the options ask for, the same for every input; `overrides` are fit settings given explicitly."""
+    """What the options ask for, the same for every input. Raises UsageError for values that make no sense."""
 
-    preset: str = "standard"
-    overrides: dict[str, Any] = field(default_factory=dict)
+    settings: FitSettings = field(default_factory=FitSettings)
     precision: int = 2
     max_size: int | None = None
-    max_pixels: int = 100_000_000
+    max_pixels: int = MAX_PIXELS
     png: bool = True
     compress: bool = False
     force: bool = False
+    measure: bool = True
 
-    def settings(self, threads: int | None = None) -> FitSettings:
-        """The settings of the fit; `threads` instead of what was asked for. Imports torch."""
-        from cubicsplat_cli.fit import FitSettings
+    def __post_init__(self) -> None:
+        for name, known in _CHECKS.items():
+            known.check(name, getattr(self, name))
 
-        given = {**self.overrides} if threads is None else {**self.overrides, "threads": threads}
-        return FitSettings.from_preset(self.preset, **given)
+    def with_threads(self, threads: int | None) -> Request:
+        """The same with so many threads; None: as asked for."""
+        return self if threads is None else replace(self, settings=self.settings.with_(threads=threads))
+
+    def deciding(self) -> dict[str, Any]:
+        """Everything that decides the file, and what it is computed with, as plain values."""
+        return deciding(self.settings, precision=self.precision, max_size=self.max_size)
 
     def describe(self) -> str:
-        """The settings as a line; the recipe's numbers are in the JSON. Imports torch."""
-        return ", ".join(f"{name} {value}" for name, value in self.settings().public().items() if name != "recipe")
+        """The settings as a line; the recipe's numbers are in the JSON."""
+        return ", ".join(f"{name} {value}" for name, value in self.settings.public().items() if name != "recipe")
 
     def digest(self) -> str:
-        """The settings hash that the files will carry. Imports torch."""
-        from cubicsplat_cli.jobs.pipeline import all_settings, digest_of
-
-        return digest_of(all_settings(self.settings(), precision=self.precision, max_size=self.max_size))
+        """The settings hash that the files will carry."""
+        return settings_hash(self.deciding())
 
 
 @dataclass(frozen=True)
 class Job:
-    """One picture to vectorise. path: None for standard input, whose bytes are `data`. name: for messages and
-    reports.
+    """One picture to vectorise. name: as the user named it, for messages and reports. path: None for standard input,
+    whose bytes are `data`.
     """
 
     name: str
@@ -70,15 +68,35 @@ class Job:
     outputs: Outputs
     data: bytes | None = None
 
-    @classmethod
-    def named(cls, name: str) -> Job:
-        """A job of which no more is known yet than how the user named it."""
-        return cls(name, None, Outputs(None, None, None))
-
     @property
     def title(self) -> str:
         """The SVG's title."""
         return "stdin" if self.path is None else self.path.name
+
+
+@dataclass(frozen=True)
+class Plan:
+    """jobs, in a fixed order; problems: arguments that led to none, by name; left_out: pictures not taken, and why."""
+
+    jobs: list[Job]
+    problems: list[tuple[str, CubicSplatError]] = field(default_factory=list)
+    left_out: Mapping[str, list[Path]] = field(default_factory=dict)
+
+    @property
+    def pictures(self) -> int:
+        """How many outcomes there will be."""
+        return len(self.jobs) + len(self.problems)
+
+
+def plan(arguments: list[str], output: str | None, request: Request, *, recursive: bool) -> Plan:
+    """A job for everything the arguments lead to. Raises UsageError where they make no sense together."""
+    if is_batch(arguments):
+        found = find_sources(arguments, recursive=recursive)
+        jobs = plan_jobs(found.sources, output, png=request.png, compress=request.compress)
+        return Plan(jobs, list(found.problems), found.left_out)
+    name = arguments[0]
+    path = None if name == STDIO else Path(name)
+    return Plan([Job(name, path, plan_outputs(path, output, png=request.png, compress=request.compress))])
 
 
 def plan_jobs(sources: list[Source], output: str | None, *, png: bool, compress: bool) -> list[Job]:
@@ -88,10 +106,7 @@ def plan_jobs(sources: list[Source], output: str | None, *, png: bool, compress:
     their names (`a.png.svg`, `a.jpg.svg`). Raises UsageError where two pictures still meet, or where `output` cannot
     be a folder.
     """
-    if output == STDIO:
-        raise UsageError("-o - takes the SVG of one picture; give a folder for several")
-    if output is not None and is_there(Path(output)) and not is_folder(Path(output)):
-        raise UsageError(f"-o {output} is a file; give a folder for the results of several pictures")
+    _check_folder(output, len(sources))
     suffix = COMPRESSED if compress else PLAIN
     stems = [_folder_of(source, output) / source.path.stem for source in sources]
     shared = {key for key, count in Counter(_key(stem) for stem in stems).items() if count > 1}
@@ -106,6 +121,19 @@ def plan_jobs(sources: list[Source], output: str | None, *, png: bool, compress:
     return [Job(str(source.path), source.path, beside(svg, png=png)) for source, svg in jobs]
 
 
+def _check_folder(output: str | None, pictures: int) -> None:
+    """`-o` of several pictures must be a folder; one that ends in .svg was meant for one picture."""
+    if output is None:
+        return
+    if output == STDIO:
+        raise UsageError("-o - takes the SVG of one picture; give a folder for several")
+    path = Path(output)
+    if is_there(path) and not is_folder(path):
+        raise UsageError(f"-o {output} is a file; give a folder for the results of several pictures")
+    if path.suffix.lower() in (PLAIN, COMPRESSED) and not is_folder(path) and not output.endswith(("/", "\\")):
+        raise UsageError(f"-o {output} names one SVG, but there are {pictures} pictures; give a folder")
+
+
 def _folder_of(source: Source, output: str | None) -> Path:
     return source.path.parent if output is None else Path(output) / source.below
 
@@ -115,69 +143,11 @@ def _key(path: Path) -> str:
     return str(path.absolute()).casefold()
 
 
-def prepare(job: Job, *, force: bool, make_folders: bool) -> None:
-    """Find out before the work whether the files of `job` can be written, with `make_folders` making their folders.
-
-    Raises InputError where they cannot, UsageError where they may not: existing files that cubicsplat did not write
-    are only replaced with `force`, and the input never.
-    """
-    check_may_write(job, force=force)
-    for folder in {path.parent for path in job.outputs.files()} if make_folders else ():
+def make_folders(job: Job) -> None:
+    """Make the folders of a job's files. Raises InputError where that cannot be done."""
+    for folder in {path.parent for path in job.outputs.files()}:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             reason = error.strerror or str(error)
             raise InputError(f"{folder}: folder cannot be created ({reason}); choose another with -o") from error
-    check_outputs(job.outputs.files(), force=force)
-
-
-def check_may_write(job: Job, *, force: bool) -> None:
-    """The part of `prepare` that changes nothing on the disk."""
-    for path in job.outputs.files():
-        if job.path is not None and same_file(path, job.path):
-            raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
-    check_ownership(job.outputs.files(), force=force)
-
-
-def all_written(job: Job) -> bool:
-    """Whether all files of `job` exist, so that asking `finished` is worth the import of torch."""
-    files = job.outputs.files()
-    return bool(files) and all(is_file(path) for path in files)
-
-
-def finished(job: Job, digest: str) -> dict[str, Any] | None:
-    """The report of an earlier run that made all files of `job` from the same input with the same settings.
-
-    None when any file is missing, incomplete, changed since, made from another input or with other settings, or of a
-    fit that was interrupted.
-    """
-    outputs = job.outputs
-    if outputs.svg is None or outputs.report is None or not all_written(job):
-        return None
-    try:
-        report = json.loads(outputs.report.read_bytes())
-        written = report["output"]
-        made_from = (report["settings_hash"], report["input"]["sha256"])
-        complete = (
-            report["interrupted"] is False
-            and made_from == hashes_in(read_head(outputs.svg)) == (digest, _input_sha256(job))
-            and _sha256(outputs.svg) == written["svg_sha256"]
-            and (outputs.png is None or _sha256(outputs.png) == written["png_sha256"])
-        )
-    except (CubicSplatError, OSError, ValueError, KeyError, TypeError):
-        # No report as this version writes it, or an input that cannot be read: the work is done anew, and says why
-        # it cannot be.
-        return None
-    return report if complete else None
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _input_sha256(job: Job) -> str:
-    from cubicsplat_cli.files.load import read_picture_file
-
-    if job.path is None:
-        return hashlib.sha256(job.data or b"").hexdigest()
-    return hashlib.sha256(read_picture_file(job.path)).hexdigest()

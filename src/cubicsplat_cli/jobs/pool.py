@@ -16,27 +16,19 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING
 
+from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.execute import cores
 from cubicsplat_cli.jobs.plan import Job, Request
-from cubicsplat_cli.jobs.work import FAILED, FileSink, Outcome, Watcher, attempt, nothing
+from cubicsplat_cli.jobs.run import FAILED, FileSink, Outcome, attempt
+from cubicsplat_cli.progress import Progress
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
-
-    from cubicsplat_cli.progress import Progress
 
 ATTEMPTS = 2
 # How often a stop is looked for while nothing happens.
 _POLL_SECONDS = 0.2
 _STOP = "stop"
-
-
-@dataclass(frozen=True)
-class Listener:
-    """Whom to tell about the jobs under way: that one starts, how far it is, and what is odd about it."""
-
-    start: Callable[[Job], None] = nothing
-    note: Callable[[Job, str], None] = nothing
-    step: Callable[[Job, Progress], None] = nothing
 
 
 def share_threads(threads: int | None, workers: int) -> list[int]:
@@ -46,27 +38,14 @@ def share_threads(threads: int | None, workers: int) -> list[int]:
     return [max(1, each + (index < rest)) for index in range(workers)]
 
 
-def cores() -> int:
-    """The CPU cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def run_jobs(
-    jobs: Iterator[Job],
-    request: Request,
-    *,
-    workers: int,
-    threads: int | None,
-    listener: Listener,
-    stopping: Callable[[], bool],
+def run_in_workers(
+    jobs: Iterator[Job], request: Request, *, workers: int, events: Events, stopping: Callable[[], bool]
 ) -> Iterator[Outcome]:
     """The outcomes of `jobs` in the order in which they end; `jobs` is asked for the next when a worker is free.
 
     Once `stopping()` is true nothing is begun any more, and the fits under way end early with the best they have.
     """
-    pool = _Pool(request, share_threads(threads, workers), listener)
+    pool = _Pool(request, share_threads(request.settings.threads, workers), events)
     try:
         yield from pool.run(jobs, stopping)
     finally:
@@ -87,7 +66,7 @@ class _Worker:
 class _Pool:
     request: Request
     threads: list[int]
-    listener: Listener
+    events: Events
     workers: list[_Worker] = field(default_factory=list)
     again: deque[Job] = field(default_factory=deque)
     deaths: dict[str, int] = field(default_factory=dict)
@@ -133,7 +112,7 @@ class _Pool:
                 return
             worker = next((worker for worker in self.workers if worker.slot == slot), None) or self._start(slot)
             worker.job = job
-            self.listener.start(job)
+            self.events.begin(job.name)
             with contextlib.suppress(OSError):  # it died while idle: `_listen` finds that out
                 worker.pipe.send(job)
 
@@ -154,15 +133,14 @@ class _Pool:
         try:
             kind, content = worker.pipe.recv()
         except (EOFError, OSError):
-            return self._bury(worker)
-        if kind == "step":
-            self.listener.step(job, content)
-        else:
+            return self._died(worker)
+        if kind == "outcome":
             worker.job = None
             return content
+        getattr(self.events, kind)(job.name, *content)
         return None
 
-    def _bury(self, worker: _Worker) -> Outcome | None:
+    def _died(self, worker: _Worker) -> Outcome | None:
         """A worker died: its job goes to another, unless it has killed too many."""
         worker.process.join()
         worker.pipe.close()
@@ -170,7 +148,7 @@ class _Pool:
         job, how = worker.job, _describe(worker.process.exitcode)
         self.deaths[job.name] = self.deaths.get(job.name, 0) + 1
         if self.deaths[job.name] < ATTEMPTS:
-            self.listener.note(job, f"{job.name}: its worker process died ({how}); it is tried again")
+            self.events.note(job.name, f"{job.name}: its worker process died ({how}); it is tried again")
             self.again.append(job)
             return None
         text = f"{job.name}: its worker process died {ATTEMPTS} times ({how}); try fewer --jobs, or --max-size"
@@ -217,19 +195,26 @@ def _work(pipe: Connection, request: Request, threads: int) -> None:
                 return
             if job == _STOP:  # it came when the job was done already
                 continue
-            outcome = attempt(job, request, threads=threads, sink=FileSink(job), watcher=_teller(pipe))
+            outcome = attempt(job, request.with_threads(threads), sink=FileSink(job), events=_ThroughPipe(pipe))
             pipe.send(("outcome", outcome))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         # The command that started this process is gone; what was under way is done anew by its next run.
         os._exit(1)
 
 
-def _teller(pipe: Connection) -> Watcher:
+class _ThroughPipe(Events):
     """Says through the pipe how a job goes on, and ends its fit early when told to."""
 
-    def step(progress: Progress) -> None:
-        pipe.send(("step", progress))
-        if progress.step < progress.steps and pipe.poll() and pipe.recv() == _STOP:
-            raise KeyboardInterrupt
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
 
-    return Watcher(step=step)
+    def stage(self, job: str, stage: str) -> None:
+        self._pipe.send(("stage", (stage,)))
+
+    def note(self, job: str, text: str) -> None:
+        self._pipe.send(("note", (text,)))
+
+    def step(self, job: str, progress: Progress) -> None:
+        self._pipe.send(("step", (progress,)))
+        if progress.step < progress.steps and self._pipe.poll() and self._pipe.recv() == _STOP:
+            raise KeyboardInterrupt

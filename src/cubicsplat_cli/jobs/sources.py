@@ -9,13 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.names import STDIO, is_ours
+from cubicsplat_cli.files.names import STDIO, is_picture_name
+from cubicsplat_cli.files.ownership import is_ours
 from cubicsplat_cli.files.paths import is_folder
-
-# In a folder, these are taken for pictures; a file that is named itself may be called anything.
-PICTURE_SUFFIXES = frozenset(
-    (".png", ".jpg", ".jpeg", ".jpe", ".webp", ".bmp", ".dib", ".tif", ".tiff", ".gif", ".ppm", ".pgm", ".pbm", ".pnm")
-)
 
 
 @dataclass(frozen=True)
@@ -32,7 +28,11 @@ class Found:
 
     sources: list[Source] = field(default_factory=list)
     problems: list[tuple[str, InputError]] = field(default_factory=list)
-    left_out: list[Path] = field(default_factory=list)
+    left_out: dict[str, list[Path]] = field(default_factory=dict)
+
+    def leave_out(self, path: Path, reason: str) -> None:
+        """Note a file that is not taken, and why."""
+        self.left_out.setdefault(reason, []).append(path)
 
 
 def is_batch(arguments: list[str]) -> bool:
@@ -69,7 +69,7 @@ def _is_pattern(argument: str) -> bool:
 
 def _take_file(source: Source, found: Found) -> None:
     if is_ours(source.path):
-        found.left_out.append(source.path)
+        found.leave_out(source.path, "drawn by cubicsplat itself")
     else:
         found.sources.append(source)
 
@@ -77,11 +77,16 @@ def _take_file(source: Source, found: Found) -> None:
 def _take_pattern(pattern: str, found: Found) -> None:
     # Path.glob takes no absolute patterns.
     matches = sorted(Path(name) for name in glob.glob(pattern, recursive=True))  # noqa: PTH207
-    matches = [path for path in matches if not is_folder(path)]
+    # As when folders are searched, links to folders are not followed.
+    matches = [path for path in matches if not is_folder(path) and not ("**" in pattern and _through_link(path))]
     if not matches:
         found.problems.append((pattern, InputError(f"{pattern}: no file matches; check the pattern")))
     for path in matches:
         _take_file(Source(path), found)
+
+
+def _through_link(path: Path) -> bool:
+    return any(parent.is_symlink() for parent in path.parents)
 
 
 def _take_folder(folder: Path, recursive: bool, found: Found) -> None:
@@ -95,9 +100,11 @@ def _take_folder(folder: Path, recursive: bool, found: Found) -> None:
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
             path = Path(place, name)
-            if path.suffix.lower() in PICTURE_SUFFIXES and not name.startswith("."):
+            if is_picture_name(path):
                 count += 1
                 _take_file(Source(path, Path(place).relative_to(folder)), found)
+            elif not name.startswith(".") and not is_ours(path):
+                found.leave_out(path, "not a picture by its name")
         if not recursive:
             deeper = bool(folders)
             break

@@ -7,9 +7,10 @@ from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.markup import Identifiers, comment_text, short_colour, xml_text
 from cubicsplat_cli.svg.pathdata import format_number
-from cubicsplat_cli.svg.quantise import MAX_PRECISION, check_precision
+from cubicsplat_cli.svg.quantise import check_precision
 from cubicsplat_cli.svg.ringgrid import grid_ring, to_steps
 from cubicsplat_cli.svg.ringpath import PathText, add_ring
 
@@ -23,7 +24,7 @@ def suggested_precision(width: int, height: int) -> int:
     """Decimals that a drawing of this size needs: 2 at 512 px, 3 at 64 px, 1 at 4,096 px; rounding is a step in 51,200
     of its longer side.
     """
-    return min(MAX_PRECISION, max(0, round(math.log10(_STEPS_ACROSS / max(width, height)))))
+    return int(min(PRECISION.most, max(0, round(math.log10(_STEPS_ACROSS / max(width, height))))))
 
 
 def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:

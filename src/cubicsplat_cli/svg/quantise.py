@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import Scene, pack_rings
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import PRECISION, Mode
 from cubicsplat_cli.svg.pathdata import ring_slices
 from cubicsplat_cli.svg.shortest import shortest_description
 
-MAX_PRECISION = 6
 OPACITY_DECIMALS = 3
 # Whole pixels would make most strokes 0 or 1 px wide, so widths keep two decimals at least.
 MIN_WIDTH_DECIMALS = 2
@@ -55,8 +54,7 @@ class GridScene:
 
 def check_precision(precision: int) -> None:
     """Raise UsageError unless `precision` is a whole number in 0..6."""
-    if isinstance(precision, bool) or not isinstance(precision, int) or not 0 <= precision <= MAX_PRECISION:
-        raise UsageError(f"precision must be a whole number in 0..{MAX_PRECISION}, not {precision!r}")
+    PRECISION.check("precision", precision)
 
 
 def to_grid(scene: Scene, precision: int) -> GridScene:

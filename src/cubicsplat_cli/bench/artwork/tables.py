@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.bench.artwork.figures import Figures
 from cubicsplat_cli.bench.artwork.runs import Runs
-from cubicsplat_cli.evaluate.table import number, text_table
-from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.report import head
+from cubicsplat_cli.tables import number, text_table
 
 # Member, heading, decimals.
 _COLUMNS = (
@@ -49,9 +48,7 @@ def summary(figures: Sequence[Figures]) -> dict[str, dict[str, float | None]]:
 def artwork_report(runs: Runs, tools: Sequence[str], size: int) -> dict[str, Any]:
     """The JSON of `bench artwork`."""
     return {
-        "schema": 1,
-        "program": PROGRAM,
-        "version": __version__,
+        **head(),
         "bench": "artwork",
         "size": size,
         "summary": {tool: summary(runs.of(tool)) for tool in tools},

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import importlib
-import io
 from collections.abc import Callable
 
 import numpy as np
-from PIL import Image
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.load import Picture, load_picture
 
 PHOTO_CURVES = 64
 
@@ -29,28 +26,21 @@ def chosen_tools(names: list[str]) -> dict[str, Tool]:
     return {name: TOOLS[name] for name in dict.fromkeys(names)}
 
 
-def _picture(pixels: np.ndarray) -> Picture:
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG")
-    return load_picture(buffer.getvalue(), name="drawing.png")
-
-
 def _ours(pixels: np.ndarray) -> bytes:
     """The artwork style as it is without options."""
     from cubicsplat_cli.artwork.vectorize import draw
+    from cubicsplat_cli.files.convert import as_picture
     from cubicsplat_cli.svg.drawing import write_drawing
 
-    drawing = draw(_picture(pixels).target())
+    drawing = draw(as_picture(pixels).target())
     return write_drawing(drawing, title="drawing.png", comment="bench artwork").encode()
 
 
 def _photo(pixels: np.ndarray) -> bytes:
     """The photo style with 64 curves."""
-    from cubicsplat_cli.fit import FitSettings
-    from cubicsplat_cli.jobs.pipeline import fit_to_svg
+    from cubicsplat_cli.api import vectorize
 
-    settings = FitSettings.from_preset("standard", curves=PHOTO_CURVES)
-    return fit_to_svg(_picture(pixels), settings, precision=2, title=None).svg
+    return vectorize(pixels, curves=PHOTO_CURVES, measure=False).svg.encode()
 
 
 def _vtracer_svg(pixels: np.ndarray) -> bytes:

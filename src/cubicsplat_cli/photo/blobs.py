@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.fit.initial import colour_to_logits, random_ring
-from cubicsplat_cli.fit.smoothing import box_mean
+from cubicsplat_cli.photo.initial import colour_to_logits, random_ring
+from cubicsplat_cli.photo.smoothing import box_mean
 from cubicsplat_cli.settings import FitSettings, Mode
 
 RESIDUAL_BLUR = 5  # px; a single pixel's residual is noise

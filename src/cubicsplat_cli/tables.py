@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 
@@ -46,3 +46,9 @@ def number(value: float | None, decimals: int, *, sign: bool = False) -> str:
     if value is None:
         return "-"
     return f"{value:{'+' if sign else ''}.{decimals}f}"
+
+
+def mean(values: Iterable[float | None]) -> float | None:
+    """Mean of the values that there are; None where there is none."""
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known else None

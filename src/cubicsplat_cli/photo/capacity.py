@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.fit.blobs import blob_points, find_blobs
-from cubicsplat_cli.fit.initial import colours_at, control_points, draw_pixels, new_curves
-from cubicsplat_cli.fit.parameters import Parameters
-from cubicsplat_cli.fit.smoothing import box_mean
+from cubicsplat_cli.photo.blobs import blob_points, find_blobs
+from cubicsplat_cli.photo.initial import colours_at, control_points, draw_pixels, new_curves
+from cubicsplat_cli.photo.parameters import Parameters
+from cubicsplat_cli.photo.smoothing import box_mean
 from cubicsplat_cli.raster.engine import OptimiserState
 from cubicsplat_cli.settings import FitSettings
 

@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.fit.parameters import Parameters
+from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.settings import FitSettings, Mode
 
 COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the optimiser

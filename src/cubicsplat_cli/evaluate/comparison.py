@@ -1,17 +1,18 @@
-"""The judgement of one candidate, an SVG or a picture, against its reference: what `cubicsplat eval` reports."""
+"""One candidate, an SVG or a picture, compared with its reference: what `cubicsplat eval` reports."""
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate.metrics import Quality, compare, compare_premultiplied
-from cubicsplat_cli.evaluate.report import input_fields, quality_fields, rounded
+from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-from cubicsplat_cli.evaluate.scaled import check_scale, downsampled_scene, downsampled_svg
-from cubicsplat_cli.files.load import DEFAULT_MAX_PIXELS, Picture, load_picture
+from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
+from cubicsplat_cli.files.load import Picture, load_picture
+from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.report import Input, Quality
+from cubicsplat_cli.settings import MAX_PIXELS, SCALE
 
 if TYPE_CHECKING:
     from cubicsplat_cli.scene import Scene
@@ -24,7 +25,7 @@ ENGINE_SAMPLES = 48
 
 @dataclass(frozen=True)
 class Change:
-    """One renderer's quality at native size and after drawing `factor` times as large and averaging back."""
+    """One renderer's quality at native size and after drawing several times as large and averaging back."""
 
     native: Quality
     scaled: Quality
@@ -35,6 +36,9 @@ class Change:
         if self.native.psnr_db is None or self.scaled.psnr_db is None:
             return None
         return self.scaled.psnr_db - self.native.psnr_db
+
+    def public(self) -> dict[str, Any]:
+        return {"native": self.native, "scaled": self.scaled, "change_db": self.change_db}
 
 
 @dataclass(frozen=True)
@@ -47,34 +51,43 @@ class ScaleFigures:
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
-    """How close a candidate is to its reference. renderer: what drew it, None for a picture."""
+class Candidate:
+    """What is compared. renderer: what draws it, None for a picture."""
 
-    reference: Picture
-    reference_path: str
-    candidate_path: str
-    sha256: str
-    size: int
+    path: str
+    data: bytes
     renderer: str | None
-    quality: Quality
-    scale: ScaleFigures | None = None
-    notes: list[str] = field(default_factory=list)
 
     @property
     def kind(self) -> str:
         return "raster" if self.renderer is None else "svg"
 
-    def fields(self) -> dict[str, Any]:
-        """The members of the JSON report that are about this pair."""
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """How close a candidate is to its reference."""
+
+    reference: Picture
+    reference_path: str
+    candidate: Candidate
+    quality: Quality
+    scale: ScaleFigures | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def public(self) -> dict[str, Any]:
+        """The members of the JSON report that are about this pair, for `report.plain`."""
+        picture, candidate = self.reference, self.candidate
         found: dict[str, Any] = {
-            "reference": input_fields(self.reference, self.reference_path),
+            "reference": Input(
+                self.reference_path, picture.sha256, picture.width, picture.height, picture.alpha is not None
+            ),
             "candidate": {
-                "path": self.candidate_path,
-                "sha256": self.sha256,
-                "kind": self.kind,
-                "bytes": self.size,
+                "path": candidate.path,
+                "sha256": sha256_of(candidate.data),
+                "kind": candidate.kind,
+                "bytes": len(candidate.data),
             },
-            "quality": {"renderer": self.renderer, **quality_fields(self.quality)},
+            "quality": {"renderer": candidate.renderer, **vars(self.quality)},
         }
         if self.scale is not None:
             found["scale"] = self._scale_fields(self.scale)
@@ -85,20 +98,12 @@ class Judgement:
             "factor": scale.factor,
             "width": self.reference.width * scale.factor,
             "height": self.reference.height * scale.factor,
-            "svg": _change_fields(scale.file),
-            "engine": None if scale.engine is None else _change_fields(scale.engine),
+            "svg": scale.file.public(),
+            "engine": None if scale.engine is None else scale.engine.public(),
         }
 
 
-def _change_fields(change: Change) -> dict[str, Any]:
-    return {
-        "native": quality_fields(change.native),
-        "scaled": quality_fields(change.scaled),
-        "change_db": rounded("change_db", change.change_db),
-    }
-
-
-def judge(
+def compare_with(
     reference: Picture,
     reference_path: str,
     data: bytes,
@@ -106,27 +111,26 @@ def judge(
     *,
     is_svg: bool,
     renderer: str | None = None,
-    max_pixels: int = DEFAULT_MAX_PIXELS,
+    max_pixels: int = MAX_PIXELS,
     scale: int | None = None,
     threads: int | None = None,
-) -> Judgement:
+) -> Comparison:
     """Compare the bytes of an SVG (drawn at the reference's size) or of a picture with the reference.
 
     scale: 1..12, for an SVG: also draw it that many times as large. Raises InputError for a candidate that cannot be
     used, UsageError for a senseless scale or one asked of a picture, EngineError where no renderer works.
     """
     notes = [f"{reference.source}: {note}" for note in reference.notes]
-    digest = hashlib.sha256(data).hexdigest()
-    found = (reference, reference_path, candidate_path, digest, len(data))
     if scale is not None:
-        check_scale(scale)
+        SCALE.check("scale", scale)
     if not is_svg:
         if scale is not None:
             raise UsageError(f"{candidate_path}: is a picture; --scale is about SVG files")
         picture = load_picture(data, name=candidate_path, max_pixels=max_pixels)
         notes.extend(f"{picture.source}: {note}" for note in picture.notes)
-        return Judgement(*found, None, compare_premultiplied(reference, picture.target()), notes=notes)
-    name, quality = _judge_svg(reference, data, candidate_path, renderer, notes)
+        quality = compare_premultiplied(reference, picture.target())
+        return Comparison(reference, reference_path, Candidate(candidate_path, data, None), quality, notes=notes)
+    name, quality = _compare_svg(reference, data, candidate_path, renderer, notes)
     figures = None
     if scale is not None:
         large = downsampled_svg(
@@ -134,10 +138,10 @@ def judge(
         )
         file = Change(quality, compare_premultiplied(reference, large.pixels))
         figures = ScaleFigures(scale, file, _engine(reference, data, candidate_path, scale, threads, notes))
-    return Judgement(*found, name, quality, figures, notes)
+    return Comparison(reference, reference_path, Candidate(candidate_path, data, name), quality, figures, notes)
 
 
-def _judge_svg(
+def _compare_svg(
     reference: Picture, data: bytes, source: str, renderer: str | None, notes: list[str]
 ) -> tuple[str, Quality]:
     """The renderer's name and the quality of an SVG drawn at the reference's size; may add to `notes`."""

@@ -13,19 +13,19 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.fit.capacity import gini, reallocate
-from cubicsplat_cli.fit.geometric import crossing_gradient
-from cubicsplat_cli.fit.initial import colours_at, control_points, new_curves, random_centres
-from cubicsplat_cli.fit.parameters import Background, Parameters
-from cubicsplat_cli.fit.schedule import Phase, Schedule
-from cubicsplat_cli.fit.settle import settle
-from cubicsplat_cli.fit.threads import one_torch_thread
+from cubicsplat_cli.photo.capacity import gini, reallocate
+from cubicsplat_cli.photo.geometric import crossing_gradient
+from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
+from cubicsplat_cli.photo.parameters import Background, Parameters
+from cubicsplat_cli.photo.schedule import Phase, Schedule
+from cubicsplat_cli.photo.settle import settle
+from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.settings import FitSettings, parse_background
+from cubicsplat_cli.settings import FitSettings
 
 REPORT_SECONDS = 0.1
 HISTORY_ENTRIES = 50
@@ -79,7 +79,7 @@ def choose_background(target: Tensor, settings: FitSettings) -> Background:
     """The colour behind the curves: the picture's mean, the given one, or none for a picture with transparency."""
     if target.shape[2] == 4:
         return None
-    given = parse_background(settings.background)
+    given = settings.background_colour
     if given is not None:
         return given
     mean = [round(float(v) * 255) / 255 for v in target.mean((0, 1))]
@@ -282,4 +282,6 @@ class Trainer:
             elapsed = now - self.started
             left = elapsed / max(progress, 1e-9) * max(0.0, 1.0 - progress)
             level, per_step = psnr(float(loss), self.values), 1e3 * elapsed / self.step
-            self.on_progress(Progress(self.step, self.settings.steps, level, per_step, self.replaced, left))
+            self.on_progress(
+                Progress(min(progress, 1.0), self.step, self.settings.steps, level, per_step, self.replaced, left)
+            )

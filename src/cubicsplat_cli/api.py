@@ -1,0 +1,83 @@
+"""The library as Python programs use it; docs/python.md shows how. Nothing in here prints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from cubicsplat_cli.evaluate.comparison import compare_with
+from cubicsplat_cli.evaluate.metrics import compare_premultiplied
+from cubicsplat_cli.files.convert import PictureLike, as_picture
+from cubicsplat_cli.files.read import looks_like_svg, read_file
+from cubicsplat_cli.pipeline import Result, vectorize_picture
+from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.report import Quality
+from cubicsplat_cli.settings import FitSettings
+
+
+def vectorize(
+    picture: PictureLike,
+    *,
+    curves: int = 512,
+    mode: str = "closed",
+    preset: str = "standard",
+    precision: int = 2,
+    max_size: int | None = None,
+    title: str | None = None,
+    measure: bool = True,
+    on_progress: Callable[[Progress], None] | None = None,
+    **settings: Any,
+) -> Result:
+    """Turn a picture into an SVG of Bezier shapes.
+
+    picture: a path, the bytes of a file, an array (H, W), (H, W, 3) or (H, W, 4) of uint8 or of floats in [0, 1]
+    (straight alpha), or a Pillow image. curves, mode ("closed" or "open"), preset ("draft", "standard", "high",
+    "paper") and `settings`: fields of `FitSettings` and of its recipe, such as seed, time_limit, background or opaque.
+    precision: decimals of the coordinates, 0..6. max_size: fit a copy of at most so many pixels a side; the SVG keeps
+    the picture's size. title: of the SVG. measure: draw the SVG by an independent renderer, for `report.quality` and
+    `pixels`. on_progress: called about ten times a second; a KeyboardInterrupt that it raises ends the fit early with
+    the best SVG so far.
+
+    Raises InputError for what is no picture, UsageError for senseless settings, EngineError where no engine runs.
+    """
+    chosen = FitSettings.from_preset(preset, mode, curves=curves, **settings)
+    return vectorize_picture(
+        as_picture(picture),
+        chosen,
+        precision=precision,
+        max_size=max_size,
+        title=title,
+        measure=measure,
+        on_progress=on_progress,
+    )
+
+
+def compare(reference: PictureLike, candidate: PictureLike | Result) -> Quality:
+    """How close a picture or an SVG is to a reference picture: PSNR and SSIM.
+
+    candidate: what `vectorize` returned, the path, bytes or text of an SVG (drawn by an independent renderer at the
+    reference's size), or any picture. Where either has transparency both are laid over black and over white, and the
+    worse figure counts. Raises InputError for what is neither, and where sizes differ.
+    """
+    picture = as_picture(reference)
+    svg = _svg_of(candidate)
+    if svg is None:
+        assert not isinstance(candidate, Result)
+        return compare_premultiplied(picture, as_picture(candidate).target())
+    return compare_with(picture, picture.source, svg, "the SVG", is_svg=True).quality
+
+
+def _svg_of(candidate: PictureLike | Result) -> bytes | None:
+    """The bytes of an SVG, unpacked; None where it is no SVG."""
+    if isinstance(candidate, Result):
+        return candidate.svg.encode()
+    if isinstance(candidate, str) and candidate.lstrip().startswith("<"):
+        return candidate.encode()
+    if isinstance(candidate, bytes):
+        return candidate if looks_like_svg(Path(), candidate) else None
+    if isinstance(candidate, (str, Path)):
+        path = Path(candidate)
+        if looks_like_svg(path, b""):
+            return read_file(path)
+    return None

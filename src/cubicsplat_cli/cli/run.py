@@ -1,0 +1,159 @@
+"""A run of `vectorize` over one picture or many: told as it goes, summed up at its end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import FrameType
+
+from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.display import Display
+from cubicsplat_cli.cli.summary import Tally, summary_line
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.stdout import write_stdout
+from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.execute import Means, execute, look
+from cubicsplat_cli.jobs.plan import Plan, Request
+from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
+from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.report import plain
+from cubicsplat_cli.words import printable
+
+EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
+
+
+@dataclass
+class Run(Events):
+    """One run: what it is to do, and how it is told."""
+
+    plan: Plan
+    request: Request
+    means: Means
+    reporter: Reporter
+    json: bool = False
+    dry_run: bool = False
+    tally: Tally = field(default_factory=Tally)
+    failures: list[Outcome] = field(default_factory=list)
+    stopped: bool = False
+    display: Display = field(default_factory=Display)
+    started: float = field(default_factory=time.perf_counter)
+
+    def go(self) -> int:
+        """Do everything; the exit code."""
+        for reason, paths in self.plan.left_out.items():
+            self._tell_left_out(reason, [str(path) for path in paths])
+        for name, error in self.plan.problems:
+            self.settle(failure(named_job(name), error))
+        if self.dry_run:
+            for job in self.plan.jobs:
+                self.settle(look(job, self.request))
+        elif self.plan.jobs:
+            self._work()
+        self._close()
+        if self.stopped or self.tally.rows[INTERRUPTED].pictures:
+            return EXIT_INTERRUPTED
+        if self.plan.pictures == 1 and self.failures:
+            return self.failures[0].exit_code
+        return EXIT_FAILED if self.failures else 0
+
+    def settle(self, outcome: Outcome) -> None:
+        """Tell how one picture ended."""
+        self.display.end(outcome.job.name)
+        if outcome.status == FAILED:
+            self.failures.append(outcome)
+            if self.plan.pictures > 1:
+                self.reporter.summary(f"{outcome.job.name}  failed")
+            if outcome.trace is not None:
+                self.reporter.raw(outcome.trace)
+        elif outcome.status == PLANNED or self.dry_run:
+            if not self.json:
+                _print_plan(outcome)
+        elif outcome.report is not None:
+            if outcome.report.interrupted and self.plan.pictures == 1:
+                self.reporter.note(f"interrupted at step {outcome.report.timing.steps}: the best SVG so far is written")
+            self.reporter.summary(summary_line(outcome.report, outcome.status))
+        if outcome.status != PLANNED:
+            self.tally.add(outcome)
+        if self.json:
+            line = json.dumps(plain(outcome.public()), separators=(",", ":"), allow_nan=False)
+            write_stdout(line.encode() + b"\n")
+
+    def begin(self, job: str) -> None:
+        self.display.begin(job)
+
+    def stage(self, job: str, stage: str) -> None:
+        self.display.stage(job, stage)
+
+    def step(self, job: str, progress: Progress) -> None:
+        self.display.step(job, progress)
+
+    def note(self, job: str, text: str) -> None:
+        self.reporter.note(text)
+
+    def detail(self, job: str, text: str) -> None:
+        self.reporter.detail(text)
+
+    def _work(self) -> None:
+        if self.plan.pictures > 1:
+            self.reporter.detail(self.request.describe())
+        with self.reporter.showing(self.plan.pictures) as self.display, self._interrupts():
+            for outcome in execute(self.plan, self.request, self.means, self, lambda: self.stopped):
+                self.settle(outcome)
+        self.display = Display()
+
+    def _close(self) -> None:
+        """The table, and after it what failed."""
+        if self.plan.pictures > 1 and not self.dry_run:
+            for line in self.tally.table(self.plan.pictures, time.perf_counter() - self.started):
+                self.reporter.summary(line)
+        for outcome in self.failures:
+            self.reporter.error(outcome.error or "")
+
+    def _tell_left_out(self, reason: str, names: list[str]) -> None:
+        shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        self.reporter.note(f"left out, {reason}: {len(names)} ({shown})")
+
+    @contextmanager
+    def _interrupts(self) -> Iterator[None]:
+        """The first Ctrl-C is acknowledged at once and ends the fits under way with what they have; where the work is
+        done in this process, it ends what is no fit. The second ends everything.
+        """
+
+        def stop(_number: int, _frame: FrameType | None) -> None:
+            if self.stopped:
+                raise KeyboardInterrupt
+            self.stopped = True
+            self.reporter.note("interrupted: a fit under way ends with what it has; Ctrl-C again ends at once")
+            if self.means.inline:
+                raise KeyboardInterrupt
+
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = signal.signal(signal.SIGINT, stop)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+
+def check_stdout(plan: Plan, *, json: bool, cluster: bool) -> None:
+    """Raise UsageError where two things would go to standard output, or none can."""
+    for job in plan.jobs:
+        if job.outputs.svg is None and json:
+            raise UsageError("--json and the SVG would both go to standard output; give a file with -o")
+        if cluster and (job.outputs.svg is None or job.path is None):
+            raise UsageError("--cluster works from files to files; give them instead of -")
+
+
+def _print_plan(outcome: Outcome) -> None:
+    """What a dry run says of a job."""
+    outputs = outcome.job.outputs
+    target = "standard output" if outputs.svg is None else printable(str(outputs.svg))
+    state = "unchanged" if outcome.status == UNCHANGED else "to do"
+    write_stdout(f"{state}  {printable(outcome.job.name)} -> {target}\n".encode())

@@ -1,0 +1,66 @@
+"""Which existing files may be replaced: those that cubicsplat wrote. Imports nothing heavy."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, svg_is_ours
+from cubicsplat_cli.files.paths import is_file, is_there
+
+_REPORT = f'{{\n  "schema": 1,\n  "program": "{PROGRAM}"'.encode()  # how every report of ours begins
+
+
+def check_outputs(paths: list[Path], *, force: bool) -> None:
+    """Find out before the work whether every file can be written and may be replaced.
+
+    Raises InputError where a file cannot be written, UsageError where one exists that cubicsplat did not
+    write and `force` is not given.
+    """
+    from cubicsplat_cli.files.atomic import check_writable
+
+    for path in paths:
+        check_writable(path)
+    check_ownership(paths, force=force)
+
+
+def check_ownership(paths: list[Path], *, force: bool) -> None:
+    """Raise UsageError where a file exists that cubicsplat did not write and `force` is not given."""
+    for path in paths:
+        if not force and is_there(path) and not is_ours(path):
+            raise UsageError(f"{path} exists and was not written by cubicsplat; use --force or choose another output")
+
+
+def is_ours(path: Path) -> bool:
+    """Whether an existing regular file carries the mark that cubicsplat leaves in what it writes.
+
+    A file that cannot be read is not ours, as far as we can tell. One without a single byte holds nothing of anybody's:
+    a crashed disk leaves such files.
+    """
+    if not is_file(path):
+        return False
+    try:
+        if path.stat().st_size == 0:
+            return True
+        head = read_head(path)
+    except OSError:
+        return False
+    if path.suffix.lower() == ".png":
+        return f"tEXtSoftware\0{PROGRAM} ".encode() in head
+    if path.suffix.lower() == ".json":
+        # A report that was cut short is ours too.
+        return f'"program": "{PROGRAM}"'.encode() in head or _REPORT.startswith(head)
+    return svg_is_ours(head)
+
+
+def read_head(path: Path) -> bytes:
+    """The first bytes of a file, unpacked where it is compressed; marks of ours are in them."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    if not head.startswith(GZIP):
+        return head
+    try:
+        return zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(head, HEAD_BYTES)
+    except zlib.error:
+        return head

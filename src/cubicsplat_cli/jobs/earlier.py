@@ -1,0 +1,117 @@
+"""What an earlier run left for a job: finished work, work cut short, or files that somebody has edited since."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
+from cubicsplat_cli.files.marks import hashes_in, sha256_of
+from cubicsplat_cli.files.ownership import check_outputs, check_ownership, read_head
+from cubicsplat_cli.files.paths import is_file, same_file
+from cubicsplat_cli.files.read import unpacked
+from cubicsplat_cli.jobs.plan import Job, make_folders
+from cubicsplat_cli.report import Report
+
+_PNG_END = b"IEND\xaeB`\x82"
+
+
+def prepare(job: Job, *, force: bool) -> None:
+    """Make the folders of `job`, and find out before the work whether its files can be written.
+
+    Raises InputError where they cannot, UsageError where they may not: existing files that cubicsplat did not write, or
+    that were edited since, are only replaced with `force`, and the input never.
+    """
+    check_may_write(job, force=force)
+    make_folders(job)
+    check_outputs(job.outputs.files(), force=force)
+
+
+def check_may_write(job: Job, *, force: bool) -> None:
+    """The part of `prepare` that changes nothing on the disk."""
+    for path in job.outputs.files():
+        if job.path is not None and same_file(path, job.path):
+            raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
+    check_ownership(job.outputs.files(), force=force)
+    if force:
+        return
+    for path in edited(job):
+        raise UsageError(f"{path} was edited since it was made; --force replaces it, -o chooses another output")
+
+
+def edited(job: Job) -> list[Path]:
+    """Files of `job` that are no longer what the report beside them says was written."""
+    report = earlier_report(job)
+    if report is None:
+        return []
+    wanted = ((job.outputs.svg, report.output.svg_sha256), (job.outputs.png, report.output.png_sha256))
+    found = [(path, digest, path.read_bytes()) for path, digest in wanted if path is not None and is_file(path)]
+    return [path for path, digest, data in found if digest and sha256_of(data) != digest and _is_whole(path, data)]
+
+
+def _is_whole(path: Path, data: bytes) -> bool:
+    """Whether a file has its end: one that was cut short, by a disk that crashed say, is nobody's work."""
+    if path.suffix.lower() == ".png":
+        return data.endswith(_PNG_END)
+    try:
+        return unpacked(data, str(path)).rstrip().endswith(b"</svg>")
+    except InputError:
+        return False
+
+
+def forget(job: Job) -> None:
+    """Remove the report of an earlier run, which says what the files were: they are about to become others."""
+    if job.outputs.report is not None:
+        job.outputs.report.unlink(missing_ok=True)
+
+
+def earlier_report(job: Job) -> Report | None:
+    """What the report beside the SVG says; None where there is none as this version writes it, or not a whole one."""
+    path = job.outputs.report
+    if path is None or not is_file(path):
+        return None
+    try:
+        return Report.from_json(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+
+
+def finished(job: Job, digest: str) -> Report | None:
+    """The report of an earlier run that made all files of `job` from the same input with the same settings.
+
+    None when any file is missing, incomplete, changed since, made from another input or with other settings, or of a
+    fit that was interrupted.
+    """
+    outputs = job.outputs
+    files = outputs.files()
+    if outputs.svg is None or not all(is_file(path) for path in files):
+        return None
+    report = earlier_report(job)
+    if report is None or report.interrupted or report.settings_hash != digest:
+        return None
+    try:
+        made_from = (report.settings_hash, report.input.sha256)
+        complete = (
+            made_from == hashes_in(read_head(outputs.svg)) == (digest, _input_sha256(job))
+            and sha256_of(outputs.svg.read_bytes()) == report.output.svg_sha256
+            and (outputs.png is None or sha256_of(outputs.png.read_bytes()) == report.output.png_sha256)
+        )
+    except (CubicSplatError, OSError):
+        # An input that cannot be read: the work is done anew, and says why it cannot be.
+        return None
+    return report if complete else None
+
+
+def is_finished(job: Job) -> bool:
+    """Whether there is a finished SVG of any settings, which an interrupted one must not replace."""
+    report = earlier_report(job)
+    return report is not None and not report.interrupted and job.outputs.svg is not None and _size(job.outputs.svg) > 0
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if is_file(path) else 0
+
+
+def _input_sha256(job: Job) -> str:
+    from cubicsplat_cli.files.load import read_picture_file
+
+    return sha256_of(job.data or b"" if job.path is None else read_picture_file(job.path))

@@ -1,0 +1,200 @@
+"""The work on one job, the same in this process, in a worker process and on another machine."""
+
+from __future__ import annotations
+
+import traceback
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from cubicsplat_cli.errors import CubicSplatError
+from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
+from cubicsplat_cli.files.stdout import write_stdout
+from cubicsplat_cli.jobs.earlier import forget, is_finished
+from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.plan import Job, Request
+from cubicsplat_cli.progress import Stages
+from cubicsplat_cli.report import Report, head
+from cubicsplat_cli.words import one_line, printable
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.files.load import Picture
+    from cubicsplat_cli.pipeline import Result
+
+DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupted", "failed", "planned"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a job ended, or that it would be begun (planned). report: None where it was not made. error: one line, None
+    where it did not fail; trace: the traceback where the failure is a bug.
+    """
+
+    job: Job
+    status: str
+    report: Report | None = None
+    error: str | None = None
+    exit_code: int = 0
+    trace: str | None = None
+
+    def public(self) -> dict[str, Any]:
+        """What `--json` prints for the job, as plain values."""
+        if self.report is not None:
+            return {"status": self.status, **self.report.public()}
+        named = {"status": self.status, **head(), "input": {"path": self.job.name}}
+        if self.error is not None:
+            return {**named, "error": self.error}
+        files = {"svg": self.job.outputs.svg, "png": self.job.outputs.png}
+        return {**named, "output": {kind: None if path is None else str(path) for kind, path in files.items()}}
+
+
+class Sink(Protocol):
+    """Takes the finished files of one job; `kind` is svg, png or report."""
+
+    def put(self, kind: str, data: bytes) -> None: ...
+
+
+@dataclass
+class FileSink:
+    """Writes each file whole to where the job wants it; an SVG without a place goes to standard output.
+
+    written: the files so far.
+    """
+
+    job: Job
+    written: list[Path] = field(default_factory=list)
+
+    def put(self, kind: str, data: bytes) -> None:
+        from cubicsplat_cli.files.atomic import write_atomically
+
+        path = getattr(self.job.outputs, kind)
+        if kind == "svg":
+            # From here on the report of an earlier run is wrong; whoever finds none knows that the work is not done.
+            forget(self.job)
+        if path is not None:
+            write_atomically(path, data)
+            self.written.append(path)
+        elif kind == "svg":
+            write_stdout(data)
+
+
+@dataclass
+class MemorySink:
+    """Keeps the files, for whoever asked for them from afar."""
+
+    files: dict[str, bytes] = field(default_factory=dict)
+    written: list[Path] = field(default_factory=list)
+
+    def put(self, kind: str, data: bytes) -> None:
+        self.files[kind] = data
+
+
+def run_job(job: Job, request: Request, *, sink: FileSink | MemorySink, events: Events) -> Outcome:
+    """Load, fit, write, measure. The SVG is put out before it is measured, the report last: whoever finds a report
+    finds all files. A finished SVG is never replaced by that of an interrupted fit. Raises what the steps raise.
+    """
+    stages = Stages(lambda stage: events.stage(job.name, stage))
+    with stages("read"):
+        picture = load_job(job, request)
+    for note in picture.notes:
+        events.note(job.name, f"{picture.source}: {note}")
+    events.detail(job.name, f"{picture.source}: {picture.width} x {picture.height} px; {request.describe()}")
+    # torch takes seconds to import: what is wrong with the picture is said before.
+    from cubicsplat_cli.files.png import encode_png
+    from cubicsplat_cli.files.read import packed
+    from cubicsplat_cli.pipeline import vectorize_picture
+
+    svg = b""
+
+    def put_svg(made: Result) -> None:
+        nonlocal svg
+        if made.report.interrupted and is_finished(job):
+            raise _Kept
+        svg = packed(made.svg, compressed=request.compress or is_compressed_name(job.outputs.svg))
+        sink.put("svg", svg)
+
+    try:
+        result = vectorize_picture(
+            picture,
+            request.settings,
+            precision=request.precision,
+            title=job.title,
+            max_size=request.max_size,
+            measure=request.measure,
+            stages=stages,
+            on_progress=lambda at: events.step(job.name, at),
+            on_svg=put_svg,
+        )
+    except _Kept:
+        events.note(job.name, f"interrupted: {job.outputs.svg} is as the earlier, finished run left it")
+        return Outcome(job, INTERRUPTED)
+    for note in result.report.notes[len(picture.notes) :]:
+        events.note(job.name, f"{picture.source}: {note}")
+    png = encode_png(result.pixels) if job.outputs.png is not None and result.pixels is not None else None
+    if png is not None:
+        sink.put("png", png)
+    report = replace(result.report, input=replace(result.report.input, path=job.name))
+    report = report.written(svg, _text(job.outputs.svg), png, _text(job.outputs.png))
+    sink.put("report", report.to_json().encode())
+    return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
+
+
+class _Kept(Exception):
+    """An earlier, finished SVG stays instead of an interrupted one."""
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)
+
+
+def load_job(job: Job, request: Request) -> Picture:
+    """The picture of a job; raises InputError where there is none."""
+    from cubicsplat_cli.files.load import load_picture
+
+    if job.path is None or job.data is not None:
+        name = "stdin" if job.path is None else job.name
+        return load_picture(job.data or b"", name=name, max_pixels=request.max_pixels)
+    return load_picture(job.path, max_pixels=request.max_pixels)
+
+
+def attempt(job: Job, request: Request, *, sink: FileSink | MemorySink, events: Events) -> Outcome:
+    """`run_job`, with whatever goes wrong as an outcome: one bad picture must not end the work on the others.
+
+    A bug in here fails the job too, and its traceback is kept for the user. A Ctrl-C passes through unless the SVG is
+    written by then.
+    """
+    try:
+        return run_job(job, request, sink=sink, events=events)
+    except CubicSplatError as error:
+        return failure(job, error, sink.written)
+    except MemoryError:
+        text = f"{job.name}: not enough memory{_kept(sink.written)}; try --max-size"
+        return Outcome(job, FAILED, error=text, exit_code=1)
+    except KeyboardInterrupt:
+        if not sink.written:
+            raise
+        events.note(job.name, f"interrupted{_kept(sink.written)}, without its figures")
+        return Outcome(job, INTERRUPTED)
+    except (BrokenPipeError, SystemExit):
+        raise
+    except Exception as error:
+        text = f"{job.name}: {type(error).__name__}: {error}; this is a bug, please report it"
+        return Outcome(job, FAILED, error=one_line(text), exit_code=1, trace=traceback.format_exc())
+
+
+def named_job(name: str) -> Job:
+    """A job of which no more is known than how the user named it."""
+    return Job(name, None, Outputs(None, None, None))
+
+
+def failure(job: Job, error: CubicSplatError, written: list[Path] | None = None) -> Outcome:
+    """The outcome of a job that an error of ours ended; its text names the job, and what was written before."""
+    text = one_line(error)
+    shown = "stdin" if job.name == STDIO else printable(job.name)
+    if shown not in text:
+        text = f"{shown}: {text}"
+    return Outcome(job, FAILED, error=text + _kept(written or []), exit_code=error.exit_code)
+
+
+def _kept(written: list[Path]) -> str:
+    return f" (written: {', '.join(map(str, written))})" if written else ""

@@ -1,0 +1,221 @@
+"""The metrics JSON, schema 1: what `OUT.json` and `--json` hold, as typed values. Described in docs/metrics-json.md;
+`report.schema.json` beside this file is the same as a JSON Schema.
+
+Imports nothing heavy: the command looks into reports before it knows whether there is anything to do.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from cubicsplat_cli._version import __version__
+from cubicsplat_cli.files.marks import PROGRAM, sha256_of
+
+SCHEMA = 1
+# Decimals of the measured figures; more would only suggest a precision that no measure has.
+DECIMALS = {"psnr_db": 4, "ssim": 5, "agreement_db": 4, "gap_db": 4, "change_db": 4, "ms_per_step": 4}
+_SECONDS_DECIMALS = 3
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Input:
+    """Which picture it was. path: as the user named it. alpha: whether any pixel is not opaque."""
+
+    path: str
+    sha256: str
+    width: int
+    height: int
+    alpha: bool
+
+
+@dataclass(frozen=True)
+class Output:
+    """What was made of it. svg, png: files (None: not written, or standard output). bytes, paths: of the SVG. The
+    hashes are of the files as written; by them a later run knows whether they are complete.
+    """
+
+    paths: int
+    bytes: int
+    svg_sha256: str
+    svg: str | None = None
+    png: str | None = None
+    png_sha256: str | None = None
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Wall-clock seconds of everything and of its stages (None: there was none), steps of the fit, milliseconds of one.
+
+    read: the picture; write: the SVG; draw: the SVG, by an independent renderer; measure: PSNR and SSIM.
+    """
+
+    total_s: float
+    fit_s: float
+    steps: int
+    ms_per_step: float
+    read_s: float | None = None
+    write_s: float | None = None
+    draw_s: float | None = None
+    measure_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How close a picture is to its reference.
+
+    psnr_db: peak signal-to-noise ratio in dB, None when the pictures are identical. ssim: mean structural
+    similarity in [-1, 1], None when the picture is too small for the window (`ssim_note` says so). identical:
+    no pixel differs.
+    """
+
+    psnr_db: float | None
+    ssim: float | None
+    identical: bool
+    ssim_note: str | None = None
+
+
+@dataclass(frozen=True)
+class FileQuality(Quality):
+    """Of the SVG file. renderer: name and version of what drew it."""
+
+    renderer: str = ""
+
+
+@dataclass(frozen=True)
+class OwnQuality(Quality):
+    """Of the engine's own picture. samples: edges per cubic."""
+
+    samples: int = 0
+
+
+@dataclass(frozen=True)
+class Qualities:
+    """agreement_db: PSNR between the two pictures (None: no value differs). gap_db: how much better the engine's is."""
+
+    svg: FileQuality
+    surrogate: OwnQuality
+    agreement_db: float | None
+    gap_db: float | None
+
+
+@dataclass(frozen=True)
+class Report:
+    """The figures of one vectorised picture.
+
+    settings: all that decides the result; settings_hash: the hash of those that do. quality: None where it was not
+    measured. replaced, dropped: curves seeded anew during the fit, and left out at its end (None: not known). history:
+    step, psnr_db (own picture) and seconds.
+    """
+
+    input: Input
+    output: Output
+    settings: dict[str, Any]
+    settings_hash: str
+    device: dict[str, Any]
+    timing: Timing
+    replaced: int
+    interrupted: bool
+    quality: Qualities | None = None
+    dropped: int | None = None
+    notes: list[str] = field(default_factory=list)
+    history: list[dict[str, float]] = field(default_factory=list)
+    schema: int = SCHEMA
+    program: str = PROGRAM
+    version: str = __version__
+
+    def written(self, svg: bytes, svg_path: str | None, png: bytes | None, png_path: str | None) -> Report:
+        """The report with the files as they were written, compressed or not."""
+        output = replace(
+            self.output,
+            bytes=len(svg),
+            svg=svg_path,
+            svg_sha256=sha256_of(svg),
+            png=None if png is None else png_path,
+            png_sha256=None if png is None else sha256_of(png),
+        )
+        return replace(self, output=output)
+
+    def public(self) -> dict[str, Any]:
+        """Plain JSON values in the order of the documentation, figures cut to their decimals."""
+        return plain({**head(), **{f.name: getattr(self, f.name) for f in fields(self)}})
+
+    def to_json(self) -> str:
+        """Strictly valid JSON, ending with a newline."""
+        return to_json(self.public())
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Report:
+        """A report read back. Raises ValueError for anything else."""
+        value = json.loads(text)
+        if not isinstance(value, dict) or (value.get("schema"), value.get("program")) != (SCHEMA, PROGRAM):
+            raise ValueError(f"not a report of {PROGRAM} with schema {SCHEMA}")
+        return _built(cls, value)
+
+
+def head() -> dict[str, Any]:
+    """What every JSON of ours begins with."""
+    return {"schema": SCHEMA, "program": PROGRAM, "version": __version__}
+
+
+def gap_db(svg: Quality, surrogate: Quality) -> float | None:
+    """PSNR of the own picture minus PSNR of the SVG, dB; None when either is identical to the reference."""
+    if svg.psnr_db is None or surrogate.psnr_db is None:
+        return None
+    return surrogate.psnr_db - svg.psnr_db
+
+
+def plain(value: Any, name: str = "") -> Any:
+    """`value` with plain containers, figures cut to their decimals, and None for floats that JSON has no number for.
+
+    A note that there is none of (`ssim_note`) is left out.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        value = {f.name: getattr(value, f.name) for f in fields(value)}
+    if isinstance(value, Mapping):
+        kept = {key: item for key, item in value.items() if not (key == "ssim_note" and item is None)}
+        return {str(key): plain(item, str(key)) for key, item in kept.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        decimals = DECIMALS.get(name, _SECONDS_DECIMALS if name.endswith("_s") else None)
+        if not math.isfinite(value):
+            return None
+        return float(value) if decimals is None else round(float(value), decimals)
+    return value
+
+
+def to_json(value: Any) -> str:
+    """Strictly valid JSON text, ending with a newline; numbers that are not finite become null."""
+    return json.dumps(plain(value), indent=2, allow_nan=False, ensure_ascii=True) + "\n"
+
+
+def _built(kind: type[T], value: Any) -> T:
+    """A dataclass from plain JSON values; ValueError where a member is missing or of another type."""
+    if not isinstance(value, dict):
+        raise ValueError(f"{kind.__name__} must be an object, not {type(value).__name__}")
+    hints = get_type_hints(kind)
+    # Members that a newer version adds are no reason to refuse the rest.
+    known = {name: _typed(hint, value[name], name) for name, hint in hints.items() if name in value}
+    try:
+        return kind(**known)
+    except TypeError as error:
+        raise ValueError(f"{kind.__name__} is incomplete: {error}") from error
+
+
+def _typed(hint: Any, value: Any, name: str) -> Any:
+    if is_dataclass(hint):
+        return _built(hint, value)  # type: ignore[arg-type]
+    if get_origin(hint) in (Union, types.UnionType):
+        return None if value is None else _typed(get_args(hint)[0], value, name)
+    wanted = get_origin(hint) or hint
+    if wanted is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
+        raise ValueError(f"{name} must be {wanted.__name__}, not {value!r}")
+    return value
