@@ -1,4 +1,4 @@
-"""A finished fit looks the same in cairosvg, resvg and Chromium, opaque or transparent, filled or stroked."""
+"""A file looks the same in cairosvg, resvg and Chromium: filled or stroked, opaque or transparent, or artwork."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.svg import read_svg
+from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.svg import read_svg, write_drawing
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -31,11 +33,15 @@ FITS = {
 }
 
 
-@pytest.fixture(scope="module", params=FITS)
+@pytest.fixture(scope="module", params=[*FITS, "artwork"])
 def drawing(request, tmp_path_factory, run_cli) -> Path:
-    """The SVG of a fit of a sample."""
-    name, *options = FITS[request.param]
+    """The SVG of a sample."""
     folder = tmp_path_factory.mktemp("drawing")
+    if request.param == "artwork":
+        made = draw(load_picture(SAMPLES / "logo.png").target())
+        (folder / "x.svg").write_text(write_drawing(made, title="logo", comment="c"), encoding="utf-8")
+        return folder / "x.svg"
+    name, *options = FITS[request.param]
     done = run_cli("vectorize", SAMPLES / name, "-o", folder / "x.svg", *options)
     assert done.returncode == 0, done.stderr
     return folder / "x.svg"
