@@ -27,6 +27,10 @@ class Ends:
     tangents: np.ndarray
     errors: np.ndarray
 
+    def taken(self, which: np.ndarray) -> Ends:
+        """Those of some runs."""
+        return Ends(self.positions[which], self.tangents[which], self.errors[which])
+
 
 @dataclass(frozen=True)
 class CubicFits:
@@ -69,16 +73,37 @@ def nearer(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.ndarray:
     return u - along / np.maximum(np.where(bend > 0.3 * speed, bend, speed), 1e-12)
 
 
-def fit_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits:
-    """The best cubics between roughly known ends.
+def rough_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits:
+    """Cubics with the ends and tangents as given, after one step of least squares for the handle lengths.
 
     points: (P, K, 2) px in order along the run. weights: (P, K) 1/px^2, 0 leaves a point out.
     """
-    knots = np.concatenate([ends.positions[:, :1], points, ends.positions[:, 1:]], axis=1)
-    steps = np.diff(knots, axis=1)
-    along = np.cumsum(np.hypot(steps[..., 0], steps[..., 1]), axis=1)
-    length = np.maximum(along[:, -1], 1e-9)
-    u = along[:, :-1] / length[:, None]
+    u, length = _start(ends, points)
+    b = basis(u)
+    across = points - (b[..., :2].sum(-1)[..., None] * ends.positions[:, None, 0])
+    across -= b[..., 2:].sum(-1)[..., None] * ends.positions[:, None, 1]
+    first, last = ends.tangents[:, None, 0], -ends.tangents[:, None, 1]
+    b1, b2 = b[..., 1], b[..., 2]
+    a11, a22 = (weights * b1 * b1).sum(1), (weights * b2 * b2).sum(1)
+    a12 = (weights * b1 * b2).sum(1) * (first * last).sum(-1)[:, 0]
+    r1, r2 = (weights * b1 * (across * first).sum(-1)).sum(1), (weights * b2 * (across * last).sum(-1)).sum(1)
+    ridge = 1e-3 * (a11 + a22) + 1e-9
+    third = length / 3.0
+    a11, a22, r1, r2 = a11 + ridge, a22 + ridge, r1 + ridge * third, r2 + ridge * third
+    scale = a11 * a22 - a12 * a12
+    sizes = np.stack([a22 * r1 - a12 * r2, a11 * r2 - a12 * r1], axis=1) / scale[:, None]
+    sizes = np.clip(sizes, SHORTEST_HANDLE * length[:, None], LONGEST_HANDLE * length[:, None])
+    start, stop = ends.positions[:, 0], ends.positions[:, 1]
+    handles = sizes[..., None] * np.stack([first[:, 0], last[:, 0]], axis=1)
+    cubics = np.stack([start, start + handles[:, 0], stop + handles[:, 1], stop], axis=1)
+    u = np.clip(nearer(cubics, points, u), 0.0, 1.0)
+    rest = point(cubics, u) - points
+    return CubicFits(cubics, (rest * rest).sum(-1), np.zeros(len(points)))
+
+
+def fit_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits:
+    """The best cubics between roughly known ends; arguments as for rough_cubics."""
+    u, length = _start(ends, points)
     frame = _Frame(ends, length)
     values = frame.start()
     cubics = frame.cubics(values)
@@ -89,6 +114,15 @@ def fit_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits
         u = np.clip(nearer(cubics, points, u), 0.0, 1.0)
     rest = point(cubics, u) - points
     return CubicFits(cubics, (rest * rest).sum(-1), frame.strain(values))
+
+
+def _start(ends: Ends, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters (P, K) by chord length, and the lengths (P,) of the runs, px."""
+    knots = np.concatenate([ends.positions[:, :1], points, ends.positions[:, 1:]], axis=1)
+    steps = np.diff(knots, axis=1)
+    along = np.cumsum(np.hypot(steps[..., 0], steps[..., 1]), axis=1)
+    length = np.maximum(along[:, -1], 1e-9)
+    return along[:, :-1] / length[:, None], length
 
 
 class _Frame:

@@ -19,8 +19,8 @@ CORNER_REACH = 1.4  # px around a corner in which points are biased; up to twice
 TIP_WIDTH = 0.6  # px between the flanks of a thin tip below which its points are biased
 FEWEST_KNOWN = 4  # points of a run that is more than a straight line
 # A corner is doubted, and kept only if it pays, when it turns less, or is nearer to another, than this.
-DOUBTFUL_TURN = math.radians(60.0)
-DOUBTFUL_SPACING = 8.0  # px
+DOUBTFUL_TURN = math.radians(45.0)
+DOUBTFUL_SPACING = 6.0  # px
 CORNER_PARAMETERS = 1
 
 

@@ -18,6 +18,7 @@ HUBER = 3.0  # sigmas beyond which a residual counts linearly
 ROUNDS = 8
 ENOUGH = 0.01  # relative gain of a round below which the fit has converged
 LARGEST_STEP = 2.0  # px
+MOST_DENSE = 200  # variables
 LONGEST_HANDLE = 1.2  # of the distance between its piece's ends
 
 
@@ -107,9 +108,10 @@ def refine(pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet) 
     damping = 1e-3
     for _ in range(ROUNDS):
         gram, slope = _normal_equations(pieces, feet, rest, normals, weights)
+        variables, system, slope = _reduced(pieces, gram, slope)
         improved = False
         for _ in range(4):
-            trial = _moved(pieces, gram, slope, damping)
+            trial = variables.moved(_step(system, slope, damping))
             trial_feet = settle(trial, points, feet)
             trial_rest, trial_normals = residuals(trial, points, trial_feet)
             value = huber(trial_rest, weights)
@@ -133,8 +135,8 @@ def joined_smoothly(pieces: Pieces) -> Pieces:
     return variables.moved(np.zeros(variables.total + 1))
 
 
-def _normal_equations(pieces, feet, rest, normals, weights) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Gram matrix and gradient over the 8 coordinates of each piece's control points."""
+def _normal_equations(pieces, feet, rest, normals, weights) -> tuple[np.ndarray, np.ndarray]:
+    """Gram matrices (S, 8, 8) and gradients (S, 8) over the 8 coordinates of each piece's control points."""
     z = np.abs(rest) * np.sqrt(weights)
     w = weights * np.minimum(1.0, HUBER / np.maximum(z, 1e-12))
     rows = (basis(feet.u)[:, :, None] * normals[:, None, :]).reshape(-1, 8)
@@ -143,20 +145,28 @@ def _normal_equations(pieces, feet, rest, normals, weights) -> tuple[sparse.csr_
     np.add.at(gram, feet.piece, w[:, None, None] * rows[:, :, None] * rows[:, None, :])
     slope = np.zeros((count, 8))
     np.add.at(slope, feet.piece, (w * rest)[:, None] * rows)
-    blocks = sparse.bsr_matrix((gram, np.arange(count), np.arange(count + 1)), shape=(8 * count, 8 * count))
-    return blocks.tocsr(), slope.ravel()
+    return gram, slope
 
 
-def _moved(pieces: Pieces, gram: sparse.csr_matrix, slope: np.ndarray, damping: float) -> Pieces:
+def _reduced(pieces: Pieces, gram: np.ndarray, slope: np.ndarray) -> tuple[Variables, sparse.csc_matrix, np.ndarray]:
+    """The variables, and the Gram matrix and gradient over them."""
     variables = Variables(pieces)
     jacobian = variables.jacobian()
-    system = (jacobian.T @ gram @ jacobian).tocsc()
+    count = len(gram)
+    blocks = sparse.bsr_matrix((gram, np.arange(count), np.arange(count + 1)), shape=(8 * count, 8 * count))
+    return variables, (jacobian.T @ (blocks.tocsr() @ jacobian)).tocsc(), jacobian.T @ slope.ravel()
+
+
+def _step(system: sparse.csc_matrix, slope: np.ndarray, damping: float) -> np.ndarray:
     diagonal = system.diagonal()
     # A floor in each kind's own scale, so that what the points leave open does not run away.
     floor = 1e-4 * max(diagonal.max(initial=0.0), 1e-9)
-    system = system + sparse.diags(damping * diagonal + damping * floor + 1e-9, format="csc")
-    step = splu(system).solve(-(jacobian.T @ slope))
-    return variables.moved(np.append(step, 0.0))
+    added = damping * diagonal + damping * floor + 1e-9
+    if len(slope) <= MOST_DENSE:
+        dense = system.toarray()
+        dense[np.diag_indices_from(dense)] += added
+        return np.append(np.linalg.solve(dense, -slope), 0.0)
+    return np.append(splu(system + sparse.diags(added, format="csc")).solve(-slope), 0.0)
 
 
 class Variables:

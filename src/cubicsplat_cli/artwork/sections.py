@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.cubics import Ends, fit_cubics
+from cubicsplat_cli.artwork.cubics import Ends, fit_cubics, rough_cubics
 from cubicsplat_cli.artwork.smoothing import LocalFits, arc_lengths
 
 SURE_WEIGHT = 4.0  # 1/px^2: points that know less are no place for a joint
-MOST_NODES = 48
+FEWEST_NODES, MOST_NODES = 6, 48
+NODES_PER_RADIAN = 4.0
 STRAIGHT_SHARE = 0.05  # of sqrt(1/px): how dense nodes are on straight stretches against bent ones
 SAMPLES = 20
 WIDEST_TURN = math.radians(200.0)  # of one cubic, all bends added
@@ -27,6 +28,7 @@ PAIR_PARAMETERS = (LINE_PARAMETERS + CUBIC_PARAMETERS + 1, LINE_PARAMETERS + CUB
 CORNER_ERRORS = (0.15, 0.3)  # px and radians: how well the ends at corners are known beforehand
 LEAST_ERRORS = (0.01, 0.01)  # px and radians
 LINE_SLACK = math.radians(0.5)  # between a line and the tangent where it meets a cubic smoothly
+HOPELESS = 400.0  # misfit, per price of a parameter and per point, above which a rough cubic need not be refined
 HUBER = 3.0  # sigmas beyond which a residual counts linearly
 
 
@@ -116,7 +118,8 @@ def _nodes(section: Section) -> _Nodes:
     density = np.sqrt(np.minimum(np.abs(fits.curvature), 1.0)) + STRAIGHT_SHARE
     s = arc_lengths(fits.positions)
     measure = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(s))])
-    count = int(min(MOST_NODES, max(2, m // 2)))
+    bend = float(np.abs(0.5 * (fits.curvature[1:] + fits.curvature[:-1]) * np.diff(s)).sum())
+    count = int(min(MOST_NODES, FEWEST_NODES + NODES_PER_RADIAN * bend + 0.5 * math.sqrt(s[-1]), max(2, m // 2)))
     index = np.unique(np.searchsorted(measure, np.linspace(0.0, measure[-1], count)[1:-1]))
     extreme, at, tangent = _extrema(fits, known)
     index = index[known[index] & (index > 1) & (index < m - 2)]
@@ -188,8 +191,14 @@ def _fits(section: Section, nodes: _Nodes, first: np.ndarray, last: np.ndarray, 
     tangents = np.stack([nodes.tangent[first], nodes.tangent[last]], axis=1)
     errors = np.stack([nodes.errors[first], nodes.errors[last]], axis=1)
     single = section.weights[index]
-    fits = fit_cubics(Ends(ends, tangents, errors), points, weights)
-    curve_misfit = _bounded(fits.squares * single, share_of) + fits.strain
+    run = Ends(ends, tangents, errors)
+    rough = rough_cubics(run, points, weights)
+    curve_misfit = _bounded(rough.squares * single, share_of)
+    close = (curve_misfit < HOPELESS * (price + (hi - lo))) | (last == first + 1)
+    exact = fit_cubics(run.taken(close), points[close], weights[close])
+    cubics = rough.cubics
+    cubics[close] = exact.cubics
+    curve_misfit[close] = _bounded(exact.squares * single[close], share_of[close]) + exact.strain
     starts, stops = section.corners & (first == 0), section.corners & (last == len(nodes.index) - 1)
     cubic_cost = 0.5 * curve_misfit + price * (CUBIC_PARAMETERS + starts - nodes.level[last])
     line_cost = 0.5 * _bounded(_line_squares(points, weights) * single, share_of) + price * LINE_PARAMETERS
@@ -198,7 +207,7 @@ def _fits(section: Section, nodes: _Nodes, first: np.ndarray, last: np.ndarray, 
     )
     thirds = np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])[:, None]
     lines = ends[:, :1] * (1.0 - thirds) + ends[:, 1:] * thirds
-    return lines, fits.cubics, line_cost, cubic_cost
+    return lines, cubics, line_cost, cubic_cost
 
 
 def _bounded(squares: np.ndarray, share: np.ndarray) -> np.ndarray:
