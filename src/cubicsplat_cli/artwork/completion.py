@@ -39,6 +39,9 @@ class _Window:
     def of(cls, extent: Extent, canvas: tuple[int, int]) -> _Window:
         edge = np.pad(extent.shown, 1, mode="edge")
         must = ndimage.binary_erosion(edge, SQUARE)[1:-1, 1:-1]
+        # Where upper layers hide the edge it runs beneath them, not along it.
+        beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
+        must |= beneath & ~ndimage.binary_dilation(~extent.allowed, SQUARE, 2)
         return cls(extent.top, extent.left, must, ndimage.binary_dilation(extent.allowed, SQUARE), canvas)
 
     def wrong(self, outline: Outline, hole: bool) -> np.ndarray:

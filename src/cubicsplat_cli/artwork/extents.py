@@ -19,6 +19,8 @@ from cubicsplat_cli.artwork.stacking import Stack
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
+# Levels of opacity from which an ink hides what is beneath it.
+OPAQUE = 254.0
 PLUS = ndimage.generate_binary_structure(2, 1)
 
 
@@ -47,13 +49,14 @@ class Extent:
 def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent]:
     """The parts of all layers, back to front."""
     depth = stack.rank[regions.labels]
+    opaque = regions.inks[:, 3] >= OPAQUE
     boxes = ndimage.find_objects(depth + 1)
     for place in range(len(stack.layers)):
         box = boxes[place]
         rows = slice(max(box[0].start - UNDERLAP - 1, 0), box[0].stop + UNDERLAP + 1)
         columns = slice(max(box[1].start - UNDERLAP - 1, 0), box[1].stop + UNDERLAP + 1)
         view = depth[rows, columns]
-        shown, above = view == place, view > place
+        shown, above = view == place, (view > place) & opaque[regions.labels[rows, columns]]
         grown = _grown(shown, above, joined=len(stack.layers[place].members) > 1)
         parts, count = ndimage.label(grown)
         for k in range(1, count + 1):

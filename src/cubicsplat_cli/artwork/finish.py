@@ -17,11 +17,14 @@ from cubicsplat_cli.artwork.freedom import Freedom, freedom_of
 from cubicsplat_cli.artwork.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
-ROUNDS = 8
+ROUNDS = 14
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
 PIXEL_SIGMA, FREE = 0.02, 0.5
 HUBER = 0.15  # residuals beyond count linearly: they are details that no shape draws
 ENOUGH = 2e-3  # relative gain of a round below which it is finished
+# Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
+START, RELAXED, HOPELESS = 1e-3, 1e-2, 1e3
+LONGEST = 1.5  # px that a control point moves at most in a step
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
 
 
@@ -55,32 +58,76 @@ class _View:
     slope: np.ndarray
 
 
+@dataclass
+class _State:
+    """layers; image: (H, W, 4) what they draw; views: what each contributes; misfit: (H W,) of every pixel."""
+
+    layers: list[_Layer]
+    image: np.ndarray
+    views: list[_View]
+    misfit: np.ndarray
+
+    @classmethod
+    def of(cls, layers: list[_Layer], target: np.ndarray) -> _State:
+        image, views = _compose(layers, target.shape[:2])
+        return cls(layers, image, views, _misfit(image, target).ravel())
+
+    @property
+    def value(self) -> float:
+        return float(self.misfit.sum())
+
+
 def finish(drawing: Drawing, target: np.ndarray, rounds: int = ROUNDS) -> Drawing:
     """The drawing nearest to a picture (H, W, 4) premultiplied in [0, 1] that has the same pieces."""
-    layers = [_layer(shape, drawing) for shape in drawing.shapes]
-    if not layers or not rounds:
+    if not drawing.shapes or not rounds:
         return drawing
-    image, views = _compose(layers, target.shape[:2])
-    value = _loss(image, target)
-    damping = 1e-3
+    state = _State.of([_layer(shape, drawing) for shape in drawing.shapes], target)
+    damping = np.full(sum(len(layer.outlines) for layer in state.layers), START)
     for _ in range(rounds):
-        system = _normal_equations(layers, views, image, target)
-        for _ in range(3):
-            trial = _stepped(layers, *system, damping)
-            trial_image, trial_views = _compose(trial, target.shape[:2])
-            trial_value = _loss(trial_image, target)
-            if trial_value < value:
-                break
-            damping *= 10.0
-        if trial_value >= value:
+        following = _improved(state, target, damping)
+        gain = state.value - following.value
+        state = following
+        if gain < ENOUGH * state.value and not ((damping > RELAXED) & (damping < HOPELESS)).any():
             break
-        gain = value - trial_value
-        layers, image, views, value = trial, trial_image, trial_views, trial_value
-        damping = max(damping / 10.0, 1e-6)
-        if gain < ENOUGH * value:
-            break
-    shapes = [replace(layer.shape, outlines=tuple(o.outline() for o in layer.outlines)) for layer in layers]
+    shapes = [replace(layer.shape, outlines=tuple(o.outline() for o in layer.outlines)) for layer in state.layers]
     return replace(drawing, shapes=tuple(shapes))
+
+
+def _improved(state: _State, target: np.ndarray, damping: np.ndarray) -> _State:
+    """The state after a step, without the outlines that fit their own pixels worse by it; `damping` is brought up to
+    date in place.
+    """
+    layers = _stepped(state.layers, *_normal_equations(state, target), damping)
+    trial = _State.of(layers, target)
+    worse = _worse(state, trial)
+    damping[:] = np.where(worse, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
+    if worse.any():
+        trial = _State.of(_kept(state.layers, layers, worse), target)
+    if trial.value < state.value:
+        return trial
+    damping *= 10.0
+    return state
+
+
+def _worse(old: _State, new: _State) -> np.ndarray:
+    """(outlines,) bool: the misfit on the pixels that an outline crosses before or after a step has grown."""
+    out = []
+    for before, after, layer in zip(old.views, new.views, old.layers, strict=True):
+        ends = np.cumsum([len(o.lines) for o in layer.outlines])
+        whose = [np.searchsorted(ends, view.edges.cubic, side="right") for view in (before, after)]
+        for k in range(len(ends)):
+            pixels = np.union1d(before.flat[whose[0] == k], after.flat[whose[1] == k])
+            out.append(float(new.misfit[pixels].sum()) > float(old.misfit[pixels].sum()) + 1e-12)
+    return np.array(out)
+
+
+def _kept(old: list[_Layer], new: list[_Layer], worse: np.ndarray) -> list[_Layer]:
+    """The new layers, with the old outlines where the new ones are worse."""
+    refused = iter(worse.tolist())
+    return [
+        replace(b, outlines=[x if next(refused) else y for x, y in zip(a.outlines, b.outlines, strict=True)])
+        for a, b in zip(old, new, strict=True)
+    ]
 
 
 def _layer(shape: Shape, drawing: Drawing) -> _Layer:
@@ -125,33 +172,30 @@ def _range(values: np.ndarray, most: int) -> tuple[int, int]:
     return low, int(np.clip(values.max(initial=0) + 1, low + 1, most))
 
 
-def _loss(image: np.ndarray, target: np.ndarray) -> float:
+def _misfit(image: np.ndarray, target: np.ndarray) -> np.ndarray:
     size = np.sqrt((((image - target) * WHITE) ** 2).sum(axis=-1))
-    return float(np.where(size <= HUBER, size * size, HUBER * (2.0 * size - HUBER)).sum())
+    return np.where(size <= HUBER, size * size, HUBER * (2.0 * size - HUBER))
 
 
-def _normal_equations(
-    layers: list[_Layer], views: list[_View], image: np.ndarray, target: np.ndarray
-) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
-    """Gram matrix, gradient, and the first variable of each outline."""
-    rest = ((image - target) * WHITE).reshape(-1, 4)
+def _normal_equations(state: _State, target: np.ndarray) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
+    """Gram matrix, gradient, and the first variable of each outline, the number of variables last."""
+    rest = ((state.image - target) * WHITE).reshape(-1, 4)
     size = np.sqrt((rest * rest).sum(axis=1))
     weight = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))
-    blocks, starts, total = [], [], 0
-    for layer, view in zip(layers, views, strict=True):
-        jacobian = sparse.block_diag([o.jacobian() for o in layer.outlines], format="csr")
+    blocks, starts = [], [0]
+    for layer, view in zip(state.layers, state.views, strict=True):
+        parts = [o.jacobian() for o in layer.outlines]
+        jacobian = sparse.block_diag(parts, format="csr")
         change = (_coverage_change(view, jacobian.shape[0]) @ jacobian).tocoo()
         slope = view.slope * WHITE * weight[view.pixels, None]
         for c in range(4):
             value = change.data * slope[change.row, c]
-            blocks.append((view.pixels[change.row] * 4 + c, change.col + total, value))
-        for outline_size in (o.jacobian().shape[1] for o in layer.outlines):
-            starts.append(total)
-            total += outline_size
-    starts.append(total)
+            blocks.append((view.pixels[change.row] * 4 + c, change.col + starts[-1], value))
+        for part in parts:
+            starts.append(starts[-1] + part.shape[1])
     rows, columns, values = (np.concatenate(part) for part in zip(*blocks, strict=True))
     used, rows = np.unique(rows, return_inverse=True)
-    matrix = sparse.csr_matrix((values, (rows.reshape(-1), columns)), shape=(len(used), total))
+    matrix = sparse.csr_matrix((values, (rows.reshape(-1), columns)), shape=(len(used), starts[-1]))
     seen = (rest * weight[:, None]).reshape(-1)[used]
     return (matrix.T @ matrix).tocsc(), matrix.T @ seen, starts
 
@@ -169,15 +213,17 @@ def _coverage_change(view: _View, coordinates: int) -> sparse.csr_matrix:
 
 
 def _stepped(
-    layers: list[_Layer], gram: sparse.csc_matrix, gradient: np.ndarray, starts: list[int], damping: float
+    layers: list[_Layer], gram: sparse.csc_matrix, gradient: np.ndarray, starts: list[int], damping: np.ndarray
 ) -> list[_Layer]:
-    keep = (PIXEL_SIGMA / FREE) ** 2 + damping * gram.diagonal()
+    keep = (PIXEL_SIGMA / FREE) ** 2 + np.repeat(damping, np.diff(starts)) * gram.diagonal()
     step = splu((gram + sparse.diags(keep)).tocsc()).solve(-gradient)
     moved, number = [], 0
     for layer in layers:
         outlines = []
         for outline in layer.outlines:
-            outlines.append(outline.moved(step[starts[number] : starts[number + 1]]))
+            own = step[starts[number] : starts[number + 1]]
+            reach = np.abs(outline.jacobian() @ own).max(initial=0.0)
+            outlines.append(outline.moved(own * min(1.0, LONGEST / max(reach, 1e-12))))
             number += 1
         moved.append(replace(layer, outlines=outlines))
     return moved

@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.refine import Pieces, Variables
 ON_BORDER = 0.06
 LEAST_SIZE = 0.05  # px, of a primitive
 FINEST_TURN = 1e-9
+SPECK, SMOOTH_SPECK = 0.3, 1.5  # px
 MOST_BEND = 0.05  # tangent of the angle by which a joint that is called smooth may be off
 
 
@@ -35,7 +36,7 @@ class Freedom(Protocol):
 def freedom_of(outline: Outline, width: int, height: int) -> Freedom:
     """The freedom of an outline on a canvas: what lies on its border stays there."""
     if isinstance(outline, Ring):
-        return RingFreedom(_pieces(outline, width, height))
+        return RingFreedom(_pieces(without_specks(outline), width, height))
     if isinstance(outline, Rectangle) and _on_border(outline, width, height):
         return RingFreedom(_pieces(outline.ring(), width, height), origin=outline)
     return PrimitiveFreedom(outline)
@@ -44,6 +45,28 @@ def freedom_of(outline: Outline, width: int, height: int) -> Freedom:
 def _on_border(box: Rectangle, width: int, height: int) -> bool:
     ends = np.array([box.x, box.y, box.x + box.width - width, box.y + box.height - height])
     return box.angle == 0.0 and box.radius == 0.0 and bool((np.abs(ends) < ON_BORDER).any())
+
+
+def without_specks(ring: Ring) -> Ring:
+    """The ring without pieces that no pixel sees and that turn what hangs on them about: those shorter than SPECK px,
+    and than SMOOTH_SPECK px where they go on smoothly.
+    """
+    while ring.pieces > 3:
+        lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+        limit = np.where(ring.smooth | np.roll(ring.smooth, -1), SMOOTH_SPECK, SPECK)
+        i = int((lengths / limit).argmin())
+        if lengths[i] >= limit[i]:
+            break
+        j = (i + 1) % ring.pieces
+        anchors, controls, smooth = ring.anchors.copy(), ring.controls.copy(), ring.smooth.copy()
+        shift = 0.5 * (anchors[j] - anchors[i])
+        controls[i - 1, 1] += shift
+        controls[j, 0] -= shift
+        anchors[j] -= shift
+        smooth[j] &= smooth[i]
+        rest = np.arange(ring.pieces) != i
+        ring = Ring(anchors[rest], controls[rest], ring.lines[rest], smooth[rest])
+    return ring
 
 
 class RingFreedom:
