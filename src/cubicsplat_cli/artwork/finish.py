@@ -86,7 +86,7 @@ def finish(drawing: Drawing, target: np.ndarray, rounds: int = ROUNDS) -> Drawin
     for _ in range(rounds):
         following = _improved(state, target, damping)
         gain = state.value - following.value
-        state = following
+        state = _trimmed(following, target)
         if gain < ENOUGH * state.value and not ((damping > RELAXED) & (damping < HOPELESS)).any():
             break
     shapes = [replace(layer.shape, outlines=tuple(o.outline() for o in layer.outlines)) for layer in state.layers]
@@ -107,6 +107,14 @@ def _improved(state: _State, target: np.ndarray, damping: np.ndarray) -> _State:
         return trial
     damping *= 10.0
     return state
+
+
+def _trimmed(state: _State, target: np.ndarray) -> _State:
+    """The state without pieces that have become too short to matter."""
+    layers = [replace(layer, outlines=[o.trimmed() for o in layer.outlines]) for layer in state.layers]
+    kept = [o for layer in state.layers for o in layer.outlines]
+    same = all(a is b for a, b in zip(kept, (o for layer in layers for o in layer.outlines), strict=True))
+    return state if same else _State.of(layers, target)
 
 
 def _worse(old: _State, new: _State) -> np.ndarray:

@@ -21,7 +21,8 @@ MOST_BEND = 0.05  # tangent of the angle by which a joint that is called smooth 
 
 class Freedom(Protocol):
     """An outline with its variables. cubics: (S, 4, 2); lines: (S,) bool; jacobian: (8 S, variables), rows by piece,
-    control point and coordinate; moved: the same after a step (variables,); outline: as it stands."""
+    control point and coordinate; moved: the same after a step (variables,); trimmed: without pieces that have become
+    too short to matter, itself where there are none; outline: as it stands."""
 
     cubics: np.ndarray
     lines: np.ndarray
@@ -30,15 +31,17 @@ class Freedom(Protocol):
 
     def moved(self, step: np.ndarray) -> Freedom: ...
 
+    def trimmed(self) -> Freedom: ...
+
     def outline(self) -> Outline: ...
 
 
 def freedom_of(outline: Outline, width: int, height: int) -> Freedom:
     """The freedom of an outline on a canvas: what lies on its border stays there."""
     if isinstance(outline, Ring):
-        return RingFreedom(_pieces(without_specks(outline), width, height))
+        return RingFreedom(_pieces(without_specks(outline), width, height), (width, height))
     if isinstance(outline, Rectangle) and _on_border(outline, width, height):
-        return RingFreedom(_pieces(outline.ring(), width, height), origin=outline)
+        return RingFreedom(_pieces(outline.ring(), width, height), (width, height), outline)
     return PrimitiveFreedom(outline)
 
 
@@ -72,8 +75,8 @@ def without_specks(ring: Ring) -> Ring:
 class RingFreedom:
     """A ring: its anchors, the directions of smooth joints, handle lengths, and handles at corners."""
 
-    def __init__(self, pieces: Pieces, origin: Rectangle | None = None) -> None:
-        self.pieces, self.origin = pieces, origin
+    def __init__(self, pieces: Pieces, canvas: tuple[int, int], origin: Rectangle | None = None) -> None:
+        self.pieces, self.canvas, self.origin = pieces, canvas, origin
         self.cubics, self.lines = pieces.cubics, pieces.lines
         self._variables = Variables(pieces)
 
@@ -81,14 +84,23 @@ class RingFreedom:
         return self._variables.jacobian()
 
     def moved(self, step: np.ndarray) -> RingFreedom:
-        return RingFreedom(self._variables.moved(np.append(step, 0.0)), self.origin)
+        return RingFreedom(self._variables.moved(np.append(step, 0.0)), self.canvas, self.origin)
+
+    def trimmed(self) -> RingFreedom:
+        ring = self._ring()
+        shorter = ring if self.origin is not None else without_specks(ring)
+        return self if shorter is ring else RingFreedom(_pieces(shorter, *self.canvas), self.canvas)
+
+    def _ring(self) -> Ring:
+        p = self.pieces
+        return Ring(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
 
     def outline(self) -> Outline:
         p = self.pieces
         if self.origin is not None:
             low, high = p.anchors.min(axis=0), p.anchors.max(axis=0)
             return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
-        return Ring(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
+        return self._ring()
 
 
 def _pieces(ring: Ring, width: int, height: int) -> Pieces:
@@ -167,6 +179,9 @@ class PrimitiveFreedom:
         if isinstance(self.shape, Ellipse):
             return Ellipse(v[0], v[1], *size, v[4])
         return Rectangle(v[0], v[1], *size, min(max(v[4], 0.0), 0.5 * min(size)), v[5])
+
+    def trimmed(self) -> PrimitiveFreedom:
+        return self
 
     def outline(self) -> Outline:
         return self.shape
