@@ -17,9 +17,10 @@ from cubicsplat_cli.artwork.cubics import basis, derivatives, nearer, point
 HUBER = 3.0  # sigmas beyond which a residual counts linearly
 ROUNDS = 8
 ENOUGH = 0.01  # relative gain of a round below which the fit has converged
-LARGEST_STEP = 2.0  # px
+LARGEST_STEP = 3.0  # px
+STIFFNESS = 0.3  # 1/px^2, against steps that the points do not call for
 MOST_DENSE = 200  # variables
-LONGEST_HANDLE = 1.2  # of the distance between its piece's ends
+LONGEST_HANDLE = 1.2  # of the distance between its piece's ends; longer ones do not grow
 
 
 @dataclass(frozen=True)
@@ -159,9 +160,7 @@ def _reduced(pieces: Pieces, gram: np.ndarray, slope: np.ndarray) -> tuple[Varia
 
 def _step(system: sparse.csc_matrix, slope: np.ndarray, damping: float) -> np.ndarray:
     diagonal = system.diagonal()
-    # A floor in each kind's own scale, so that what the points leave open does not run away.
-    floor = 1e-4 * max(diagonal.max(initial=0.0), 1e-9)
-    added = damping * diagonal + damping * floor + 1e-9
+    added = damping * (diagonal + 1e-4 * diagonal.max(initial=0.0)) + STIFFNESS
     if len(slope) <= MOST_DENSE:
         dense = system.toarray()
         dense[np.diag_indices_from(dense)] += added
@@ -260,10 +259,8 @@ class Variables:
     def moved(self, step: np.ndarray) -> Pieces:
         """The pieces after a step of the variables (one 0 appended, for the fixed ones at index -1)."""
         p = self.pieces
-        shift = step[p.tied]
-        scale = min(1.0, LARGEST_STEP / max(float(np.abs(shift).max(initial=0.0)), 1e-12))
-        step = step * scale
-        anchors = p.anchors + shift * scale
+        step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+        anchors = p.anchors + step[p.tied]
         sizes_in = np.hypot(*p.incoming.T)
         sizes_out = np.hypot(*p.outgoing.T)
         sizes_in = np.maximum(sizes_in + step[self.length_in], 0.2 * sizes_in)
@@ -282,8 +279,8 @@ class Variables:
         incoming = np.where(self.long_in[:, None], -sizes_in[:, None] * d, free_in)
         outgoing = np.where(self.long_out[:, None], sizes_out[:, None] * d, free_out)
         spans = np.hypot(*line.T)
-        incoming = _shortened(incoming, LONGEST_HANDLE * spans)
-        outgoing = _shortened(outgoing, LONGEST_HANDLE * np.roll(spans, -1))
+        incoming = _shortened(incoming, np.maximum(LONGEST_HANDLE * spans, np.hypot(*p.incoming.T)))
+        outgoing = _shortened(outgoing, np.maximum(LONGEST_HANDLE * np.roll(spans, -1), np.hypot(*p.outgoing.T)))
         return replace(p, anchors=anchors, incoming=incoming, outgoing=outgoing)
 
 

@@ -201,7 +201,7 @@ def _fits(section: Section, nodes: _Nodes, first: np.ndarray, last: np.ndarray, 
     curve_misfit[close] = _bounded(exact.squares * single[close], share_of[close]) + exact.strain
     starts, stops = section.corners & (first == 0), section.corners & (last == len(nodes.index) - 1)
     cubic_cost = 0.5 * curve_misfit + price * (CUBIC_PARAMETERS + starts - nodes.level[last])
-    line_cost = 0.5 * _bounded(_line_squares(points, weights) * single, share_of) + price * LINE_PARAMETERS
+    line_cost = 0.5 * _line_misfit(points, weights, single, ends, errors[..., 0]) + price * LINE_PARAMETERS
     line_cost += (
         _strain(ends, tangents[:, 0], errors[:, 0]) * ~starts + _strain(ends, tangents[:, 1], errors[:, 1]) * ~stops
     )
@@ -222,6 +222,16 @@ def _strain(ends: np.ndarray, tangents: np.ndarray, errors: np.ndarray) -> np.nd
     angle = np.arctan2(way[:, 0] * tangents[:, 1] - way[:, 1] * tangents[:, 0], (way * tangents).sum(1))
     slack = LINE_SLACK + errors[:, 1]
     return 0.5 * np.minimum(np.abs(angle) / slack, 30.0) ** 2
+
+
+def _line_misfit(
+    points: np.ndarray, weights: np.ndarray, single: np.ndarray, ends: np.ndarray, errors: np.ndarray
+) -> np.ndarray:
+    """(P,) chi^2 of the best line through each run of points (P, K, 2) and near its ends (P, 2, 2)."""
+    share = np.concatenate([weights / np.maximum(single, 1e-12), np.ones(errors.shape)], axis=1)
+    single = np.concatenate([single, errors**-2.0], axis=1)
+    squares = _line_squares(np.concatenate([points, ends], axis=1), single * share)
+    return _bounded(squares * single, share)
 
 
 def _line_squares(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
