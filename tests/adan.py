@@ -43,7 +43,7 @@ class Adan:
 
 @dataclass
 class ReferenceFit:
-    """A scene of logits under training by the reference. Last step's picture, importance and background gradient."""
+    """A scene of logits under training by the reference. Last step's picture and importance."""
 
     scene: SceneTensors
     target: Tensor
@@ -51,7 +51,6 @@ class ReferenceFit:
     values: dict[str, Tensor] = field(default_factory=dict)
     image: Tensor | None = None
     importance: Tensor | None = None
-    background_gradient: Tensor | None = None
 
     def __post_init__(self) -> None:
         self.values = {name: getattr(self.scene, name).double() for name in TENSORS}
@@ -61,7 +60,7 @@ class ReferenceFit:
         return [values[n].sigmoid() if n in ("colours", "opacities") else values[n] for n in TENSORS]
 
     def step(self, settings: RasterSettings, extras: bool = False) -> float:
-        """One step; returns the loss before it. extras: also picture, importance and background gradient."""
+        """One step; returns the loss before it. extras: also the importance."""
         scene = self.scene
         keywords = {"mode": scene.mode, "width": scene.width, "height": scene.height, "settings": settings}
         leaves = {name: value.clone().requires_grad_() for name, value in self.values.items()}
@@ -81,7 +80,3 @@ class ReferenceFit:
         values, target = self._active(self.values), self.target.double()
         given = {"background": self.scene.background, "target": target, "kind": "loo"}
         self.importance = reference.importance(*values, **keywords, **given)
-        # How much of the background shows: the picture of black curves before white.
-        black = (values[0], torch.zeros_like(values[1]), *values[2:])
-        transmitted = reference.render(*black, **keywords, background=(1.0, 1.0, 1.0))
-        self.background_gradient = (2.0 * (self.image.detach() - target) * transmitted).sum((0, 1))

@@ -71,7 +71,8 @@ def test_without_an_exact_finish_there_is_none():
 def test_an_engine_that_does_not_time_itself_is_one_stage(monkeypatch):
     from cubicsplat_cli.raster.cpu import CpuEngine
 
-    monkeypatch.delattr(CpuEngine, "timings")
+    for name in ("timings", "counts"):
+        monkeypatch.delattr(CpuEngine, name)
     report = measured()
     assert set(report["relaxed"]["stages"]) == {"engine", "replacement", "other"}
     assert report["relaxed"]["stages"]["engine"]["share"] == pytest.approx(1.0)

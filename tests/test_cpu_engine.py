@@ -11,7 +11,7 @@ from scenes import PAPER, circle, random_scene, random_target, rectangle, refere
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
-from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -29,8 +29,8 @@ def test_results_do_not_depend_on_threads(mode, coverage):
         state, importance = state_for(parameters), torch.zeros(scene.curves)
         for _ in range(5):
             loss = engine.step(
-                parameters, RasterSettings(coverage, 1.0, 8), target, state, Rates(0.5, 0.05, 0.05, 0.1),
-                importance=importance, importance_kind="loo",
+                parameters, RasterSettings(coverage, 1.0, 8), Training(target, state, Rates(0.5, 0.05, 0.05, 0.1),
+                importance=importance, importance_kind="loo"),
             )  # fmt: skip
         results.append((loss, parameters.points, parameters.colours, parameters.half_widths, importance))
     for other in results[1:]:

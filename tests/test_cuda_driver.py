@@ -18,7 +18,7 @@ from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.driver import CudaDriver, cuda_driver
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.frame import carve_out
-from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -50,8 +50,8 @@ def test_steps_go_through_the_driver_and_its_graphs(gpu, engine):
     here, target, state = prepared()
     there, _, cpu_state = prepared()
     for _ in range(4):
-        got = float(engine.step(here, SETTINGS, target, state, RATES))
-        assert got == pytest.approx(CpuEngine(1).step(there, SETTINGS, target, cpu_state, RATES), rel=1e-3)
+        got = float(engine.step(here, SETTINGS, Training(target, state, RATES)))
+        assert got == pytest.approx(CpuEngine(1).step(there, SETTINGS, Training(target, cpu_state, RATES)), rel=1e-3)
     steps = [call for call in gpu.calls if call != ("set_step", "run")]
     wanted = [(name, "run") for name in KERNELS] + [(name, "captured") for name in KERNELS]
     assert steps == wanted + 3 * [("graph", "replayed")]
@@ -63,7 +63,7 @@ def test_any_context_may_be_current(gpu, engine, stack):
     """A new thread has none; another library may have entered one of its own. Both find what they left."""
     gpu.contexts = list(stack)
     here, target, state = prepared()
-    engine.step(here, SETTINGS, target, state, RATES)
+    engine.step(here, SETTINGS, Training(target, state, RATES))
     assert gpu.contexts == stack
 
 
@@ -84,7 +84,7 @@ def test_every_stream_has_buffers_of_its_own(gpu, engine):
     for stream in (None, OTHER_STREAM):
         if stream:
             gpu.streams.append(stream)
-        engine.step(here, SETTINGS, target, state, RATES)
+        engine.step(here, SETTINGS, Training(target, state, RATES))
     first, second = engine._plans.values()
     assert first.workspace.edges.data_ptr() != second.workspace.edges.data_ptr()
 
@@ -101,10 +101,10 @@ def test_a_failed_launch_is_said(gpu, engine):
 
 def test_a_launch_that_fails_in_a_capture_is_the_one_that_is_said(gpu, engine):
     here, target, state = prepared()
-    engine.step(here, SETTINGS, target, state, RATES)
+    engine.step(here, SETTINGS, Training(target, state, RATES))
     gpu.launch_errors = [0, 700]
     with pytest.raises(EngineError, match="while starting the kernel flatten: CUDA_ERROR_ILLEGAL_ADDRESS"):
-        engine.step(here, SETTINGS, target, state, RATES)
+        engine.step(here, SETTINGS, Training(target, state, RATES))
     assert gpu.captured is None
 
 
@@ -114,11 +114,11 @@ def test_what_torch_says_of_a_lost_gpu_is_an_error_of_the_engine(gpu, engine):
 
     here, target, state = prepared()
     for _ in range(2):
-        engine.step(here, SETTINGS, target, state, RATES)
+        engine.step(here, SETTINGS, Training(target, state, RATES))
     (plan,) = engine._plans.values()
     plan.replay = lost
     with pytest.raises(EngineError, match=r"the GPU failed: CUDA error: unspecified launch failure Compile .* --dev"):
-        engine.step(here, SETTINGS, target, state, RATES)
+        engine.step(here, SETTINGS, Training(target, state, RATES))
     with pytest.raises(EngineError, match="the GPU failed: CUDA error"), engine.guarded():
         lost()
 
@@ -126,9 +126,9 @@ def test_what_torch_says_of_a_lost_gpu_is_an_error_of_the_engine(gpu, engine):
 def test_faults_are_seen_without_waiting(gpu, engine):
     here, target, state = prepared()
     assert engine.fault(wait=False) is None
-    engine.step(here, SETTINGS, target, state, RATES)
+    engine.step(here, SETTINGS, Training(target, state, RATES))
     here.points[3, 1, 0] = float("nan")
-    engine.step(here, SETTINGS, target, state, RATES)
+    engine.step(here, SETTINGS, Training(target, state, RATES))
     FakeEvent.done = False
     try:
         assert engine.fault(wait=False) is None, "the copy is on its way"

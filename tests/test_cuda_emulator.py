@@ -18,7 +18,7 @@ from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.frame import Frame, Sizes, Workspace
-from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -117,9 +117,10 @@ def test_a_replayed_step_is_the_direct_one(engine):
         scene.logits, state, losses = True, state_for(scene), []
         for i in range(6):
             if copying:
-                scene, state = packed(scene), type(state)(*(t.clone() for t in vars(state).values()))
+                scene, state = packed(scene), state.copy()
             settings = RasterSettings("relaxed", 3.0 - 0.4 * i, 8)
-            losses.append(float(own.step(scene, settings, target, state, Rates(0.2 + 0.05 * i, 0.05, 0.05, 0.0))))
+            training = Training(target, state, Rates(0.2 + 0.05 * i, 0.05, 0.05, 0.0))
+            losses.append(float(own.step(scene, settings, training)))
         captured = [plan.replay is not None for plan in own._plans.values()]
         assert captured == ([False, False] if copying else [True])
         results.append((losses, scene.points, scene.colours, state.moments))
@@ -139,10 +140,10 @@ def test_curves_may_be_replaced_in_place_between_replays(engine):
                 tensors.points.copy_(other.points)
                 state.moments.zero_()
                 state.ages.zero_()
-        want = cpu.step(there, RELAXED, target, states[0], Rates(0.3, 0.02, 0.02, 0.0))
-        assert float(engine.step(scene, RELAXED, target, states[1], Rates(0.3, 0.02, 0.02, 0.0))) == pytest.approx(
-            want, rel=2e-3
-        )
+        rates = Rates(0.3, 0.02, 0.02, 0.0)
+        want = cpu.step(there, RELAXED, Training(target, states[0], rates))
+        got = float(engine.step(scene, RELAXED, Training(target, states[1], rates)))
+        assert got == pytest.approx(want, rel=2e-3)
     assert engine._plans[next(reversed(engine._plans))].replay is not None
 
 
@@ -151,7 +152,7 @@ def test_two_phases_stay_captured_side_by_side():
     scene, target = scene_and_target()
     state = state_for(scene)
     for settings in (RELAXED, EXACT, RELAXED, EXACT, RELAXED):
-        own.step(scene, settings, target, state, Rates(0.1, 0.01, 0.01, 0.0))
+        own.step(scene, settings, Training(target, state, Rates(0.1, 0.01, 0.01, 0.0)))
     assert [plan.replay is not None for plan in own._plans.values()] == [True, True]
     own.close()
     assert not own._plans
@@ -233,7 +234,7 @@ import torch
 from emulated import EmulatedDriver
 from engines import packed, state_for
 from scenes import PAPER, random_scene, random_target
-from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.frame import Frame, Sizes, Workspace
@@ -251,7 +252,7 @@ for mode in Mode:
             for coverage, tolerance in (("relaxed", 0.0), ("exact", 0.05)):
                 settings = RasterSettings(coverage, 1.0, samples, tolerance)
                 engine.gradients(here, settings, target=target, importance="loo")
-                engine.step(here, settings, target, state_for(here), Rates(0.1, 0.1, 0.1, 0.1))
+                engine.step(here, settings, Training(target, state_for(here), Rates(0.1, 0.1, 0.1, 0.1)))
 print("clean", flush=True)
 status = torch.zeros(2, dtype=torch.int32)
 driver.kernels(Program(Mode.CLOSED, 3)).launch("past_the_end", (1, 1), 32, 0, Frame(status=status.data_ptr()))

@@ -7,7 +7,7 @@ from engines import CUDA, SETTINGS, open_cuda, packed, state_for
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -37,5 +37,5 @@ def test_a_curve_that_stops_being_finite_is_named(engine):
     for i in range(4):
         if i == 2:
             scene.points[4, 1, 0] = float("nan")
-        fresh.step(scene, SETTINGS[1], target, state, Rates(0.1, 0.1, 0.1, 0.0))
+        fresh.step(scene, SETTINGS[1], Training(target, state, Rates(0.1, 0.1, 0.1, 0.0)))
     assert fresh.fault() == (4, 2)

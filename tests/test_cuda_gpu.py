@@ -10,7 +10,7 @@ from engines import close, open_cuda, packed, state_for
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -40,9 +40,9 @@ def test_a_replayed_step_is_the_direct_one(engine, mode, settings):
         losses = []
         for i in range(5):
             if copying:
-                scene, state = packed(scene, engine.device), type(state)(*(t.clone() for t in vars(state).values()))
+                scene, state = packed(scene, engine.device), state.copy()
             rates = Rates(0.2 + 0.05 * i, 0.03, 0.03, 0.01)
-            losses.append(float(engine.step(scene, settings, target, state, rates)))
+            losses.append(float(engine.step(scene, settings, Training(target, state, rates))))
         results.append((losses, scene))
     assert results[0][0] == pytest.approx(results[1][0], rel=1e-3)
     for name in ("points", "colours", "opacities"):
@@ -52,12 +52,12 @@ def test_a_replayed_step_is_the_direct_one(engine, mode, settings):
 def test_steps_do_not_wait_for_the_gpu(engine):
     scene, target, state = prepared(engine)
     for _ in range(2):
-        engine.step(scene, RELAXED, target, state, Rates(0.1, 0.1, 0.1, 0.0))
+        engine.step(scene, RELAXED, Training(target, state, Rates(0.1, 0.1, 0.1, 0.0)))
     torch.cuda.synchronize()
     torch.cuda.set_sync_debug_mode("error")
     try:
         for _ in range(5):
-            engine.step(scene, RELAXED, target, state, Rates(0.1, 0.1, 0.1, 0.0))
+            engine.step(scene, RELAXED, Training(target, state, Rates(0.1, 0.1, 0.1, 0.0)))
     finally:
         torch.cuda.set_sync_debug_mode("default")
 
@@ -88,7 +88,7 @@ def test_a_large_scene_takes_less_than_half_a_gigabyte(engine):
     scene, target, state = prepared(engine, 32768, 2040, 1344, scale=0.01)
     for settings in (RELAXED, EXACT):
         for _ in range(3):
-            loss = engine.step(scene, settings, target, state, Rates(0.1, 0.01, 0.01, 0.0))
+            loss = engine.step(scene, settings, Training(target, state, Rates(0.1, 0.01, 0.01, 0.0)))
     assert torch.isfinite(loss)
     assert torch.cuda.max_memory_allocated() - before < 500e6
 

@@ -33,7 +33,7 @@ from scenes import DEGENERATE, PAPER, as_arguments, in_double, only, random_scen
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster import reference
-from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -200,11 +200,10 @@ def test_steps_are_those_of_the_reference(engine, mode, settings):
     state, target = state_for(here), target.to(engine.device)
     extras = {
         "image": torch.zeros(18, 21, 3, device=engine.device), "importance": torch.zeros(5, device=engine.device),
-        "background_gradient": torch.zeros(3, device=engine.device),
     }  # fmt: skip
     for i in range(STEPS):
         asked = extras | {"importance_kind": "loo"} if i == STEPS - 1 else {}
-        loss = float(engine.step(here, changing(settings, i), target, state, RATES, **asked))
+        loss = float(engine.step(here, changing(settings, i), Training(target, state, RATES, **asked)))
         assert loss == pytest.approx(losses[i], rel=2e-3)
     for name, value in extras.items():
         assert close(value, getattr(fit, name), 2e-2, 0.05), name
@@ -224,7 +223,8 @@ def test_steps_lower_the_loss(engine):
     scene.opacities.zero_()
     scene.logits = True
     state = state_for(scene)
-    losses = [float(engine.step(scene, SETTINGS[1], target, state, Rates(0.5, 0.05, 0.05, 0.02))) for _ in range(50)]
+    training = Training(target, state, Rates(0.5, 0.05, 0.05, 0.02))
+    losses = [float(engine.step(scene, SETTINGS[1], training)) for _ in range(50)]
     assert losses[-1] < 0.4 * losses[0]
     assert int(state.ages.min()) == 50
 
@@ -266,14 +266,14 @@ def test_edge_widths_are_learned_and_a_further_gradient_moves_the_points(engine)
     further = torch.zeros_like(scene.points)
     further[1, 2, 0] = 5.0
     rates = Rates(0.5, 0.0, 0.0, 0.0, edge_widths=0.1)
-    engine.step(scene, SETTINGS[1], target, state, rates, points_gradient=further)
+    engine.step(scene, SETTINGS[1], Training(target, state, rates, points_gradient=further))
     moved = (scene.points - before.points).cpu()
     assert float(moved[1, 2, 0]) == pytest.approx(-0.5, rel=1e-2)
     moved[1, 2, 0] = 0.0
     assert float(moved.abs().max()) < 1e-3
     scene.points.copy_(before.points)
     _, out = engine.gradients(scene, SETTINGS[1], target=1.0 - target)
-    engine.step(scene, SETTINGS[1], 1.0 - target, state_for(scene), rates)
+    engine.step(scene, SETTINGS[1], Training(1.0 - target, state_for(scene), rates))
     change = scene.edge_widths - before.edge_widths
     assert torch.equal(change.sign(), -out["edge_widths"].sign())
     assert float(change.abs().max()) == pytest.approx(0.1, rel=0.1)

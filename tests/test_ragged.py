@@ -30,7 +30,7 @@ from torch import Tensor
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.raster import RasterSettings, reference, render, render_scene
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
-from cubicsplat_cli.raster.engine import OptimiserState, Rates
+from cubicsplat_cli.raster.engine import OptimiserState, Rates, Training
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 
@@ -265,7 +265,7 @@ def test_each_curve_gets_as_many_edges_as_its_flatness_needs(engine, mode):
     assert engine.counts()["edges"] < all_edges
 
 
-def training(scene: Scene):
+def untrained(scene: Scene):
     """The scene's tensors as logits, to train in place, with a fresh optimiser."""
     parameters = packed(replace(scene, colours=scene.colours * 2 - 1, opacities=scene.opacities * 2))
     parameters.logits = True
@@ -281,12 +281,14 @@ def test_steps_lower_the_loss_and_leave_the_padding(engine, mode):
     unused = padding(scene)
     scene.points[unused] = 7.0
     target = random_target(scene, 7)
-    parameters, state = training(scene)
+    parameters, state = untrained(scene)
     further = torch.ones_like(scene.points)
     rates = Rates(0.3, 0.05, 0.05, 0.02, keep=(0.98, 0.92, 0.99), epsilon=1e-2)
-    losses = [engine.step(parameters, RELAXED, target, state, rates, points_gradient=0.0 * further) for _ in range(60)]
+    training = Training(target, state, rates)
+    losses = [engine.step(parameters, RELAXED, training) for _ in range(60)]
     assert losses[-1] < 0.6 * losses[0]
-    engine.step(parameters, RELAXED, target, state, rates, points_gradient=further)
+    training.points_gradient = further
+    engine.step(parameters, RELAXED, training)
     assert (parameters.points[unused] == 7.0).all()
 
 
@@ -295,12 +297,12 @@ def test_frozen_parameters_keep_every_bit(engine, mode):
     """Each curve has another of the five groups frozen, and the sixth all of them."""
     scene = ragged_scene(mode, 6, 40, 32, 1, background=PAPER)
     scene.colours[:] = 25.0  # beyond the logits' limits: writing would bring it back
-    parameters, state = training(scene)
+    parameters, state = untrained(scene)
     before = {name: getattr(parameters, name).clone() for name in (*TENSORS, "edge_widths")}
     scale = torch.cat((1.0 - torch.eye(5), torch.zeros(1, 5)))
     target = random_target(scene)
     for _ in range(3):
-        engine.step(parameters, RELAXED, target, state, Rates(0.3, 0.05, 0.05, 0.02, 0.02), rate_scale=scale)
+        engine.step(parameters, RELAXED, Training(target, state, Rates(0.3, 0.05, 0.05, 0.02, 0.02), rate_scale=scale))
     moved = {name: (getattr(parameters, name) != old).view(6, -1).any(1).tolist() for name, old in before.items()}
     if mode is Mode.CLOSED:
         assert moved.pop("half_widths") == [False] * 6
@@ -313,9 +315,9 @@ def test_frozen_parameters_keep_every_bit(engine, mode):
 
 def test_a_rate_of_zero_freezes_as_well(engine):
     scene = ragged_scene(Mode.OPEN, 4, background=PAPER)
-    parameters, state = training(scene)
+    parameters, state = untrained(scene)
     before = parameters.half_widths.clone()
-    engine.step(parameters, RELAXED, random_target(scene), state, Rates(0.3, 0.05, 0.05, 0.0))
+    engine.step(parameters, RELAXED, Training(random_target(scene), state, Rates(0.3, 0.05, 0.05, 0.0)))
     assert torch.equal(parameters.half_widths, before)
 
 
@@ -325,10 +327,10 @@ def test_a_scaled_rate_is_that_rate(engine):
     target = random_target(scene)
     results = []
     for rates, scale in ((Rates(0.25, 0.125, 0.5, 0.0625, 0.5), None), (Rates(0.5, 0.5, 0.5, 0.5, 0.5), True)):
-        parameters, state = training(scene)
+        parameters, state = untrained(scene)
         given = torch.tensor([[0.5, 0.25, 1.0, 0.125, 1.0]]).expand(6, 5).contiguous() if scale else None
         for _ in range(3):
-            engine.step(parameters, RELAXED, target, state, rates, rate_scale=given)
+            engine.step(parameters, RELAXED, Training(target, state, rates, rate_scale=given))
         results.append(parameters)
     for name in (*TENSORS, "edge_widths"):
         assert torch.equal(getattr(results[0], name), getattr(results[1], name)), name
@@ -348,8 +350,8 @@ def test_wrong_tables_and_factors_do_not_reach_the_engine(engine):
     scene.ring_ends = good
     with pytest.raises(EngineError, match=r"rate_scale must be .* of shape \(4, 5\)"):
         engine.step(
-            scene, RELAXED, torch.zeros(20, 24, 3), OptimiserState.zeros(4, scene.points.shape[1]),
-            Rates(0.1, 0.1, 0.1, 0.1), rate_scale=torch.ones(4),
+            scene, RELAXED, Training(torch.zeros(20, 24, 3), OptimiserState.zeros(4, scene.points.shape[1]),
+            Rates(0.1, 0.1, 0.1, 0.1), rate_scale=torch.ones(4)),
         )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import DEGENERATE, PAPER, random_scene
+from scenes import DEGENERATE, PAPER, TENSORS, random_scene
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import Scene, points_from_segments, segments_from_points
@@ -152,3 +152,10 @@ def test_construction_does_not_check():
     assert scene.background is None
     with pytest.raises(InputError, match="width"):
         scene.validate()
+
+
+def test_the_form_is_judged_without_a_look_at_values():
+    scene = replace(GOOD, **{name: getattr(GOOD, name).to("meta") for name in TENSORS})
+    scene.validate_form()  # reading a value of a meta tensor would raise
+    with pytest.raises(InputError, match="colours must have shape"):
+        replace(scene, colours=scene.colours[:1]).validate_form()

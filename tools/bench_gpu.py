@@ -35,7 +35,7 @@ from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves,
 from cubicsplat_cli.photo.trainer import fit
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneTensors
+from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneTensors, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -108,9 +108,8 @@ class Bench:
 
     def step(self, settings: RasterSettings, loo: bool = False) -> Tensor:
         importance = self.importance if loo else None
-        return self.engine.step(
-            self.scene, settings, self.target, self.state, self.rates, importance=importance, importance_kind="loo"
-        )
+        training = Training(self.target, self.state, self.rates, importance=importance, importance_kind="loo")
+        return self.engine.step(self.scene, settings, training)
 
     def _allocated(self) -> int:
         return torch.cuda.memory_allocated() if self.engine.device.type == "cuda" else 0

@@ -99,19 +99,26 @@ class Scene:
         return [self.points[curve, 3 * begin : 3 * end + shared] for begin, end in pairs]
 
     def validate(self) -> None:
-        """Raise InputError, naming the variable and what it should be, unless the scene can be rendered."""
-        if not isinstance(self.mode, Mode):
-            raise InputError(f"mode must be Mode.CLOSED or Mode.OPEN, not {self.mode!r}")
-        for name, size in (("width", self.width), ("height", self.height)):
-            if isinstance(size, bool) or not isinstance(size, int) or size < 1:
-                raise InputError(f"{name} must be a whole number of pixels, at least 1, not {size!r}")
-        self._validate_shapes()
+        """Raise InputError, naming the variable and what it should be, unless the scene can be rendered.
+
+        It reads values, so on a GPU it waits for them; `validate_form` does not.
+        """
+        self.validate_form()
         if self.ring_ends is not None:
             _check_ring_ends(self.ring_ends, self.segments)
         _check_range("points", self.points)
         _check_range("colours", self.colours, 0.0, 1.0)
         _check_range("opacities", self.opacities, 0.0, 1.0)
         _check_range("half_widths", self.half_widths, 0.0, 0.0 if self.mode is Mode.CLOSED else None)
+
+    def validate_form(self) -> None:
+        """`validate` without a look at the tensors' values: types, shapes and devices only."""
+        if not isinstance(self.mode, Mode):
+            raise InputError(f"mode must be Mode.CLOSED or Mode.OPEN, not {self.mode!r}")
+        for name, size in (("width", self.width), ("height", self.height)):
+            if isinstance(size, bool) or not isinstance(size, int) or size < 1:
+                raise InputError(f"{name} must be a whole number of pixels, at least 1, not {size!r}")
+        self._validate_shapes()
         if self.background is not None:
             _check_background(self.background)
 

@@ -71,8 +71,6 @@ def measure_step(
 def _time(trainer: Trainer, steps: int) -> dict[str, Any]:
     """Times so many steps from where the fit stands."""
     phase = trainer.schedule.phase(trainer.progress())
-    # Engines that work asynchronously know neither; their steps are timed as a whole.
-    measures_itself = hasattr(trainer.engine, "timings") and hasattr(trainer.engine, "counts")
     seconds: list[float] = []
     stages: list[dict[str, float]] = []
     counts: list[dict[str, int]] = []
@@ -82,12 +80,13 @@ def _time(trainer: Trainer, steps: int) -> dict[str, Any]:
         if torch.cuda.is_initialized():
             torch.cuda.synchronize()
         seconds.append(time.perf_counter() - started)
-        engine = trainer.engine.timings() if measures_itself else {"engine": seconds[-1]}
+        # An engine that works asynchronously has no timings: its steps are timed as a whole.
+        engine = trainer.engine.timings() or {"engine": seconds[-1]}
         # What a step takes beside the engine is Python and, now and then, the replacement of curves.
         rest = seconds[-1] - sum(engine.values())
         changed = trainer.replaced > replaced
         stages.append({**engine, "replacement": rest if changed else 0.0, "other": 0.0 if changed else rest})
-        counts.append(trainer.engine.counts() if measures_itself else {})
+        counts.append(trainer.engine.counts())
     total = sum(seconds)
     p10, median, p90 = (1e3 * float(value) for value in np.percentile(seconds, (10, 50, 90)))
     return {

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.raster.engine import CurveTensors, SceneTensors
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 
@@ -15,7 +15,7 @@ Background = tuple[float, float, float] | None
 
 
 @dataclass
-class Parameters:
+class Parameters(CurveTensors):
     """points (N, K, 2) px, colour_logits (N, 3), opacity_logits (N,), half_widths (N,) px, edge_widths (N,) px.
 
     Front to back. The edge widths count only where edges are soft.
@@ -31,31 +31,7 @@ class Parameters:
     def curves(self) -> int:
         return int(self.points.shape[0])
 
-    def _tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-        return self.points, self.colour_logits, self.opacity_logits, self.half_widths, self.edge_widths
-
-    def copy(self) -> Parameters:
-        return Parameters(*(t.clone() for t in self._tensors()))
-
-    def to(self, device: torch.device | str) -> Parameters:
-        """The curves on a device; the same tensors where they are there already."""
-        return Parameters(*(t.to(device) for t in self._tensors()))
-
-    def overwrite(self, other: Parameters) -> None:
-        """Takes over other curves' values in place: a captured CUDA graph keeps the addresses."""
-        for mine, theirs in zip(self._tensors(), other._tensors(), strict=True):
-            mine.copy_(theirs)
-
-    def chosen(self, index: Tensor) -> Parameters:
-        """The curves of an index (n,) or a mask (N,), in their order."""
-        return Parameters(*(t[index].contiguous() for t in self._tensors()))
-
-    def joined(self, behind: Parameters) -> Parameters:
-        """These curves in front of others."""
-        pairs = zip(self._tensors(), behind._tensors(), strict=True)
-        return Parameters(*(torch.cat(pair).contiguous() for pair in pairs))
-
-    def tensors(self, mode: Mode, width: int, height: int, background: Background, *, soft: bool) -> SceneTensors:
+    def for_engine(self, mode: Mode, width: int, height: int, background: Background, *, soft: bool) -> SceneTensors:
         """The same tensors (not copies) as the engine takes them; soft: with each curve's own edge width."""
         return SceneTensors(
             mode, width, height, self.points, self.colour_logits, self.opacity_logits, self.half_widths, background,
@@ -73,10 +49,11 @@ class Parameters:
     def first_non_finite(self) -> tuple[int, str] | None:
         """(curve, parameter) of the first value that is not finite."""
         # One bad value makes the sum bad: asked before every step, this must cost next to nothing.
-        if bool(torch.isfinite(torch.stack([t.sum() for t in self._tensors()]).sum())):
+        tensors = self.tensors_by_name()
+        if bool(torch.isfinite(torch.stack([t.sum() for t in tensors.values()]).sum())):
             return None
-        for name in ("points", "colour_logits", "opacity_logits", "half_widths", "edge_widths"):
-            bad = ~torch.isfinite(getattr(self, name)).reshape(self.curves, -1).all(1)
+        for name, tensor in tensors.items():
+            bad = ~torch.isfinite(tensor).reshape(self.curves, -1).all(1)
             if bad.any():
                 return int(bad.nonzero()[0]), name
         return None

@@ -21,7 +21,7 @@ from cubicsplat_cli.photo.schedule import Phase, Schedule
 from cubicsplat_cli.photo.settle import settle
 from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.progress import Progress
-from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors
+from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors, Training
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
@@ -123,6 +123,12 @@ class Trainer:
         half_width = self.recipe.half_width_size * self.unit
         self.parameters = new_curves(points, colours_at(centres, self.target), half_width, self.settings).to(device)
         self.state = OptimiserState.zeros(self.settings.curves, int(self.parameters.points.shape[1])).to(device)
+        self.importance = torch.zeros(self.parameters.curves, device=device)
+        # What the engine trains on, for the whole fit: the parameters' own tensors, which keep their places.
+        self.curves = self._tensors(self.parameters)
+        self.training = Training(
+            self.goal, self.state, self._rates(self.schedule.phase(0.0)), importance_kind=self.recipe.importance
+        )
         self.best: tuple[float, Parameters] | None = None
         self.started = self.reported = time.perf_counter()
 
@@ -162,24 +168,22 @@ class Trainer:
         phase = self.schedule.phase(progress)
         due = self.schedule.reallocation_due(progress)
         before = self.parameters.copy() if phase.exact else None
-        importance = torch.zeros(self.parameters.curves, device=self.engine.device) if due else None
-        loss = self.engine.step(
-            self._tensors(self.parameters), self._raster(phase), self.goal, self.state, self._rates(phase),
-            image=self.image if due else None, importance=importance, importance_kind=self.recipe.importance,
-            points_gradient=self._regulariser(),
-        )  # fmt: skip
+        training = self.training
+        training.rates, training.points_gradient = self._rates(phase), self._regulariser()
+        training.image, training.importance = (self.image, self.importance) if due else (None, None)
+        loss = self.engine.step(self.curves, self._raster(phase), training)
         if (self._looks() or phase.exact or due) and not math.isfinite(loss):
             self._broke_down(f"the loss is {float(loss)}")
         if before is not None:
             self._consider(float(loss), before)
-        if importance is not None:
-            self._reallocate(importance, progress)
+        if due:
+            self._reallocate(progress)
         self.step += 1
         self._report(loss)
 
     def _tensors(self, parameters: Parameters) -> SceneTensors:
         soft = self.recipe.edges == "soft"
-        return parameters.tensors(self.settings.mode, self.width, self.height, self.background, soft=soft)
+        return parameters.for_engine(self.settings.mode, self.width, self.height, self.background, soft=soft)
 
     def _raster(self, phase: Phase) -> RasterSettings:
         coverage = "exact" if phase.exact else "relaxed"
@@ -207,11 +211,11 @@ class Trainer:
         weight = self.recipe.geometric_reg * self.width * self.height
         return crossing_gradient(self.parameters.points, self.settings.mode, weight)
 
-    def _reallocate(self, importance: Tensor, progress: float) -> None:
-        inequality = gini(importance.cpu()) if self.recipe.prune_rule == "gini" else None
+    def _reallocate(self, progress: float) -> None:
+        inequality = gini(self.importance.cpu()) if self.recipe.prune_rule == "gini" else None
         fraction = self.schedule.reallocation(progress, inequality)
         parameters, state, count = reallocate(
-            self.parameters, self.state, importance, self.image, self.goal, fraction, self.settings, self.generator
+            self.parameters, self.state, self.importance, self.image, self.goal, fraction, self.settings, self.generator
         )
         self.parameters.overwrite(parameters)
         self.state.overwrite(state)

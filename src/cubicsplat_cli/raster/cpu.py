@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import IMPORTANCE, Backward, Engine, SceneTensors, Training
+from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, SceneTensors, Training, values_per_curve
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -218,20 +218,19 @@ class CpuEngine(Engine):
         self._check(self._library.cs_gradients(self._handle, s, t, images, g))
         return loss.value
 
-    def _step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float:
+    def step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         images, loss = self._images(scene, training.target, None, training.image)
-        wanted = {"importance": training.importance, "background": training.background_gradient}
-        g = self._pointers(scene, {name: t for name, t in wanted.items() if t is not None})
-        s, t = self._scene(scene), self._settings(settings, training.importance_kind)
+        g = self._pointers(scene, {} if training.importance is None else {"importance": training.importance})
+        s, t = self._scene(scene), self._settings(settings, training.wanted_importance)
         state, rates = training.state, training.rates
         update = _Training(
             s.points, s.colours, s.opacities, s.half_widths, s.edge_widths,
-            _pointer(state.moments, "moments", (n, 2 * k + 5, 4)),
+            _pointer(state.moments, "moments", (n, values_per_curve(k), 4)),
             _pointer(state.edge_moments, "edge_moments", (n, 4)),
             _pointer(state.ages, "ages", (n,), torch.int32),
             _pointer(training.points_gradient, "points_gradient", (n, k, 2)),
-            _pointer(training.rate_scale, "rate_scale", (n, 5)),
+            _pointer(training.rate_scale, "rate_scale", (n, RATED)),
             rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep,
             rates.epsilon,
         )  # fmt: skip
@@ -239,13 +238,12 @@ class CpuEngine(Engine):
         return loss.value
 
     def timings(self) -> dict[str, float]:
-        """Seconds the last call spent in each stage."""
         seconds = (c_double * 4)()
         self._library.cs_timings(self._handle, seconds)
         return dict(zip(("flatten", "bin", "raster", "update"), seconds, strict=True))
 
     def counts(self) -> dict[str, int]:
-        """(primitive, tile) pairs of the last call by class, and the edges listed for the boundary pairs."""
+        """Pairs by class, and the edges listed for the boundary pairs."""
         counts = (c_int64 * 4)()
         self._library.cs_counts(self._handle, counts)
         return dict(zip(("outside", "inside", "boundary", "edges"), counts, strict=True))

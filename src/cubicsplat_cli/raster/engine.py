@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -14,11 +15,55 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
+RATED = 5  # groups of parameters with a rate of their own, in the order of `Rates`
+PAINTS = 5  # values of a curve beside its points: three of its colour, opacity, half-width
+
+
+def values_per_curve(points_per_curve: int) -> int:
+    """Values of a curve that the optimiser keeps side by side: its points' coordinates, colour, opacity, half-width."""
+    return 2 * points_per_curve + PAINTS
 
 
 @dataclass
-class SceneTensors:
+class CurveTensors:
+    """A dataclass whose tensors have a row for each curve."""
+
+    def tensors_by_name(self) -> dict[str, Tensor]:
+        """The tensors that there are."""
+        return {f.name: t for f in fields(self) if isinstance(t := getattr(self, f.name), Tensor)}
+
+    def _changed(self, change: Callable[[Tensor], Tensor]) -> Self:
+        return replace(self, **{name: change(t) for name, t in self.tensors_by_name().items()})
+
+    def copy(self) -> Self:
+        return self._changed(Tensor.clone)
+
+    def to(self, device: torch.device | str) -> Self:
+        """The curves on a device; the same tensors where they are there already."""
+        return self._changed(lambda t: t.to(device))
+
+    def chosen(self, index: Tensor) -> Self:
+        """The curves of an index (n,) or a mask (N,), in their order."""
+        return self._changed(lambda t: t[index].contiguous())
+
+    def joined(self, behind: Self) -> Self:
+        """These curves in front of others."""
+        theirs = behind.tensors_by_name()
+        return replace(self, **{name: torch.cat((t, theirs[name])) for name, t in self.tensors_by_name().items()})
+
+    def overwrite(self, other: Self) -> None:
+        """Takes over other curves' values in place: a captured CUDA graph keeps the addresses."""
+        theirs = other.tensors_by_name()
+        for name, mine in self.tensors_by_name().items():
+            mine.copy_(theirs[name])
+
+
+@dataclass
+class SceneTensors(CurveTensors):
     """The parameters of a scene as an engine takes them; float32, contiguous, on its device.
 
     points (N, K, 2) px, colours (N, 3), opacities (N,), half_widths (N,) px; colours and opacities are logits where
@@ -48,7 +93,7 @@ class Rates:
     """Step sizes (0 freezes a group, its moments included) and constants of one Adan update.
 
     keep: fractions of the running means of gradient, change and square that stay from step to step (one minus the betas
-    of Xie et al., 2022). epsilon: added to the gradient's scale.
+    of Xie et al., 2022). epsilon: added to the gradient's scale. The defaults are the recipe's.
     """
 
     points: float
@@ -56,13 +101,16 @@ class Rates:
     opacities: float
     half_widths: float
     edge_widths: float = 0.0
-    keep: tuple[float, float, float] = (0.98, 0.92, 0.99)
-    epsilon: float = 1e-2
+    keep: tuple[float, float, float] = (0.98, 0.999, 0.99)
+    epsilon: float = 1e-3
 
 
 @dataclass
-class OptimiserState:
-    """Adan moments (N, 2K + 5, 4), those of the edge widths (N, 4), and each curve's number of updates (N,) int32."""
+class OptimiserState(CurveTensors):
+    """Adan moments (N, V, 4), those of the edge widths (N, 4), and each curve's number of updates (N,) int32.
+
+    V is `values_per_curve`; the four are the mean, the change, the square and the previous gradient.
+    """
 
     moments: Tensor
     edge_moments: Tensor
@@ -70,28 +118,8 @@ class OptimiserState:
 
     @classmethod
     def zeros(cls, curves: int, points_per_curve: int) -> OptimiserState:
-        moments = torch.zeros(curves, 2 * points_per_curve + 5, 4)
+        moments = torch.zeros(curves, values_per_curve(points_per_curve), 4)
         return cls(moments, torch.zeros(curves, 4), torch.zeros(curves, dtype=torch.int32))
-
-    def _tensors(self) -> tuple[Tensor, Tensor, Tensor]:
-        return self.moments, self.edge_moments, self.ages
-
-    def chosen(self, index: Tensor) -> OptimiserState:
-        """The state of the curves of an index (n,) or a mask (N,), in their order."""
-        return OptimiserState(*(t[index].contiguous() for t in self._tensors()))
-
-    def joined(self, behind: OptimiserState) -> OptimiserState:
-        """The state of these curves, then of others."""
-        return OptimiserState(*(torch.cat(pair) for pair in zip(self._tensors(), behind._tensors(), strict=True)))
-
-    def to(self, device: torch.device | str) -> OptimiserState:
-        """The state on a device; the same tensors where they are there already."""
-        return OptimiserState(*(t.to(device) for t in self._tensors()))
-
-    def overwrite(self, other: OptimiserState) -> None:
-        """Takes over another state's values in place: a captured CUDA graph keeps the addresses."""
-        for mine, theirs in zip(self._tensors(), other._tensors(), strict=True):
-            mine.copy_(theirs)
 
 
 @dataclass
@@ -106,17 +134,26 @@ class Backward:
 
 @dataclass
 class Training:
-    """One training step: what to learn from, how, and what else to write or add; see `Engine.step`."""
+    """What training steps learn from, how, and what else they write or add. Made once for a fit and changed in place.
+
+    target (H, W, C): the picture. Filled where given: image (H, W, C) and, of importance_kind ("visibility" or "loo"),
+    importance (N,). Read where given: points_gradient (N, K, 2), that of a further loss term, added to the picture's;
+    rate_scale (N, 5), each curve's factors of the step sizes, in the order of `Rates`.
+    """
 
     target: Tensor
     state: OptimiserState
     rates: Rates
-    image: Tensor | None
-    importance: Tensor | None
-    importance_kind: str | None
-    background_gradient: Tensor | None
-    points_gradient: Tensor | None
-    rate_scale: Tensor | None
+    image: Tensor | None = None
+    importance: Tensor | None = None
+    importance_kind: str | None = None
+    points_gradient: Tensor | None = None
+    rate_scale: Tensor | None = None
+
+    @property
+    def wanted_importance(self) -> str | None:
+        """The kind of importance to measure; None without a tensor to fill."""
+        return None if self.importance is None else self.importance_kind
 
 
 class Engine(ABC):
@@ -186,32 +223,18 @@ class Engine(ABC):
     def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
         """Fills `wanted.out`, whose tensors are zero, and returns the loss."""
 
-    def step(
-        self,
-        scene: SceneTensors,
-        settings: RasterSettings,
-        target: Tensor,
-        state: OptimiserState,
-        rates: Rates,
-        *,
-        image: Tensor | None = None,
-        importance: Tensor | None = None,
-        importance_kind: str | None = None,
-        background_gradient: Tensor | None = None,
-        points_gradient: Tensor | None = None,
-        rate_scale: Tensor | None = None,
-    ) -> float | Tensor:
+    @abstractmethod
+    def step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float | Tensor:
         """One fused training step: forward, squared error, backward and Adan on the scene's own tensors, in place.
 
-        Returns the loss (sum over the pixels) before the update. Optional outputs are filled where given: image
-        (H, W, C), importance (N,) of `importance_kind`, background_gradient (C,). points_gradient (N, K, 2): that of a
-        further loss term, added to the picture's. rate_scale (N, 5): each curve's factors of the step sizes, in the
-        order of `Rates`; where one is 0 the parameters are not written.
+        Returns the loss (sum over the pixels) before the update. A parameter whose rate is 0 is not written. Raises
+        EngineError.
         """
-        kind = importance_kind if importance is not None else None
-        extras = (image, importance, kind, background_gradient, points_gradient, rate_scale)
-        return self._step(scene, settings, Training(target, state, rates, *extras))
 
-    @abstractmethod
-    def _step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float | Tensor:
-        """`step`, its arguments in one piece."""
+    def timings(self) -> dict[str, float]:
+        """Seconds the last call spent in each stage; none where the engine does not measure them."""
+        return {}
+
+    def counts(self) -> dict[str, int]:
+        """(primitive, tile) pairs of the last call by class; none where the engine does not count them."""
+        return {}

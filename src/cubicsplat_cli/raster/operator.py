@@ -1,6 +1,8 @@
 """The engines as one differentiable torch operator, `cubicsplat::render`, for any loss.
 
-The backward operator runs the same tile code with the incoming image gradient in place of the squared error's.
+The backward operator runs the same tile code with the incoming image gradient in place of the squared error's. It goes
+forward again: what each pixel met on its way is kept for one tile at a time, in the nearest cache, and keeping it for
+the whole picture between the two operators would cost more than it saves.
 """
 
 from __future__ import annotations
@@ -89,9 +91,13 @@ def render(scene: Scene, settings: RasterSettings | None = None) -> Tensor:
     Gradients of any loss reach the scene's points, colours, opacities and half_widths, wherever those require them. The
     picture is made by the CPU engine or CUDA's, on the device where the tensors live; float32. settings: relaxed edges
     of 1 px by default; with exact coverage the gradient is that of the relaxed edge. The same picture and gradients, up
-    to rounding, as `reference.render`. Raises InputError (shapes, ranges, non-finite values) and EngineError.
+    to rounding, as `reference.render`. Raises EngineError, and InputError for shapes and, on the CPU, for ranges and
+    non-finite values: on a GPU nothing here waits for values.
     """
-    scene.validate()
+    if scene.points.is_cuda:
+        scene.validate_form()
+    else:
+        scene.validate()
     settings = settings or RasterSettings()
     tensors = (t.float() for t in (scene.points, scene.colours, scene.opacities, scene.half_widths))
     return render_op(

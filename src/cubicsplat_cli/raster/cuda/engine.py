@@ -38,7 +38,7 @@ from cubicsplat_cli.raster.cuda.frame import (
     step_values,
 )
 from cubicsplat_cli.raster.cuda.selftest import self_test
-from cubicsplat_cli.raster.engine import Backward, Engine, OptimiserState, SceneTensors, Training
+from cubicsplat_cli.raster.engine import Backward, Engine, OptimiserState, SceneTensors, Training, values_per_curve
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -119,7 +119,7 @@ class CudaEngine(Engine):
             self._run(scene, settings, values, backward=True, **pictures, outputs=parameters)
             return float(loss) if target is not None else 0.0  # reading it waits for the GPU
 
-    def _step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> Tensor:
+    def step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> Tensor:
         """It does not wait: the loss comes as a float64 tensor without dimensions on the GPU, and float() of it waits.
 
         A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
@@ -220,19 +220,18 @@ class CudaEngine(Engine):
         n, k = sizes.curves, sizes.points_per_curve
         frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
         frame.target = pointer(target, "target", (scene.height, scene.width, scene.channels), self.device)
-        frame.moments = pointer(state.moments, "moments", (n, 2 * k + 5, 4), self.device)
+        frame.moments = pointer(state.moments, "moments", (n, values_per_curve(k), 4), self.device)
         frame.edge_moments = pointer(state.edge_moments, "edge_moments", (n, 4), self.device)
         frame.ages = pointer(state.ages, "ages", (n,), self.device, torch.int32)
         return frame
 
     def _training_values(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> StepValues:
         n, k, channels = int(scene.points.shape[0]), int(scene.points.shape[1]), scene.channels
-        values = step_values(scene, settings, training.importance_kind, self._number)
+        values = step_values(scene, settings, training.wanted_importance, self._number)
         set_rates(values, training.rates)
-        further, background = training.points_gradient, training.background_gradient
+        further = training.points_gradient
         values.image = pointer(training.image, "image", (scene.height, scene.width, channels), self.device)
         values.importance = pointer(training.importance, "importance", (n,), self.device)
-        values.background_gradient = pointer(background, "gradient of background", (channels,), self.device)
         values.points_gradient = pointer(further, "points_gradient", (n, k, 2), self.device)
         return values
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors
+from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import points_from_segments
 from cubicsplat_cli.settings import Mode
@@ -115,7 +115,7 @@ def _trained(engine: Engine, program: Program, coverage: str) -> tuple[float, ..
     start, small = untrained(program, engine.device), untrained(program, engine.device)
     wanted = target(program, engine.device)
     state = OptimiserState.zeros(*small.points.shape[:2]).to(engine.device)
-    losses = [engine.step(small, settings(coverage), wanted, state, RATES) for _ in range(STEPS)]
+    losses = [engine.step(small, settings(coverage), Training(wanted, state, RATES)) for _ in range(STEPS)]
     return digest(float(losses[-1]), [getattr(small, name) - getattr(start, name) for name in TRAINED])
 
 

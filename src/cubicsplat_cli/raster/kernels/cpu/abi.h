@@ -61,7 +61,7 @@ struct CsTraining {
   float* opacities;
   float* half_widths;
   float* edge_widths;   // null: fixed
-  float* moments;       // N x (2K + 5) x 4: points, colour, opacity, half-width; mean, change, square, previous gradient
+  float* moments;       // N x (2K + kPaints) x 4: see curve.h; mean, change, square, previous gradient
   float* edge_moments;  // N x 4, for edge_widths
   int32_t* ages;        // N: updates each curve has had
   const float* points_gradient;  // N x K x 2, or null: gradient of a further loss term, added to the picture's

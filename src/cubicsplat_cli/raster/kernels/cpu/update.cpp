@@ -110,7 +110,7 @@ void step_points(const Frame& f, int p, const Gathered& g, const CsTraining& t, 
                  const AdanBias& bias) {
   const Rings rings = f.rings(p);
   const int k = f.points_per_curve * 2, used = 2 * (3 * rings.ends[rings.count - 1] + (f.scene.closed ? 0 : 1));
-  auto* moments = reinterpret_cast<AdanMoments*>(t.moments) + size_t(p) * (k + 5);
+  auto* moments = reinterpret_cast<AdanMoments*>(t.moments) + size_t(p) * (k + kPaints);
   const float* further = t.points_gradient ? t.points_gradient + size_t(p) * k : nullptr;
   for (int i = 0; i < used; i++) {
     float gradient = g.points[i] + (further ? further[i] : 0.0f);
@@ -126,7 +126,7 @@ void step(const Frame& f, int p, const Gathered& g, const CsTraining& t) {
   const AdanBias bias{1.0f - std::pow(r.keep1, age), 1.0f - std::pow(r.keep2, age),
                       std::sqrt(1.0f - std::pow(r.keep3, age)), t.ages[p] == 1};
   const size_t k = size_t(f.points_per_curve) * 2;
-  auto* moments = reinterpret_cast<AdanMoments*>(t.moments) + p * (k + 5) + k;  // behind those of the points
+  auto* moments = reinterpret_cast<AdanMoments*>(t.moments) + p * (k + kPaints) + k;  // behind those of the points
   if (r.points != 0.0f) step_points(f, p, g, t, r, bias);
   if (r.colours != 0.0f)
     for (int c = 0; c < 3; c++) {

@@ -14,6 +14,9 @@ constexpr float kMinHalfWidth = 0.1f;    // px; a thinner stroke is seen as a fa
 constexpr float kMinEdgeWidth = 0.5f;    // px, of a learned edge
 constexpr float kMaxEdgeWidth = 64.0f;
 
+// Values of a curve that the optimiser keeps beside its points' 2K coordinates: colour, opacity, half-width.
+constexpr int kPaints = 5;
+
 // Hyper-parameters of one update (Adan: Xie et al., 2022, arXiv:2208.06677; betas are the kept fractions).
 struct AdanRates {
   float points, colours, opacities, half_widths, edge_widths;  // step sizes; 0: parameter and moments stay as they are
