@@ -10,13 +10,13 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from multiprocessing import resource_tracker
 from pathlib import Path
 
 import pytest
 from command import cli_command, run_here
 from conftest import smooth_pixels
 from PIL import Image
+from workers import start_what_outlives_a_pool
 
 SHORT = ("--curves", 12, "--steps", 30, "--threads", 1)
 
@@ -50,8 +50,8 @@ def on_terminal(arguments: list[object], monkeypatch: pytest.MonkeyPatch, **envi
         monkeypatch.delenv(name)
     for name, value in {"TERM": "xterm-256color", "COLUMNS": "120", **environment}.items():
         monkeypatch.setenv(name, value)
-    # It outlives the command, and would keep the terminal open.
-    resource_tracker.ensure_running()
+    # What outlives the command must not keep the terminal open.
+    start_what_outlives_a_pool()
     shown: list[bytes] = []
     parent, child = pty.openpty()
     # A terminal that nobody reads would soon hold up whoever writes to it.

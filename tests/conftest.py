@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command import Done, run_here
 from PIL import Image
+from workers import forked_from_a_warm_process
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _quick_workers() -> Iterator[None]:
+    with forked_from_a_warm_process():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,45 @@
+"""Worker processes that the tests need not wait for."""
+
+from __future__ import annotations
+
+import multiprocessing
+import multiprocessing.resource_tracker
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+# What a worker would spend seconds on, the test runner's own start included.
+IMPORTED = ["cubicsplat_cli.evaluate", "cubicsplat_cli.fit", "cubicsplat_cli.svg", "cairosvg", "pytest"]
+
+
+@contextmanager
+def forked_from_a_warm_process() -> Iterator[None]:
+    """Within, a process that would be spawned is forked from one that has imported torch and has done nothing else.
+
+    It is a process like any other, and nothing of the parent's is in it; only its start is quick. What users get,
+    spawned workers, is tested by the tests that start the command in a process of its own.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():  # Windows
+        yield
+        return
+    warm, real = multiprocessing.get_context("forkserver"), multiprocessing.get_context
+    warm.set_forkserver_preload(IMPORTED)
+
+    def get_context(method: str | None = None) -> Any:
+        return warm if method == "spawn" else real(method)
+
+    multiprocessing.get_context = get_context
+    try:
+        yield
+    finally:
+        multiprocessing.get_context = real
+
+
+def start_what_outlives_a_pool() -> None:
+    """Start multiprocessing's own helper processes now, so that they do not inherit streams opened later."""
+    if "forkserver" in multiprocessing.get_all_start_methods():
+        from multiprocessing import forkserver
+
+        forkserver.ensure_running()
+    else:
+        multiprocessing.resource_tracker.ensure_running()
