@@ -6,6 +6,7 @@ PHOTO ?= samples/chelsea.png
 DEMO_OPTIONS ?=
 PYTEST_OPTIONS ?=
 TESTS ?= tests
+# Processes that compile, and that run tests: JOBS=0 runs them in one, with its output as it comes.
 JOBS ?= 2
 FUZZ_INPUTS ?= 100000
 
@@ -25,6 +26,8 @@ BUILD_TOOLS := "scikit-build-core>=1.1" $(foreach tool,cmake ninja,$(if $(shell 
 # one with CUDA, else with the newest torch there is. The pinned one may be a build for the CPU.
 GPU_VENV ?= .venv-gpu
 WITH_GPU := $(MAKE) --no-print-directory VENV=$(GPU_VENV) VENV_OPTIONS=--system-site-packages CONSTRAINTS=
+# The fast tests, shared out among processes; one that has run out takes over some of another's.
+FAST_TESTS := $(PY) -m pytest -m "not slow and not gpu" --timeout 300 -n $(JOBS) --dist worksteal
 # Without a GPU every one of these tests would be skipped, which must not look like success.
 GPU_OR_WHY := $(PY) -c "import sys; from cubicsplat_cli.raster.cuda.driver import missing_piece; sys.exit(missing_piece())"
 
@@ -49,11 +52,11 @@ demo: $(PACKAGE_STAMP)
 install: $(PACKAGE_STAMP)
 
 test: $(TEST_STAMP)
-	$(PY) -m pytest -m "not slow and not gpu" --timeout 300 $(PYTEST_OPTIONS) $(TESTS)
+	$(FAST_TESTS) $(PYTEST_OPTIONS) $(TESTS)
 
 # The same tests with the line coverage of the Python code, the command's own processes included.
 coverage: $(TEST_STAMP)
-	$(PY) -m pytest -m "not slow and not gpu" --timeout 300 --cov --cov-report=term $(PYTEST_OPTIONS) $(TESTS)
+	$(FAST_TESTS) --cov --cov-report=term $(PYTEST_OPTIONS) $(TESTS)
 
 test-slow: $(TEST_STAMP)
 	$(PY) -m pytest -m "slow and not gpu" --timeout 3600 $(PYTEST_OPTIONS) $(TESTS)
@@ -83,8 +86,11 @@ run-sanitize-gpu: $(TEST_STAMP)
 fuzz: $(TEST_STAMP)
 	$(PY) tools/fuzz.py --inputs $(FUZZ_INPUTS)
 
-lint: $(BIN)/ruff
+# Rules, layout, and types: the last with the packages that the types come from.
+lint: $(BIN)/ruff $(BIN)/mypy $(PACKAGE_STAMP)
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 
 # For work on the C++ alone: a quick incremental build next to the sources, for PYTHONPATH=src. Nothing else uses it.
 native:
@@ -111,8 +117,8 @@ $(TEST_STAMP): $(SOURCES) constraints.txt $(BUILD_STAMP)
 	$(INSTALL_PACKAGE) ".[test]"
 	@touch $(PACKAGE_STAMP) $@
 
-$(BIN)/ruff: $(VENV_STAMP) constraints.txt
-	$(PIP_INSTALL) --upgrade ruff
+$(BIN)/ruff $(BIN)/mypy: $(VENV_STAMP) constraints.txt
+	$(PIP_INSTALL) --upgrade $(@F)
 	@touch $@
 
 clean:

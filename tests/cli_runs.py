@@ -73,7 +73,7 @@ def _read_all(terminal: int, chunks: list[bytes]) -> None:
             chunks.append(chunk)
 
 
-def wait_until(true: Callable[[], object], seconds: float = 60.0) -> None:
+def wait_until(true: Callable[[], object], seconds: float = 150.0) -> None:
     """Wait for a condition; fail the test when it does not come about."""
     until = time.monotonic() + seconds
     while not true():

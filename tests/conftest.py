@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,6 +11,12 @@ import pytest
 from command import Done, run_here
 from PIL import Image
 from workers import forked_from_a_warm_process
+
+
+def pytest_configure() -> None:
+    """Before torch is imported: where tests run side by side, each process computes on one core."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -190,7 +190,7 @@ def test_ctrl_c_writes_the_best_svg_so_far(photo):
                 break
         process.send_signal(signal.SIGINT)
         rest = b"".join(lines).decode()
-        assert process.wait(timeout=60) == 130
+        assert process.wait(timeout=150) == 130
     finally:
         process.kill()
         process.stderr.close()
@@ -218,7 +218,7 @@ def test_ctrl_c_before_the_fit_writes_nothing(tmp_path):
         wait_until(lambda: unread() == 0 or process.poll() is not None)
         assert process.poll() is None, "it should be waiting for more of its input"
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=60) == 130
+        assert process.wait(timeout=150) == 130
         assert b"Traceback" not in process.stderr.read()
     finally:
         process.kill()

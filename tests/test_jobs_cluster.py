@@ -44,7 +44,7 @@ def address() -> Iterator[str]:
             yield process.stdout.readline().decode().strip()
         finally:
             process.stdin.close()
-            process.wait(timeout=60)
+            process.wait(timeout=150)
             process.stdout.close()
 
 
@@ -74,7 +74,7 @@ def test_a_cluster_makes_the_same_files_and_survives_a_dead_worker(address, tmp_
         try:
             wait_until(lambda: tasks() or process.poll() is not None)
             os.kill(next(iter(tasks())), signal.SIGKILL)
-            _, errors = process.communicate(timeout=120)
+            _, errors = process.communicate(timeout=150)
         finally:
             process.kill()
     assert process.returncode == 1, errors

@@ -58,7 +58,7 @@ def interrupted_run(pictures: Path, results: Path, act) -> tuple[int, str, bytes
             wait_until(lambda: list(results.glob("*.svg")) or process.poll() is not None)
             assert process.poll() is None, process.stderr.read()
             act(process)
-            _, errors = process.communicate(timeout=60)
+            _, errors = process.communicate(timeout=150)
         finally:
             process.kill()
     return process.returncode, errors.decode(), output.read_bytes()
@@ -76,7 +76,7 @@ def test_kill_9_of_the_command_loses_nothing(clean, tmp_path, run_cli):
     code, _, _ = interrupted_run(pictures, results, kill)
     assert code == -signal.SIGKILL
     assert workers
-    wait_until(lambda: all(gone(worker) for worker in workers), 30)
+    wait_until(lambda: all(gone(worker) for worker in workers), 60)
     left = contents(results)
     assert set(left) < set(wanted), "some work must be left for this test to mean anything"
     for name, data in left.items():
@@ -116,7 +116,7 @@ def test_ctrl_c_ends_the_fits_under_way_and_keeps_what_they_have(clean, tmp_path
             wait_until(lambda: sum(Path(f"/proc/{pid}/maps").read_text().count("_cubicsplat.so") > 0
                                    for pid in children(process.pid)) == 2)  # fmt: skip
             process.send_signal(signal.SIGINT)
-            _, errors = process.communicate(timeout=60)
+            _, errors = process.communicate(timeout=150)
         finally:
             process.kill()
     assert process.returncode == 130, errors

@@ -6,6 +6,7 @@ Imports nothing heavy, since the command line is built from it.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import Field, asdict, dataclass, field, fields, replace
@@ -305,10 +306,9 @@ def parse_background(text: str) -> str:
         return "none"
     from PIL import ImageColor
 
-    try:
+    colour: tuple[int, ...] = ()
+    with contextlib.suppress(ValueError):
         colour = ImageColor.getrgb(lowered)
-    except ValueError:
-        colour = ()
     if len(colour) != 3:
         raise UsageError(f"must be auto, none, a colour name or #rrggbb, not {text!r}", "background")
     return "#{:02x}{:02x}{:02x}".format(*colour)

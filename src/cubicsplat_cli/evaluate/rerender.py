@@ -138,7 +138,7 @@ def choose_renderer(renderer: str | None) -> tuple[ModuleType, str, str | None]:
         if module is None:
             raise EngineError(f"the renderer {renderer} is not available: {problem}")
         return module, renderer, None
-    problems = []
+    problems: list[str] = []
     for name in RENDERERS:
         module, problem = _load(name)
         if module is not None:

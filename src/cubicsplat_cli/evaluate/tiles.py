@@ -83,7 +83,7 @@ def _tile_cairosvg(module: ModuleType, svg: bytes, width: int, height: int, scal
     trees = importlib.import_module(f"{module.__name__}.parser")
     cairo = surfaces.cairo
 
-    class Shifted(surfaces.PNGSurface):
+    class Shifted(surfaces.PNGSurface):  # type: ignore[misc, name-defined]
         def _create_surface(self, whole_width: float, whole_height: float) -> tuple[object, float, float]:
             surface = cairo.ImageSurface(cairo.FORMAT_ARGB32, tile.width * scale, tile.height * scale)
             surface.set_device_offset(-tile.left * scale, -tile.top * scale)

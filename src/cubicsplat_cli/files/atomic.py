@@ -12,12 +12,11 @@ import os
 import re
 import secrets
 import stat
+import sys
 from pathlib import Path
 
-try:
+if sys.platform != "win32":
     import fcntl
-except ImportError:  # Windows, where a file that is open elsewhere cannot be removed anyway
-    fcntl = None
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.words import one_line, printable
@@ -86,7 +85,7 @@ def _create_locked(temporary: Path) -> int:
 
 def _lock(descriptor: int) -> bool:
     """Lock a file against its removal; False where locks do not exist (Windows, some network file systems)."""
-    if fcntl is None:
+    if sys.platform == "win32":  # where a file that is open elsewhere cannot be removed anyway
         return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -110,7 +109,7 @@ def _remove_left_behind(target: Path) -> None:
 
 def _remove_if_dead(temporary: Path) -> None:
     """Remove a temporary file that nobody is writing; OSError where it is being written."""
-    if fcntl is None:
+    if sys.platform == "win32":
         temporary.unlink()
         return
     descriptor = os.open(temporary, os.O_RDWR)

@@ -234,9 +234,9 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
     longer = max(picture.width, picture.height)
     if longer <= max_size:
         return picture
-    size = tuple(max(1, round(side * max_size / longer)) for side in (picture.width, picture.height))
+    width, height = (max(1, round(side * max_size / longer)) for side in (picture.width, picture.height))
     channels = picture.target()
-    scaled = np.stack([_resample(channels[..., k], size) for k in range(channels.shape[2])], axis=2)
+    scaled = np.stack([_resample(channels[..., k], width, height) for k in range(channels.shape[2])], axis=2)
     rgb, alpha = scaled[..., :3], None
     if picture.alpha is not None:
         alpha = scaled[..., 3]
@@ -244,11 +244,11 @@ def resize_picture(picture: Picture, max_size: int) -> Picture:
         alpha[alpha < 0.5 / 65535] = 0.0
         rgb = np.where(alpha[..., None] > 0, rgb / np.maximum(alpha, 1e-6)[..., None], 0.0)
         rgb = np.clip(rgb, 0.0, 1.0).astype(np.float32)
-    note = f"scaled from {picture.width} x {picture.height} to {size[0]} x {size[1]} pixels"
+    note = f"scaled from {picture.width} x {picture.height} to {width} x {height} pixels"
     return replace(picture, rgb=np.ascontiguousarray(rgb), alpha=alpha, notes=(*picture.notes, note))
 
 
-def _resample(channel: np.ndarray, size: tuple[int, ...]) -> np.ndarray:
-    """One (H, W) float32 channel to `size` (width, height), clipped to [0, 1] (Lanczos overshoots)."""
+def _resample(channel: np.ndarray, width: int, height: int) -> np.ndarray:
+    """One (H, W) float32 channel to another size, clipped to [0, 1] (Lanczos overshoots)."""
     image = Image.fromarray(np.ascontiguousarray(channel, dtype=np.float32))
-    return np.clip(np.asarray(image.resize(size, Image.Resampling.LANCZOS)), 0.0, 1.0)
+    return np.clip(np.asarray(image.resize((width, height), Image.Resampling.LANCZOS)), 0.0, 1.0)

@@ -14,6 +14,8 @@ def write_stdout(data: bytes) -> None:
     """
     # The one this process was started with, whatever else prints to `sys.stdout` meanwhile.
     stdout = sys.__stdout__
+    if stdout is None:
+        raise InputError("standard output: there is none; use -o")
     try:
         stdout.flush()
         stdout.buffer.write(data)

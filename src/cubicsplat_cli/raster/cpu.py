@@ -12,6 +12,7 @@ import sys
 from ctypes import POINTER, c_char_p, c_double, c_float, c_int32, c_int64, c_void_p
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -92,7 +93,7 @@ def library() -> ctypes.CDLL:
         getattr(lib, name).argtypes = [c_void_p]
         getattr(lib, name).restype = c_char_p
     lib.cs_isa_names.restype = c_char_p
-    common = [c_void_p, POINTER(_Scene), POINTER(_Settings), POINTER(_Images)]
+    common: list[Any] = [c_void_p, POINTER(_Scene), POINTER(_Settings), POINTER(_Images)]
     lib.cs_render.argtypes = common
     lib.cs_gradients.argtypes = [*common, POINTER(_Gradients)]
     lib.cs_step.argtypes = [*common, POINTER(_Gradients), POINTER(_Training)]

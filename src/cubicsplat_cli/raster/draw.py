@@ -17,9 +17,12 @@ from cubicsplat_cli.scene import Scene
 def scene_tensors(scene: Scene) -> SceneTensors:
     """A scene as the engines take it: float32, contiguous, detached."""
     given = (scene.points, scene.colours, scene.opacities, scene.half_widths)
-    tensors = (t.detach().cpu().float().contiguous() for t in given)
+    points, colours, opacities, half_widths = (t.detach().cpu().float().contiguous() for t in given)
     ring_ends = None if scene.ring_ends is None else scene.ring_ends.cpu().contiguous()
-    return SceneTensors(scene.mode, scene.width, scene.height, *tensors, scene.background, ring_ends=ring_ends)
+    return SceneTensors(
+        scene.mode, scene.width, scene.height, points, colours, opacities, half_widths, scene.background,
+        ring_ends=ring_ends,
+    )  # fmt: skip
 
 
 def render_scene(

@@ -7,6 +7,8 @@ the whole picture between the two operators would cost more than it saves.
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -25,10 +27,14 @@ def _scene(
     canvas: list[int], background: list[float],
 ) -> SceneTensors:  # fmt: skip
     closed, width, height = canvas
-    tensors = (t.detach().contiguous() for t in (points, colours, opacities, half_widths))
+    points, colours, opacities, half_widths = (
+        t.detach().contiguous() for t in (points, colours, opacities, half_widths)
+    )
     behind = (background[0], background[1], background[2]) if background else None
     mode = Mode.CLOSED if closed else Mode.OPEN
-    return SceneTensors(mode, width, height, *tensors, behind, ring_ends=ring_ends)
+    return SceneTensors(
+        mode, width, height, points, colours, opacities, half_widths, behind, ring_ends=ring_ends
+    )  # fmt: skip
 
 
 def _settings(counts: list[int], lengths: list[float]) -> RasterSettings:
@@ -70,15 +76,20 @@ def _render_backward_fake(
     gradient: Tensor, points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor,
     ring_ends: Tensor | None, canvas: list[int], background: list[float], counts: list[int], lengths: list[float],
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
-    return tuple(torch.empty_like(t) for t in (points, colours, opacities, half_widths))
+    return (
+        torch.empty_like(points),
+        torch.empty_like(colours),
+        torch.empty_like(opacities),
+        torch.empty_like(half_widths),
+    )
 
 
-def _remember(ctx, inputs, output) -> None:
+def _remember(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
     ctx.save_for_backward(*inputs[:5])
     ctx.settings = inputs[5:]
 
 
-def _backward(ctx, gradient):
+def _backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
     return *render_backward_op(gradient, *ctx.saved_tensors, *ctx.settings), *([None] * 5)
 
 

@@ -425,7 +425,7 @@ def importance(
     with torch.no_grad():
         alphas = _alphas(scene, settings)
         channels, behind = channel_colours(colours, background)
-        if kind == "visibility":
+        if kind == "visibility" or target is None:
             return torch.stack([(x.transmittance * x.alpha).sum() for x in front_to_back(alphas, channels)])
         image = composite(alphas, channels, behind)
         loss = image_loss(image, target)

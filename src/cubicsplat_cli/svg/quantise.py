@@ -75,7 +75,8 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
     width_decimals = max(precision, MIN_WIDTH_DECIMALS)
     background = None
     if scene.background is not None:
-        background = tuple(int(value) for value in _round(np.asarray(scene.background, np.float64), 255))
+        red, green, blue = (int(value) for value in _round(np.asarray(scene.background, np.float64), 255))
+        background = (red, green, blue)
     return GridScene(
         mode=scene.mode,
         width=scene.width,

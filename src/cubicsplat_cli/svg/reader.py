@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from typing import Any
 from xml.parsers import expat
 
 import numpy as np
@@ -251,7 +252,7 @@ class _Collector:
         if self.size is None or self.mode is None or not self.curves:
             raise InputError("the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote")
         width, height = self.size
-        points, ring_ends = self._points()
+        points, ring_ends = self._points(self.mode)
         scene = Scene(
             mode=self.mode,
             width=width,
@@ -266,13 +267,13 @@ class _Collector:
         scene.validate()
         return scene
 
-    def _points(self) -> tuple[torch.Tensor, torch.Tensor | None]:
+    def _points(self, mode: Mode) -> tuple[torch.Tensor, torch.Tensor | None]:
         if all(len(rings) == 1 and len(rings[0]) == len(self.curves[0][0]) for rings in self.curves):
             return _tensor([rings[0] for rings in self.curves]), None  # the quick way for many curves
         curves = [[torch.tensor(ring, dtype=torch.float64) for ring in rings] for rings in self.curves[::-1]]
-        points, ring_ends = pack_rings(self.mode, curves)
+        points, ring_ends = pack_rings(mode, curves)
         return points.float(), ring_ends
 
 
-def _tensor(values: list) -> torch.Tensor:
+def _tensor(values: list[Any]) -> torch.Tensor:
     return torch.from_numpy(np.asarray(values[::-1], dtype=np.float64).astype(np.float32))

@@ -68,8 +68,9 @@ def scene(program: Program, device: torch.device | str = "cpu") -> SceneTensors:
     opacities = 0.15 + 0.1 * curves.sin()
     half_widths = 1.4 + 0.4 * curves.cos() if program.mode is Mode.OPEN else torch.zeros(CURVES)
     background = (0.9, 0.85, 0.7) if program.channels == 3 else None
-    tensors = (t.float().contiguous().to(device) for t in (torch.stack(shapes), colours, opacities, half_widths))
-    return SceneTensors(program.mode, WIDTH, HEIGHT, *tensors, background)
+    given = (torch.stack(shapes), colours, opacities, half_widths)
+    points, colours, opacities, half_widths = (t.float().contiguous().to(device) for t in given)
+    return SceneTensors(program.mode, WIDTH, HEIGHT, points, colours, opacities, half_widths, background)
 
 
 def target(program: Program, device: torch.device | str = "cpu") -> Tensor:
