@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
+from skimage.measure import approximate_polygon
 
 from cubicsplat_cli.artwork.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.extents import Contour, Extent
 from cubicsplat_cli.artwork.fitting import fit_outline
-from cubicsplat_cli.artwork.outlines import Outline, flattened, reversed_ring, signed_area
+from cubicsplat_cli.artwork.outlines import Outline, flattened, polygon, reversed_ring, signed_area
 
 # How a hidden run is guided, in the order of trial: standard errors in px, or its chord.
 FREE, CHORD = np.inf, -1.0
@@ -65,6 +66,23 @@ class _Window:
         return beyond & (x > 0.0) & (y > 0.0) & (x < self.canvas[1]) & (y < self.canvas[0])
 
 
+def _sound(contour: Contour, outline: Outline) -> bool:
+    """Whether an outline encloses what its points do, to a tenth of a px along them."""
+    x, y = contour.points.T
+    area = 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+    length = float(np.hypot(*(contour.points - np.roll(contour.points, 1, axis=0)).T).sum())
+    return abs(abs(signed_area(outline.ring())) - abs(area)) <= 0.1 * length + 1.0
+
+
+def _visible(contour: Contour, detail: float) -> Outline:
+    """The outline of a contour that shows all around; where the fit has gone astray, ever closer to its points."""
+    for factor in (1.0, 4.0, 16.0):
+        outline = fit_outline(contour.points, contour.sigma, detail * factor)
+        if _sound(contour, outline):
+            return outline
+    return polygon(approximate_polygon(np.vstack([contour.points, contour.points[:1]]), 0.3)[:-1])
+
+
 def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple[Outline, ...]:
     """The fitted outlines of a part of a layer, the outer one first; canvas: its height and width, px."""
     window = _Window.of(extent, canvas)
@@ -73,12 +91,14 @@ def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple
 
 def _completed(contour: Contour, window: _Window, detail: float) -> Outline:
     runs = hidden_runs(contour.sigma)
+    if not runs:
+        return _visible(contour, detail)
     ways = np.zeros(len(runs), dtype=int)
     best, least = None, np.inf
     for _ in range(len(WAYS) * 2):
         points, sigma = guided(contour, runs, ways)
         outline = fit_outline(points, sigma, detail)
-        wrong = window.wrong(outline, contour.hole) if len(runs) else np.empty((0, 2))
+        wrong = window.wrong(outline, contour.hole)
         if len(wrong) < least:
             best, least = outline, len(wrong)
         if len(wrong) <= 1:
