@@ -151,16 +151,18 @@ def seams(body: str, truth: str) -> tuple[float, ...]:
 def test_seams_are_gaps_and_hairlines_and_nothing_else():
     truth = '<rect width="64" height="48" fill="#08f"/>'
     assert seams(truth, truth) == (0.0, 0.0, 0.0)
-    # A gap of half a px, 44 px of it inside, is as large at every scale.
+    # A gap of half a px, 60 px of it inside, is as large at every scale.
     gap = '<rect width="64" height="20" fill="#08f"/><rect y="20.5" width="64" height="28" fill="#08f"/>'
-    assert seams(gap, truth) == pytest.approx((32.0, 32.0, 32.0), rel=0.02)
+    assert seams(gap, truth) == pytest.approx((30.0, 30.0, 30.0), rel=0.02)
     # Neighbours that only touch on a slanted line: the ground shows through both smoothed edges, the less the larger.
     touching = '<path d="M0 0H20L29 48H0z" fill="#08f"/><path d="M20 0H64V48H29z" fill="#08f"/>'
     found = seams(touching, truth)
     assert found[0] > found[1] > found[2] > 0
     # What lies under both closes it.
     assert seams(truth + touching, truth) == (0.0, 0.0, 0.0)
-    # An outline that is a px off is no seam.
+    # A disc that touches the canvas from within, and an outline that is a px off, are no seams.
+    disc = '<circle cx="24" cy="24" r="{}" fill="#08f"/>'
+    assert seams(disc.format(23.9), disc.format(24)) == (0.0, 0.0, 0.0)
     assert seams(BOX.replace('x="8"', 'x="9"'), BOX) == (0.0, 0.0, 0.0)
 
 

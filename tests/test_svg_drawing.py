@@ -89,6 +89,36 @@ def test_holes_run_the_other_way_and_round_ones_are_arcs():
     assert areas[0] > 0 > areas[1]
 
 
+def letters(count: int, ink=RED, x: float = 0.0) -> list[Shape]:
+    """Rings with a round hole, beside each other."""
+    corners = np.array([[1.0, 1.0], [9.0, 1.0], [9.0, 9.0], [1.5, 9.5]])
+    return [
+        Shape(ink, (polygon(corners + np.array([x + 10 * i, 0])), Circle(x + 5 + 10 * i, 5, 2)), f"letter-{i}")
+        for i in range(count)
+    ]
+
+
+def test_three_paths_of_one_ink_are_a_compound_path():
+    assert len(written(*letters(2))) == 2
+    found = written(*letters(4))
+    assert [element.get("id") for element in found] == ["letter-0"]
+    assert len(written(*letters(4, ink=GLASS))) == 4, "translucent shapes are not one where they overlap"
+    read = read_drawing(svg_of(*letters(4))).shapes
+    assert [len(one.outlines) for one in read] == [2, 2, 2, 2]
+    assert all(isinstance(one.outlines[1], Circle) for one in read)
+
+
+def test_what_lies_between_shapes_keeps_them_apart():
+    first, *rest = letters(3)
+    apart = shape(Ellipse(5, 80, 5, 3), ink=BLACK)
+    assert len(written(first, apart, *rest)) == 2
+    over_second = shape(Ellipse(15, 8, 5, 3), ink=BLACK)
+    assert len(written(first, over_second, *rest)) == 4
+    orders = ((first, apart, *rest), (first, *rest, apart))
+    drawn = [rerender(svg_of(*order).encode(), 800, 400, renderer="resvg").pixels for order in orders]
+    assert np.array_equal(*drawn)
+
+
 def test_what_is_smaller_than_a_step_is_left_out():
     tiny = [Circle(5, 5, 0.004), Rectangle(5, 5, 0.004, 9), Ellipse(5, 5, 9, 0.001), polygon(np.full((3, 2), 5.001))]
     assert written(*(shape(outline) for outline in tiny)) == []

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.settings import PRECISION
+from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.markup import Identifiers, comment_text, short_colour, xml_text
 from cubicsplat_cli.svg.pathdata import format_number
 from cubicsplat_cli.svg.quantise import check_precision
@@ -28,7 +30,7 @@ def suggested_precision(width: int, height: int) -> int:
 
 
 def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:
-    """The SVG text of artwork: its shapes in order, the first at the back, nothing else in it.
+    """The SVG text of artwork: its shapes in order, the first at the back, nothing else in it; see `compounds`.
 
     precision: decimals of the coordinates in px, 0..6; by default `suggested_precision`. title: any text, shown by
     viewers. comment: one line for an XML comment; the command line knows its own files by it. A shape that is smaller
@@ -43,10 +45,10 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     root.append(ElementTree.Comment(comment_text(comment)))
     ElementTree.SubElement(root, "title").text = xml_text(title)
     names = Identifiers()
-    for shape in drawing.shapes:
-        element = _element(shape, precision)
+    for group in compounds(drawing.shapes):
+        element = _element(group, precision)
         if element is not None:
-            root.append(_finished(element, shape, names))
+            root.append(_finished(element, group[0], names))
     root.text = "\n"
     for child in root:
         child.tail = "\n"
@@ -66,12 +68,15 @@ def _finished(element: ElementTree.Element, shape: Shape, names: Identifiers) ->
     return element
 
 
-def _element(shape: Shape, precision: int) -> ElementTree.Element | None:
-    if len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring):
-        return _primitive(shape.outlines[0], precision)
+def _element(group: Sequence[Shape], precision: int) -> ElementTree.Element | None:
+    """What shows one shape, or several of one ink as a compound path; None where nothing of it is left."""
+    first = group[0].outlines
+    if len(group) == 1 and len(first) == 1 and not isinstance(first[0], Ring):
+        return _primitive(first[0], precision)
     path = PathText(precision)
-    for index, outline in enumerate(shape.outlines):
-        _add_outline(path, outline, precision, clockwise=index == 0)
+    for shape in group:
+        for index, outline in enumerate(shape.outlines):
+            _add_outline(path, outline, precision, clockwise=index == 0)
     return ElementTree.Element("path", {"d": path.text}) if path.text else None
 
 

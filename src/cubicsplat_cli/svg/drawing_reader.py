@@ -12,7 +12,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Ink, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
@@ -102,7 +102,7 @@ class _Collector:
         if self.depth == 1 and name == "svg":
             self._root(attributes)
         elif self.depth == 2 and name in _LENGTHS:
-            self.shapes.append(self._shape(name, attributes))
+            self.shapes += self._shapes(name, attributes)
         elif self.depth != 2 or name != "title":
             raise self.foreign(f"has an unexpected <{name}> element")
 
@@ -131,10 +131,18 @@ class _Collector:
             if name not in known:
                 raise self.foreign(f"has an unexpected attribute {name!r}")
 
-    def _shape(self, name: str, attributes: dict[str, str]) -> Shape:
+    def _shapes(self, name: str, attributes: dict[str, str]) -> list[Shape]:
+        """One shape, of a compound path one for each ring that runs clockwise as seen: the others are its holes."""
         self._check(attributes, _PAINT | set(_LENGTHS[name]) | _MORE[name])
-        outlines = self._rings(attributes.get("d", "")) if name == "path" else (self._primitive(name, attributes),)
-        return Shape(self._ink(attributes), outlines, attributes.get("id", ""))
+        ink, identifier = self._ink(attributes), attributes.get("id", "")
+        if name != "path":
+            return [Shape(ink, (self._primitive(name, attributes),), identifier)]
+        groups: list[list[Outline]] = []
+        for outline, clockwise in self._rings(attributes.get("d", "")):
+            if clockwise or not groups:
+                groups.append([])
+            groups[-1].append(outline)
+        return [Shape(ink, tuple(group), identifier) for group in groups]
 
     def _ink(self, attributes: dict[str, str]) -> Ink:
         match = _COLOUR.fullmatch(attributes.get("fill", ""))
@@ -173,25 +181,27 @@ class _Collector:
             raise self.foreign("has a transform other than a rotation about the middle")
         return math.radians(self._number(match[1]))
 
-    def _rings(self, d: str) -> tuple[Outline, ...]:
+    def _rings(self, d: str) -> list[tuple[Outline, bool]]:
+        """Each ring, and whether it runs clockwise as seen."""
         try:
             found = subpaths(d)
         except InputError as error:
             raise self.foreign(f"has {error}") from error
         if not found:
             raise self.foreign("has a path without data")
-        return tuple(self._outline(subpath) for subpath in found)
+        return [self._outline(subpath) for subpath in found]
 
-    def _outline(self, subpath: list[Piece]) -> Outline:
+    def _outline(self, subpath: list[Piece]) -> tuple[Outline, bool]:
         numbers = [*(v for p in subpath for point in (p.start, p.end, *p.handles) for v in point)]
         if not all(abs(number) <= MAX_COORDINATE for number in numbers):  # false for NaN too
             raise self.foreign(f"has a point more than {MAX_COORDINATE:.0f} px from the origin")
         letters = "".join(piece.command for piece in subpath)
         if letters == "AAZ":
-            return self._ellipse(*subpath[:2])
+            return self._ellipse(*subpath[:2]), subpath[0].numbers[4] == 1.0
         if not re.fullmatch(r"[LHVCS]+Z", letters):
             raise self.foreign("has path data other than closed rings of L, H, V, C, S, or two half ellipses")
-        return _ring(subpath)
+        ring = _ring(subpath)
+        return ring, signed_area(ring) > 0.0
 
     def _ellipse(self, first: Piece, second: Piece) -> Outline:
         rx, ry, degrees = first.numbers[:3]

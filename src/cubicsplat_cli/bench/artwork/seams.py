@@ -1,8 +1,9 @@
 """Seams: what shows of the ground where the truth is opaque, between shapes that should touch.
 
 The measure is the ground's share 1 - alpha of the drawing, so it holds for white, black, magenta and every other ground
-at once. It is summed over what lies at least two px inside the truth's opaque shapes (drawn without smoothing, which
-has no hairlines of its own): there neither a displaced outline nor a smoothed edge shows the ground, only a gap does.
+at once. It is summed over what lies at least two px inside the canvas and the truth's opaque shapes (drawn without
+smoothing, which has no hairlines of its own): there neither a displaced outline nor a smoothed edge shows the ground,
+only a gap does.
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ def opaque_inside(truth: Document) -> Opaque:
     from scipy.ndimage import binary_erosion
 
     mask = truth.draw(4, smooth=False)[..., 3] == 255
-    # The canvas's own edge is no edge of the shapes; a square of 2 px a side is eroded row by row and column by column.
+    # Row by row and column by column is a square. The canvas's edge counts too: a circle may touch it from within.
     for shape in ((1, 2 * 4 * INSIDE + 1), (2 * 4 * INSIDE + 1, 1)):
-        mask = binary_erosion(mask, np.ones(shape, dtype=bool), border_value=1)
+        mask = binary_erosion(mask, np.ones(shape, dtype=bool))
     return Opaque(mask)
 
 

@@ -1,0 +1,71 @@
+"""Which shapes of a drawing are written as one compound path: lettering and patterns, as artists write them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cubicsplat_cli.artwork.outlines import Ring
+from cubicsplat_cli.artwork.shapes import Ink, Shape
+
+# Two shapes of one ink may be a pair of eyes; so many are lettering or a pattern.
+LEAST_SHAPES = 3
+_OPAQUE = 255
+# Shapes that come nearer than this to each other keep their order.
+_MARGIN = 1.0  # px
+
+
+def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
+    """The shapes back to front, those to be written as one together: three or more paths in one opaque ink.
+
+    The rings of all of them in one path cover what the shapes cover, since every outer ring runs clockwise as seen and
+    every hole the other way. A shape joins an earlier one where nothing of another ink that is drawn between them
+    touches it, so the picture stays the same.
+    """
+    boxes = np.array([_box(shape) for shape in shapes]).reshape(-1, 4)
+    inks = {ink: number for number, ink in enumerate(dict.fromkeys(shape.ink for shape in shapes))}
+    numbers = np.array([inks[shape.ink] for shape in shapes], dtype=int)
+    leaders = np.arange(len(shapes))
+    last: dict[Ink, int] = {}
+    for index, shape in enumerate(shapes):
+        if not _may_join(shape):
+            continue
+        leader = last.get(shape.ink)
+        if leader is not None and not _meets_another(boxes, numbers, leader, index):
+            leaders[index] = leader
+        else:
+            last[shape.ink] = index
+    return _groups(shapes, leaders)
+
+
+def _groups(shapes: Sequence[Shape], leaders: np.ndarray) -> list[list[Shape]]:
+    """Each group where its leader stands; groups of too few are taken apart again."""
+    sizes = np.bincount(leaders, minlength=len(shapes))
+    groups: dict[int, list[Shape]] = {}
+    for index, shape in enumerate(shapes):
+        leader = int(leaders[index])
+        groups.setdefault(leader if sizes[leader] >= LEAST_SHAPES else index, []).append(shape)
+    return list(groups.values())
+
+
+def _may_join(shape: Shape) -> bool:
+    """Primitives are worth more as such; two translucent shapes are not one where they overlap."""
+    primitive = len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
+    return shape.ink[3] == _OPAQUE and not primitive
+
+
+def _meets_another(boxes: np.ndarray, numbers: np.ndarray, leader: int, index: int) -> bool:
+    """Whether a shape of another ink that is drawn after the leader and before this one is near this one."""
+    between = slice(leader + 1, index)
+    left, top, right, bottom = boxes[index]
+    others = boxes[between][numbers[between] != numbers[index]]
+    apart = (others[:, 0] > right) | (others[:, 2] < left) | (others[:, 1] > bottom) | (others[:, 3] < top)
+    return not bool(apart.all())
+
+
+def _box(shape: Shape) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom of all its control points, with a margin."""
+    points = np.concatenate([outline.ring().cubics.reshape(-1, 2) for outline in shape.outlines])
+    (left, top), (right, bottom) = points.min(axis=0) - _MARGIN, points.max(axis=0)
+    return left, top, right, bottom
