@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 import sys
 import threading
 from dataclasses import dataclass
@@ -37,6 +38,7 @@ LIMITS = {
     "set_step": (48, 0), "flatten": (64, 0), "bin": (48, 0), "update": (64, 0),
     "raster_relaxed": (64, 256), "raster_exact": (80, 400),
 }  # fmt: skip
+MOST_CODE = {"raster_relaxed": 40_000, "raster_exact": 56_000}  # bytes, on sm_90: the walk over the curves stands once
 CASES = [(architecture, PROGRAMS[0]) for architecture in MULTIPROCESSORS]
 CASES += [("sm_90", program) for program in PROGRAMS[1:]] + [("sm_75", PROGRAMS[3])]
 
@@ -63,6 +65,15 @@ def resources(log: str) -> dict[str, Resources]:
             shared = re.search(r"(\d+) bytes smem", line)
             found[name] = Resources(int(match[1]), spilled, int(shared[1]) if shared else 0)
     return found
+
+
+def code_bytes(elf: bytes) -> dict[str, int]:
+    """Bytes of each kernel's machine code, from the section table of a CUBIN (a 64-bit ELF file)."""
+    (start,), (count, names) = struct.unpack_from("<Q", elf, 0x28), struct.unpack_from("<HH", elf, 0x3C)
+    sections = [struct.unpack_from("<IIQQQQIIQQ", elf, start + 64 * i) for i in range(count)]
+    at = sections[names][4]
+    found = {elf[at + s[0] :].split(b"\0", 1)[0].decode(): s[5] for s in sections}
+    return {name.removeprefix(".text."): size for name, size in found.items() if name.startswith(".text.")}
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +103,8 @@ def test_kernels_stay_within_their_limits(reports, architecture, program):
         assert found[name].registers <= registers, name
         assert found[name].spilled <= spilled, name
         assert found[name].shared <= 512, f"{name} has static shared memory beside the dynamic"
+    if architecture == "sm_90":
+        assert all(code_bytes(code)[name] <= most for name, most in MOST_CODE.items())
 
 
 @pytest.mark.parametrize("coverage", ["relaxed", "exact"])

@@ -25,7 +25,7 @@ from cubicsplat_cli.settings import Mode
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
 SETTINGS, RATES = RasterSettings("relaxed", 1.5, 8), Rates(0.2, 0.02, 0.02, 0.01)
 STROKES = Program(Mode.OPEN, 3)
-KERNELS = ("flatten", "bin", "raster_relaxed", "update")
+KERNELS = ("flatten", "raster_relaxed", "update")
 
 
 @pytest.fixture

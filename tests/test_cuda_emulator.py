@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 import torch
-from emulated import EmulatedDriver, compiler
+from emulated import APPROXIMATE, EmulatedDriver, compiler
 from engines import assert_like_cpu, close, packed, state_for
-from scenes import PAPER, random_scene, random_target
+from scenes import DEGENERATE, PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine
@@ -47,6 +47,33 @@ def test_results_do_not_depend_on_the_order_of_threads(engine, mode, settings):
         assert torch.equal(other.render(scene, settings), picture)
         for name, value in other.gradients(scene, settings, target=target, importance="loo")[1].items():
             assert close(value, want[name], 1e-5), name
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_results_do_not_depend_on_the_last_places(engine, mode):
+    """A GPU fuses products and sums, and its roots and quotients are approximate."""
+    programs = [Program(mode, channels) for channels in (3, 4)]
+    rough = CudaEngine(program=programs[0], driver=EmulatedDriver(extra=APPROXIMATE))
+    rough._load(programs[1])  # both pass the self-test
+    for settings in (RELAXED, EXACT):
+        scene, target = scene_and_target(mode)
+        assert not torch.equal(rough.render(scene, settings), engine.render(scene, settings))
+        assert_like_cpu(rough, scene, settings, target)
+    for name, scene in DEGENERATE:
+        if scene.mode is mode:
+            pictures = [e.render(packed(scene), RELAXED) for e in (rough, engine)]
+            assert close(*pictures, 1e-3), name
+
+
+@pytest.mark.parametrize("value", ["opacities", "colours", "points"])
+def test_what_is_not_a_number_shows_in_the_loss_or_the_fault(value):
+    """A minimum with NaN is the other number on a GPU: a curve without opacity would turn opaque."""
+    own = CudaEngine(driver=EmulatedDriver())
+    scene, target = scene_and_target()
+    getattr(scene, value).view(-1)[0] = float("nan")
+    loss = float(own.step(scene, RELAXED, Training(target, state_for(scene), Rates(0.1, 0.1, 0.1, 0.0))))
+    assert value == "points" or loss != loss
+    assert own.fault() is not None
 
 
 @pytest.mark.parametrize("settings", [RELAXED, EXACT], ids=["relaxed", "exact"])
@@ -92,10 +119,22 @@ def test_curves_of_many_edges(engine, mode, segments, samples):
     assert_like_cpu(engine, packed(scene), settings, random_target(scene))
 
 
-def test_pictures_of_several_super_tiles(engine):
-    for size in ((300, 20), (20, 300)):
-        scene, target = scene_and_target(Mode.OPEN, 60, *size, scale=0.1)
-        assert_like_cpu(engine, scene, RELAXED, target)
+@pytest.mark.parametrize("size", [(300, 20), (20, 300)])
+def test_pictures_of_several_super_tiles(engine, size, monkeypatch):
+    """Sorted into super-tiles, as many curves in many tiles are, and looked at one by one in every tile."""
+    scene, target = scene_and_target(Mode.OPEN, 60, *size, scale=0.1)
+    assert_like_cpu(engine, scene, RELAXED, target)
+    looked = engine.render(scene, RELAXED)
+    monkeypatch.setattr(engine, "most_looks", 0)
+    before = len(engine._driver.launches)
+    assert torch.equal(engine.render(scene, RELAXED), looked)
+    assert [launch[0] for launch in engine._driver.launches[before:]] == [
+        "set_step",
+        "flatten",
+        "bin",
+        "raster_relaxed",
+    ]
+    assert_like_cpu(engine, scene, RELAXED, target)
 
 
 def test_a_scene_without_curves_is_its_background(engine):

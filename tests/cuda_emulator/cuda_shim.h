@@ -61,6 +61,17 @@ T exchange(Meeting kind, unsigned mask, T value, int argument, const char* file,
   return from_bits<T>(meet(kind, mask, bits_of(value), argument, file, line));
 }
 
+// A result as far off as the GPU's approximate division and square root may be: 2 units in the last place, up or down
+// by the bits of the result.
+inline float approximate(float exact) {
+#ifdef EMULATOR_APPROXIMATE
+  const uint32_t bits = uint32_t(bits_of(exact));
+  const float toward = (bits * 2654435761u) >> 31 ? INFINITY : -INFINITY;
+  if (std::isfinite(exact) && exact != 0.0f) exact = std::nextafter(std::nextafter(exact, toward), toward);
+#endif
+  return exact;
+}
+
 template <class T>
 T fetch_add(T* at, T value) {
   T before = *at;
@@ -87,6 +98,9 @@ T fetch_add(T* at, T value) {
 #define __shfl_up_sync(mask, value, step) \
   emulator::exchange(emulator::Meeting::shuffle_up, mask, value, step, __FILE__, __LINE__)
 
+inline float __fdividef(float a, float b) { return emulator::approximate(a / b); }
+inline float emulated_root(float x) { return emulator::approximate(std::sqrt(x)); }
+#define sqrtf emulated_root
 inline int __popc(unsigned x) { return __builtin_popcount(x); }
 inline int __ffs(int x) { return __builtin_ffs(x); }
 inline float __saturatef(float x) { return x > 0.0f ? (x < 1.0f ? x : 1.0f) : 0.0f; }  // NaN gives 0, as on the GPU

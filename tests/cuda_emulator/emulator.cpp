@@ -7,6 +7,9 @@
 #include <memory>
 #include <string>
 #include <vector>
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
 
 #include "fibers.h"
 #include "raster.cu"
@@ -246,6 +249,10 @@ const char* emulator_launch(const char* name, unsigned blocks_x, unsigned blocks
     emulator::fail(std::string("cannot launch ") + name);
   m.frame = frame;
   m.count = threads;
+#if defined(EMULATOR_APPROXIMATE) && defined(__SSE2__)
+  const unsigned control = _mm_getcsr();
+  _mm_setcsr(control | 0x8040u);  // numbers too small for the normal format are zero, as with --ftz=true
+#endif
   m.order = order;
   while (m.threads.size() < threads) {
     m.threads.emplace_back();
@@ -257,6 +264,9 @@ const char* emulator_launch(const char* name, unsigned blocks_x, unsigned blocks
       std::memset(m.shared.get(), 0xff, shared);
       emulator::run_block();
     }
+#if defined(EMULATOR_APPROXIMATE) && defined(__SSE2__)
+  _mm_setcsr(control);
+#endif
   return m.error.empty() ? nullptr : m.error.c_str();
 }
 

@@ -21,6 +21,7 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.driver import Driver, Kernels, cuda_driver
 from cubicsplat_cli.raster.cuda.frame import (
+    MOST_LOOKS,
     SMALL_THREADS,
     THREADS,
     WARP,
@@ -67,6 +68,7 @@ class CudaEngine(Engine):
     """
 
     name = "cuda"
+    most_looks = MOST_LOOKS
 
     def __init__(
         self, device: int | None = None, program: Program | None = None, *, driver: Driver | None = None
@@ -164,7 +166,9 @@ class CudaEngine(Engine):
             if program not in driver.tested:
                 driver.tested.add(program)  # the test's own calls come through here
                 try:
-                    self_test(CudaEngine(program=program, driver=driver), program)
+                    tester = CudaEngine(program=program, driver=driver)
+                    tester.most_looks = 0  # so that all kernels run
+                    self_test(tester, program)
                 except BaseException:
                     driver.tested.discard(program)
                     raise
@@ -183,7 +187,8 @@ class CudaEngine(Engine):
         curves = blocks(frame.curves, per_block)
         supers = blocks(frame.supers_x * frame.supers_y, WARP)
         kernels.launch("flatten", (curves, 1), SMALL_THREADS, 0, frame)
-        kernels.launch("bin", (blocks(frame.words, per_block), supers), SMALL_THREADS, 0, frame)
+        if frame.super_masks:
+            kernels.launch("bin", (blocks(frame.words, per_block), supers), SMALL_THREADS, 0, frame)
         shared = shared_bytes(coverage, frame.slots)
         kernels.launch(f"raster_{coverage}", (frame.tiles_x * frame.tiles_y, 1), THREADS, shared, frame)
         if frame.backward:
@@ -201,7 +206,7 @@ class CudaEngine(Engine):
         outputs: dict[str, Tensor] | None = None,
     ) -> None:
         """One call without a graph, in buffers of its own, so that calls on several streams do not meet."""
-        sizes = Sizes.of(scene, settings, backward)
+        sizes = Sizes.of(scene, settings, backward, self.most_looks)
         frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
         shape = (scene.height, scene.width, scene.channels)
         frame.target = pointer(target, "target", shape, self.device)
@@ -216,7 +221,7 @@ class CudaEngine(Engine):
     def _training_frame(
         self, scene: SceneTensors, settings: RasterSettings, target: Tensor, state: OptimiserState
     ) -> Frame:
-        sizes = Sizes.of(scene, settings, True)
+        sizes = Sizes.of(scene, settings, True, self.most_looks)
         n, k = sizes.curves, sizes.points_per_curve
         frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
         frame.target = pointer(target, "target", (scene.height, scene.width, scene.channels), self.device)
@@ -247,7 +252,7 @@ class CudaEngine(Engine):
         kernels = self._load(Program(scene.mode, scene.channels))
         while len(self._plans) >= PLANS_KEPT:
             self._plans.popitem(last=False)
-        workspace = Workspace(Sizes.of(scene, settings, True), self._allocate)
+        workspace = Workspace(Sizes.of(scene, settings, True, self.most_looks), self._allocate)
         step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
         attach(frame, workspace.tensors() | {"step": step, "status": self._status})
         plan = self._plans[key] = _Plan(frame, kernels, workspace, step, kept)

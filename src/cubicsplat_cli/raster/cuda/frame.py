@@ -42,6 +42,7 @@ MOST_EDGES = MASK_WORDS // STRIPS * WARP  # of one curve: a set of them must fit
 MOST_SEGMENTS = 42  # a row crosses a cubic three times at most, and windings are kept in signed bytes
 MOST_SUPERS = 1024
 SUPER_SHIFT = 3
+MOST_LOOKS = 1 << 20  # of tiles at curves, 16 bytes each: less than what sorting the curves into super-tiles costs
 
 
 class StepValues(ctypes.Structure):
@@ -62,8 +63,7 @@ class Frame(ctypes.Structure):
         (name, c_int)
         for name in (
             "curves", "segments", "points_per_curve", "samples", "edge_stride", "width", "height", "tiles_x", "tiles_y",
-            "super_shift", "supers_x", "supers_y", "words", "mask_words", "batch", "slots", "logits", "backward",
-            "exact",
+            "super_shift", "supers_x", "supers_y", "words", "slots", "logits", "backward", "exact",
         )
     ] + [
         (name, c_void_p)
@@ -145,10 +145,14 @@ class Sizes:
     height: int
     samples: int
     backward: bool
+    most_looks: int
 
     @classmethod
-    def of(cls, scene: SceneTensors, settings: RasterSettings, backward: bool) -> Sizes:
-        """Sizes of a scene; raises EngineError where this engine cannot draw it."""
+    def of(cls, scene: SceneTensors, settings: RasterSettings, backward: bool, most_looks: int = MOST_LOOKS) -> Sizes:
+        """Sizes of a scene; raises EngineError where this engine cannot draw it.
+
+        most_looks: of tiles at curves; where there would be more, curves are sorted into super-tiles first.
+        """
         if settings.subdivide:
             raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
         if scene.ring_ends is not None:
@@ -163,7 +167,7 @@ class Sizes:
                 f"the CUDA engine draws curves of at most {MOST_SEGMENTS} segments and {MOST_EDGES} edges, not "
                 f"{segments} and {segments * settings.samples}; use fewer segments or samples, or the CPU"
             )
-        return cls(n, segments, k, scene.width, scene.height, settings.samples, backward)
+        return cls(n, segments, k, scene.width, scene.height, settings.samples, backward, most_looks)
 
     @property
     def edge_stride(self) -> int:
@@ -188,12 +192,9 @@ class Sizes:
         return blocks(self.curves, WARP)
 
     @property
-    def mask_words(self) -> int:
-        return blocks(self.edge_stride, WARP)
-
-    @property
-    def batch(self) -> int:
-        return min(BATCH, MASK_WORDS // (STRIPS * self.mask_words))
+    def binned(self) -> bool:
+        """Whether curves are sorted into super-tiles before the tiles look at them."""
+        return self.curves * math.prod(self.tiles) > self.most_looks
 
 
 Allocate = Callable[[str, int, torch.dtype], Tensor]
@@ -214,7 +215,9 @@ class Workspace:
         self.edges = floats("the curves' edges", 4 * n * stride)
         self.inverses = floats("the curves' edges", 2 * n * stride)
         self.attributes = floats("the curves' values", ATTRIBUTES * n)
-        self.super_masks = allocate("the super-tiles", sizes.supers[0] * sizes.supers[1] * sizes.words, torch.int32)
+        self.super_masks = None
+        if sizes.binned:
+            self.super_masks = allocate("the super-tiles", math.prod(sizes.supers) * sizes.words, torch.int32)
         self.vertex_gradients = self.sums = self.tile_sums = None
         if sizes.backward:
             self.vertex_gradients = floats("the vertices' gradients", 2 * n * (stride + 1))
@@ -233,7 +236,7 @@ def make_frame(scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slot
         curves=n, segments=sizes.segments, points_per_curve=k, samples=sizes.samples, edge_stride=sizes.edge_stride,
         width=sizes.width, height=sizes.height, tiles_x=sizes.tiles[0], tiles_y=sizes.tiles[1],
         super_shift=sizes.super_shift, supers_x=sizes.supers[0], supers_y=sizes.supers[1], words=sizes.words,
-        mask_words=sizes.mask_words, batch=sizes.batch, slots=slots, logits=scene.logits, backward=sizes.backward,
+        slots=slots, logits=scene.logits, backward=sizes.backward,
         exact=settings.coverage == "exact",
         points=pointer(scene.points, "points", (n, k, 2), device),
         colours=pointer(scene.colours, "colours", (n, 3), device),

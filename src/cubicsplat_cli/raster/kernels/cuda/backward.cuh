@@ -1,18 +1,55 @@
 // Stage raster, the way back: gradients of the curves that a tile's pixels see, and what each curve is worth.
 #pragma once
 
-#include "raster.cuh"
+#include "cover.cuh"
 
 namespace cs {
 
-// State of a pixel on the way back, which runs front to back too. It is all that the walk keeps in registers, so the
-// colour F and the error are not in it.
-struct Returning {
-  Backward<float> state;
-  float gradient[kChannels];  // dL/dF
-  float before[kChannels];    // colour accumulated so far, less F: for the leave-one-out importance
-  int kept;
+// Where a thread is.
+struct Place {
+  int lane, strip, tile;
+  float px, py;  // the pixel's centre
+
+  CS_INLINE bool inside(const Frame& f) const { return px < float(f.width) && py < float(f.height); }
+  // Of the pixel's first value in a picture.
+  CS_INLINE size_t index(const Frame& f) const { return (size_t(int(py)) * f.width + int(px)) * kChannels; }
 };
+
+CS_INLINE Place place(const Frame& f) {
+  Place p;
+  p.lane = threadIdx.x % kWarp;
+  p.strip = threadIdx.x / kWarp;
+  p.tile = blockIdx.x;
+  const int tile_x = p.tile % f.tiles_x, tile_y = p.tile / f.tiles_x;
+  p.px = float(tile_x * kTile + (p.strip & 1) * kStripWidth + p.lane % kStripWidth) + 0.5f;
+  p.py = float(tile_y * kTile + (p.strip >> 1) * kStripHeight + p.lane / kStripWidth) + 0.5f;
+  return p;
+}
+
+// State of a pixel in the walk over its curves, which runs front to back both ways.
+struct Pixel {
+  Backward<float> state;       // transmittance; on the way back also what lies behind
+  float colour[kChannels];     // accumulated so far; on the way back less F, for the leave-one-out importance
+  float gradient[kChannels];   // dL/dF, on the way back
+  int outlines;                // met by the warp so far: the number of a slot
+};
+
+// One of the two walks. What the way forward leaves is what the way back repeats.
+struct Way {
+  bool back;
+  int batches;   // visited before every pixel of the tile was finished
+  int retained;  // pairs of the whole tile where a single batch holds them, whose lists are still there; else 0
+  int outlines;  // that the warp met
+};
+
+// One pixel's view of one curve.
+struct Seeing {
+  Found found;
+  Coverage<float> cover;
+};
+
+// Alpha below one. A coverage or opacity that is not a number stays none and shows in the loss.
+CS_INLINE float limited(float raw) { return raw > kMaxAlpha ? kMaxAlpha : raw; }
 
 // The error e = F - target whose squared loss has the gradient g: pixel_loss_gradient() solved for e.
 CS_INLINE void error_of_gradient(const float* g, float* e) {
@@ -22,30 +59,11 @@ CS_INLINE void error_of_gradient(const float* g, float* e) {
 }
 
 // Counted from F, so that F itself is not needed: acc - F in place of acc, and 0 in place of F.
-CS_INLINE float importance_of(float alpha, float weight, const float* colour, Returning& pixel) {
+CS_INLINE float importance_of(float alpha, float weight, const float* colour, Pixel& pixel) {
   const float zero[kChannels] = {};
   float error[kChannels];
   error_of_gradient(pixel.gradient, error);
-  return leave_one_out<kChannels>(alpha, weight, colour, zero, error, pixel.before);
-}
-
-// One pixel's view of one curve on the way back.
-struct Seeing {
-  Found found;
-  Coverage<float> cover;
-};
-
-template <bool Exact>
-CS_INLINE Seeing look_again(const Frame& f, const Lists& s, const Outlined& o, const Place& p, int backdrop, int slot,
-                            int kept) {
-  const bool stored = slot < kept && slot < f.slots;  // the same for the whole warp
-  Seeing seeing;
-  seeing.found = stored ? unpack(o, s.codes(slot)[threadIdx.x], p.px, p.py)
-                        : find(o, backdrop, p.lane / kStripWidth, p.px, p.py);
-  seeing.cover = relaxed_coverage(seeing.found, o);
-  if (Exact)
-    seeing.cover.coverage = stored ? s.coverages(f, slot)[threadIdx.x] : exact_coverage(o, seeing.found, p.px, p.py, p.lane);
-  return seeing;
+  return leave_one_out<kChannels>(alpha, weight, colour, zero, error, pixel.colour);
 }
 
 // Gradient of the loss with respect to the nearest point of the outline.
@@ -105,16 +123,13 @@ CS_INLINE void store_sums(const Lists& s, int pair, const Place& p, float* value
   if (p.lane % 4 == 0) sums[p.lane / 4] = total;
 }
 
-template <bool Exact>
-CS_INLINE void return_pair(const Frame& f, const Lists& s, const Place& p, int pair, unsigned curve, bool outline, int kept,
-                           int kind, Returning& pixel) {
+// What one curve's pixels in the strip add to its gradients.
+CS_INLINE void return_pair(const Frame& f, const Lists& s, const Place& p, int pair, unsigned curve, bool outline,
+                           const Seeing& seeing, int kind, Pixel& pixel) {
   const float* attributes = s.attributes(pair);
-  const Outlined o = outlined(f, s, pair, curve, p.strip);
-  Seeing seeing{{{0.0f, 0.0f, -1.0f}, true}, {1.0f, 0.0f, 0.0f, 0.0f}};
-  if (outline) seeing = look_again<Exact>(f, s, o, p, s.backdrops(pair)[p.strip], pixel.kept++, kept);
   const int edge = int(seeing.found.nearest.edge);
   if (!any(seeing.cover.coverage > 0.0f || edge >= 0)) return;
-  const float raw = attributes[kOpacity] * seeing.cover.coverage, alpha = fminf(raw, kMaxAlpha);
+  const float raw = attributes[kOpacity] * seeing.cover.coverage, alpha = limited(raw);
   float weight, d_alpha = composite_backward<kChannels>(alpha, attributes, pixel.gradient, pixel.state, weight);
   if (raw > kMaxAlpha) d_alpha = 0.0f;
   const float d_coverage = d_alpha * attributes[kOpacity];
@@ -129,20 +144,10 @@ CS_INLINE void return_pair(const Frame& f, const Lists& s, const Place& p, int p
   // Colour and opacity come first; a fill of common edge width has no more when nobody asks for its importance.
   store_sums(s, pair, p, values, kClosed && kind == 0 && !f.edge_widths);
   if (!outline) return;
+  const Outlined o = outlined(f, s, pair, curve, p.strip);
   float x = 0.0f, y = 0.0f;
   if (edge >= 0) pull_of(o, seeing, p, d_coverage, x, y);
   scatter(f, o, curve, edge, x, y, seeing.found.nearest.t, p.lane);
-}
-
-template <bool Exact>
-CS_INLINE void return_batch(const Frame& f, const Lists& s, const Place& p, int first, int count, int kept, int kind,
-                            Returning& pixel) {
-  unsigned pairs = strip_pairs(s, count, 0, p);
-  const unsigned outlines = strip_pairs(s, count, kStrips, p);
-  for (; pairs && any(pixel.state.transmittance >= kMinTransmittance); pairs &= pairs - 1) {
-    const int pair = lowest(pairs);
-    return_pair<Exact>(f, s, p, pair, s.listed()[first + pair], (outlines >> pair & 1u) != 0, kept, kind, pixel);
-  }
 }
 
 // Adds the batch's sums to those of the curves: eight threads a pair. Leaves zeros behind for the next batch.
@@ -156,38 +161,6 @@ CS_INLINE void add_sums(const Frame& f, const Lists& s, int first, int count) {
     sum = 0.0f;
   }
   if (total != 0.0f) atomicAdd(f.sums + size_t(s.listed()[first + pair]) * kSums + kind, total);
-}
-
-template <bool Exact>
-CS_INLINE void raster_tile(const Frame& f, unsigned char* memory) {
-  const Lists s{memory};
-  const Place p = place(f);
-  Forward pixel;
-  pixel.transmittance = p.valid ? 1.0f : 0.0f;
-  for (int c = 0; c < kChannels; c++) pixel.accumulated[c] = 0.0f;
-  pixel.kept = 0;
-  const Progress progress = each_batch<Exact>(
-      f, s, p, -1, [&](int first, int count) { return forward_batch<Exact>(f, s, p, first, count, pixel); });
-  const Finished done = finish(f, s, p, pixel);
-  if (!f.backward || progress.batches == 0) return;
-
-  const int kind = f.step->importance_kind, kept = pixel.kept;
-  Returning way{{p.valid ? 1.0f : 0.0f, 0.0f}, {}, {}, 0};
-  for (int c = 0; c < kChannels; c++) {
-    way.gradient[c] = done.gradient[c];
-    way.before[c] = -done.colour[c];
-    way.state.behind = fmaf(done.colour[c], done.gradient[c], way.state.behind);
-  }
-  const auto visit = [&](int first, int count) {
-    return_batch<Exact>(f, s, p, first, count, kept, kind, way);
-    __syncthreads();
-    add_sums(f, s, first, count);
-    return true;
-  };
-  if (progress.retained)
-    visit(0, progress.pairs);
-  else
-    each_batch<Exact>(f, s, p, progress.batches, visit);
 }
 
 }  // namespace cs

@@ -23,9 +23,9 @@ struct Outlined {
 
 CS_INLINE Outlined outlined(const Frame& f, const Lists& s, int pair, unsigned curve, int strip) {
   const size_t at = size_t(curve) * f.edge_stride;
-  const int set = (pair * kStrips + strip) * f.mask_words;
   const float* attributes = s.attributes(pair);
-  const int words = (int(attributes[kEdges]) + kWarp - 1) / kWarp;
+  const int words = words_for(int(attributes[kEdges]));
+  const int set = int(s.flags()[pair] >> 16) * kStrips + strip * words;
   return {f.edges + at, f.inverses + at, s.masks() + set, s.left_masks(f) + set, attributes, words};
 }
 
@@ -99,7 +99,8 @@ CS_INLINE bool next_crossing(const Outlined& o, float y, Crossed& at) {
   each_edge(o.masks, o.words, [&](int number) {
     const float4 e = o.edges[number];
     if ((e.y <= y) == (e.w <= y)) return;
-    const float x = crossing_x(e.x, e.y, e.z, e.w, y);
+    // Rounded once and so the same each time, for the comparison with the crossing before.
+    const float x = fmaf(y - e.y, quotient(e.z - e.x, e.w - e.y), e.x);
     const bool after = x > at.x || (x == at.x && number > at.number);
     if (after && x < next.x) next = {x, number, e.w > e.y ? 1 : -1};
   });

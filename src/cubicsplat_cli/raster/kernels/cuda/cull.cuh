@@ -11,11 +11,11 @@ struct Lists {
 
   CS_INLINE unsigned* listed() const { return reinterpret_cast<unsigned*>(memory + kListAt); }
   CS_INLINE float* attributes(int pair) const { return reinterpret_cast<float*>(memory + kAttributesAt) + pair * kAttributes; }
-  // Edges near a strip: a set of mask_words words for each strip of each pair.
+  // Edges near a strip: sets of as many words as the curve has edges for, one for each strip of each pair.
   CS_INLINE unsigned* masks() const { return reinterpret_cast<unsigned*>(memory + kMasksAt); }
   // Winding numbers at the left side of a strip's four rows from the edges left of it, a signed byte each.
   CS_INLINE int* backdrops(int pair) const { return reinterpret_cast<int*>(memory + kBackdropsAt) + pair * kStrips; }
-  // Bits 0-7: the curve shows in the strip; bits 8-15: its outline is near.
+  // Bits 0-7: the curve shows in the strip; bits 8-15: its outline is near; from bit 16: words of sets before its own.
   CS_INLINE unsigned* flags() const { return reinterpret_cast<unsigned*>(memory + kFlagsAt); }
   CS_INLINE int* scan() const { return reinterpret_cast<int*>(memory + kScanAt); }
   CS_INLINE float* sums(int pair) const { return reinterpret_cast<float*>(memory + kSumsAt) + pair * kSumStride; }
@@ -31,12 +31,12 @@ struct Lists {
   }
 };
 
-// The set bits of a thread's share of a super-tile's set: 8 curves a thread for small scenes, 32 for large ones, so
-// that most threads have something to do. Returns those whose bounds touch the tile.
+// Of a thread's share of the curves, from a super-tile's set of them or from all, those whose bounds touch the tile.
 CS_INLINE unsigned touching_bits(const Frame& f, const unsigned* set, int first, int share, float left, float top) {
   if (first >= f.curves) return 0;
-  unsigned bits = set[first / kWarp] >> (first % kWarp), kept = 0;
-  if (share < kWarp) bits &= (1u << share) - 1u;
+  unsigned bits = set ? set[first / kWarp] >> (first % kWarp) : kFullWarp, kept = 0;
+  const int there = least(share, f.curves - first);
+  if (there < kWarp) bits &= (1u << there) - 1u;
   for (; bits; bits &= bits - 1) {
     int i = lowest(bits);
     if (touches(f.bounds[first + i], left, top, left + kTile, top + kTile)) kept |= 1u << i;
@@ -49,9 +49,10 @@ CS_INLINE unsigned touching_bits(const Frame& f, const unsigned* set, int first,
 CS_INLINE int list_curves(const Frame& f, const Lists& s, int tile_x, int tile_y, int base) {
   const int thread = threadIdx.x, lane = thread % kWarp, warp = thread / kWarp;
   const int super = (tile_y >> f.super_shift) * f.supers_x + (tile_x >> f.super_shift);
-  const unsigned* set = f.super_masks + size_t(super) * f.words;
+  const unsigned* set = f.super_masks ? f.super_masks + size_t(super) * f.words : nullptr;
   const float left = float(tile_x * kTile), top = float(tile_y * kTile);
-  const int share = f.curves <= 8 * kThreads ? 8 : kWarp;
+  int share = 1;  // curves of a thread in a round: a word's worth at most, few enough that all threads have some
+  while (share < kWarp && share * kThreads < f.curves) share <<= 1;
   int found = 0;
   for (int start = 0, round = 0; start < f.curves && found < base + kListed; start += share * kThreads, round++) {
     const int first = start + thread * share;
@@ -71,6 +72,9 @@ CS_INLINE int list_curves(const Frame& f, const Lists& s, int tile_x, int tile_y
   __syncthreads();
   return found;
 }
+
+// Words of a set of so many edges.
+CS_INLINE int words_for(int edges) { return (edges + kWarp - 1) / kWarp; }
 
 // One edge as its lane sees it while a curve is sorted into the strips of a tile.
 struct Seen {
@@ -166,7 +170,8 @@ CS_INLINE void sort_left_edges(const Seen& e, bool passes, float top, int lane, 
 
 // Sorts one curve into the strips of the tile; one warp's work. Not near means: no gradient of its place from there.
 template <bool Exact>
-CS_INLINE void cull_pair(const Frame& f, const Lists& s, int pair, unsigned curve, float left, float top, int lane) {
+CS_INLINE void cull_pair(const Frame& f, const Lists& s, int pair, unsigned curve, int place, float left, float top,
+                         int lane) {
   const float* attributes = f.attributes + size_t(curve) * kAttributes;
   const float reach = attributes[kReach];
   const int edges = int(attributes[kEdges]);
@@ -174,8 +179,9 @@ CS_INLINE void cull_pair(const Frame& f, const Lists& s, int pair, unsigned curv
   if (lane < kAttributes) s.attributes(pair)[lane] = attributes[lane];
   if (lane < kStrips) backdrops[lane] = 0;
   __syncwarp();
-  unsigned* masks = s.masks() + (pair * kStrips + lane) * f.mask_words;
-  unsigned* left_masks = s.left_masks(f) + (pair * kStrips + lane) * f.mask_words;
+  const int set = place * kStrips + lane * words_for(edges);
+  unsigned* masks = s.masks() + set;
+  unsigned* left_masks = s.left_masks(f) + set;
   unsigned seen = 0;
   for (int word = 0; word * kWarp < edges; word++) {
     const int number = word * kWarp + lane;
@@ -194,16 +200,31 @@ CS_INLINE void cull_pair(const Frame& f, const Lists& s, int pair, unsigned curv
   }
   __syncwarp();
   const bool outline = lane < kStrips && seen != 0, shows = outline || (kClosed && lane < kStrips && backdrops[lane] != 0);
-  const unsigned flags = (ballot(shows) & 0xffu) | (ballot(outline) & 0xffu) << 8;
+  const unsigned flags = (ballot(shows) & 0xffu) | (ballot(outline) & 0xffu) << 8 | unsigned(place) << 16;
   if (lane == 0) s.flags()[pair] = flags;
 }
 
-// Classifies the pairs first .. first + count - 1 of the list; the warps share them out.
+// How many of the next listed curves make up a batch: as many as have room for their sets of edges. Returns to each lane
+// where the sets of its curve lie, in words per strip. The same in all warps.
+CS_INLINE int batch_of(const Frame& f, const Lists& s, int first, int listed, int lane, int& place) {
+  const bool there = first + lane < listed;
+  const float* attributes = f.attributes + (there ? size_t(s.listed()[first + lane]) * kAttributes : 0);
+  const int words = there ? words_for(int(attributes[kEdges])) : 0;
+  place = count_before(words, lane);
+  return __popc(ballot(there && place + words <= kMaskPlaces));
+}
+
+// Classifies the next pairs of the list, which the warps share out, and returns how many.
 template <bool Exact>
-CS_INLINE void cull_batch(const Frame& f, const Lists& s, int first, int count, float left, float top) {
+CS_INLINE int cull_batch(const Frame& f, const Lists& s, int first, int listed, float left, float top) {
   const int lane = threadIdx.x % kWarp;
-  for (int pair = threadIdx.x / kWarp; pair < count; pair += kStrips)
-    cull_pair<Exact>(f, s, pair, s.listed()[first + pair], left, top, lane);
+  int own;
+  const int count = batch_of(f, s, first, listed, lane, own);
+  for (int pair = threadIdx.x / kWarp; pair < count; pair += kStrips) {
+    const int place = __shfl_sync(kFullWarp, own, pair);
+    cull_pair<Exact>(f, s, pair, s.listed()[first + pair], place, left, top, lane);
+  }
+  return count;
 }
 
 }  // namespace cs

@@ -25,6 +25,7 @@ constexpr int kStrips = 8;       // strips of a tile, two columns of four
 constexpr int kListed = 512;     // primitives of a tile listed at a time
 constexpr int kBatch = 32;       // pairs classified at a time: one bit each in a strip's word
 constexpr int kMaskWords = 1024; // words of edge masks of a batch
+constexpr int kMaskPlaces = kMaskWords / kStrips;  // the same for each strip
 constexpr int kMostSlots = 16;   // boundary pairs per strip whose nearest edges are kept for the backward pass
 constexpr int kSumStride = kStrips * 8 + 8;  // floats per pair; the padding spreads the pairs over the banks
 constexpr float kFar = 3e38f;  // px; farther than anything drawn
@@ -62,8 +63,7 @@ struct Frame {
   int super_shift;  // a super-tile has 2^super_shift tiles per side
   int supers_x, supers_y;
   int words;        // of a super-tile's set of curves, one bit each
-  int mask_words;   // of a set of one curve's edges
-  int batch, slots; // pairs per batch; slots per warp
+  int slots;        // of a warp
   int logits, backward, exact;
   // parameters of the curves; changed in place where moments are given
   float *points, *colours, *opacities, *half_widths;
@@ -73,7 +73,7 @@ struct Frame {
   float4* edges;      // N x edge_stride: start and end
   float2* inverses;   // N x edge_stride: v / |v|^2
   float* attributes;  // N x 12
-  unsigned* super_masks;  // super-tiles x words
+  unsigned* super_masks;  // super-tiles x words, or null where every tile looks at all curves
   // pictures
   const float *target, *gradient;  // H x W x C; see cuda.py
   // gradients on their way

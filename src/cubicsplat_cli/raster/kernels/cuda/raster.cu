@@ -6,7 +6,7 @@
 // its replays is in Step. The gradients are added with atomics, in no fixed order: pictures repeat bit by bit,
 // gradients up to rounding.
 
-#include "backward.cuh"
+#include "raster.cuh"
 #include "update.cuh"
 
 #ifndef CS_DYNAMIC_SHARED

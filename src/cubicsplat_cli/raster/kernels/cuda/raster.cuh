@@ -4,133 +4,95 @@
 // batches of pairs. Control flow is uniform over a warp wherever lanes exchange values.
 #pragma once
 
-#include "cover.cuh"
+#include "backward.cuh"
 
 namespace cs {
-
-// Where a thread is, and what it reads once.
-struct Place {
-  int lane, strip, tile;
-  float left, top;  // the tile's corner, px
-  float px, py;     // the pixel's centre
-  bool valid;       // inside the picture
-  size_t pixel;     // its first value in a picture
-};
-
-CS_INLINE Place place(const Frame& f) {
-  Place p;
-  p.lane = threadIdx.x % kWarp;
-  p.strip = threadIdx.x / kWarp;
-  p.tile = blockIdx.x;
-  const int tile_x = p.tile % f.tiles_x, tile_y = p.tile / f.tiles_x;
-  const int x = tile_x * kTile + (p.strip & 1) * kStripWidth + p.lane % kStripWidth;
-  const int y = tile_y * kTile + (p.strip >> 1) * kStripHeight + p.lane / kStripWidth;
-  p.left = float(tile_x * kTile);
-  p.top = float(tile_y * kTile);
-  p.px = float(x) + 0.5f;
-  p.py = float(y) + 0.5f;
-  p.valid = x < f.width && y < f.height;
-  p.pixel = (size_t(y) * f.width + x) * kChannels;
-  return p;
-}
-
-// How far the forward pass came, which the backward pass repeats.
-struct Progress {
-  int batches;    // visited before every pixel of the tile was finished
-  int pairs;      // of the last batch
-  bool retained;  // a single batch holds the whole tile: its lists are still there
-};
-
-// Lists and classifies the tile's pairs batch by batch and calls visit(first, count) on each, until it returns false
-// for every thread or `limit` batches are done.
-template <bool Exact, class Visit>
-CS_INLINE Progress each_batch(const Frame& f, const Lists& s, const Place& p, int limit, Visit visit) {
-  const int tile_x = p.tile % f.tiles_x, tile_y = p.tile / f.tiles_x;
-  Progress progress{0, 0, false};
-  for (int base = 0;; base += kListed) {
-    const int found = list_curves(f, s, tile_x, tile_y, base) - base, listed = least(found, kListed);
-    progress.retained = base == 0 && found <= f.batch;
-    for (int first = 0; first < listed; first += f.batch) {
-      const int count = least(f.batch, listed - first);
-      cull_batch<Exact>(f, s, first, count, p.left, p.top);
-      __syncthreads();
-      progress.batches++;
-      progress.pairs = count;
-      const bool live = visit(first, count);
-      // Also the barrier after which the batch's lists may be overwritten.
-      if (!__syncthreads_or(live) || progress.batches == limit) return progress;
-    }
-    if (found < kListed) return progress;
-  }
-}
 
 // Pairs of the batch that show in a strip, or whose outline is near it (shift 8), as a set of bits.
 CS_INLINE unsigned strip_pairs(const Lists& s, int count, int shift, const Place& p) {
   return ballot(p.lane < count && (s.flags()[p.lane] >> (shift + p.strip) & 1u));
 }
 
-// State of a pixel on the way forward, and the warp's count of kept outlines.
-struct Forward {
-  float transmittance, accumulated[kChannels];
-  int kept;
-};
-
+// Looks at an outline: by a search on the way forward, which is noted, and by the note on the way back. Where the slots
+// are used up, it is searched again.
 template <bool Exact>
-CS_INLINE float outline_coverage(const Frame& f, const Lists& s, const Outlined& o, const Place& p, int backdrop, int slot) {
-  const Found found = find(o, backdrop, p.lane / kStripWidth, p.px, p.py);
-  const float covered = Exact ? exact_coverage(o, found, p.px, p.py, p.lane)
-                              : relaxed_coverage(found, o).coverage;
-  if (f.backward && slot < f.slots) {
-    s.codes(slot)[threadIdx.x] = pack(found);
-    if (Exact) s.coverages(f, slot)[threadIdx.x] = covered;
+CS_INLINE Seeing look_at(const Frame& f, const Lists& s, const Place& p, int pair, unsigned curve, const Way& way, int slot) {
+  const Outlined o = outlined(f, s, pair, curve, p.strip);
+  const bool noted = slot < f.slots && (!way.back || slot < way.outlines);  // the same for the whole warp
+  const bool known = noted && way.back;
+  Seeing seeing;
+  seeing.found = known ? unpack(o, s.codes(slot)[threadIdx.x], p.px, p.py)
+                       : find(o, s.backdrops(pair)[p.strip], p.lane / kStripWidth, p.px, p.py);
+  seeing.cover = relaxed_coverage(seeing.found, o);
+  if (Exact)
+    seeing.cover.coverage = known ? s.coverages(f, slot)[threadIdx.x] : exact_coverage(o, seeing.found, p.px, p.py, p.lane);
+  if (noted && !way.back && f.backward) {
+    s.codes(slot)[threadIdx.x] = pack(seeing.found);
+    if (Exact) s.coverages(f, slot)[threadIdx.x] = seeing.cover.coverage;
   }
-  return covered;
+  return seeing;
 }
 
-// Returns whether the strip has a pixel left to draw on.
+// Lets the strip's pixels see the batch's pairs, until none of them can be seen any more. Returns whether one still can.
 template <bool Exact>
-CS_INLINE bool forward_batch(const Frame& f, const Lists& s, const Place& p, int first, int count, Forward& pixel) {
+CS_INLINE bool visit_batch(const Frame& f, const Lists& s, const Place& p, int first, int count, const Way& way,
+                           Pixel& pixel) {
   unsigned pairs = strip_pairs(s, count, 0, p);
   const unsigned outlines = strip_pairs(s, count, kStrips, p);
-  bool live = any(pixel.transmittance >= kMinTransmittance);
+  bool live = any(pixel.state.transmittance >= kMinTransmittance);
   for (; live && pairs; pairs &= pairs - 1) {
     const int pair = lowest(pairs);
-    const float* attributes = s.attributes(pair);
-    float covered = 1.0f;
-    if (outlines >> pair & 1u) {
-      const Outlined o = outlined(f, s, pair, s.listed()[first + pair], p.strip);
-      covered = outline_coverage<Exact>(f, s, o, p, s.backdrops(pair)[p.strip], pixel.kept++);
+    const unsigned curve = s.listed()[first + pair];
+    const bool outline = (outlines >> pair & 1u) != 0;
+    Seeing seeing{{{0.0f, 0.0f, -1.0f}, true}, {1.0f, 0.0f, 0.0f, 0.0f}};
+    if (outline) seeing = look_at<Exact>(f, s, p, pair, curve, way, pixel.outlines++);
+    if (way.back) {
+      return_pair(f, s, p, pair, curve, outline, seeing, f.step->importance_kind, pixel);
+    } else {
+      const float* attributes = s.attributes(pair);
+      const float alpha = limited(attributes[kOpacity] * seeing.cover.coverage);
+      composite<kChannels>(alpha, attributes, pixel.state.transmittance, pixel.colour);
     }
-    const float alpha = fminf(attributes[kOpacity] * covered, kMaxAlpha);
-    composite<kChannels>(alpha, attributes, pixel.transmittance, pixel.accumulated);
-    live = any(pixel.transmittance >= kMinTransmittance);
+    live = any(pixel.state.transmittance >= kMinTransmittance);
   }
   return live;
 }
 
-// What a finished pixel knows: its colour F, and dL/dF.
-struct Finished {
-  float colour[kChannels], gradient[kChannels];
-};
-
-// Writes the picture, and the tile's loss and background gradient. Ends with a barrier.
-CS_INLINE Finished finish(const Frame& f, const Lists& s, const Place& p, const Forward& pixel) {
-  const Step& step = *f.step;
-  Finished done;
-  float error[kChannels];
-  for (int c = 0; c < kChannels; c++) {
-    done.colour[c] = fmaf(pixel.transmittance, step.background[c], pixel.accumulated[c]);
-    if (p.valid && step.image) step.image[p.pixel + c] = done.colour[c];
-    error[c] = p.valid && f.target ? done.colour[c] - f.target[p.pixel + c] : 0.0f;
-    done.gradient[c] = 0.0f;
+// Lists and classifies the tile's pairs batch by batch and visits them: on the way forward until no pixel of the tile
+// can see more, on the way back as far as on the way forward.
+template <bool Exact>
+CS_INLINE void walk(const Frame& f, const Lists& s, const Place& p, Way& way, Pixel& pixel) {
+  const int tile_x = p.tile % f.tiles_x, tile_y = p.tile / f.tiles_x;
+  const float left = float(tile_x * kTile), top = float(tile_y * kTile);
+  int batches = 0;
+  for (int base = 0;; base += kListed) {
+    const bool kept = way.back && way.retained > 0;
+    const int found = kept ? way.retained : list_curves(f, s, tile_x, tile_y, base) - base;
+    const int listed = least(found, kListed);
+    for (int first = 0; first < listed;) {
+      const int count = kept ? listed : cull_batch<Exact>(f, s, first, listed, left, top);
+      __syncthreads();
+      const bool live = visit_batch<Exact>(f, s, p, first, count, way, pixel);
+      batches++;
+      if (way.back) {
+        __syncthreads();
+        add_sums(f, s, first, count);
+      } else {
+        way.batches = batches;
+        way.retained = base == 0 && count == found ? count : 0;
+      }
+      // Also the barrier after which the batch's lists may be overwritten.
+      const bool more = __syncthreads_or(live) != 0;
+      if (way.back ? batches == way.batches : !more) return;
+      first += count;
+    }
+    if (found < kListed) return;
   }
-  if (!f.tile_sums) return done;
-  float sums[8] = {f.target ? pixel_loss<kChannels>(error) : 0.0f};
-  if (f.target) pixel_loss_gradient<kChannels>(error, done.gradient);
-  if (f.gradient)
-    for (int c = 0; c < kChannels; c++) done.gradient[c] = p.valid ? f.gradient[p.pixel + c] : 0.0f;
-  for (int c = 0; c < kChannels; c++) sums[1 + c] = pixel.transmittance * done.gradient[c];
-  const float total = sum_of_eight(sums, p.lane);
+}
+
+// Adds up the loss and the background gradient of the tile. Leaves the pairs' sums zero, and ends with a barrier.
+CS_INLINE void store_tile_sums(const Frame& f, const Lists& s, const Place& p, float* values) {
+  const float total = sum_of_eight(values, p.lane);
   if (p.lane % 4 == 0) s.sums(0)[p.strip * 8 + p.lane / 4] = total;
   __syncthreads();
   if (threadIdx.x < 8) {
@@ -141,7 +103,53 @@ CS_INLINE Finished finish(const Frame& f, const Lists& s, const Place& p, const 
   __syncthreads();
   for (int i = threadIdx.x; i < kBatch * kSumStride; i += kThreads) s.sums(0)[i] = 0.0f;
   __syncthreads();
-  return done;
+}
+
+// Writes the picture, and the tile's loss and background gradient; readies the pixel for the way back. Ends with a
+// barrier.
+CS_INLINE void finish(const Frame& f, const Lists& s, const Place& p, Pixel& pixel) {
+  const Step& step = *f.step;
+  const bool inside = p.inside(f);
+  const size_t at = p.index(f);
+  float error[kChannels];
+  for (int c = 0; c < kChannels; c++) {
+    const float colour = fmaf(pixel.state.transmittance, step.background[c], pixel.colour[c]);
+    if (inside && step.image) step.image[at + c] = colour;
+    error[c] = inside && f.target ? colour - f.target[at + c] : 0.0f;
+    pixel.colour[c] = colour;
+    pixel.gradient[c] = 0.0f;
+  }
+  if (!f.tile_sums) return;
+  float sums[8] = {f.target ? pixel_loss<kChannels>(error) : 0.0f};
+  if (f.target) pixel_loss_gradient<kChannels>(error, pixel.gradient);
+  if (f.gradient)
+    for (int c = 0; c < kChannels; c++) pixel.gradient[c] = inside ? f.gradient[at + c] : 0.0f;
+  for (int c = 0; c < kChannels; c++) sums[1 + c] = pixel.state.transmittance * pixel.gradient[c];
+  store_tile_sums(f, s, p, sums);
+  pixel.state = {inside ? 1.0f : 0.0f, 0.0f};
+  for (int c = 0; c < kChannels; c++) {
+    pixel.state.behind = fmaf(pixel.colour[c], pixel.gradient[c], pixel.state.behind);
+    pixel.colour[c] = -pixel.colour[c];
+  }
+}
+
+// The walk stands once in the machine code, and runs twice.
+template <bool Exact>
+CS_INLINE void raster_tile(const Frame& f, unsigned char* memory) {
+  const Lists s{memory};
+  const Place p = place(f);
+  Pixel pixel{{p.inside(f) ? 1.0f : 0.0f, 0.0f}, {}, {}, 0};
+  Way way{};
+#pragma unroll 1
+  for (;;) {
+    walk<Exact>(f, s, p, way, pixel);
+    if (way.back) return;
+    finish(f, s, p, pixel);
+    if (!f.backward || way.batches == 0) return;
+    way.back = true;
+    way.outlines = pixel.outlines;
+    pixel.outlines = 0;
+  }
 }
 
 }  // namespace cs

@@ -57,10 +57,16 @@ CS_INLINE Parameter paint_parameter(const Frame& f, int curve, int i, const Adan
           kMinHalfWidth, kFar};
 }
 
-CS_INLINE void train(const Frame& f, int curve, const Parameter& p, float gradient, float4& kept, int age) {
-  const AdanRates r = f.step->rates;
-  const float n = float(age);
-  const AdanBias bias{1.0f - powf(r.keep1, n), 1.0f - powf(r.keep2, n), sqrtf(1.0f - powf(r.keep3, n)), age == 1};
+// Bias corrections of a curve: its lanes share the powers out.
+CS_INLINE AdanBias bias_of(const AdanRates& r, int age, int lane) {
+  const float keep = lane == 0 ? r.keep1 : (lane == 1 ? r.keep2 : r.keep3);
+  const float left = 1.0f - powf(keep, float(age));
+  return {__shfl_sync(kFullWarp, left, 0), __shfl_sync(kFullWarp, left, 1), sqrtf(__shfl_sync(kFullWarp, left, 2)),
+          age == 1};
+}
+
+CS_INLINE void train(const Frame& f, int curve, const Parameter& p, float gradient, float4& kept, const AdanRates& r,
+                     const AdanBias& bias) {
   AdanMoments moments{kept.x, kept.y, kept.z, kept.w};
   const float next = *p.value - adan(gradient, moments, r, bias, p.rate);
   kept = make_float4(moments.mean, moments.change, moments.square, moments.previous);
@@ -83,6 +89,7 @@ CS_INLINE void update_curve(const Frame& f, int curve, int lane) {
   const int coordinates = 2 * f.points_per_curve, paints = f.edge_widths ? 6 : 5;
   const AdanRates rates = f.step->rates;
   const int age = f.moments ? f.ages[curve] + 1 : 0;
+  const AdanBias bias = bias_of(rates, age, lane);
   for (int i = lane; i < coordinates + paints; i += kWarp) {
     const int paint = i - coordinates;
     if (kClosed && paint == kSumHalfWidth) continue;
@@ -92,7 +99,7 @@ CS_INLINE void update_curve(const Frame& f, int curve, int lane) {
     if (p.gradient_out) *p.gradient_out = gradient;
     if (!f.moments) continue;
     float4& kept = paint == 5 ? f.edge_moments[curve] : f.moments[size_t(curve) * (coordinates + 5) + i];
-    train(f, curve, p, gradient, kept, age);
+    train(f, curve, p, gradient, kept, rates, bias);
   }
   if (f.step->importance && lane == 0) f.step->importance[curve] = sums[kSumImportance];
   __syncwarp();

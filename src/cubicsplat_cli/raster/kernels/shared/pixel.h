@@ -21,6 +21,13 @@ CS_INLINE float maximum(float a, float b) { return fmaxf(a, b); }
 CS_INLINE float fused(float a, float b, float c) { return fmaf(a, b, c); }
 CS_INLINE float square_root(float a) { return sqrtf(a); }
 CS_INLINE float select(bool m, float a, float b) { return m ? a : b; }
+// Within 2 ulp for divisors up to 2^126; a / b would be scaled first, for the sake of larger ones.
+CS_INLINE float quotient(float a, float b) { return __fdividef(a, b); }
+#else
+template <class F>
+CS_INLINE F quotient(F a, F b) {
+  return a / b;
+}
 #endif
 
 constexpr float kMaxAlpha = 0.9995f;          // alpha stays below one: the backward pass divides by 1 - alpha
@@ -43,7 +50,7 @@ CS_INLINE Edge make_edge(float ax, float ay, float bx, float by) {
   e.vx = bx - ax;
   e.vy = by - ay;
   float q = e.vx * e.vx + e.vy * e.vy;
-  float inverse = 1.0f / (q > kMinSquaredLength ? q : kMinSquaredLength);
+  float inverse = quotient(1.0f, q > kMinSquaredLength ? q : kMinSquaredLength);
   e.ux = e.vx * inverse;
   e.uy = e.vy * inverse;
   return e;
@@ -96,7 +103,7 @@ CS_INLINE Coverage<F> cover_fill(F squared, M inside, float support) {
   F d = square_root(squared);
   F phi, slope, u = select(inside, d, F(0.0f) - d);
   relaxed_step(u, support, phi, slope);
-  F away = slope / maximum(d, F(kTouching));
+  F away = quotient(slope, maximum(d, F(kTouching)));
   return {phi, select(inside, away, F(0.0f) - away), F(0.0f), F(0.0f) - slope * u};
 }
 
@@ -107,7 +114,7 @@ CS_INLINE Coverage<F> cover_stroke(F squared, float half_width, float support) {
   F outer, outer_slope, inner, inner_slope, out = F(half_width) - d, in = F(-half_width) - d;
   relaxed_step(out, support, outer, outer_slope);
   relaxed_step(in, support, inner, inner_slope);
-  F pull = (inner_slope - outer_slope) / maximum(d, F(kTouching));
+  F pull = quotient(inner_slope - outer_slope, maximum(d, F(kTouching)));
   return {outer - inner, select(d < F(kTouching), F(0.0f), pull), outer_slope + inner_slope,
           inner_slope * in - outer_slope * out};
 }
@@ -181,7 +188,7 @@ CS_INLINE F composite_backward(F alpha, const float* colour, const F* g, Backwar
   for (int c = 0; c < C; c++) along = fused(F(channel(colour, c)), g[c], along);
   weight = state.transmittance * live;
   state.behind = state.behind - weight * along;
-  F d = state.transmittance * along - state.behind / (F(1.0f) - live);
+  F d = state.transmittance * along - quotient(state.behind, F(1.0f) - live);
   state.transmittance = state.transmittance - weight;
   return select(finished, F(0.0f), d);
 }
@@ -190,7 +197,7 @@ CS_INLINE F composite_backward(F alpha, const float* colour, const F* g, Backwar
 // acc_{i-1} + (F - acc_i) / (1 - alpha). `before` is acc_{i-1} and becomes acc_i; e = F - target.
 template <int C, class F>
 CS_INLINE F leave_one_out(F alpha, F weight, const float* colour, const F* final_colour, const F* e, F* before) {
-  F inverse = F(1.0f) / (F(1.0f) - select(weight > F(0.0f), alpha, F(0.0f)));
+  F inverse = quotient(F(1.0f), F(1.0f) - select(weight > F(0.0f), alpha, F(0.0f)));
   F without[C];
   for (int c = 0; c < C; c++) {
     F after = fused(weight, F(channel(colour, c)), before[c]);
