@@ -21,7 +21,8 @@ FEWEST_KNOWN = 4  # points of a run that is more than a straight line
 # A corner is doubted, and kept only if it pays, when it turns less, or is nearer to another, than this.
 DOUBTFUL_TURN = math.radians(45.0)
 DOUBTFUL_SPACING = 6.0  # px
-CORNER_PARAMETERS = 1
+CORNER_PARAMETERS = 2
+ROUNDING_STEP = 12.0  # px between false corners along one rounding, at most
 
 
 @dataclass(frozen=True)
@@ -96,27 +97,49 @@ class _Runs:
 
 
 def _without_doubtful(runs: _Runs, corners: Corners) -> Corners:
-    """The corners less those that cost more than doing without, the faintest tried first."""
-    order = np.argsort(np.abs(corners.turns), kind="stable")
-    for index in corners.indices[order]:
-        k, count = int(np.flatnonzero(corners.indices == index)[0]), len(corners.indices)
-        if not _doubtful(corners, k):
-            continue
-        bonus = CORNER_PARAMETERS * runs.price
-        if count == 1:
-            with_it, without = runs.division(corners, 0, 0).cost, runs.loop_cost()
-        else:
-            with_it = runs.division(corners, k - 1, k).cost + runs.division(corners, k, k + 1).cost
-            without = runs.division(corners, k - 1, k + 1).cost
-        if without <= with_it + bonus:
-            corners = corners.taken(np.delete(np.arange(count), k))
+    """The corners less those that cost more than doing without: first groups in a row, then one by one, faintest first."""
+    for group in _groups(corners):
+        corners = _if_cheaper(runs, corners, group)
+    for index in corners.indices[np.argsort(np.abs(corners.turns), kind="stable")]:
+        if _doubtful(corners)[corners.indices == index].any():
+            corners = _if_cheaper(runs, corners, np.array([index]))
     return corners
 
 
-def _doubtful(corners: Corners, k: int) -> bool:
-    others = np.delete(corners.positions, k, axis=0)
-    alone = not len(others) or np.hypot(*(others - corners.positions[k]).T).min() > DOUBTFUL_SPACING
-    return abs(corners.turns[k]) < DOUBTFUL_TURN or not alone
+def _groups(corners: Corners) -> list[np.ndarray]:
+    """The indices of doubtful corners that follow each other closely, two or more, as along a rounding."""
+    count = len(corners.indices)
+    doubtful = np.abs(corners.turns) < DOUBTFUL_TURN
+    after = np.roll(np.arange(count), -1)
+    step = np.hypot(*(corners.positions[after] - corners.positions).T)
+    linked = doubtful & doubtful[after] & (step <= ROUNDING_STEP) & (corners.turns * corners.turns[after] > 0.0)
+    if linked.all():
+        return [corners.indices] if count > 1 else []
+    start = int(np.argmin(linked)) + 1
+    order = (start + np.arange(count)) % count
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], linked[order], [0]])))
+    return [corners.indices[order[a : b + 1]] for a, b in zip(ends[::2], ends[1::2], strict=True)]
+
+
+def _if_cheaper(runs: _Runs, corners: Corners, group: np.ndarray) -> Corners:
+    """The corners without a group of them (indices, in a row), if that is cheaper."""
+    count = len(corners.indices)
+    first, size = int(np.flatnonzero(corners.indices == group[0])[0]), len(group)
+    bonus = CORNER_PARAMETERS * size * runs.price
+    if size == count:
+        with_them = sum(runs.division(corners, k, k + 1).cost for k in range(count))
+        without = runs.loop_cost()
+    else:
+        with_them = sum(runs.division(corners, k, k + 1).cost for k in range(first - 1, first + size))
+        without = runs.division(corners, first - 1, first + size).cost
+    return corners.taken(~np.isin(corners.indices, group)) if without <= with_them + bonus else corners
+
+
+def _doubtful(corners: Corners) -> np.ndarray:
+    """(C,) bool: corners that turn little or have another near."""
+    gaps = np.hypot(*np.moveaxis(corners.positions[:, None] - corners.positions, -1, 0))
+    np.fill_diagonal(gaps, np.inf)
+    return (np.abs(corners.turns) < DOUBTFUL_TURN) | (gaps.min(axis=1, initial=np.inf) <= DOUBTFUL_SPACING)
 
 
 def _section(points: np.ndarray, weights: np.ndarray, ends: np.ndarray) -> Section:
