@@ -19,6 +19,7 @@ from cubicsplat_cli.artwork.smoothing import HIDDEN_SIGMA
 from cubicsplat_cli.errors import InputError
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
+PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than one too few to put in
 FINEST_SIGMA = 0.02  # px: what is systematic in the points is never below this
 FEWEST_POINTS = 8
 # Bends, in radians, up to which a line and a cubic are joined smoothly; the first that pays.
@@ -47,9 +48,9 @@ def fit_outline(points: np.ndarray, sigma: np.ndarray, detail: float = 1.0) -> O
 
 
 def parameter_price(points: np.ndarray, detail: float) -> float:
-    """Nats a parameter costs: ln(extent / precision) / detail."""
+    """Nats a parameter costs: half of ln(extent / precision), over detail."""
     extent = float(np.max(np.ptp(points, axis=0)))
-    return max(math.log(max(extent, 1.0) / PRECISION), 1.0) / detail
+    return PRICE * max(math.log(max(extent, 1.0) / PRECISION), 1.0) / detail
 
 
 def _checked(points: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -97,7 +97,7 @@ class _Runs:
 
 
 def _without_doubtful(runs: _Runs, corners: Corners) -> Corners:
-    """The corners less those that cost more than doing without: first groups in a row, then one by one, faintest first."""
+    """The corners less those that cost more than doing without: first groups in a row, then each, faintest first."""
     for group in _groups(corners):
         corners = _if_cheaper(runs, corners, group)
     for index in corners.indices[np.argsort(np.abs(corners.turns), kind="stable")]:
