@@ -23,7 +23,7 @@ inline void pull_touching(const Outline& o, const Record& r, Lanes d_coverage) {
   relaxed_step(Lanes(0.0f), support_of(*o.primitive), phi, slope);
   for (unsigned m = r.touching; m; m &= m - 1) {
     const unsigned i = lowest_bit(m), n = unsigned(edge[i]);
-    const TileEdge& e = o.edges[n];
+    const TileEdge e = o.edge(n);
     const float length = std::sqrt(e.vx * e.vx + e.vy * e.vy);
     if (!(length > 0.0f)) continue;
     const float g = strength[i] * first(slope) * o.primitive->orientation / length;
@@ -41,7 +41,7 @@ CS_INLINE void pull_edges(const Outline& o, const Block& b, const Record& r, Lan
     const float number = numbers[lowest_bit(left)];
     const Mask mine = r.edge == Lanes(number);
     left &= ~bits(mine);
-    const TileEdge& e = o.edges[unsigned(number)];
+    const TileEdge e = o.edge(unsigned(number));
     const Lanes strength = select(mine, pull, Lanes(0.0f));
     const Lanes x = strength * fused(r.t, Lanes(e.vx), Lanes(e.ax) - b.px);
     const Lanes y = strength * fused(r.t, Lanes(e.vy), Lanes(e.ay) - b.py);

@@ -25,24 +25,15 @@ struct Block {
         py(rows() + Lanes(top)) {}
 };
 
-CS_INLINE unsigned lowest_bit(uint64_t m) {
+CS_INLINE unsigned lowest_bit(unsigned m) {
 #if defined(__GNUC__)
-  return unsigned(__builtin_ctzll(m));
+  return unsigned(__builtin_ctz(m));
 #else
   unsigned n = 0;
   while (!(m >> n & 1)) n++;
   return n;
 #endif
 }
-
-// Calls visit(i) for every member of a set of bits, in ascending order.
-template <class Visit>
-CS_INLINE void each_member(const uint64_t* set, uint32_t words, Visit&& visit) {
-  for (uint32_t w = 0; w < words; w++)
-    for (uint64_t m = set[w]; m; m &= m - 1) visit(w * 64 + lowest_bit(m));
-}
-
-constexpr uint32_t words_for(uint32_t members) { return (members + 63) / 64; }
 
 constexpr size_t aligned(size_t bytes) { return (bytes + 63) & ~size_t(63); }
 

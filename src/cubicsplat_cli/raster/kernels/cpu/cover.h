@@ -27,8 +27,7 @@ CS_INLINE Nearby look_around(const Outline& o, const Block& b) {
   Nearby r{{Lanes(reach * reach), Lanes(0.0f), Lanes(-1.0f)}, {}};
   Lanes winding(0.0f);
   if (Closed) winding = left_windings(o, b);
-  o.each_near(b, [&](uint32_t n) {
-    const TileEdge& e = o.edges[n];
+  o.each_near(b, [&](uint32_t n, const TileEdge& e) {
     const Lanes wx = b.px - Lanes(e.ax), wy = b.py - Lanes(e.ay);
     nearest_update(r.nearest, e, wx, wy, float(n));
     if (!Closed) return;
@@ -37,7 +36,7 @@ CS_INLINE Nearby look_around(const Outline& o, const Block& b) {
     const float low = e.by > e.ay ? e.ay : e.by, high = e.by > e.ay ? e.by : e.ay;
     const Lanes side = fused(wx, Lanes(e.vy * direction), wy * Lanes(-e.vx * direction));
     const Mask crossed = (b.py >= Lanes(low)) & (b.py < Lanes(high)) & (side >= Lanes(0.0f));
-    winding = winding + select(crossed, Lanes(direction), Lanes(0.0f));
+    winding = add_where(crossed, winding, Lanes(direction));
   });
   if (Closed) r.inside = winding != Lanes(0.0f);
   return r;

@@ -43,8 +43,7 @@ CS_INLINE Lanes sampled_fill(const Outline& o, const Block& b, Lanes* scratch) {
     const float centre = b.top + float(j) + 0.5f;
     const Lanes y = fused(lane_numbers(), Lanes(1.0f / kExactRows), Lanes(b.top + float(j) + 0.5f / kExactRows));
     SubRows s{scratch, scratch + o.pair->edge_count, 0, Lanes(o.winding[j][b.number])};
-    o.each_near(b, [&](uint32_t n) {
-      const TileEdge& e = o.edges[n];
+    o.each_near(b, [&](uint32_t, const TileEdge& e) {
       const Lanes starts = select(Lanes(e.ay) <= y, Lanes(1.0f), Lanes(0.0f));
       const Lanes ends = select(Lanes(e.by) <= y, Lanes(1.0f), Lanes(0.0f));
       if (e.bx < middle) s.left = s.left + ends - Lanes(e.by <= centre ? 1.0f : 0.0f);
@@ -91,8 +90,7 @@ CS_INLINE Lanes signed_area(const Outline& o, const Block& b) {
   const float middle = b.left + 0.5f * kBlock;
   const Lanes top = b.py - Lanes(0.5f), right = b.px + Lanes(0.5f), zero(0.0f), one(1.0f);
   Lanes area = left_windings(o, b);
-  o.each_near(b, [&](uint32_t n) {
-    const TileEdge& e = o.edges[n];
+  o.each_near(b, [&](uint32_t, const TileEdge& e) {
     const float slope = std::fabs(e.vy) > 1e-12f ? e.vx / e.vy : 0.0f;
     const Lanes ya = minimum(maximum(Lanes(e.ay) - top, zero), one), yb = minimum(maximum(Lanes(e.by) - top, zero), one);
     const Lanes height = yb - ya, y = fused(ya + yb, Lanes(0.5f), top - Lanes(e.ay));
@@ -111,7 +109,7 @@ CS_INLINE Lanes exact_fill(const Outline& o, const Block& b) {
   bool arc = o.arc;
   if (!arc) {
     ArcTest test;
-    o.each_near(b, [&](uint32_t n) { test.add(o.edges[n]); });
+    o.each_near(b, [&](uint32_t, const TileEdge& e) { test.add(e); });
     arc = test.passed();
   }
   if (arc) return minimum(absolute(signed_area(o, b)), Lanes(1.0f));

@@ -13,8 +13,7 @@ CS_INLINE Lanes exact_stroke(const Outline& o, const Block& b) {
   const float reach = o.primitive->reach;
   Lanes squared[n * n];
   for (Lanes& s : squared) s = Lanes(reach * reach);
-  o.each_near(b, [&](uint32_t number) {
-    const TileEdge& e = o.edges[number];
+  o.each_near(b, [&](uint32_t, const TileEdge& e) {
     const Lanes wx = b.px - Lanes(e.ax), wy = b.py - Lanes(e.ay);
     for (int i = 0; i < n * n; i++) {
       const float x = (float(i % n) + 0.5f) * step - 0.5f, y = (float(i / n) + 0.5f) * step - 0.5f;

@@ -38,10 +38,8 @@ struct Window {
 
   template <int C>
   CS_INLINE void load(const float* image, Lanes* planes) const {
-    float values[C][kLanes];
-    if (!whole())
-      for (auto& plane : values)
-        for (float& v : plane) v = 0.0f;
+    if (whole()) return load_pixels<C>(image + first, stride, planes);
+    float values[C][kLanes] = {};
     each_pixel<C>([&](int lane, size_t at) {
       for (int c = 0; c < C; c++) values[c][lane] = image[at + c];
     });

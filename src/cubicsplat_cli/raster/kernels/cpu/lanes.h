@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 
 #include "../shared/pixel.h"
 
@@ -52,12 +54,31 @@ CS_INLINE Mask operator&(Mask a, Mask b) { return {__mmask16(a.m & b.m)}; }
 CS_INLINE Mask operator|(Mask a, Mask b) { return {__mmask16(a.m | b.m)}; }
 CS_INLINE Mask without(Mask a, Mask b) { return {__mmask16(a.m & ~b.m)}; }
 CS_INLINE Lanes select(Mask m, Lanes a, Lanes b) { return _mm512_mask_blend_ps(m.m, b.v, a.v); }
+CS_INLINE Lanes add_where(Mask m, Lanes a, Lanes b) { return _mm512_mask_add_ps(a.v, m.m, a.v, b.v); }
 CS_INLINE unsigned bits(Mask m) { return m.m; }
+CS_INLINE unsigned having_bit(const uint16_t* words, int bit) {
+  const __m256i w = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(words));
+  return _mm256_test_epi16_mask(w, _mm256_set1_epi16(short(1 << bit)));
+}
 CS_INLINE float first(Lanes a) { return _mm512_cvtss_f32(a.v); }
 CS_INLINE float sum(Lanes a) { return _mm512_reduce_add_ps(a.v); }
 CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
   const __m512i index = _mm512_set_epi32(3, 3, 3, 3, 2, 2, 2, 2, 1, 1, 1, 1, 0, 0, 0, 0);
   return _mm512_permutexvar_ps(index, _mm512_castps128_ps512(_mm_setr_ps(a, b, c, d)));
+}
+// Four rows of four pixels, C values each: one vector for each of the C.
+template <int C>
+CS_INLINE void load_pixels(const float* first, size_t stride, Lanes* planes) {
+  const __mmask16 row = __mmask16((1u << (4 * C)) - 1u);
+  __m512 r[4];
+  for (int i = 0; i < 4; i++) r[i] = _mm512_maskz_loadu_ps(row, first + i * stride);
+  for (int c = 0; c < C; c++) {
+    const __m512i from = _mm512_add_epi32(
+        _mm512_setr_epi32(0, C, 2 * C, 3 * C, 16, 16 + C, 16 + 2 * C, 16 + 3 * C, 0, 0, 0, 0, 0, 0, 0, 0),
+        _mm512_set1_epi32(c));
+    const __m512 upper = _mm512_permutex2var_ps(r[0], from, r[1]), lower = _mm512_permutex2var_ps(r[2], from, r[3]);
+    planes[c] = _mm512_insertf32x8(upper, _mm512_castps512_ps256(lower), 1);
+  }
 }
 CS_INLINE Four sum_of_four(Lanes a, Lanes b, Lanes c, Lanes d) {
   __m512 ab = _mm512_add_ps(_mm512_unpacklo_ps(a.v, b.v), _mm512_unpackhi_ps(a.v, b.v));
@@ -116,6 +137,15 @@ CS_INLINE Mask without(Mask x, Mask y) { return {_mm256_andnot_ps(y.a, x.a), _mm
 CS_INLINE Lanes select(Mask m, Lanes x, Lanes y) {
   return {_mm256_blendv_ps(y.a, x.a, m.a), _mm256_blendv_ps(y.b, x.b, m.b)};
 }
+CS_INLINE Lanes add_where(Mask m, Lanes x, Lanes y) {
+  return {_mm256_add_ps(x.a, _mm256_and_ps(m.a, y.a)), _mm256_add_ps(x.b, _mm256_and_ps(m.b, y.b))};
+}
+CS_INLINE unsigned having_bit(const uint16_t* words, int bit) {
+  const __m256i w = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(words)), b = _mm256_set1_epi16(short(1 << bit));
+  const __m256i found = _mm256_cmpeq_epi16(_mm256_and_si256(w, b), b);
+  const __m128i bytes = _mm_packs_epi16(_mm256_castsi256_si128(found), _mm256_extracti128_si256(found, 1));
+  return unsigned(_mm_movemask_epi8(bytes));
+}
 CS_INLINE unsigned bits(Mask m) {
   return unsigned(_mm256_movemask_ps(m.a)) | (unsigned(_mm256_movemask_ps(m.b)) << 8);
 }
@@ -128,6 +158,24 @@ CS_INLINE float sum(Lanes x) {
 }
 CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
   return {_mm256_setr_m128(_mm_set1_ps(a), _mm_set1_ps(b)), _mm256_setr_m128(_mm_set1_ps(c), _mm_set1_ps(d))};
+}
+CS_INLINE void load_row(const float* p, __m128 (&planes)[3]) {
+  const __m128 a = _mm_loadu_ps(p), b = _mm_loadu_ps(p + 4), c = _mm_loadu_ps(p + 8);
+  planes[0] = _mm_shuffle_ps(a, _mm_shuffle_ps(b, c, _MM_SHUFFLE(1, 1, 2, 2)), _MM_SHUFFLE(2, 0, 3, 0));
+  planes[1] = _mm_shuffle_ps(_mm_shuffle_ps(a, b, _MM_SHUFFLE(0, 0, 1, 1)), _mm_shuffle_ps(b, c, _MM_SHUFFLE(2, 2, 3, 3)),
+                             _MM_SHUFFLE(2, 0, 2, 0));
+  planes[2] = _mm_shuffle_ps(_mm_shuffle_ps(a, b, _MM_SHUFFLE(1, 1, 2, 2)), c, _MM_SHUFFLE(3, 0, 2, 0));
+}
+CS_INLINE void load_row(const float* p, __m128 (&planes)[4]) {
+  for (int i = 0; i < 4; i++) planes[i] = _mm_loadu_ps(p + 4 * i);
+  _MM_TRANSPOSE4_PS(planes[0], planes[1], planes[2], planes[3]);
+}
+// Four rows of four pixels, C values each: one vector for each of the C.
+template <int C>
+CS_INLINE void load_pixels(const float* first, size_t stride, Lanes* planes) {
+  __m128 r[4][C];
+  for (int i = 0; i < 4; i++) load_row(first + i * stride, r[i]);
+  for (int c = 0; c < C; c++) planes[c] = {_mm256_setr_m128(r[0][c], r[1][c]), _mm256_setr_m128(r[2][c], r[3][c])};
 }
 CS_INLINE Four sum_of_four(Lanes x, Lanes y, Lanes z, Lanes w) {
   __m256 a = _mm256_add_ps(x.a, x.b), b = _mm256_add_ps(y.a, y.b), c = _mm256_add_ps(z.a, z.b),
@@ -188,6 +236,12 @@ CS_INLINE Mask operator|(const Mask& a, const Mask& b) { CS_EACH(Mask, a.m[i] ||
 CS_INLINE Mask without(const Mask& a, const Mask& b) { CS_EACH(Mask, a.m[i] && !b.m[i]); }
 #undef CS_FIELD
 #undef CS_EACH
+CS_INLINE Lanes add_where(const Mask& m, const Lanes& a, const Lanes& b) { return select(m, a + b, a); }
+CS_INLINE unsigned having_bit(const uint16_t* words, int bit) {
+  unsigned r = 0;
+  for (int i = 0; i < kLanes; i++) r |= unsigned(words[i] >> bit & 1) << i;
+  return r;
+}
 CS_INLINE unsigned bits(const Mask& m) {
   unsigned r = 0;
   for (int i = 0; i < kLanes; i++) r |= unsigned(m.m[i]) << i;
@@ -204,6 +258,12 @@ CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
   Lanes r;
   for (int i = 0; i < kLanes; i++) r.v[i] = four[i / 4];
   return r;
+}
+// Four rows of four pixels, C values each: one vector for each of the C.
+template <int C>
+CS_INLINE void load_pixels(const float* first, size_t stride, Lanes* planes) {
+  for (int i = 0; i < kLanes; i++)
+    for (int c = 0; c < C; c++) planes[c].v[i] = first[i / 4 * stride + i % 4 * C + c];
 }
 CS_INLINE Four sum_of_four(const Lanes& a, const Lanes& b, const Lanes& c, const Lanes& d) {
   return {{sum(a), sum(b), sum(c), sum(d)}};

@@ -58,15 +58,6 @@ class BlockWork {
     for (Lanes& a : accumulated_) a = Lanes(0.0f);
   }
 
-  // Calls visit(outline) for the pairs that show in the block, front to back, until it returns false.
-  template <class Visit>
-  CS_INLINE void each_visible(Visit&& visit) const {
-    const uint64_t* set = outlines_.in_block(block_.number);
-    for (uint32_t w = 0; w < outlines_.words; w++)
-      for (uint64_t m = set[w]; m; m &= m - 1)
-        if (!visit(outlines_.list[w * 64 + lowest_bit(m)])) return;
-  }
-
   CS_INLINE void cover(const Outline& o, Record& r) const {
     const bool exact = task_.settings->exact;
     if (task_.scene->closed)
@@ -79,7 +70,7 @@ class BlockWork {
     start();
     Record* next = records_;
     visited_ = 0;
-    each_visible([&](const Outline& o) {
+    outlines_.each_visible(block_, [&](const Outline& o) {
       const Primitive& q = *o.primitive;
       Lanes coverage(1.0f);
       if (mixed(o)) {
@@ -116,7 +107,7 @@ class BlockWork {
     for (int c = 0; c < C; c++) pixel.behind = fused(done.colour[c], done.gradient[c], pixel.behind);
     const Record* next = records_;
     uint32_t left = visited_;
-    each_visible([&](const Outline& o) {
+    outlines_.each_visible(block_, [&](const Outline& o) {
       const Record* record = mixed(o) ? next++ : nullptr;
       return_to(o, record, done, pixel);
       return --left > 0;
