@@ -74,13 +74,18 @@ bench-gpu:
 run-bench-gpu: $(PACKAGE_STAMP)
 	$(PY) tools/bench_gpu.py
 
-# The parity suite under NVIDIA's memory and race checkers, which come with the CUDA toolkit.
+# The parity suite under NVIDIA's checkers, which come with the CUDA toolkit: accesses out of bounds, races in shared
+# memory, barriers that not all threads reach, reads of memory that nobody has written.
+SANITIZE = compute-sanitizer --error-exitcode 1
+FEW_ON_GPU = $(PY) -m pytest -m gpu -q tests/test_engine.py -k "match or steps_are"
 sanitize-gpu:
 	$(WITH_GPU) run-sanitize-gpu
 run-sanitize-gpu: $(TEST_STAMP)
 	@$(GPU_OR_WHY)
-	compute-sanitizer --tool memcheck --error-exitcode 1 $(PY) -m pytest -m gpu -q tests/test_cuda_engine.py
-	compute-sanitizer --tool racecheck --error-exitcode 1 $(PY) -m pytest -m gpu -q tests/test_cuda_engine.py -k "match or steps_are"
+	$(SANITIZE) --tool memcheck $(PY) -m pytest -m gpu -q tests/test_engine.py tests/test_cuda_engine.py
+	$(SANITIZE) --tool racecheck $(FEW_ON_GPU)
+	$(SANITIZE) --tool synccheck $(FEW_ON_GPU)
+	$(SANITIZE) --tool initcheck $(FEW_ON_GPU)
 
 # What reads files of others, with damaged ones: no crash, no hang, no traceback. Finds are kept in tests/fuzz.
 fuzz: $(TEST_STAMP)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from pathlib import Path
 
@@ -27,6 +28,15 @@ def tool(monkeypatch):
 def test_fits_and_the_whole_command_are_timed(tool):
     fit_s = tool.fit_seconds("cpu", 24, 16, steps=12, curves=3)
     assert 0 < fit_s < tool.command_seconds("cpu", 24, 16, steps=12, curves=3)
+
+
+@pytest.mark.parametrize(("visible", "number", "shown"), [(None, 1, "1"), ("4,GPU-abc", 1, "GPU-abc"), ("2", 0, "2")])
+def test_everything_is_measured_on_the_gpu_that_is_asked_for(tool, monkeypatch, visible, number, shown):
+    """The engine, the fit and the command, which is a process of its own."""
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible or "")
+    monkeypatch.setattr(cuda_driver, "missing_piece", lambda: "no GPU today")
+    assert tool.main(["--device", str(number)]) == 1
+    assert os.environ["CUDA_VISIBLE_DEVICES"] == shown
 
 
 def test_without_a_gpu_the_benchmark_says_what_is_missing(tool, monkeypatch, capsys):

@@ -20,7 +20,7 @@ from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.frame import Frame, Sizes, Workspace
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import FitSettings, Mode
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
 RELAXED, EXACT = RasterSettings("relaxed", 1.5, 8), RasterSettings("exact", 1.0, 8)
@@ -251,7 +251,7 @@ def test_the_order_of_threads_brings_out_a_missing_barrier():
 
 def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(monkeypatch):
     """The whole trainer with the CUDA engine in the CPU engine's place, exact finish included."""
-    from cubicsplat_cli.photo import FitSettings, fit, trainer
+    from cubicsplat_cli.photo import fit, trainer
 
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 40, 32, background=PAPER), 4).numpy()
     levels = []
@@ -264,6 +264,23 @@ def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(monkeypatch):
         levels.append(result.history[-1]["psnr_db"])
     assert levels[0] > 20.0
     assert abs(levels[1] - levels[0]) < 0.6  # 60 chaotic steps
+
+
+def test_a_fit_that_breaks_down_names_curve_and_step(monkeypatch):
+    """By what the engine has noted, which the trainer reads some steps later."""
+    from cubicsplat_cli.photo import trainer
+
+    monkeypatch.setattr(trainer, "open_engine", lambda *_, **__: CudaEngine(driver=EmulatedDriver()))
+    monkeypatch.setattr(trainer.Parameters, "first_non_finite", lambda self: None)
+    target = random_target(random_scene(Mode.CLOSED, 1, 3, 24, 20, background=PAPER), 4)
+    state = trainer.Trainer(target, FitSettings.from_preset("draft", curves=8, steps=200))
+    for _ in range(20):
+        state.advance()
+    state.parameters.points[5, 2, 0] = float("nan")
+    with pytest.raises(EngineError, match=r"at step 20: curve 5 has a non-finite value; lower the step sizes"):
+        for _ in range(20):
+            state.advance()
+    assert state.step > 20, "nothing waited for the step that did it"
 
 
 ASAN_PROGRAM = """

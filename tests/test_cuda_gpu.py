@@ -131,7 +131,8 @@ def test_the_operator_runs_on_the_gpu(engine):
 @pytest.mark.parametrize("mode", list(Mode))
 def test_a_fit_ends_where_the_cpu_ends(engine, mode):
     """Mean over a few seeds, since fits are chaotic: rounding alone moves a single one by more than this."""
-    from cubicsplat_cli.photo import FitSettings, fit
+    from cubicsplat_cli.photo import fit
+    from cubicsplat_cli.settings import FitSettings
 
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 128, 96, background=PAPER), 4)
     texture = random_target(random_scene(Mode.CLOSED, 1, 3, 12, 9, background=PAPER), 5)

@@ -11,6 +11,7 @@ from conftest import smooth_pixels
 
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo import FitResult, fit
+from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.trainer import Trainer, choose_background, psnr
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster import render_scene
@@ -78,18 +79,18 @@ def test_the_result_is_the_best_exact_picture_that_was_seen(mode, monkeypatch):
     target = picture()
     state = trainer(target, mode=mode)
     seen: list[float] = []
-    original = Trainer._consider
+    original = Best.consider
 
-    def spy(self: Trainer, loss: float, parameters) -> None:
+    def spy(self: Best, loss: float, parameters) -> None:
         seen.append(loss)
         original(self, loss, parameters)
 
-    monkeypatch.setattr(Trainer, "_consider", spy)
+    monkeypatch.setattr(Best, "consider", spy)
     result = state.run()
     assert len(seen) >= 0.15 * 60, "every step of the exact finish, and the end"
-    assert state.best[0] == min(seen)
+    assert state.best.loss == min(seen)
     kept = state.engine.gradients(
-        state._tensors(state.best[1]), state._exact(), target=torch.from_numpy(target)
+        state._tensors(state.best.parameters), state._exact(), target=torch.from_numpy(target)
     )[0]  # fmt: skip
     # The steps of the finish flatten adaptively, this is the full polyline.
     assert kept == pytest.approx(min(seen), rel=2e-3)

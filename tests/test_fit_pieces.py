@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PAPER, random_scene, straight
 
+from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.blobs import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
 from cubicsplat_cli.photo.geometric import crossing_gradient, crossing_penalty
+from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.photo.settle import settle
 from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -118,3 +120,19 @@ def test_torch_threads_come_back():
         assert torch.get_num_threads() == 1
         raise ZeroDivisionError
     assert torch.get_num_threads() == before
+
+
+@pytest.mark.parametrize("loss_of", [float, lambda value: torch.tensor(value, dtype=torch.float64)], ids=["cpu", "gpu"])
+def test_the_best_parameters_are_kept_as_they_were(loss_of):
+    """Losses that are tensors, as on a GPU, are compared without being read."""
+    best = Best()
+    with pytest.raises(ValueError, match="no parameters"):
+        _ = best.parameters
+    shapes = ((2, 6, 2), (2, 3), (2,), (2,), (2,))
+    parameters = Parameters(*(torch.zeros(shape) for shape in shapes))
+    for i, loss in enumerate((5.0, 3.0, 4.0, float("nan"), 3.0, 2.0, 6.0)):
+        for tensor in parameters.tensors_by_name().values():
+            tensor.fill_(i)
+        best.consider(loss_of(loss), parameters)
+    assert best.loss == 2.0
+    assert all(bool((t == 5).all()) for t in best.parameters.tensors_by_name().values())

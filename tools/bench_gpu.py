@@ -1,6 +1,6 @@
 """Times and memory on the GPU, of what docs/cuda.md states targets for: training steps, a fit, the whole command.
 
-    python tools/bench_gpu.py [--json FILE]
+    python tools/bench_gpu.py [--device N] [--json FILE]
 
 A step is all of it: forward pass, loss, backward pass and optimiser, replayed from its CUDA graph. The scenes are
 small discs or strokes that have been fitted for a while to a picture of gradients, discs and fine texture, so that
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import statistics
 import subprocess
 import sys
@@ -80,7 +81,7 @@ def scene_of(case: Case, target: Tensor, device: torch.device) -> SceneTensors:
     radius = 0.4 * math.sqrt(case.width * case.height / case.curves)
     points = control_points(centres, radius, settings, generator)
     curves = new_curves(points, colours_at(centres, target), 1.5, settings).to(device)
-    return curves.tensors(case.mode, case.width, case.height, (0.5, 0.5, 0.5), soft=False)
+    return curves.for_engine(case.mode, case.width, case.height, (0.5, 0.5, 0.5), soft=False)
 
 
 class Bench:
@@ -114,26 +115,30 @@ class Bench:
     def _allocated(self) -> int:
         return torch.cuda.memory_allocated() if self.engine.device.type == "cuda" else 0
 
-    def _synchronize(self) -> None:
-        if self.engine.device.type == "cuda":
-            torch.cuda.synchronize()
-
     def milliseconds(self, body: Callable[[], Any], repeats: int) -> float:
         """Median over rounds of the mean time of `repeats` calls in a row, after a few that do not count."""
         for _ in range(3):
             body()
-        rounds = []
-        for _ in range(ROUNDS):
-            self._synchronize()
+        return statistics.median(self._round(body, repeats) / repeats for _ in range(ROUNDS))
+
+    def _round(self, body: Callable[[], Any], repeats: int) -> float:
+        """ms of so many calls: between events in the GPU's own queue, so that the host's waiting is no part of it."""
+        if self.engine.device.type == "cpu":  # the emulator
             start = time.perf_counter()
             for _ in range(repeats):
                 body()
-            self._synchronize()
-            rounds.append((time.perf_counter() - start) / repeats * 1e3)
-        return statistics.median(rounds)
+            return 1e3 * (time.perf_counter() - start)
+        before, after = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+        torch.cuda.synchronize()
+        before.record()
+        for _ in range(repeats):
+            body()
+        after.record()
+        after.synchronize()
+        return before.elapsed_time(after)
 
     def kernels(self, settings: RasterSettings, repeats: int) -> dict[str, float]:
-        """ms of each kernel launched by itself; the launch is part of it."""
+        """ms of each kernel launched by itself, many times in a row."""
         self.loss = self.step(settings)  # kept: the launches below write to it again
         plan = next(reversed(self.engine._plans.values()))
         launches: list[tuple] = []
@@ -217,13 +222,22 @@ def lines(result: dict[str, Any]) -> list[str]:
     return [line.rstrip() for line in text]
 
 
+def show_only(number: int) -> None:
+    """Leaves one GPU to this process and those that it starts, before torch looks for them: it is their number 0."""
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    names = visible.split(",") if visible else []
+    os.environ["CUDA_VISIBLE_DEVICES"] = names[number] if number < len(names) else str(number)
+
+
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--device", type=int, help="torch's number of the GPU")
     chosen = parser.parse_args(arguments)
+    if chosen.device is not None:
+        show_only(chosen.device)
     try:
-        engine = CudaEngine(chosen.device)
+        engine = CudaEngine()
     except EngineError as error:
         print(f"bench_gpu: error: {error}", file=sys.stderr)
         return 1

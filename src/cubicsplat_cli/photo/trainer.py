@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
+from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.capacity import gini, reallocate
 from cubicsplat_cli.photo.geometric import crossing_gradient
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
@@ -129,7 +130,7 @@ class Trainer:
         self.training = Training(
             self.goal, self.state, self._rates(self.schedule.phase(0.0)), importance_kind=self.recipe.importance
         )
-        self.best: tuple[float, Parameters] | None = None
+        self.best = Best()
         self.started = self.reported = time.perf_counter()
 
     def run(self) -> FitResult:
@@ -141,8 +142,8 @@ class Trainer:
                     self.advance()
         except KeyboardInterrupt:
             interrupted = True
-        self._check_finite()
-        self._consider(self._exact_loss(self.parameters), self.parameters)
+        self._check_finite(wait=True)
+        self.best.consider(self._exact_loss(self.parameters), self.parameters)
         dropped = self._drop_invisible()
         seconds = time.perf_counter() - self.started
         scene = self.parameters.to("cpu").scene(
@@ -172,10 +173,11 @@ class Trainer:
         training.rates, training.points_gradient = self._rates(phase), self._regulariser()
         training.image, training.importance = (self.image, self.importance) if due else (None, None)
         loss = self.engine.step(self.curves, self._raster(phase), training)
-        if (self._looks() or phase.exact or due) and not math.isfinite(loss):
-            self._broke_down(f"the loss is {float(loss)}")
+        # A GPU's loss would have to be waited for; it is finite where the engine has found no fault.
+        if isinstance(loss, float) and not math.isfinite(loss):
+            self._broke_down(f"the loss is {loss}")
         if before is not None:
-            self._consider(float(loss), before)
+            self.best.consider(loss, before)
         if due:
             self._reallocate(progress)
         self.step += 1
@@ -221,11 +223,6 @@ class Trainer:
         self.state.overwrite(state)
         self.replaced += count
 
-    def _consider(self, loss: float, parameters: Parameters) -> None:
-        """Keeps the parameters if their exact picture is the best so far."""
-        if self.best is None or loss < self.best[0]:
-            self.best = (loss, parameters.copy())
-
     def _exact(self) -> RasterSettings:
         return RasterSettings("exact", 1.0, self.settings.finish_samples)
 
@@ -234,7 +231,7 @@ class Trainer:
 
     def _drop_invisible(self) -> int:
         """Takes the best parameters, less the curves whose leave-one-out importance is not positive."""
-        loss, parameters = self.best
+        loss, parameters = self.best.loss, self.best.parameters
         _, out = self.engine.gradients(self._tensors(parameters), self._exact(), target=self.goal, importance="loo")
         keep = out["importance"] > 0
         # A scene has at least one curve.
@@ -262,10 +259,14 @@ class Trainer:
         """Whether to look at this step's numbers: always where that costs nothing, now and then on a GPU."""
         return self.engine.device.type == "cpu" or self.step % LOOK_EVERY == 0
 
-    def _check_finite(self) -> None:
-        """Before a step: within it one bad curve spoils every curve that it shares a pixel with."""
-        found = self.parameters.first_non_finite()
-        if found is not None:
+    def _check_finite(self, wait: bool = False) -> None:
+        """Before a step: within it one bad curve spoils every curve that it shares a pixel with.
+
+        A GPU's engine looks by itself; without `wait` this is what it found some steps ago.
+        """
+        if fault := self.engine.fault(wait):
+            self._broke_down(f"curve {fault[0]} has a non-finite value")
+        if self.engine.device.type == "cpu" and (found := self.parameters.first_non_finite()):
             self._broke_down(f"curve {found[0]} has a non-finite value in {found[1]}")
 
     def _broke_down(self, where: str) -> None:
