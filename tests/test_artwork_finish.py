@@ -2,12 +2,16 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.coverage import coverage, edges_of
-from cubicsplat_cli.artwork.finish import finish
+from cubicsplat_cli.artwork.finish import begin, drawn, settle
 from cubicsplat_cli.artwork.freedom import fine_ring, freedom_of
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 RED, BLUE = (255, 0, 0, 255), (0, 0, 255, 255)
+
+
+def finish(drawing, target):
+    return drawn(drawing, settle(begin(drawing, target), target))
 
 
 def covered(outline, height, width):

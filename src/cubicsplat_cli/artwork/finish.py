@@ -29,7 +29,7 @@ WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so th
 
 
 @dataclass
-class _Layer:
+class Layer:
     """A shape while it is optimised. ink: (4,) premultiplied; signs: (outlines,) +1 where a ring runs as it must."""
 
     shape: Shape
@@ -48,7 +48,7 @@ class _Layer:
 
 
 @dataclass
-class _View:
+class View:
     """What one layer contributes: its edges on the canvas, flat: (m,) their pixels; pixels: (n,) those,
     each once; slope: (n, 4) what a coverage there changes."""
 
@@ -57,18 +57,25 @@ class _View:
     pixels: np.ndarray
     slope: np.ndarray
 
+    def of(self, layer: Layer, k: int) -> np.ndarray:
+        """The pixels that the k-th outline of its layer crosses, each edge's."""
+        sizes = np.cumsum([0] + [len(o.lines) for o in layer.outlines])
+        return self.flat[(self.edges.cubic >= sizes[k]) & (self.edges.cubic < sizes[k + 1])]
+
 
 @dataclass
-class _State:
-    """layers; image: (H, W, 4) what they draw; views: what each contributes; misfit: (H W,) of every pixel."""
+class State:
+    """A drawing against its picture. layers: back to front; image: (H, W, 4) what they draw; views: what each
+    contributes; misfit: (H W,) of every pixel.
+    """
 
-    layers: list[_Layer]
+    layers: list[Layer]
     image: np.ndarray
-    views: list[_View]
+    views: list[View]
     misfit: np.ndarray
 
     @classmethod
-    def of(cls, layers: list[_Layer], target: np.ndarray) -> _State:
+    def of(cls, layers: list[Layer], target: np.ndarray) -> State:
         image, views = _compose(layers, target.shape[:2])
         return cls(layers, image, views, _misfit(image, target).ravel())
 
@@ -77,11 +84,13 @@ class _State:
         return float(self.misfit.sum())
 
 
-def finish(drawing: Drawing, target: np.ndarray, rounds: int = ROUNDS) -> Drawing:
-    """The drawing nearest to a picture (H, W, 4) premultiplied in [0, 1] that has the same pieces."""
-    if not drawing.shapes or not rounds:
-        return drawing
-    state = _State.of([_layer(shape, drawing) for shape in drawing.shapes], target)
+def begin(drawing: Drawing, target: np.ndarray) -> State:
+    """The state of a drawing against a picture (H, W, 4) premultiplied in [0, 1]."""
+    return State.of([_layer(shape, drawing) for shape in drawing.shapes], target)
+
+
+def settle(state: State, target: np.ndarray, rounds: int = ROUNDS) -> State:
+    """The nearest state to the picture that has the same pieces."""
     damping = np.full(sum(len(layer.outlines) for layer in state.layers), START)
     for _ in range(rounds):
         following = _improved(state, target, damping)
@@ -89,47 +98,50 @@ def finish(drawing: Drawing, target: np.ndarray, rounds: int = ROUNDS) -> Drawin
         state = _trimmed(following, target)
         if gain < ENOUGH * state.value and not ((damping > RELAXED) & (damping < HOPELESS)).any():
             break
+    return state
+
+
+def drawn(drawing: Drawing, state: State) -> Drawing:
+    """The drawing with the outlines of a state."""
     shapes = [replace(layer.shape, outlines=tuple(o.outline() for o in layer.outlines)) for layer in state.layers]
     return replace(drawing, shapes=tuple(shapes))
 
 
-def _improved(state: _State, target: np.ndarray, damping: np.ndarray) -> _State:
+def _improved(state: State, target: np.ndarray, damping: np.ndarray) -> State:
     """The state after a step, without the outlines that fit their own pixels worse by it; `damping` is brought up to
     date in place.
     """
     layers = _stepped(state.layers, *_normal_equations(state, target), damping)
-    trial = _State.of(layers, target)
+    trial = State.of(layers, target)
     worse = _worse(state, trial)
     damping[:] = np.where(worse, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
     if worse.any():
-        trial = _State.of(_kept(state.layers, layers, worse), target)
+        trial = State.of(kept(state.layers, layers, worse), target)
     if trial.value < state.value:
         return trial
     damping *= 10.0
     return state
 
 
-def _trimmed(state: _State, target: np.ndarray) -> _State:
+def _trimmed(state: State, target: np.ndarray) -> State:
     """The state without pieces that have become too short to matter."""
     layers = [replace(layer, outlines=[o.trimmed() for o in layer.outlines]) for layer in state.layers]
     kept = [o for layer in state.layers for o in layer.outlines]
     same = all(a is b for a, b in zip(kept, (o for layer in layers for o in layer.outlines), strict=True))
-    return state if same else _State.of(layers, target)
+    return state if same else State.of(layers, target)
 
 
-def _worse(old: _State, new: _State) -> np.ndarray:
+def _worse(old: State, new: State) -> np.ndarray:
     """(outlines,) bool: the misfit on the pixels that an outline crosses before or after a step has grown."""
     out = []
-    for before, after, layer in zip(old.views, new.views, old.layers, strict=True):
-        ends = np.cumsum([len(o.lines) for o in layer.outlines])
-        whose = [np.searchsorted(ends, view.edges.cubic, side="right") for view in (before, after)]
-        for k in range(len(ends)):
-            pixels = np.union1d(before.flat[whose[0] == k], after.flat[whose[1] == k])
+    for a, b, layer in zip(old.views, new.views, old.layers, strict=True):
+        for k in range(len(layer.outlines)):
+            pixels = np.union1d(a.of(layer, k), b.of(layer, k))
             out.append(float(new.misfit[pixels].sum()) > float(old.misfit[pixels].sum()) + 1e-12)
     return np.array(out)
 
 
-def _kept(old: list[_Layer], new: list[_Layer], worse: np.ndarray) -> list[_Layer]:
+def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
     """The new layers, with the old outlines where the new ones are worse."""
     refused = iter(worse.tolist())
     return [
@@ -138,17 +150,17 @@ def _kept(old: list[_Layer], new: list[_Layer], worse: np.ndarray) -> list[_Laye
     ]
 
 
-def _layer(shape: Shape, drawing: Drawing) -> _Layer:
+def _layer(shape: Shape, drawing: Drawing) -> Layer:
     r, g, b, a = (v / 255.0 for v in shape.ink)
     outlines = [freedom_of(outline, drawing.width, drawing.height) for outline in shape.outlines]
     signs = []
     for i, outline in enumerate(outlines):
         ring = Ring(outline.cubics[:, 0], outline.cubics[:, 1:3], outline.lines, outline.lines)
         signs.append(1.0 if (signed_area(ring) > 0.0) == (i == 0) else -1.0)
-    return _Layer(shape, np.array([r * a, g * a, b * a, a]), outlines, signs)
+    return Layer(shape, np.array([r * a, g * a, b * a, a]), outlines, signs)
 
 
-def _compose(layers: list[_Layer], size: tuple[int, int]) -> tuple[np.ndarray, list[_View]]:
+def _compose(layers: list[Layer], size: tuple[int, int]) -> tuple[np.ndarray, list[View]]:
     """The picture (H, W, 4), and what each layer contributes to it."""
     height, width = size
     image = np.zeros((height, width, 4))
@@ -163,7 +175,7 @@ def _compose(layers: list[_Layer], size: tuple[int, int]) -> tuple[np.ndarray, l
         seen = Edges(edges.cubic[on], edges.t[on], edges.row[on], edges.column[on], edges.step[on], edges.middle[on])
         own = seen.row * width + seen.column
         pixels = np.unique(own)
-        views.append(_View(seen, own, pixels, layer.ink - layer.ink[3] * flat[pixels]))
+        views.append(View(seen, own, pixels, layer.ink - layer.ink[3] * flat[pixels]))
         view = image[top:bottom, left:right]
         view *= (1.0 - layer.ink[3] * share)[..., None]
         view += share[..., None] * layer.ink
@@ -185,7 +197,7 @@ def _misfit(image: np.ndarray, target: np.ndarray) -> np.ndarray:
     return np.where(size <= HUBER, size * size, HUBER * (2.0 * size - HUBER))
 
 
-def _normal_equations(state: _State, target: np.ndarray) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
+def _normal_equations(state: State, target: np.ndarray) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
     """Gram matrix, gradient, and the first variable of each outline, the number of variables last."""
     rest = ((state.image - target) * WHITE).reshape(-1, 4)
     size = np.sqrt((rest * rest).sum(axis=1))
@@ -208,7 +220,7 @@ def _normal_equations(state: _State, target: np.ndarray) -> tuple[sparse.csc_mat
     return (matrix.T @ matrix).tocsc(), matrix.T @ seen, starts
 
 
-def _coverage_change(view: _View, coordinates: int) -> sparse.csr_matrix:
+def _coverage_change(view: View, coordinates: int) -> sparse.csr_matrix:
     """(pixels, coordinates) how the coverages of a layer's pixels change with its control points' coordinates."""
     e, width = view.edges, len(view.pixels)
     s = 1.0 - e.t
@@ -221,8 +233,8 @@ def _coverage_change(view: _View, coordinates: int) -> sparse.csr_matrix:
 
 
 def _stepped(
-    layers: list[_Layer], gram: sparse.csc_matrix, gradient: np.ndarray, starts: list[int], damping: np.ndarray
-) -> list[_Layer]:
+    layers: list[Layer], gram: sparse.csc_matrix, gradient: np.ndarray, starts: list[int], damping: np.ndarray
+) -> list[Layer]:
     keep = (PIXEL_SIGMA / FREE) ** 2 + np.repeat(damping, np.diff(starts)) * gram.diagonal()
     step = splu((gram + sparse.diags(keep)).tocsc()).solve(-gradient)
     moved, number = [], 0

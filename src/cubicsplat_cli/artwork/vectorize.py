@@ -7,8 +7,8 @@ import numpy as np
 from cubicsplat_cli.artwork.completion import outlines_of
 from cubicsplat_cli.artwork.contours import crossings
 from cubicsplat_cli.artwork.extents import extents
-from cubicsplat_cli.artwork.finish import finish
 from cubicsplat_cli.artwork.inks import eight_bit, picture_inks
+from cubicsplat_cli.artwork.polish import polish
 from cubicsplat_cli.artwork.regions import find_regions
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -27,7 +27,7 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing
     for extent in extents(regions, layers, found):
         ink = eight_bit(regions.inks[layers.layers[extent.layer].region])
         shapes.append(Shape(ink, outlines_of(extent, (height, width), settings.detail), f"shape-{len(shapes) + 1}"))
-    return finish(Drawing(width, height, tuple(shapes)), levels.astype(float) / 255.0)
+    return polish(Drawing(width, height, tuple(shapes)), levels.astype(float) / 255.0, settings.detail)
 
 
 def as_levels(target: np.ndarray) -> np.ndarray:
