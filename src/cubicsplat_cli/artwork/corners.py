@@ -18,14 +18,19 @@ from cubicsplat_cli.artwork.smoothing import arc_lengths, most_misfit
 GAP = 1.0  # px to either side of a place that are not looked at
 FARTHEST = 4.5  # px from the place to the nearest point of a flank
 WIDEST_GAP = 14.0  # px of unknown points in which a thin tip may lie
-FLANKS = (2, 3, 5, 8, 12)  # points of a flank less one; parabolas from PARABOLA on
-PARABOLA = 5
+# Points of a flank less one, and its degree: lines alone, and parabolas where there are enough points.
+STRAIGHT = ((2, 1), (3, 1), (5, 1), (8, 1))
+BENT = ((2, 1), (3, 1), (5, 2), (8, 2), (12, 2))
+LONGEST = 12
 FIRST_MISFIT = 4.0  # of the shortest flank
 SMALLEST_TURN = math.radians(20.0)
 SURE_TURN = 5.0  # standard errors
+BLUNT_TURN = math.radians(150.0)  # above which a tip may end before its flanks meet
 SPACING = 2.0  # px between corners
 ROUNDING = 0.3  # px that points near a sharp corner may stay away from its flanks
 SURE_SIGMA = 0.3  # px: less certain points take no part
+
+Kinds = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -59,23 +64,26 @@ def find_corners(points: np.ndarray, weights: np.ndarray) -> Corners:
     """The corners of a closed loop. points: (n, 2) px. weights: (n,) 1/px^2, 0 where unknown."""
     known = np.flatnonzero(weights > SURE_SIGMA**-2)
     n = len(known)
-    if n < 2 * FLANKS[0] + 2:
+    if n < 6:
         return Corners(np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
-    pad = min(n, FLANKS[-1] + 6)
+    pad = min(n, LONGEST + 6)
     index = known[np.arange(-pad, n + pad) % n]
     loop, sharp = points[index], weights[index]
     s = _unrolled(points, known, pad)
     places = 0.5 * (s[:-1] + s[1:])
-    after = _flanks(loop, sharp, s, places)
-    back = _flanks(loop[::-1], sharp[::-1], -s[::-1], -places[::-1])
-    last = len(s) - 1
-    before = _Flanks(back.at[::-1], -back.tangent[::-1], back.error[::-1], last - back.first[::-1])
+    before, after = _both_sides(loop, sharp, s, places, STRAIGHT)
     turn, meet, score = _judged(loop, before, after)
+    bent = _judged(loop, *_both_sides(loop, sharp, s, places, BENT))
+    # A corner is one by lines and by parabolas; the smaller turn is the better founded one.
+    choose = np.abs(bent[0]) < np.abs(turn)
+    turn, score = np.where(choose, bent[0], turn), np.where(choose, bent[2], score)
+    meet = np.where(choose[:, None], bent[1], meet)
     score[:pad] = score[pad + n :] = 0.0
     chosen = _strongest(score, meet)
     ends = zip(index[before.first[chosen]], index[after.first[chosen]], meet[chosen], strict=True)
     split = [_first_after(points, a, b, at) for a, b, at in ends]
-    return Corners(np.array(split, dtype=int), meet[chosen], turn[chosen])
+    indices, order = np.unique(np.array(split, dtype=int), return_index=True)
+    return Corners(indices, meet[chosen][order], turn[chosen][order])
 
 
 def _first_after(points: np.ndarray, before: int, after: int, corner: np.ndarray) -> int:
@@ -94,6 +102,15 @@ def _unrolled(points: np.ndarray, known: np.ndarray, pad: int) -> np.ndarray:
     return own[number % len(known)] + total * (number // len(known))
 
 
+def _both_sides(
+    loop: np.ndarray, weights: np.ndarray, s: np.ndarray, places: np.ndarray, kinds: Kinds
+) -> tuple[_Flanks, _Flanks]:
+    """The flanks before and after each place, both along the loop."""
+    back = _flanks(loop[::-1], weights[::-1], -s[::-1], -places[::-1], kinds)
+    before = _Flanks(back.at[::-1], -back.tangent[::-1], back.error[::-1], len(s) - 1 - back.first[::-1])
+    return before, _flanks(loop, weights, s, places, kinds)
+
+
 def _judged(loop: np.ndarray, a: _Flanks, b: _Flanks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Turn, meeting point and score of each place; a score of 0 is no corner."""
     cross = a.tangent[:, 0] * b.tangent[:, 1] - a.tangent[:, 1] * b.tangent[:, 0]
@@ -103,9 +120,13 @@ def _judged(loop: np.ndarray, a: _Flanks, b: _Flanks) -> tuple[np.ndarray, np.nd
     meet = a.at + t[:, None] * a.tangent
     reach = ((meet - loop[a.first]) * a.tangent).sum(1)
     onward = ((loop[b.first] - meet) * b.tangent).sum(1)
-    thin = 1.0 / np.maximum(np.sin(0.5 * (math.pi - np.abs(turn))), 0.15)
     good = np.abs(turn) >= np.maximum(SMALLEST_TURN, SURE_TURN * np.hypot(a.error, b.error))
-    good &= (np.minimum(reach, onward) > -0.5) & (np.maximum(reach, onward) < FARTHEST * thin)
+    good &= np.minimum(reach, onward) > -0.5
+    # A tip is drawn to where it is half a pixel wide; much farther on there is none, wherever the flanks would meet.
+    most = FARTHEST + 0.5 / np.maximum(np.tan(0.5 * (math.pi - np.abs(turn))), 0.15)
+    blunt = 0.5 * (loop[a.first] + loop[b.first]) + 0.5 * most[:, None] * (a.tangent - b.tangent)
+    meet = np.where((np.maximum(reach, onward) > most)[:, None], blunt, meet)
+    good &= (np.maximum(reach, onward) <= most) | (np.abs(turn) > BLUNT_TURN)
     good &= _contradiction(loop, meet, a, b) <= ROUNDING
     return turn, meet, np.where(good, 2.0 + np.abs(turn) - 0.15 * np.abs(reach - onward), 0.0)
 
@@ -127,7 +148,7 @@ def _contradiction(loop: np.ndarray, meet: np.ndarray, a: _Flanks, b: _Flanks) -
     return worst
 
 
-def _flanks(points: np.ndarray, weights: np.ndarray, s: np.ndarray, places: np.ndarray) -> _Flanks:
+def _flanks(points: np.ndarray, weights: np.ndarray, s: np.ndarray, places: np.ndarray, kinds: Kinds) -> _Flanks:
     """The run after each place, by the widest believed fit."""
     n, m = len(points), len(places)
     start = np.searchsorted(s, places + GAP)
@@ -137,16 +158,15 @@ def _flanks(points: np.ndarray, weights: np.ndarray, s: np.ndarray, places: np.n
     farthest = np.where(spread < WIDEST_GAP, np.maximum(FARTHEST, 0.5 * spread + 2.0), FARTHEST)
     growing = (start < n) & (s[near] - places <= farthest)
     error = np.full(m, np.inf)
-    for length in FLANKS:
+    for length, degree in kinds:
         index = start[:, None] + np.arange(length + 1)
         inside = index[:, -1] < n
         index = np.minimum(index, n - 1)
-        degree = 2 if length >= PARABOLA else 1
         origin = points[near]
         terms, errors, misfit = _one_sided(
             points[index] - origin[:, None], weights[index], s[index] - places[:, None], degree
         )
-        most = FIRST_MISFIT if length == FLANKS[0] else most_misfit(length - degree)
+        most = FIRST_MISFIT if length == kinds[0][0] else most_misfit(length - degree)
         dense = s[index[:, -1]] - s[near] <= 2.0 * length
         growing &= inside & (misfit <= most) & dense
         error[growing] = errors[growing]

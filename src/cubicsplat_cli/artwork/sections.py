@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.smoothing import LocalFits, arc_lengths
 SURE_WEIGHT = 4.0  # 1/px^2: points that know less are no place for a joint
 FEWEST_NODES, MOST_NODES = 6, 48
 NODES_PER_RADIAN = 4.0
-STRAIGHT_SHARE = 0.05  # of sqrt(1/px): how dense nodes are on straight stretches against bent ones
+STRAIGHT_SHARE = 0.01  # of sqrt(1/px): how dense nodes are on straight stretches against bent ones
 SAMPLES = 20
 WIDEST_TURN = math.radians(200.0)  # of one cubic, all bends added
 LINE_PARAMETERS, CUBIC_PARAMETERS = 2, 5
@@ -115,12 +115,15 @@ def _division(nodes: _Nodes, stops: np.ndarray, straight: np.ndarray, pieces: np
 def _nodes(section: Section) -> _Nodes:
     fits, m = section.fits, len(section.weights)
     known = section.weights > SURE_WEIGHT
-    density = np.sqrt(np.minimum(np.abs(fits.curvature), 1.0)) + STRAIGHT_SHARE
+    density = np.where(known, np.sqrt(np.minimum(np.abs(fits.curvature), 1.0)) + STRAIGHT_SHARE, 0.0)
     s = arc_lengths(fits.positions)
     measure = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(s))])
-    bend = float(np.abs(0.5 * (fits.curvature[1:] + fits.curvature[:-1]) * np.diff(s)).sum())
+    bend = float(np.abs(0.5 * (fits.curvature[1:] + fits.curvature[:-1]) * np.diff(s))[known[1:]].sum())
     count = int(min(MOST_NODES, FEWEST_NODES + NODES_PER_RADIAN * bend + 0.5 * math.sqrt(s[-1]), max(2, m // 2)))
-    index = np.unique(np.searchsorted(measure, np.linspace(0.0, measure[-1], count)[1:-1]))
+    index = np.searchsorted(measure, np.linspace(0.0, measure[-1], count)[1:-1])
+    # Where the known points of a run begin and end, the way may change to one that hides.
+    edges = np.flatnonzero(known[1:] != known[:-1])
+    index = np.unique(np.concatenate([index, edges + known[1:][edges]]))
     extreme, at, tangent = _extrema(fits, known)
     index = index[known[index] & (index > 1) & (index < m - 2)]
     away = np.abs(index[:, None] - extreme[None, :]).min(axis=1, initial=m) > 1
