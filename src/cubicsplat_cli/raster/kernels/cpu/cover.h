@@ -62,7 +62,7 @@ CS_INLINE void cover_block_by_stroke(const Outline& o, const Block& b, bool exac
   r.t = near.nearest.t;
   r.edge = near.nearest.edge;
   r.touching = 0;
-  if (exact) r.cover.coverage = exact_stroke(o, b);
+  if (exact) r.cover.coverage = exact_stroke(o, b, near.nearest.squared);
 }
 
 }  // namespace CS_ISA
