@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 import torch
 from engines import compared, outliers, packed, state_for
-from scenes import PAPER, circle, random_scene, random_target, rectangle, reference_render, scene_of, straight
+from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
+from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
@@ -36,17 +36,6 @@ def test_results_do_not_depend_on_threads(mode, coverage):
     for other in results[1:]:
         for a, b in zip(results[0], other, strict=True):
             assert a == b if isinstance(a, float) else torch.equal(a, b)
-
-
-@pytest.mark.parametrize("isa", instruction_sets())
-def test_exact_fills_are_areas_where_the_outline_is_simple(isa):
-    engine = CpuEngine(1, isa)
-    turned = straight([(1.3, 14.2), (17.9, 1.6), (30.2, 19.7), (9.1, 27.3)], closed=True)
-    for i, points in enumerate([turned, circle(14.3, 13.1, 11.7), rectangle(3.27, 4.61, 25.13, 17.02)]):
-        scene = scene_of(Mode.CLOSED, [points], 33, 29, background=PAPER, opacity=1.0)
-        want = reference_render(scene, "exact", samples=16)
-        picture = engine.render(packed(scene), RasterSettings("exact", 1.0, 16))
-        assert float((picture - want).abs().max()) <= 1e-4, i
 
 
 def test_adaptive_sampling_spares_edges():

@@ -101,7 +101,8 @@ def test_outlines_that_are_searched_again_give_the_same(engine, shared_kb, setti
 )
 def test_more_curves_than_any_list_holds(engine, curves, size, scale, opacity, coverage):
     scene, target = scene_and_target(Mode.CLOSED, curves, *size, scale=scale, opacity=opacity)
-    assert_like_cpu(engine, scene, RasterSettings(coverage, 1.0, 4), target)
+    # Curves of a pixel's size are sampled by 16 lines where the whole ring lies in a strip, on the CPU in a block.
+    assert_like_cpu(engine, scene, RasterSettings(coverage, 1.0, 4), target, tolerance=5e-3)
 
 
 def test_every_pixel_of_a_tile_hidden_early(engine):

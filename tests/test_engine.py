@@ -18,6 +18,7 @@ from engines import (
     ENGINES,
     FLIPPED,
     GRADIENT_TOLERANCE,
+    PICTURE_TOLERANCE,
     SETTINGS,
     WITH_SETTINGS,
     close,
@@ -25,11 +26,23 @@ from engines import (
     open_kind,
     outliers,
     packed,
-    picture_tolerance,
     state_for,
     truth,
 )
-from scenes import DEGENERATE, PAPER, as_arguments, in_double, only, random_scene, random_target
+from scenes import (
+    DEGENERATE,
+    PAPER,
+    as_arguments,
+    circle,
+    in_double,
+    only,
+    random_scene,
+    random_target,
+    rectangle,
+    reference_render,
+    scene_of,
+    straight,
+)  # fmt: skip
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster import reference
@@ -59,12 +72,12 @@ def wanted(mode, background, settings, seed):
 @pytest.mark.parametrize(("mode", "background"), CASES, ids=CASE_NAMES)
 def test_picture_and_gradients_match_the_reference(engine, mode, background, settings):
     differing = {}
-    tolerance = picture_tolerance(engine, mode, settings)
+
     for seed in range(2):
         scene, target, want = wanted(mode, background, settings, seed)
         here = packed(scene, engine.device)
         image = engine.render(here, settings)
-        differing.setdefault("image", []).append(outliers(image, want.image, tolerance))
+        differing.setdefault("image", []).append(outliers(image, want.image, PICTURE_TOLERANCE))
         loss, got = engine.gradients(here, settings, target=target.to(engine.device))
         assert loss == pytest.approx(want.loss, rel=1e-3)
         for name in compared(scene):
@@ -88,7 +101,7 @@ def test_degenerate_scenes(engine, name, scene, settings):
     want = degenerate_truth(name, settings)
     image = engine.render(here, settings)
     assert torch.isfinite(image).all()
-    assert outliers(image, want.image, max(2e-3, picture_tolerance(engine, scene.mode, settings))) <= 0.02
+    assert outliers(image, want.image, 2e-3) <= 0.02
     _, got = engine.gradients(here, settings, target=target, importance="loo")
     for key, value in got.items():
         assert torch.isfinite(value).all(), key
@@ -277,6 +290,16 @@ def test_edge_widths_are_learned_and_a_further_gradient_moves_the_points(engine)
     change = scene.edge_widths - before.edge_widths
     assert torch.equal(change.sign(), -out["edge_widths"].sign())
     assert float(change.abs().max()) == pytest.approx(0.1, rel=0.1)
+
+
+@every_engine
+def test_exact_fills_are_areas_where_the_outline_is_simple(engine):
+    turned = straight([(1.3, 14.2), (17.9, 1.6), (30.2, 19.7), (9.1, 27.3)], closed=True)
+    for i, points in enumerate([turned, circle(14.3, 13.1, 11.7), rectangle(3.27, 4.61, 25.13, 17.02)]):
+        scene = scene_of(Mode.CLOSED, [points], 33, 29, background=PAPER, opacity=1.0)
+        want = reference_render(scene, "exact", samples=16)
+        picture = engine.render(packed(scene, engine.device), RasterSettings("exact", 1.0, 16))
+        assert float((picture.cpu() - want).abs().max()) <= 1e-4, i
 
 
 @every_engine

@@ -34,7 +34,6 @@ EXACT_BYTES = THREADS * 4
 FIXED_SHARED = 4 * (
     LISTED + BATCH * ATTRIBUTES + MASK_WORDS + BATCH * STRIPS + BATCH + 2 * STRIPS + BATCH * (STRIPS * 8 + 8)
 )
-LEFT_MASKS_BYTES = MASK_WORDS * 4
 RESERVED_SHARED = 1024  # bytes of each block that the system keeps for itself
 BLOCKS_PER_SM = {"relaxed": 4, "exact": 3}  # what the kernels' registers allow (launch bounds)
 
@@ -104,16 +103,13 @@ def blocks(count: int, per_block: int) -> int:
 def slots_for(coverage: str, shared_per_block: int, shared_per_sm: int) -> int:
     """Boundary pairs per strip whose nearest edges fit into shared memory without costing a resident block."""
     exact = coverage == "exact"
-    fixed = FIXED_SHARED + (LEFT_MASKS_BYTES if exact else 0)
     room = min(shared_per_sm // BLOCKS_PER_SM[coverage] - RESERVED_SHARED, shared_per_block)
-    return max(0, min(MOST_SLOTS, (room - fixed) // (CODE_BYTES + (EXACT_BYTES if exact else 0))))
+    return max(0, min(MOST_SLOTS, (room - FIXED_SHARED) // (CODE_BYTES + (EXACT_BYTES if exact else 0))))
 
 
 def shared_bytes(coverage: str, slots: int) -> int:
     """Dynamic shared memory of a block of the raster kernel."""
-    if coverage == "exact":
-        return FIXED_SHARED + slots * (CODE_BYTES + EXACT_BYTES) + LEFT_MASKS_BYTES
-    return FIXED_SHARED + slots * CODE_BYTES
+    return FIXED_SHARED + slots * (CODE_BYTES + (EXACT_BYTES if coverage == "exact" else 0))
 
 
 def carve_out(kernel: str, shared: int, shared_per_sm: int) -> int:

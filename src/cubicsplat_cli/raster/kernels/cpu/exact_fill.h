@@ -1,6 +1,7 @@
 // Exact area coverage of fills.
 #pragma once
 
+#include "../shared/area.h"
 #include "gather.h"
 
 namespace cs {
@@ -71,17 +72,6 @@ CS_INLINE Lanes sampled_fill(const Outline& o, const Block& b, Lanes* scratch) {
   return minimum(maximum(mean, Lanes(0.0f)), Lanes(1.0f));
 }
 
-constexpr float kThin = 1e-5f;  // px; half the least width of an edge in a row: upright ones are made that slanted
-
-// Mean of clamp(u, 0, 1) over low <= u <= high, at least 2 kThin apart: the difference of its antiderivative. Finite also
-// for limits so large that they round to the same value.
-CS_INLINE Lanes mean_of_ramp(Lanes low, Lanes high) {
-  const Lanes zero(0.0f), one(1.0f);
-  const Lanes from = minimum(maximum(low, zero), one), to = minimum(maximum(high, zero), one);
-  const Lanes beyond = maximum(high, one) - maximum(low, one);
-  return fused((to - from) * Lanes(0.5f), to + from, beyond) / maximum(high - low, Lanes(kThin));
-}
-
 // Signed area: for each pixel the integral of the winding number over it, exact in x and y.
 //
 // An edge adds what lies right of it, clipped to the pixel's row. The rows' winding numbers at the left side stand for
@@ -91,14 +81,10 @@ CS_INLINE Lanes signed_area(const Outline& o, const Block& b) {
   const Lanes top = b.py - Lanes(0.5f), right = b.px + Lanes(0.5f), zero(0.0f), one(1.0f);
   Lanes area = left_windings(o, b);
   o.each_near(b, [&](uint32_t, const TileEdge& e) {
-    const float slope = std::fabs(e.vy) > 1e-12f ? e.vx / e.vy : 0.0f;
-    const Lanes ya = minimum(maximum(Lanes(e.ay) - top, zero), one), yb = minimum(maximum(Lanes(e.by) - top, zero), one);
-    const Lanes height = yb - ya, y = fused(ya + yb, Lanes(0.5f), top - Lanes(e.ay));
-    const Lanes half = maximum(absolute(height) * Lanes(0.5f * std::fabs(slope)), Lanes(kThin));
-    const Lanes beyond = fused(y, Lanes(-slope), right - Lanes(e.ax));
-    area = fused(height, mean_of_ramp(beyond - half, beyond + half), area);
-    if (e.ax < middle) area = area - (one - ya) + select(Lanes(e.ay) <= b.py, one, zero);
-    if (e.bx < middle) area = area + (one - yb) - select(Lanes(e.by) <= b.py, one, zero);
+    const Span<Lanes> span = span_in_row(e.ay, e.by, top);
+    add_area(area, e.ax, e.ay, slope_of(e.vx, e.vy), span, top, right);
+    if (e.ax < middle) area = area - (one - span.start) + select(Lanes(e.ay) <= b.py, one, zero);
+    if (e.bx < middle) area = area + (one - span.end) - select(Lanes(e.by) <= b.py, one, zero);
   });
   return area;
 }

@@ -1,7 +1,7 @@
 // What a tile knows of its primitives before it looks at pixels: the edges near each block, and the winding numbers there.
 #pragma once
 
-#include "arc.h"
+#include "../shared/arc.h"
 #include "edges.h"
 
 namespace cs {

@@ -1,6 +1,8 @@
 // Coverage of one strip by one curve whose outline is near: a warp's work, one pixel a lane.
 #pragma once
 
+#include "arc.h"
+#include "area.h"
 #include "cull.cuh"
 
 namespace cs {
@@ -9,8 +11,7 @@ namespace cs {
 struct Outlined {
   const float4* edges;
   const float2* inverses;
-  const unsigned* masks;       // edges near the strip
-  const unsigned* left_masks;  // edges left of it (exact fills)
+  const unsigned* masks;  // edges near the strip
   const float* attributes;
   int words;
 
@@ -26,7 +27,7 @@ CS_INLINE Outlined outlined(const Frame& f, const Lists& s, int pair, unsigned c
   const float* attributes = s.attributes(pair);
   const int words = words_for(int(attributes[kEdges]));
   const int set = int(s.flags()[pair] >> 16) * kStrips + strip * words;
-  return {f.edges + at, f.inverses + at, s.masks() + set, s.left_masks(f) + set, attributes, words};
+  return {f.edges + at, f.inverses + at, s.masks() + set, attributes, words};
 }
 
 // Calls visit(number) for the edges of a set, in their order; the same for all lanes.
@@ -51,11 +52,16 @@ struct Found {
   bool inside;
 };
 
+// Winding number at the left side of one of a strip's rows, from the edges that are not near. The bytes are made positive
+// before one is taken out, so that none borrows from its neighbour.
+CS_INLINE int left_winding(int backdrop, int row) {
+  return int((unsigned(backdrop) + 0x80808080u) >> (8 * row) & 0xffu) - 0x80;
+}
+
 CS_INLINE Found find(const Outlined& o, int backdrop, int row, float px, float py) {
   const float reach = o.attributes[kReach];
   Nearest<float> best{reach * reach, 0.0f, -1.0f};
-  // The bytes of the backdrop are made positive before one is taken out, so that none borrows from its neighbour.
-  int winding = int((unsigned(backdrop) + 0x80808080u) >> (8 * row) & 0xffu) - 0x80;
+  int winding = left_winding(backdrop, row);
   each_edge(o.masks, o.words, [&](int number) {
     const float4 ends = o.edges[number];
     const float2 inverse = o.inverses[number];
@@ -108,20 +114,31 @@ CS_INLINE bool next_crossing(const Outlined& o, float y, Crossed& at) {
   return next.number >= 0;
 }
 
-// Area of the fill in each pixel of the strip: horizontally exact, mean of 16 sub-scanlines a row. The eight lanes of
-// a row take two sub-scanlines each over all its pixels, and exchange the sums.
-CS_INLINE float exact_fill(const Outlined& o, float strip_x, float strip_y, int lane) {
-  const int row = lane / kStripWidth, column = lane % kStripWidth;
+// A strip as exact coverage sees it: its corner and middle, and the winding numbers at its left side.
+struct Strip {
+  float x, y, middle;
+  int backdrop, lane;
+};
+
+// Area of the fill in each pixel of the strip, for any winding: horizontally exact, mean of 16 sub-scanlines a row. The
+// eight lanes of a row take two sub-scanlines each over all its pixels, and exchange the sums.
+//
+// Edges left of the strip show only in the winding number at its left side. That is known at the centre of the row; on
+// another line it differs by the ends of near edges between the two, where a chain of left edges begins or ends.
+CS_INLINE float sampled_fill(const Outlined& o, const Strip& strip) {
+  const int row = strip.lane / kStripWidth, column = strip.lane % kStripWidth;
+  const float centre = strip.y + float(row) + 0.5f;
   float area[kStripWidth];
 #pragma unroll
   for (int c = 0; c < kStripWidth; c++) area[c] = 0.0f;
 #pragma unroll 1
   for (int k = 2 * column; k < 2 * column + 2; k++) {
-    const float y = strip_y + float(row) + (float(k) + 0.5f) * (1.0f / kExactRows);
-    int winding = 0;
-    each_edge(o.left_masks, o.words, [&](int number) {
+    const float y = strip.y + float(row) + (float(k) + 0.5f) * (1.0f / kExactRows);
+    int winding = left_winding(strip.backdrop, row);
+    each_edge(o.masks, o.words, [&](int number) {
       const float4 e = o.edges[number];
-      winding += int(e.y <= y) - int(e.w <= y);
+      if (e.z < strip.middle) winding += int(e.w <= y) - int(e.w <= centre);
+      if (e.x < strip.middle) winding -= int(e.y <= y) - int(e.y <= centre);
     });
     bool covered = winding != 0;
 #pragma unroll
@@ -132,12 +149,38 @@ CS_INLINE float exact_fill(const Outlined& o, float strip_x, float strip_y, int 
       winding += at.direction;
       if ((winding != 0) == covered) continue;
       covered = !covered;
-      const float sign = covered ? 1.0f : -1.0f, beyond = strip_x + 1.0f - at.x;
+      const float sign = covered ? 1.0f : -1.0f, beyond = strip.x + 1.0f - at.x;
 #pragma unroll
       for (int c = 0; c < kStripWidth; c++) area[c] += sign * __saturatef(beyond + float(c));
     }
   }
-  return __saturatef(sum_of_row(area, lane) * (1.0f / kExactRows));
+  return __saturatef(sum_of_row(area, strip.lane) * (1.0f / kExactRows));
+}
+
+// Ends and direction of an edge, for ArcTest.
+struct Ends {
+  float ax, ay, bx, by, vx, vy;
+};
+
+// Area of the fill in each pixel of the strip. Where the near edges form a single arc, the signed area is the area up to
+// its sign, exact in x and y: an arc's sides differ by one in their winding numbers, and if neither is outside, the signed
+// area is at least one everywhere.
+CS_INLINE float exact_fill(const Outlined& o, const Strip& strip, float px, float py) {
+  const float top = py - 0.5f;
+  ArcTest test;
+  float area = float(left_winding(strip.backdrop, strip.lane / kStripWidth));
+  each_edge(o.masks, o.words, [&](int number) {
+    const float4 e = o.edges[number];
+    const Ends ends{e.x, e.y, e.z, e.w, e.z - e.x, e.w - e.y};
+    test.add(ends);
+    const Span<float> span = span_in_row(e.y, e.w, top);
+    add_area(area, e.x, e.y, slope_of(ends.vx, ends.vy), span, top, px + 0.5f);
+    if (e.x < strip.middle) area += float(e.y <= py) - (1.0f - span.start);
+    if (e.z < strip.middle) area += (1.0f - span.end) - float(e.w <= py);
+  });
+  if (!test.passed()) return sampled_fill(o, strip);
+  area = fabsf(area);
+  return area > 1.0f ? 1.0f : area;  // not fminf(): what is not a number stays none
 }
 
 // Area of the stroke in each pixel, from sub-samples filtered by a box of their own size. Nearer to the middle line
@@ -168,11 +211,12 @@ CS_INLINE float exact_stroke(const Outlined& o, const Found& found, float px, fl
   return area * (step * step);
 }
 
-CS_INLINE float exact_coverage(const Outlined& o, const Found& found, float px, float py, int lane) {
+CS_INLINE float exact_coverage(const Outlined& o, const Found& found, int backdrop, float px, float py, int lane) {
   if (!kClosed) return exact_stroke(o, found, px, py);
   if (!any(found.nearest.edge >= 0.0f)) return found.inside ? 1.0f : 0.0f;
   // (px, py) is the lane's pixel; the strip's corner is that of lane 0.
-  return exact_fill(o, px - 0.5f - float(lane % kStripWidth), py - 0.5f - float(lane / kStripWidth), lane);
+  const float x = px - 0.5f - float(lane % kStripWidth), y = py - 0.5f - float(lane / kStripWidth);
+  return exact_fill(o, {x, y, x + 0.5f * kStripWidth, backdrop, lane}, px, py);
 }
 
 }  // namespace cs

@@ -22,12 +22,9 @@ struct Lists {
   CS_INLINE unsigned short* codes(int slot) const {
     return reinterpret_cast<unsigned short*>(memory + kSlotsAt + slot * kCodeBytes);
   }
-  // Exact mode only, behind all the codes: coverages, then edges left of a strip, in sets like masks().
+  // Exact mode only, behind all the codes.
   CS_INLINE float* coverages(const Frame& f, int slot) const {
     return reinterpret_cast<float*>(memory + kSlotsAt + f.slots * kCodeBytes + slot * kExactBytes);
-  }
-  CS_INLINE unsigned* left_masks(const Frame& f) const {
-    return reinterpret_cast<unsigned*>(memory + kSlotsAt + f.slots * (kCodeBytes + kExactBytes));
   }
 };
 
@@ -128,10 +125,9 @@ CS_INLINE bool left_of_strip(const Seen& e, float x, float side) {
   return e.x1 <= x || (e.x0 < x + float(kStripWidth - 1) && (side > 0.0f) == (e.vy > 0.0f));
 }
 
-// Sorts 32 edges of a curve, one a lane, into the eight strips. Lanes 0-7 get the words of their strip.
-template <bool Exact>
+// Sorts 32 edges of a curve, one a lane, into the eight strips. Lanes 0-7 get the word of their strip.
 CS_INLINE void sort_edges(const Seen& e, bool near, float reach, float left, float top, int lane, int* backdrops,
-                          unsigned& mask, unsigned& left_mask) {
+                          unsigned& mask) {
 #pragma unroll
   for (int strip = 0; strip < kStrips; strip++) {
     const int band = strip >> 1;
@@ -141,35 +137,23 @@ CS_INLINE void sort_edges(const Seen& e, bool near, float reach, float left, flo
     const unsigned word = ballot(here);
     if (lane == strip) mask = word;
     if (!kClosed) continue;
-    const bool passes = near && !here && left_of_strip(e, x, side);
     const int winding = band_winding(e, band);
-    if (passes && winding) atomicAdd(backdrops + strip, winding);
-    if (!Exact) continue;
-    // Sub-scanlines run over the whole height of the pixels, not only through their centres.
-    const unsigned passing = ballot(passes && e.y1 > y - 0.5f && e.y0 < y + float(kStripHeight) - 0.5f);
-    if (lane == strip) left_mask = passing;
+    if (near && !here && winding && left_of_strip(e, x, side)) atomicAdd(backdrops + strip, winding);
   }
 }
 
 // Edges that pass left of the whole tile count for both columns of strips.
-template <bool Exact>
-CS_INLINE void sort_left_edges(const Seen& e, bool passes, float top, int lane, int* backdrops, unsigned& left_mask) {
+CS_INLINE void sort_left_edges(const Seen& e, bool passes, int* backdrops) {
 #pragma unroll
   for (int band = 0; band < kStrips / 2; band++) {
     const int winding = passes ? band_winding(e, band) : 0;
-    if (winding) {
-      atomicAdd(backdrops + 2 * band, winding);
-      atomicAdd(backdrops + 2 * band + 1, winding);
-    }
-    if (!Exact) continue;
-    const float y = top + float(band * kStripHeight);
-    const unsigned passing = ballot(passes && e.y1 > y && e.y0 < y + float(kStripHeight));
-    if (lane >> 1 == band) left_mask |= passing;
+    if (!winding) continue;
+    atomicAdd(backdrops + 2 * band, winding);
+    atomicAdd(backdrops + 2 * band + 1, winding);
   }
 }
 
 // Sorts one curve into the strips of the tile; one warp's work. Not near means: no gradient of its place from there.
-template <bool Exact>
 CS_INLINE void cull_pair(const Frame& f, const Lists& s, int pair, unsigned curve, int place, float left, float top,
                          int lane) {
   const float* attributes = f.attributes + size_t(curve) * kAttributes;
@@ -179,9 +163,7 @@ CS_INLINE void cull_pair(const Frame& f, const Lists& s, int pair, unsigned curv
   if (lane < kAttributes) s.attributes(pair)[lane] = attributes[lane];
   if (lane < kStrips) backdrops[lane] = 0;
   __syncwarp();
-  const int set = place * kStrips + lane * words_for(edges);
-  unsigned* masks = s.masks() + set;
-  unsigned* left_masks = s.left_masks(f) + set;
+  unsigned* masks = s.masks() + place * kStrips + lane * words_for(edges);
   unsigned seen = 0;
   for (int word = 0; word * kWarp < edges; word++) {
     const int number = word * kWarp + lane;
@@ -191,12 +173,11 @@ CS_INLINE void cull_pair(const Frame& f, const Lists& s, int pair, unsigned curv
     const bool level = e.y1 + reach >= top + 0.5f && e.y0 - reach <= top + float(kTile) - 0.5f;
     const bool near = valid && level && e.x1 + reach >= left + 0.5f && e.x0 - reach <= left + float(kTile) - 0.5f;
     const bool passes = kClosed && valid && level && !near && e.x1 < left + 0.5f;
-    unsigned mask = 0, left_mask = 0;
-    if (any(near)) sort_edges<Exact>(e, near, reach, left, top, lane, backdrops, mask, left_mask);
-    if (kClosed && any(passes)) sort_left_edges<Exact>(e, passes, top, lane, backdrops, left_mask);
+    unsigned mask = 0;
+    if (any(near)) sort_edges(e, near, reach, left, top, lane, backdrops, mask);
+    if (kClosed) sort_left_edges(e, passes, backdrops);
     seen |= mask;
     if (lane < kStrips) masks[word] = mask;
-    if (Exact && kClosed && lane < kStrips) left_masks[word] = left_mask;
   }
   __syncwarp();
   const bool outline = lane < kStrips && seen != 0, shows = outline || (kClosed && lane < kStrips && backdrops[lane] != 0);
@@ -215,14 +196,13 @@ CS_INLINE int batch_of(const Frame& f, const Lists& s, int first, int listed, in
 }
 
 // Classifies the next pairs of the list, which the warps share out, and returns how many.
-template <bool Exact>
 CS_INLINE int cull_batch(const Frame& f, const Lists& s, int first, int listed, float left, float top) {
   const int lane = threadIdx.x % kWarp;
   int own;
   const int count = batch_of(f, s, first, listed, lane, own);
   for (int pair = threadIdx.x / kWarp; pair < count; pair += kStrips) {
     const int place = __shfl_sync(kFullWarp, own, pair);
-    cull_pair<Exact>(f, s, pair, s.listed()[first + pair], place, left, top, lane);
+    cull_pair(f, s, pair, s.listed()[first + pair], place, left, top, lane);
   }
   return count;
 }

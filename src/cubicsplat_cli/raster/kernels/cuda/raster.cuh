@@ -18,14 +18,16 @@ CS_INLINE unsigned strip_pairs(const Lists& s, int count, int shift, const Place
 template <bool Exact>
 CS_INLINE Seeing look_at(const Frame& f, const Lists& s, const Place& p, int pair, unsigned curve, const Way& way, int slot) {
   const Outlined o = outlined(f, s, pair, curve, p.strip);
+  const int backdrop = s.backdrops(pair)[p.strip];
   const bool noted = slot < f.slots && (!way.back || slot < way.outlines);  // the same for the whole warp
   const bool known = noted && way.back;
   Seeing seeing;
   seeing.found = known ? unpack(o, s.codes(slot)[threadIdx.x], p.px, p.py)
-                       : find(o, s.backdrops(pair)[p.strip], p.lane / kStripWidth, p.px, p.py);
+                       : find(o, backdrop, p.lane / kStripWidth, p.px, p.py);
   seeing.cover = relaxed_coverage(seeing.found, o);
   if (Exact)
-    seeing.cover.coverage = known ? s.coverages(f, slot)[threadIdx.x] : exact_coverage(o, seeing.found, p.px, p.py, p.lane);
+    seeing.cover.coverage = known ? s.coverages(f, slot)[threadIdx.x]
+                                  : exact_coverage(o, seeing.found, backdrop, p.px, p.py, p.lane);
   if (noted && !way.back && f.backward) {
     s.codes(slot)[threadIdx.x] = pack(seeing.found);
     if (Exact) s.coverages(f, slot)[threadIdx.x] = seeing.cover.coverage;
@@ -70,7 +72,7 @@ CS_INLINE void walk(const Frame& f, const Lists& s, const Place& p, Way& way, Pi
     const int found = kept ? way.retained : list_curves(f, s, tile_x, tile_y, base) - base;
     const int listed = least(found, kListed);
     for (int first = 0; first < listed;) {
-      const int count = kept ? listed : cull_batch<Exact>(f, s, first, listed, left, top);
+      const int count = kept ? listed : cull_batch(f, s, first, listed, left, top);
       __syncthreads();
       const bool live = visit_batch<Exact>(f, s, p, first, count, way, pixel);
       batches++;

@@ -1,17 +1,18 @@
 // Chains of edges that cannot cross themselves: the outlines whose area needs no search.
 #pragma once
 
-#include "edges.h"
+#include "pixel.h"
 
 namespace cs {
-namespace CS_ISA {
 
 // Collects the edges of a chain and says whether they form a single arc: each begins where the one before ends, and their
 // directions lie within less than half a turn, so that the chain cannot cross itself. It may run over the end of the list,
 // as rings do.
 class ArcTest {
  public:
-  CS_INLINE void add(const TileEdge& e) {
+  // An edge from (ax, ay) to (bx, by), with the difference (vx, vy).
+  template <class E>
+  CS_INLINE void add(const E& e) {
     if (any_)
       gaps_ += end_x_ != e.ax || end_y_ != e.ay;
     else
@@ -45,5 +46,4 @@ class ArcTest {
   }
 };
 
-}  // namespace CS_ISA
 }  // namespace cs
