@@ -22,6 +22,7 @@ FEWEST_KNOWN = 4  # points of a run that is more than a straight line
 DOUBTFUL_TURN = math.radians(45.0)
 DOUBTFUL_SPACING = 6.0  # px
 CORNER_PARAMETERS = 2
+ROUNDING_TURN = math.radians(80.0)  # of a false corner along a rounding, at most
 ROUNDING_STEP = 12.0  # px between false corners along one rounding, at most
 
 
@@ -109,7 +110,7 @@ def _without_doubtful(runs: _Runs, corners: Corners) -> Corners:
 def _groups(corners: Corners) -> list[np.ndarray]:
     """The indices of doubtful corners that follow each other closely, two or more, as along a rounding."""
     count = len(corners.indices)
-    doubtful = np.abs(corners.turns) < DOUBTFUL_TURN
+    doubtful = np.abs(corners.turns) < ROUNDING_TURN
     after = np.roll(np.arange(count), -1)
     step = np.hypot(*(corners.positions[after] - corners.positions).T)
     linked = doubtful & doubtful[after] & (step <= ROUNDING_STEP) & (corners.turns * corners.turns[after] > 0.0)

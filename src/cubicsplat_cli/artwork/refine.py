@@ -20,6 +20,7 @@ ENOUGH = 0.01  # relative gain of a round below which the fit has converged
 LARGEST_STEP = 3.0  # px
 STIFFNESS = 0.3  # 1/px^2, against steps that the points do not call for
 MOST_DENSE = 200  # variables
+PAIR = np.array([0, 1])
 LONGEST_HANDLE = 1.2  # of the distance between its piece's ends; longer ones do not grow
 
 
@@ -230,31 +231,30 @@ class Variables:
         return sparse.csr_matrix((values[known], (rows[known], columns[known])), shape=shape)
 
     def _add(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray | float) -> None:
-        self.entries.append((rows, columns, np.broadcast_to(values, rows.shape)))
+        columns, values = np.broadcast_to(columns, rows.shape), np.broadcast_to(values, rows.shape)
+        self.entries.append((rows.ravel(), columns.ravel(), values.ravel()))
 
     def _anchor(self, piece: np.ndarray, k: int, anchor: np.ndarray, factor: float) -> None:
-        for c in (0, 1):
-            self._add(8 * piece + 2 * k + c, self.pieces.tied[anchor, c], factor)
+        self._add(8 * piece[:, None] + 2 * k + PAIR, self.pieces.tied[anchor], factor)
 
     def _handle(self, piece, k, anchor, handles, lengths, vectors, sign) -> None:
         d = self.direction[anchor]
         across = np.stack([-d[:, 1], d[:, 0]], axis=1)
         size = np.hypot(*handles[anchor].T)
-        for c in (0, 1):
-            rows = 8 * piece + 2 * k + c
-            self._add(rows, np.where(vectors[anchor] >= 0, vectors[anchor] + c, -1), 1.0)
-            self._add(rows, lengths[anchor], sign * d[:, c])
-            self._add(rows, self.angle[anchor], sign * size * across[:, c])
+        rows = 8 * piece[:, None] + 2 * k + PAIR
+        free = vectors[anchor, None]
+        self._add(rows, np.where(free >= 0, free + PAIR, -1), 1.0)
+        self._add(rows, lengths[anchor, None], sign * d)
+        self._add(rows, self.angle[anchor, None], sign * size[:, None] * across)
         other = anchor - 1 if sign > 0 else (anchor + 1) % len(self.pieces.anchors)
         tied = self.after_line[anchor] if sign > 0 else self.before_line[anchor]
-        piece, anchor, other, across, size = piece[tied], anchor[tied], other[tied], across[tied], size[tied]
+        anchor, other, across = anchor[tied], other[tied], across[tied]
         reach = np.hypot(*(self.pieces.anchors[anchor] - self.pieces.anchors[other]).T)
-        lever = size / np.maximum(reach, 1e-6)
-        for c in (0, 1):
-            for e in (0, 1):
-                value = lever * across[:, c] * across[:, e]
-                self._add(8 * piece + 2 * k + c, self.pieces.tied[anchor, e], value)
-                self._add(8 * piece + 2 * k + c, self.pieces.tied[other, e], -value)
+        lever = size[tied] / np.maximum(reach, 1e-6)
+        values = lever[:, None, None] * across[:, :, None] * across[:, None, :]
+        rows = np.repeat(rows[tied, :, None], 2, axis=2)
+        self._add(rows, self.pieces.tied[anchor][:, None, :], values)
+        self._add(rows, self.pieces.tied[other][:, None, :], -values)
 
     def moved(self, step: np.ndarray) -> Pieces:
         """The pieces after a step of the variables (one 0 appended, for the fixed ones at index -1)."""
@@ -273,9 +273,8 @@ class Variables:
         d = np.where(self.after_line[:, None], line / _norm(line), d)
         onward = np.roll(line, -1, axis=0)
         d = np.where(self.before_line[:, None], onward / _norm(onward), d)
-        pairs = np.array([0, 1])
-        free_in = p.incoming + step[np.where(self.free_in[:, None], self.vector_in[:, None] + pairs, -1)]
-        free_out = p.outgoing + step[np.where(self.free_out[:, None], self.vector_out[:, None] + pairs, -1)]
+        free_in = p.incoming + step[np.where(self.free_in[:, None], self.vector_in[:, None] + PAIR, -1)]
+        free_out = p.outgoing + step[np.where(self.free_out[:, None], self.vector_out[:, None] + PAIR, -1)]
         incoming = np.where(self.long_in[:, None], -sizes_in[:, None] * d, free_in)
         outgoing = np.where(self.long_out[:, None], sizes_out[:, None] * d, free_out)
         spans = np.hypot(*line.T)

@@ -1,0 +1,100 @@
+"""The joint fit of an outline's pieces, the corners of its points, and cubics fitted many at once."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from test_artwork_fitting import sampled, star
+
+from cubicsplat_cli.artwork.corners import find_corners
+from cubicsplat_cli.artwork.cubics import Ends, basis, fit_cubics
+from cubicsplat_cli.artwork.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.refine import Feet, Pieces, Variables, refine
+
+SIGMA = 0.02
+
+
+def drop() -> Pieces:
+    """A corner, a line, and smooth joints of every kind: line and cubic, cubic and line, two cubics, a level one."""
+    anchors = np.array([[50.0, 10.0], [75.0, 50.0], [50.0, 90.0], [25.0, 70.0], [30.0, 40.0]])
+    line = (anchors[1] - anchors[0]) / np.hypot(*(anchors[1] - anchors[0]))
+    up = (anchors[4] - anchors[3]) / np.hypot(*(anchors[4] - anchors[3]))
+    none = np.zeros(2)
+    outgoing = np.array([none, 15.0 * line, [-12.0, 0.0], none, 10.0 * up])
+    incoming = np.array([[-8.0, 6.0], none, [14.0, 0.0], -9.0 * up, none])
+    lines = np.array([True, False, False, True, False])
+    smooth = np.array([False, True, True, True, True])
+    level = np.array([False, False, True, False, False])
+    return Pieces(anchors, incoming, outgoing, lines, smooth, level, np.arange(10).reshape(5, 2))
+
+
+def test_the_control_points_move_with_the_variables_as_the_jacobian_says() -> None:
+    variables = Variables(drop())
+    jacobian = variables.jacobian().toarray()
+    assert jacobian.shape == (40, variables.total)
+    for k in range(variables.total):
+        step = np.zeros(variables.total + 1)
+        step[k] = 1e-5
+        ends = [variables.moved(sign * step).cubics.ravel() for sign in (1.0, -1.0)]
+        np.testing.assert_allclose(jacobian[:, k], (ends[0] - ends[1]) / 2e-5, atol=1e-5)
+
+
+def test_pieces_moved_off_their_points_find_back() -> None:
+    truth = drop()
+    u = np.tile((np.arange(30) + 0.5) / 30, 5)
+    piece = np.repeat(np.arange(5), 30)
+    points = (basis(u)[:, None, :] @ truth.cubics[piece])[:, 0]
+    variables = Variables(truth)
+    step = np.random.default_rng(0).normal(0.0, 0.2, variables.total + 1)
+    step[-1] = 0.0
+    step[variables.angle[variables.turning]] *= 0.05
+    start = variables.moved(step)
+    found, _, misfit = refine(start, points, np.full(len(points), SIGMA**-2), Feet(piece, u))
+    assert misfit < 5.0
+    assert np.abs(found.anchors[0] - truth.anchors[0]).max() < 0.05
+
+
+def test_a_star_has_corners_and_a_circle_has_none() -> None:
+    points = sampled(star())
+    corners = find_corners(points, np.full(len(points), SIGMA**-2))
+    assert len(corners.indices) == 10
+    away = np.hypot(*np.moveaxis(corners.positions[:, None] - star().anchors, -1, 0)).min(axis=1)
+    assert away.max() < 0.15
+    for radius in (25.0, 60.0):
+        points = sampled(Circle(80.0, 80.0, radius))
+        assert len(find_corners(points, np.full(len(points), SIGMA**-2)).indices) == 0
+
+
+def test_a_corner_is_found_across_unknown_points() -> None:
+    points = sampled(Rectangle(20.3, 20.6, 60.0, 40.0))
+    near = np.hypot(*(points - [20.3, 20.6]).T) < 2.5
+    corners = find_corners(points, np.where(near, 0.0, SIGMA**-2))
+    assert np.hypot(*(corners.positions - [20.3, 20.6]).T).min() < 0.1
+    assert np.degrees(np.abs(corners.turns)) == pytest.approx([90.0] * 4, abs=3.0)
+
+
+def test_many_cubics_are_found_from_their_points_at_once() -> None:
+    turns = np.array([0.3, 0.8, 1.4])
+    k = 4.0 / 3.0 * np.tan(turns / 4.0)
+    truth = 40.0 * np.stack(
+        [
+            np.stack([np.ones(3), np.zeros(3)], axis=1),
+            np.stack([np.ones(3), k], axis=1),
+            np.stack([np.cos(turns) + k * np.sin(turns), np.sin(turns) - k * np.cos(turns)], axis=1),
+            np.stack([np.cos(turns), np.sin(turns)], axis=1),
+        ],
+        axis=1,
+    )
+    u = np.tile((np.arange(20) + 0.5) / 20, (3, 1))
+    points = basis(u) @ truth
+    last = np.stack([-np.sin(turns), np.cos(turns)], axis=1)
+    tangents = np.stack([np.tile([0.0, 1.0], (3, 1)), last], axis=1)
+    # The ends are given 0.05 px and the tangents a degree off, within their standard errors.
+    positions = truth[:, [0, 3]] + 0.05
+    cos, sin = math.cos(0.017), math.sin(0.017)
+    tangents = tangents @ np.array([[cos, sin], [-sin, cos]])
+    ends = Ends(positions, tangents, np.full((3, 2, 2), 0.1))
+    fits = fit_cubics(ends, points, np.full((3, 20), SIGMA**-2))
+    assert np.sqrt(fits.squares.max()) < 0.02
