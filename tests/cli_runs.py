@@ -18,7 +18,7 @@ from conftest import smooth_pixels
 from PIL import Image
 from workers import start_what_outlives_a_pool
 
-SHORT = ("--curves", 12, "--steps", 30, "--threads", 1)
+SHORT = ("--style", "photo", "--curves", 12, "--steps", 30, "--threads", 1)
 
 
 def strict_json(data: bytes | str) -> dict:

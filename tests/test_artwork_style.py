@@ -1,8 +1,17 @@
+"""Which style suits a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
 import numpy as np
 import pytest
+from skimage import data
 
-from cubicsplat_cli.artwork.style import choose_style, flatness
+from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.files.load import load_picture
+
+SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 
 
 @pytest.mark.parametrize(
@@ -10,25 +19,33 @@ from cubicsplat_cli.files.load import load_picture
     [("chelsea.png", "photo"), ("astronaut.jpg", "photo"), ("logo.png", "artwork"), ("landscape.png", "artwork")],
 )
 def test_the_samples_get_their_styles(name, style):
-    assert choose_style(load_picture(f"samples/{name}").rgb)[0] == style
+    assert choose_style(load_picture(SAMPLES / name).target()).name == style
+
+
+def test_a_photo_of_much_darkness_is_a_photo():
+    moon = np.repeat(data.moon()[..., None], 3, axis=2).astype(np.float32) / 255
+    style = choose_style(moon)
+    assert style.name == "photo", style.reason
 
 
 def test_noise_is_a_photo_and_an_even_picture_artwork():
-    rng = np.random.default_rng(0)
-    style, reason = choose_style(rng.random((64, 64, 3)).astype(np.float32))
-    assert style == "photo" and reason == "only 0% of the picture is flat"
-    assert choose_style(np.full((1, 1, 3), 0.5, np.float32))[0] == "artwork"
+    noise = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
+    style = choose_style(noise)
+    assert style.name == "photo"
+    assert style.reason.startswith("100 % texture")
+    assert choose_style(np.full((1, 1, 3), 0.5, np.float32)).name == "artwork"
 
 
 def test_what_is_clear_does_not_count():
     picture = np.zeros((64, 64, 4), np.float32)
-    assert choose_style(picture)[0] == "artwork"
+    assert choose_style(picture).name == "artwork"
     picture[:20, :20] = np.random.default_rng(1).random((20, 20, 1)).astype(np.float32)
-    assert choose_style(picture)[0] == "photo"
+    assert choose_style(picture).name == "photo"
 
 
-def test_flatness_counts_flat_pixels_and_their_inks():
-    picture = np.zeros((30, 40, 3), np.float32)
-    picture[:, 20:] = 1.0
-    flat, few = flatness(picture)
-    assert flat == pytest.approx(38 / 40) and few == 1.0
+def test_of_a_large_picture_bands_are_looked_at():
+    large = np.zeros((3000, 1200, 3), np.float32)
+    large[1400:] = np.random.default_rng(2).random((1600, 1200, 3)).astype(np.float32)
+    assert choose_style(large).name == "photo"
+    large[200:] = 1.0
+    assert choose_style(large).name == "artwork"

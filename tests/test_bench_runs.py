@@ -123,10 +123,10 @@ def test_a_bad_picture_is_reported_once_and_the_others_go_on(folder):
 def test_a_fit_that_breaks_down_is_reported_with_its_configuration(folder, monkeypatch):
     original = runs.vectorize_picture
 
-    def sometimes(picture, settings, **options):
-        if settings.curves == 5:
+    def sometimes(picture, request, **options):
+        if request.settings.curves == 5:
             raise EngineError("the fit broke\ndown")
-        return original(picture, settings, **options)
+        return original(picture, request, **options)
 
     monkeypatch.setattr(runs, "vectorize_picture", sometimes)
     done = run("quality", folder, "--curves", "4,5", *SHORT)
@@ -281,10 +281,10 @@ def test_ablation_table_and_json_agree(folder, tmp_path):
 def test_change_is_over_the_pictures_that_both_have(folder, monkeypatch):
     original = runs.vectorize_picture
 
-    def fail_one(picture, settings, **options):
-        if settings.recipe.opaque and picture.source.endswith("b.png"):
+    def fail_one(picture, request, **options):
+        if request.settings.recipe.opaque and picture.source.endswith("b.png"):
             raise EngineError("broke")
-        return original(picture, settings, **options)
+        return original(picture, request, **options)
 
     monkeypatch.setattr(runs, "vectorize_picture", fail_one)
     done = run("ablation", folder, "--curves", 4, "--mode", "closed", "--rows", "opaque", *SHORT, "--json")

@@ -18,7 +18,7 @@ from cubicsplat_cli.evaluate import compare, rerender
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.svg import read_svg
 
-SUMMARY = r"{name}  1?\d curves  [\d.]+ kB  SVG [\d.]+ dB  SSIM [\d.]+  [\d.]+ s  cpu"
+SUMMARY = r"{name}  photo  1?\d curves  [\d.]+ kB  SVG [\d.]+ dB  SSIM [\d.]+  [\d.]+ s  cpu"
 
 
 def test_writes_svg_png_and_json_whose_figures_are_those_of_the_file(photo, run_cli):
@@ -62,7 +62,7 @@ def test_report_follows_schema_one(photo, run_cli, tmp_path):
     hashes = {"svg_sha256": hashlib.sha256(data).hexdigest(), "png_sha256": None}
     assert found["output"] == {**written, **hashes}
     assert (found["settings"]["curves"], found["settings"]["steps"], found["settings"]["seed"]) == (12, 30, 3)
-    assert found["settings"]["precision"] == 2
+    assert found["settings"]["precision"] is None
     assert found["timing"]["steps"] == 30
     assert found["timing"]["total_s"] >= found["timing"]["fit_s"] > 0
     assert found["device"]["name"] == "cpu"
@@ -111,7 +111,7 @@ def test_svg_on_stdout_from_stdin(photo, run_cli):
     done = run_cli("vectorize", "-", *SHORT, data=photo.read_bytes())
     assert done.returncode == 0, done.stderr
     assert 0 < read_svg(done.stdout).curves <= 12
-    assert re.match(rb"stdout  \d+ curves", done.stderr)
+    assert re.match(rb"stdout  photo  \d+ curves", done.stderr)
     assert [path.name for path in photo.parent.iterdir()] == ["photo.png"]
 
 

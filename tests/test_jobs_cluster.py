@@ -16,7 +16,7 @@ from cli_runs import SHORT, contents, json_lines, save_pictures, start, wait_unt
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.jobs.cluster import divide
-from cubicsplat_cli.jobs.plan import Request
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
 NAMES = ("a.png", "deep/b.png", "deep/c.png")

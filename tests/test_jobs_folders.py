@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from cli_runs import SHORT, contents, json_lines, save_pictures
 
-from cubicsplat_cli.jobs.plan import Request, plan_jobs
+from cubicsplat_cli.jobs.plan import plan_jobs
 from cubicsplat_cli.jobs.sources import Source
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import read_svg
 
@@ -89,7 +90,7 @@ def test_settings_decide_what_is_redone_threads_and_jobs_do_not(copied, run_cli)
     (results / "b.json").write_text(json.dumps({"program": "cubicsplat", "half": "a report"}))
     report = json.loads((results / "deep" / "c.json").read_text())
     (results / "deep" / "c.json").write_text(json.dumps({**report, "interrupted": True}))
-    other_threads = ("--curves", 12, "--steps", 30, "--threads", 2, "--device", "cpu")
+    other_threads = ("--style", "photo", "--curves", 12, "--steps", 30, "--threads", 2, "--device", "cpu")
     done = run_cli("vectorize", pictures, "-r", "-o", results, "--dry-run", *other_threads)
     assert done.returncode == 0, done.stderr
     states = {line.split("  ")[1].split(" -> ")[0]: line.split("  ")[0] for line in done.stdout.decode().splitlines()}

@@ -15,6 +15,7 @@ from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import scaled_scene
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg import write_svg
@@ -53,7 +54,7 @@ def test_a_picture_too_large_to_draw_is_measured_smaller_and_says_so(monkeypatch
     monkeypatch.setattr(limits, "MAX_SIDE", 30)
     picture = load_picture(encode(Image.fromarray(smooth_pixels(60, 20))), name="wide.png")
     settings = FitSettings.from_preset(curves=8, steps=20, threads=1)
-    done = vectorize_picture(picture, settings)
+    done = vectorize_picture(picture, Request(settings, style="photo"))
     assert 'viewBox="0 0 60 20"' in done.svg
     assert done.pixels.shape[:2] == (10, 30)
     assert "quality measured at 30 x 10 pixels" in done.report.notes

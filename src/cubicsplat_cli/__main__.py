@@ -29,9 +29,9 @@ def main() -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    from cubicsplat_cli.cli.app import app, meant, parser_error
-
     try:
+        from cubicsplat_cli.cli.app import app, meant
+
         # Typer returns the code of an Exit, and None where a command just ended.
         return app(args=meant(arguments), prog_name="cubicsplat", standalone_mode=False) or 0
     except CubicSplatError as error:
@@ -46,6 +46,8 @@ def _run(arguments: list[str]) -> int:
         _say(f"standard output: cannot be written ({error.strerror or error}); free some space")
         return 1
     except Exception as error:
+        from cubicsplat_cli.cli.app import parser_error
+
         text = parser_error(error)
         if text is None:
             raise

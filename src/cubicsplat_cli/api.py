@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.files.convert import PictureLike, as_picture
@@ -13,16 +14,18 @@ from cubicsplat_cli.files.read import looks_like_svg, read_file
 from cubicsplat_cli.pipeline import Result, vectorize_picture
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.report import Quality
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
 
 def vectorize(
     picture: PictureLike,
     *,
-    curves: int = 512,
+    style: str = "auto",
+    curves: int | None = None,
     mode: str = "closed",
     preset: str = "standard",
-    precision: int = 2,
+    precision: int | None = None,
     max_size: int | None = None,
     title: str | None = None,
     measure: bool = True,
@@ -31,26 +34,29 @@ def vectorize(
 ) -> Result:
     """Turn a picture into an SVG of Bezier shapes.
 
+    style: "photo" (curves that blend), "artwork" (few opaque shapes) or "auto", which measures what the picture is.
+
     picture: a path, the bytes of a file, an array (H, W), (H, W, 3) or (H, W, 4) of uint8 or of floats in [0, 1]
-    (straight alpha), or a Pillow image. curves, mode ("closed" or "open"), preset ("draft", "standard", "high",
-    "paper") and `settings`: fields of `FitSettings` and of its recipe, such as seed, time_limit, background or opaque.
-    precision: decimals of the coordinates, 0..6. max_size: fit a copy of at most so many pixels a side; the SVG keeps
-    the picture's size. title: of the SVG. measure: draw the SVG by an independent renderer, for `report.quality` and
-    `pixels`. on_progress: called about ten times a second; a KeyboardInterrupt that it raises ends the fit early with
-    the best SVG so far.
+    (straight alpha), or a Pillow image. curves: how many, of artwork at most so many (None: as many as the picture
+    asks for). mode ("closed" or "open"), preset ("draft", "standard", "high", "paper") and `settings`: fields of
+    `FitSettings` and of its recipe, such as seed, time_limit, background or opaque; for artwork colors, palette (8-bit
+    triples), min_area and detail, see `ArtworkSettings`. precision: decimals of the coordinates, 0..6 (None: 2, and
+    for artwork by its size). max_size: fit a copy of at most so many pixels a side; the SVG keeps the picture's size.
+    title: of the SVG. measure: draw the SVG by an independent renderer, for `report.quality` and `pixels`. on_progress:
+    called about ten times a second; a KeyboardInterrupt that it raises ends the fit early with the best SVG so far.
 
     Raises InputError for what is no picture, UsageError for senseless settings, EngineError where no engine runs.
     """
-    chosen = FitSettings.from_preset(preset, mode, curves=curves, **settings)
-    return vectorize_picture(
-        as_picture(picture),
-        chosen,
+    artwork = {name: settings.pop(name) for name in [*settings] if name in ArtworkSettings.__dataclass_fields__}
+    request = Request(
+        settings=FitSettings.from_preset(preset, mode, curves=curves, **settings),
+        artwork=ArtworkSettings(**artwork),
+        style=style,
         precision=precision,
         max_size=max_size,
-        title=title,
         measure=measure,
-        on_progress=on_progress,
     )
+    return vectorize_picture(as_picture(picture), request, title=title, on_progress=on_progress)
 
 
 def compare(reference: PictureLike, candidate: PictureLike | Result) -> Quality:

@@ -1,4 +1,5 @@
-"""picture -> fit -> SVG -> independent render -> figures: the whole way for one picture, the only one there is.
+"""picture -> style -> fit or drawing -> SVG -> independent render -> figures: the whole way for one picture, and the
+only one there is.
 
 Writes no files but by `Result.save`: the library and the jobs of the command say where results go.
 """
@@ -6,27 +7,30 @@ Writes no files but by `Result.save`: the library and the jobs of the command sa
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
 from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.evaluate.metrics import agreement_db, compare, compare_premultiplied
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import Picture, resize_picture
-from cubicsplat_cli.files.marks import provenance_comment, settings_hash, sha256_of
+from cubicsplat_cli.files.marks import provenance_comment, sha256_of
 from cubicsplat_cli.files.names import is_compressed_name
 from cubicsplat_cli.files.read import packed
-from cubicsplat_cli.photo import FitResult, fit
 from cubicsplat_cli.progress import Progress, Stages, nothing
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.report import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
+from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.settings import FitSettings, deciding
-from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg import write_drawing, write_svg
+
+ARTWORK_SAMPLES = 48  # edges per cubic of the engine's own picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +42,7 @@ class Result:
     """
 
     svg: str
-    scene: Scene
+    scene: Scene | None
     report: Report
     pixels: np.ndarray | None = None
 
@@ -50,55 +54,117 @@ class Result:
         write_atomically(Path(path), packed(self.svg, compressed=is_compressed_name(Path(path))))
 
 
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What a style made of a picture.
+
+    scene: None where the SVG holds no shape. write: gives the SVG's text for a title and a comment. samples: edges per
+    cubic of the engine's own picture. facts: members of the report that are the style's.
+    """
+
+    scene: Scene | None
+    write: Callable[[str, str], str]
+    samples: int
+    notes: list[str] = field(default_factory=list)
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
 def vectorize_picture(
     picture: Picture,
-    settings: FitSettings,
+    request: Request | None = None,
     *,
-    precision: int = 2,
     title: str | None = None,
-    max_size: int | None = None,
-    measure: bool = True,
     stages: Stages | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     on_svg: Callable[[Result], None] = nothing,
 ) -> Result:
     """Turn a loaded picture into an SVG, and measure that SVG.
 
-    precision: decimals of the coordinates, 0..6. title: the SVG's title, by default the picture's source. max_size:
-    fit a copy scaled down to at most so many pixels a side; the SVG keeps the picture's size. on_svg: gets the result
-    before it is measured, so that the SVG is safe by then. A Ctrl-C during the fit ends it with the best scene so far.
-    Raises UsageError for bad settings, EngineError when the engine fails, InputError when the scene cannot be written.
+    title: the SVG's title, by default the picture's source. on_svg: gets the result before it is measured, so that the
+    SVG is safe by then. A Ctrl-C during the fit of a photo ends it with the best scene so far. Raises EngineError when
+    the engine fails, InputError when the scene cannot be written.
     """
-    stages = stages or Stages()
-    target = picture if max_size is None else resize_picture(picture, max_size)
+    request, stages = request or Request(), stages or Stages()
+    target = picture if request.max_size is None else resize_picture(picture, request.max_size)
     with stages("fit"):
-        fitted = fit(target.target(), settings, on_progress)
+        style = choose_style(target.target()) if request.style == "auto" else Style(request.style, "asked for")
+        made = _STYLES[style.name](target, picture, request, on_progress)
     with stages("write"):
-        scene = scaled_scene(fitted.scene, picture.width, picture.height)
-        chosen = deciding(settings, precision=precision, max_size=max_size)
-        comment = provenance_comment(__version__, settings.seed, settings_hash(chosen), picture.sha256)
-        svg = write_svg(scene, precision=precision, title=title or picture.source, comment=comment)
-        report = _unmeasured(picture, fitted, scene, svg, chosen)
-        result = Result(svg, scene, replace(report, notes=[*target.notes, *fitted.notes]))
+        comment = provenance_comment(__version__, request.settings.seed, request.digest(), picture.sha256)
+        svg = made.write(title or picture.source, comment)
+        result = Result(svg, made.scene, _report(picture, target, style, made, svg, request, stages))
         on_svg(result)
-    if measure:
-        result = _measured(result, picture, fitted.samples, settings.threads, stages)
-    return replace(result, report=replace(result.report, timing=_timing(stages, fitted)))
+    if request.measure:
+        result = _measured(result, picture, made.samples, request.settings.threads, stages)
+    return replace(result, report=replace(result.report, timing=_timing(stages, result.report.timing)))
 
 
-def _unmeasured(picture: Picture, fitted: FitResult, scene: Scene, svg: str, settings: dict[str, object]) -> Report:
+def _photo(target: Picture, picture: Picture, request: Request, on_progress: Callable[[Progress], None] | None) -> Made:
+    """Curves that blend, fitted to the picture."""
+    from cubicsplat_cli.photo import fit
+
+    fitted = fit(target.target(), request.settings, on_progress)
+    scene = scaled_scene(fitted.scene, picture.width, picture.height)
+    precision = PHOTO_PRECISION if request.precision is None else request.precision
+    return Made(
+        scene,
+        lambda title, comment: write_svg(scene, precision=precision, title=title, comment=comment),
+        fitted.samples,
+        fitted.notes,
+        {
+            "device": fitted.device,
+            "replaced": fitted.replaced,
+            "dropped": fitted.dropped,
+            "interrupted": fitted.interrupted,
+            "history": fitted.history,
+            "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
+        },
+    )
+
+
+def _artwork(
+    target: Picture, picture: Picture, request: Request, on_progress: Callable[[Progress], None] | None
+) -> Made:
+    """Few opaque shapes with exact outlines."""
+    from cubicsplat_cli.artwork.outlines import Ring
+    from cubicsplat_cli.artwork.scene import scene_of
+    from cubicsplat_cli.artwork.shapes import scaled_drawing
+    from cubicsplat_cli.artwork.vectorize import draw
+
+    chosen = replace(request.artwork, curves=request.settings.curves)
+    drawing = scaled_drawing(draw(target.target(), chosen), picture.width, picture.height)
+    outlines = [outline for shape in drawing.shapes for outline in shape.outlines]
+    facts = {
+        "shapes": len(drawing.shapes),
+        "segments": drawing.segments,
+        "primitives": sum(not isinstance(outline, Ring) for outline in outlines),
+        "inks": ["#{:02x}{:02x}{:02x}{:02x}".format(*ink) for ink in drawing.inks],
+    }
+    return Made(
+        scene_of(drawing) if drawing.shapes else None,
+        lambda title, comment: write_drawing(drawing, precision=request.precision, title=title, comment=comment),
+        ARTWORK_SAMPLES,
+        facts=facts,
+    )
+
+
+_STYLES = {PHOTO: _photo, ARTWORK: _artwork}
+
+
+def _report(
+    picture: Picture, target: Picture, style: Style, made: Made, svg: str, request: Request, stages: Stages
+) -> Report:
     data = svg.encode()
+    usual: dict[str, Any] = {"device": {"name": "cpu"}, "timing": Timing(0.0, stages.seconds["fit"])}
     return Report(
         input=Input(picture.source, picture.sha256, picture.width, picture.height, picture.alpha is not None),
-        output=Output(paths=scene.curves, bytes=len(data), svg_sha256=sha256_of(data)),
-        settings=settings,
-        settings_hash=settings_hash(settings),
-        device=fitted.device,
-        timing=Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
-        replaced=fitted.replaced,
-        dropped=fitted.dropped,
-        interrupted=fitted.interrupted,
-        history=fitted.history,
+        output=Output(0 if made.scene is None else made.scene.curves, len(data), sha256_of(data)),
+        settings=request.deciding(),
+        settings_hash=request.digest(),
+        style=style.name,
+        style_reason=style.reason,
+        notes=[*target.notes, *made.notes],
+        **(usual | made.facts),
     )
 
 
@@ -108,8 +174,7 @@ def _measured(result: Result, picture: Picture, samples: int, threads: int | Non
     with stages("draw"):
         drawn = rerender(result.svg.encode(), reference.width, reference.height)
     with stages("measure"):
-        scene = scaled_scene(result.scene, reference.width, reference.height)
-        own = render_scene(scene, coverage="exact", samples=samples, threads=threads)
+        own = _own_picture(result.scene, reference, samples, threads)
         file, surrogate = compare(reference, drawn.pixels), compare_premultiplied(reference, own)
         quality = Qualities(
             FileQuality(**vars(file), renderer=drawn.renderer),
@@ -124,6 +189,14 @@ def _measured(result: Result, picture: Picture, samples: int, threads: int | Non
     return replace(result, report=report, pixels=drawn.pixels)
 
 
-def _timing(stages: Stages, fitted: FitResult) -> Timing:
+def _own_picture(scene: Scene | None, reference: Picture, samples: int, threads: int | None) -> np.ndarray:
+    """The engine's own picture at the reference's size."""
+    if scene is None:
+        return np.zeros((reference.height, reference.width, 4), np.float32)
+    sized = scaled_scene(scene, reference.width, reference.height)
+    return render_scene(sized, coverage="exact", samples=samples, threads=threads)
+
+
+def _timing(stages: Stages, timing: Timing) -> Timing:
     seconds = {f"{name}_s": value for name, value in stages.seconds.items() if name != "fit"}
-    return Timing(stages.total(), fitted.fit_s, fitted.steps, fitted.ms_per_step, **seconds)
+    return replace(timing, total_s=stages.total(), **seconds)

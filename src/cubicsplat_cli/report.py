@@ -57,8 +57,8 @@ class Timing:
 
     total_s: float
     fit_s: float
-    steps: int
-    ms_per_step: float
+    steps: int = 0
+    ms_per_step: float | None = None
     read_s: float | None = None
     write_s: float | None = None
     draw_s: float | None = None
@@ -108,6 +108,7 @@ class Qualities:
 class Report:
     """The figures of one vectorised picture.
 
+    style: "photo" or "artwork", and why. shapes, segments, primitives, inks (#rrggbbaa): of artwork, else None.
     settings: all that decides the result; settings_hash: the hash of those that do. quality: None where it was not
     measured. replaced, dropped: curves seeded anew during the fit, and left out at its end (None: not known). history:
     step, psnr_db (own picture) and seconds.
@@ -119,8 +120,14 @@ class Report:
     settings_hash: str
     device: dict[str, Any]
     timing: Timing
-    replaced: int
-    interrupted: bool
+    style: str = "photo"
+    style_reason: str = ""
+    shapes: int | None = None
+    segments: int | None = None
+    primitives: int | None = None
+    inks: list[str] | None = None
+    replaced: int = 0
+    interrupted: bool = False
     quality: Qualities | None = None
     dropped: int | None = None
     notes: list[str] = field(default_factory=list)

@@ -16,8 +16,12 @@ from typing import Any, Literal
 from cubicsplat_cli.errors import UsageError
 
 Kind = Literal["count", "number", "choice", "flag", "colour"]
-# The default of a field whose value the preset says. Resolved before anybody sees it, hence not in the field's type.
+# The default of a field whose value the preset says, or the picture. Resolved before anybody computes with it, hence
+# not in the field's type.
 FROM_PRESET: Any = None
+AUTO: Any = None
+USUAL_CURVES = 512  # of a photo of ordinary size
+PIXELS_PER_CURVE = 96  # at the least, unless more curves are asked for; measured: see docs/quality.md
 
 
 class Mode(str, Enum):
@@ -78,7 +82,7 @@ def setting(default: Any, kind: Kind, text: str, **facts: Any) -> Any:
     return field(default=default, metadata={"setting": Setting(kind, text, **facts)})
 
 
-def settings_of(owner: type[FitSettings] | type[Recipe]) -> Iterator[tuple[Field[Any], Setting]]:
+def settings_of(owner: type[Any]) -> Iterator[tuple[Field[Any], Setting]]:
     """The fields of a class that are settings, in the order of the help."""
     for each in fields(owner):
         if "setting" in each.metadata:
@@ -192,13 +196,14 @@ PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
 class FitSettings:
     """What to fit, and how long; what is not given is as the preset says. Raises UsageError on senseless values.
 
+    curves: None (auto) until the picture is known, see `for_size`.
     samples: the most edges per cubic while fitting, of which a curve gets as many as its flatness needs;
     finish_samples: those of the exact finish (S*), the preset's or `samples` where that is more. background: "auto"
     (the picture's mean colour), "none" (transparent) or a colour, for pictures without transparency. time_limit:
     seconds that the fit may take: its schedule runs by the clock where the steps take longer. recipe: the preset's.
     """
 
-    curves: int = setting(512, "count", "Number of curves.", least=1, most=1_000_000)
+    curves: int = setting(AUTO, "count", "Number of curves.  [default: auto]", least=1, most=1_000_000, optional=True)
     mode: Mode = setting(
         Mode.CLOSED, "choice", "Filled shapes (closed) or strokes (open).", choices=tuple(m.value for m in Mode)
     )
@@ -265,6 +270,12 @@ class FitSettings:
         numbers = {name: value for name, value in given.items() if name in _RECIPE}
         return settings.with_(recipe=replace(settings.recipe, **numbers)) if numbers else settings
 
+    def for_size(self, width: int, height: int) -> FitSettings:
+        """The settings for a picture of width x height px: a small one gets no more curves than it has use for."""
+        if self.curves is not None:
+            return self
+        return self.with_(curves=max(1, min(USUAL_CURVES, width * height // PIXELS_PER_CURVE)))
+
     def with_(self, **changes: Any) -> FitSettings:
         """The same settings but for some; the preset is not asked again."""
         return replace(self, **changes)
@@ -312,8 +323,3 @@ def parse_background(text: str) -> str:
     if len(colour) != 3:
         raise UsageError(f"must be auto, none, a colour name or #rrggbb, not {text!r}", "background")
     return "#{:02x}{:02x}{:02x}".format(*colour)
-
-
-def deciding(settings: FitSettings, *, precision: int, max_size: int | None) -> dict[str, Any]:
-    """Everything that decides the file, and what it was computed with, as plain values."""
-    return {**settings.public(), "precision": precision, "max_size": max_size}

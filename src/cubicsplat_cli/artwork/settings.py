@@ -1,10 +1,12 @@
-"""What the user chooses of the artwork style."""
+"""What the user chooses of the artwork style. Imports nothing heavy, since the command line is built from it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.settings import setting, settings_of
 
 MOST_COLORS = 256
 
@@ -19,26 +21,43 @@ class ArtworkSettings:
     so many shapes, or None.
     """
 
-    colors: int | None = None
+    colors: int | None = setting(
+        None, "count", "Artwork: at most so many inks.", least=1, most=MOST_COLORS, optional=True
+    )
     palette: tuple[tuple[int, int, int], ...] = ()
-    min_area: float = 0.0
-    detail: float = 1.0
+    min_area: float = setting(
+        0.0, "number", "Artwork: regions smaller than this join a neighbour.", most=1e9, metavar="PX"
+    )
+    detail: float = setting(
+        1.0, "number", "Artwork: more follows the picture more closely, less has fewer pieces.", least=0.01, most=100.0
+    )
     curves: int | None = None
 
     def __post_init__(self) -> None:
-        _whole("colors", self.colors, MOST_COLORS)
-        _whole("curves", self.curves, 1_000_000)
-        if not 0.0 <= self.min_area < 1e9:
-            raise UsageError(f"min-area must be a number of pixels from 0, not {self.min_area}")
-        if not 0.01 <= self.detail <= 100.0:
-            raise UsageError(f"detail must lie between 0.01 and 100, not {self.detail}")
+        for each, known in settings_of(ArtworkSettings):
+            known.check(each.name, getattr(self, each.name))
         if len(self.palette) > MOST_COLORS:
-            raise UsageError(f"palette takes at most {MOST_COLORS} colours, not {len(self.palette)}")
+            raise UsageError(f"takes at most {MOST_COLORS} colours, not {len(self.palette)}", "palette")
         for color in self.palette:
             if len(color) != 3 or not all(isinstance(v, int) and 0 <= v <= 255 for v in color):
-                raise UsageError(f"palette takes colours of three values from 0 to 255, not {color!r}")
+                raise UsageError(f"takes colours of three values from 0 to 255, not {color!r}", "palette")
+
+    def public(self) -> dict[str, Any]:
+        """Plain values for the metrics file and the settings hash."""
+        return asdict(self) | {"palette": ["#{:02x}{:02x}{:02x}".format(*color) for color in self.palette]}
 
 
-def _whole(name: str, value: int | None, most: int) -> None:
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most):
-        raise UsageError(f"{name} must be a whole number between 1 and {most}, not {value!r}")
+def parse_palette(text: str) -> tuple[tuple[int, int, int], ...]:
+    """Colours with commas between them, #rgb, #rrggbb or CSS names; UsageError for anything else."""
+    from PIL import ImageColor
+
+    colours = []
+    for part in text.split(","):
+        try:
+            colour = ImageColor.getrgb(part.strip().lower())
+        except ValueError:
+            colour = ()
+        if len(colour) != 3:
+            raise UsageError(f"must be colours such as #ffcc00 with commas between them, not {text!r}", "palette")
+        colours.append((colour[0], colour[1], colour[2]))
+    return tuple(colours)

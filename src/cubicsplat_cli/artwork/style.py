@@ -1,51 +1,64 @@
-"""Which style suits a picture: artwork where it is flat, photo where it is not."""
+"""Whether a picture is a photo or flat artwork, by how much of it is texture and how few inks it has."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy import ndimage
 
-from cubicsplat_cli.artwork.inks import CLEAR, flat_pixels
-
-# A picture is artwork when so much of what it draws is flat, or fewer flat pixels hold to few inks.
-FLAT_SHARE, SOME_FLAT, INK_SHARE = 0.5, 0.3, 0.8
-# So many inks are few; a flat pixel belongs to the ink of its level, cells of CELL levels.
-FEW_INKS, CELL = 24, 8.0
-WORKING_SIDE = 1024
-
-
-def choose_style(picture: np.ndarray) -> tuple[str, str]:
-    """("artwork" or "photo", the reason in a few words) for (H, W, 3) or (H, W, 4) premultiplied, in [0, 1]."""
-    flat, few = flatness(picture)
-    words = f"{flat:.0%} of the picture is flat"
-    if flat >= FLAT_SHARE:
-        return "artwork", words
-    if flat >= SOME_FLAT and few >= INK_SHARE:
-        return "artwork", f"{words}, {few:.0%} of that in {FEW_INKS} inks"
-    return "photo", f"only {words}"
+PHOTO, ARTWORK = "photo", "artwork"
+# A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
+# which edges, three pixels wide, never fill.
+FLAT_LEVELS = 3.0  # of 255
+MOST_TEXTURE = 0.14  # share of the pixels. Measured: Kodak photos 0.61 to 0.99, upscaled 0.34, 48 drawings at most 0.08
+COUNTED_INKS = 64
+LEAST_INKED = 0.35  # share of the pixels that have the commonest inks: photos at most 0.23, drawings at least 0.87
+_BANDS_OF = 64  # rows
+_MOST_PIXELS = 2**20  # looked at
 
 
-def flatness(picture: np.ndarray) -> tuple[float, float]:
-    """The share of what is drawn that is flat, exactly even over 3x3 pixels or nearly so, and the share of the flat
-    pixels that the FEW_INKS commonest inks hold. Of a large picture the middle WORKING_SIDE px each way are taken.
-    """
-    levels = np.asarray(_middle(picture), dtype=np.float32) * np.float32(255.0)
-    if levels.shape[-1] == 4:
-        drawn = levels[..., 3] > CLEAR
-    else:
-        levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=-1)
-        drawn = np.ones(levels.shape[:2], dtype=bool)
+@dataclass(frozen=True)
+class Style:
+    """The style that suits a picture, and the measurement that says so."""
+
+    name: str
+    reason: str
+
+
+def choose_style(target: np.ndarray) -> Style:
+    """The style for a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. Large ones are sampled."""
+    levels = np.rint(255.0 * _sampled(target)).astype(np.float32)
+    drawn = levels[..., 3] > 0 if levels.shape[2] == 4 else np.ones(levels.shape[:2], dtype=bool)
     if not drawn.any():
-        return 1.0, 1.0
-    flat = flat_pixels(levels) & drawn
-    if not flat.any():
-        return 0.0, 0.0
-    cells = np.floor(levels[flat] / CELL).astype(np.int64)
-    keys = ((cells[:, 0] * 64 + cells[:, 1]) * 64 + cells[:, 2]) * 64 + cells[:, 3]
-    counts = np.sort(np.unique(keys, return_counts=True)[1])[::-1]
-    return float(flat.sum() / drawn.sum()), float(counts[:FEW_INKS].sum() / counts.sum())
+        return Style(ARTWORK, "nothing is drawn")
+    texture, inked = _texture(levels, drawn), _inked(levels[drawn])
+    flat = texture <= MOST_TEXTURE and inked >= LEAST_INKED
+    reason = f"{100 * texture:.0f} % texture, {100 * inked:.0f} % in the {COUNTED_INKS} commonest colours"
+    return Style(ARTWORK if flat else PHOTO, reason)
 
 
-def _middle(picture: np.ndarray) -> np.ndarray:
-    height, width = picture.shape[:2]
-    top, left = max(0, (height - WORKING_SIDE) // 2), max(0, (width - WORKING_SIDE) // 2)
-    return picture[top : top + WORKING_SIDE, left : left + WORKING_SIDE]
+def _sampled(target: np.ndarray) -> np.ndarray:
+    """The picture, or bands of its rows, evenly spread, of about as many pixels as are looked at."""
+    height, width = target.shape[:2]
+    if height * width <= _MOST_PIXELS:
+        return target
+    bands = max(1, _MOST_PIXELS // (_BANDS_OF * width))
+    starts = np.linspace(0, max(0, height - _BANDS_OF), bands).astype(int)
+    return np.concatenate([target[start : start + _BANDS_OF] for start in starts])
+
+
+def _texture(levels: np.ndarray, drawn: np.ndarray) -> float:
+    """Share of the drawn pixels in blocks without a flat pixel; blocks of 7 px, smaller in small pictures."""
+    longer = max(levels.shape[:2])
+    block = 7 if longer >= 256 else 5 if longer >= 64 else 3
+    spread = ndimage.maximum_filter(levels, (3, 3, 1)) - ndimage.minimum_filter(levels, (3, 3, 1))
+    uneven = ndimage.binary_opening(spread.max(-1) > FLAT_LEVELS, np.ones((block, block)))
+    return float((uneven & drawn).sum() / drawn.sum())
+
+
+def _inked(levels: np.ndarray) -> float:
+    """Share of pixels (n, channels) that have one of the commonest colours."""
+    code = levels.astype(np.int64) @ (256 ** np.arange(levels.shape[1]))
+    counts = np.sort(np.unique(code, return_counts=True)[1])
+    return float(counts[-COUNTED_INKS:].sum() / counts.sum())

@@ -19,6 +19,7 @@ from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.pipeline import vectorize_picture
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.report import Report, to_json
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.words import one_line
 
@@ -116,9 +117,8 @@ def _run(fit: Fit, picture: Picture, cache: Path | None, watch: Watch) -> tuple[
     if found is not None:
         return found
     with watch(f"{fit.path.name}, {fit.configuration}") as on_progress:
-        result = vectorize_picture(
-            picture, fit.settings, precision=PRECISION, title=fit.path.name, on_progress=on_progress
-        )
+        request = Request(fit.settings, style="photo", precision=PRECISION)
+        result = vectorize_picture(picture, request, title=fit.path.name, on_progress=on_progress)
     if result.report.interrupted:
         raise KeyboardInterrupt
     run, svg = run_of_report(fit, result.report), result.svg.encode()
@@ -129,6 +129,8 @@ def _run(fit: Fit, picture: Picture, cache: Path | None, watch: Watch) -> tuple[
 
 def run_of_report(fit: Fit, report: Report) -> Run:
     """The figures in the report of one picture, which was measured."""
+    # As the report's file has them, so that a result is the same from the cache.
+    report = Report.from_json(report.to_json())
     quality, timing = report.quality, report.timing
     assert quality is not None
     return Run(

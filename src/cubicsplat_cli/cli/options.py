@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from typer import Argument, Option
 
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.settings import FitSettings, Recipe, Setting, settings_of
 
 Renderer = Annotated[
@@ -27,6 +28,7 @@ Pictures = Annotated[
     ),
 ]
 
+ARTWORK_OPTIONS = tuple(field.name for field, _ in settings_of(ArtworkSettings))
 _KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "colour": str}
 
 
@@ -60,7 +62,7 @@ def fit_settings(fit: dict[str, Any], **more: Any) -> FitSettings:
 
 def _fit_parameters() -> Iterator[inspect.Parameter]:
     """An option for each setting of a fit, in the order of the help."""
-    for owner in (FitSettings, Recipe):
+    for owner in (FitSettings, Recipe, ArtworkSettings):
         for each, known in settings_of(owner):
             default = None if owner is Recipe else each.default
             yield inspect.Parameter(

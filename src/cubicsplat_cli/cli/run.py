@@ -18,10 +18,11 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.stdout import write_stdout
 from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.execute import Means, execute, look
-from cubicsplat_cli.jobs.plan import Plan, Request
+from cubicsplat_cli.jobs.plan import Plan
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.report import plain
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.words import printable
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130

@@ -13,7 +13,8 @@ from cubicsplat_cli.words import counted, duration, file_size
 def summary_line(report: Report, status: str = DONE) -> str:
     """`out.svg  512 curves  61 kB  SVG 31.9 dB  SSIM 0.86  47 s  cpu`."""
     output = report.output
-    parts = [output.svg or "stdout", counted(output.paths, "curve"), file_size(output.bytes), *_quality_parts(report)]
+    made = counted(output.paths, "curve" if report.style == "photo" else "shape")
+    parts = [output.svg or "stdout", report.style, made, file_size(output.bytes), *_quality_parts(report)]
     if status == UNCHANGED:
         parts.append("unchanged")
     else:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
+from cubicsplat_cli.artwork.settings import ArtworkSettings, parse_palette
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import MaxPixels, Pictures, fit_settings, takes_fit_options
+from cubicsplat_cli.cli.options import ARTWORK_OPTIONS, MaxPixels, Pictures, fit_settings, takes_fit_options
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.jobs.plan import Request, plan
+from cubicsplat_cli.jobs.plan import plan
+from cubicsplat_cli.request import STYLE, Request
 from cubicsplat_cli.settings import MAX_PIXELS, Setting
 
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
@@ -35,8 +37,15 @@ Jobs = Annotated[
 Cluster = Annotated[
     str | None, typer.Option("--cluster", metavar="ADDRESS", help="Run on the Ray cluster there: host:port, or auto.")
 ]
+Style = Annotated[Literal["auto", "photo", "artwork"], typer.Option("--style", case_sensitive=False, help=STYLE.help)]
+Palette = Annotated[
+    str | None, typer.Option("--palette", metavar="COLOUR,...", help="Artwork: the inks to use, and no others.")
+]
 Precision = Annotated[
-    int, typer.Option("--precision", metavar="N", help="Decimals of the SVG's coordinates, in px: 0 to 6.")
+    int | None,
+    typer.Option(
+        "--precision", metavar="N", help="Decimals of the coordinates in px.  [default: 2; of artwork by its size]"
+    ),
 ]
 MaxSize = Annotated[
     int | None, typer.Option("--max-size", metavar="PX", help="Fit a copy scaled down to this longer side.")
@@ -62,7 +71,9 @@ def vectorize(
     recursive: Recursive = False,
     jobs: Jobs = None,
     cluster: Cluster = None,
-    precision: Precision = 2,
+    style: Style = "auto",
+    palette: Palette = None,
+    precision: Precision = None,
     max_size: MaxSize = None,
     max_pixels: MaxPixels = MAX_PIXELS,
     png: Png = True,
@@ -86,7 +97,11 @@ def vectorize(
         raise UsageError("a file name is empty; is a variable not set?")
     _JOBS.check("jobs", jobs)
     request = Request(
-        settings=fit_settings(fit),
+        settings=fit_settings({name: value for name, value in fit.items() if name not in ARTWORK_OPTIONS}),
+        artwork=ArtworkSettings(
+            palette=parse_palette(palette) if palette else (), **{name: fit[name] for name in ARTWORK_OPTIONS}
+        ),
+        style=style,
         precision=precision,
         max_size=max_size,
         max_pixels=max_pixels,

@@ -12,6 +12,7 @@ from cubicsplat_cli.files.paths import is_folder, is_there, same_file
 STDIO = "-"
 PLAIN, COMPRESSED = ".svg", ".svgz"
 SVG_SUFFIXES = frozenset((PLAIN, COMPRESSED))
+_RENDERED = ".rendered.png"
 # In a folder, these are taken for pictures; a file that is named itself may be called anything.
 PICTURE_SUFFIXES = frozenset(
     (".png", ".jpg", ".jpeg", ".jpe", ".webp", ".bmp", ".dib", ".tif", ".tiff", ".gif", ".ppm", ".pgm", ".pbm", ".pnm")
@@ -60,7 +61,7 @@ def plan_outputs(source: Path | None, output: str | None, *, png: bool, compress
             svg = svg / f"{source.stem if source is not None else 'stdin'}{suffix}"
     if svg.suffix.lower() not in ((COMPRESSED,) if compress else SVG_SUFFIXES):
         raise UsageError(f"the output must end in {suffix}, but -o is {output}; {_instead(svg)}")
-    outputs = beside(svg, png=png)
+    outputs = beside(svg, png=png, source=source)
     for path in outputs.files():
         if source is not None and same_file(path, source):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
@@ -73,19 +74,22 @@ def _instead(svg: Path) -> str:
     return "use -o - for standard output"
 
 
-def beside(svg: Path, *, png: bool) -> Outputs:
+def beside(svg: Path, *, png: bool, source: Path | None = None) -> Outputs:
     """The SVG's companions: its picture and its figures.
 
     `photo.png` gives `photo.svg`, whose picture must not be `photo.png`; nor may it be any other picture that is
     there and not drawn by us, since it is only a by-product. It is called `photo.rendered.png` then.
     """
-    return Outputs(svg, drawn_name(svg) if png else None, svg.with_suffix(".json"))
+    picture = drawn_name(svg)
+    if source is not None and same_file(picture, source):
+        picture = svg.with_suffix(_RENDERED)
+    return Outputs(svg, picture if png else None, svg.with_suffix(".json"))
 
 
 def drawn_name(svg: Path) -> Path:
     """Where the drawing of an SVG goes by default: never over a picture that we did not draw."""
     picture = svg.with_suffix(".png")
-    return svg.with_suffix(".rendered.png") if is_there(picture) and not is_ours(picture) else picture
+    return svg.with_suffix(_RENDERED) if is_there(picture) and not is_ours(picture) else picture
 
 
 def names_a_folder(output: str) -> bool:

@@ -54,6 +54,14 @@ def is_ours(path: Path) -> bool:
     return svg_is_ours(head)
 
 
+def is_svg(path: Path) -> bool:
+    """Whether a regular file begins like an SVG or any XML; not where it cannot be read."""
+    try:
+        return is_file(path) and read_head(path).lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<svg", b"<?xml"))
+    except OSError:
+        return False
+
+
 def read_head(path: Path) -> bytes:
     """The first bytes of a file, unpacked where it is compressed; marks of ours are in them."""
     with path.open("rb") as file:

@@ -7,6 +7,8 @@ import sys
 
 from cubicsplat_cli.errors import InputError
 
+STDOUT = "standard output"  # as messages call it
+
 
 def write_stdout(data: bytes) -> None:
     """Write and flush. Raises InputError where the disk behind it is full, SystemExit(1) where its reader has gone
@@ -26,4 +28,4 @@ def write_stdout(data: bytes) -> None:
         if isinstance(error, BrokenPipeError):
             raise SystemExit(1) from error
         reason = error.strerror or str(error)
-        raise InputError(f"standard output: cannot be written ({reason}); free some space or use -o") from error
+        raise InputError(f"{STDOUT}: cannot be written ({reason}); free some space or use -o") from error

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import CubicSplatError, EngineError
 from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.jobs.plan import Job, Request
+from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FAILED, FileSink, MemorySink, Outcome, attempt, failure
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.words import one_line
 
 if TYPE_CHECKING:

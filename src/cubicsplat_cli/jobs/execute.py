@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.jobs.earlier import check_may_write, finished, prepare
 from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.jobs.plan import Job, Plan, Request
+from cubicsplat_cli.jobs.plan import Job, Plan
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure
+from cubicsplat_cli.request import Request
 
 
 @dataclass(frozen=True)

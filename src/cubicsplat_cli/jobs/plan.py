@@ -4,57 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.files.names import COMPRESSED, PLAIN, STDIO, Outputs, beside, plan_outputs
+from cubicsplat_cli.files.ownership import is_svg
 from cubicsplat_cli.files.paths import is_folder, is_there
 from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
-from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Setting, deciding
-
-MAX_SIDE = 1_000_000
-_CHECKS = {
-    "precision": PRECISION,
-    "max_size": Setting("count", "", least=1, most=MAX_SIDE, optional=True),
-    "max_pixels": Setting("count", "", least=1),
-}
-
-
-@dataclass(frozen=True)
-class Request:
-    """What the options ask for, the same for every input. Raises UsageError for values that make no sense."""
-
-    settings: FitSettings = field(default_factory=FitSettings)
-    precision: int = 2
-    max_size: int | None = None
-    max_pixels: int = MAX_PIXELS
-    png: bool = True
-    compress: bool = False
-    force: bool = False
-    measure: bool = True
-
-    def __post_init__(self) -> None:
-        for name, known in _CHECKS.items():
-            known.check(name, getattr(self, name))
-
-    def with_threads(self, threads: int | None) -> Request:
-        """The same with so many threads; None: as asked for."""
-        return self if threads is None else replace(self, settings=self.settings.with_(threads=threads))
-
-    def deciding(self) -> dict[str, Any]:
-        """Everything that decides the file, and what it is computed with, as plain values."""
-        return deciding(self.settings, precision=self.precision, max_size=self.max_size)
-
-    def describe(self) -> str:
-        """The settings as a line; the recipe's numbers are in the JSON."""
-        return ", ".join(f"{name} {value}" for name, value in self.settings.public().items() if name != "recipe")
-
-    def digest(self) -> str:
-        """The settings hash that the files will carry."""
-        return settings_hash(self.deciding())
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.words import printable
 
 
 @dataclass(frozen=True)
@@ -96,6 +55,8 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
         return Plan(jobs, list(found.problems), found.left_out)
     name = arguments[0]
     path = None if name == STDIO else Path(name)
+    if path is not None and is_svg(path):
+        raise InputError(f"{printable(name)}: is an SVG or XML file, already vector; give a raster picture")
     return Plan([Job(name, path, plan_outputs(path, output, png=request.png, compress=request.compress))])
 
 

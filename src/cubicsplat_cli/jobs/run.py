@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
-from cubicsplat_cli.files.stdout import write_stdout
+from cubicsplat_cli.files.stdout import STDOUT, write_stdout
 from cubicsplat_cli.jobs.earlier import forget, is_finished
 from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.jobs.plan import Job, Request
+from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.report import Report, head
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.words import one_line, printable
 
 if TYPE_CHECKING:
@@ -116,11 +117,8 @@ def run_job(job: Job, request: Request, *, sink: FileSink | MemorySink, events: 
     try:
         result = vectorize_picture(
             picture,
-            request.settings,
-            precision=request.precision,
+            request,
             title=job.title,
-            max_size=request.max_size,
-            measure=request.measure,
             stages=stages,
             on_progress=lambda at: events.step(job.name, at),
             on_svg=put_svg,
@@ -191,7 +189,7 @@ def failure(job: Job, error: CubicSplatError, written: list[Path] | None = None)
     """The outcome of a job that an error of ours ended; its text names the job, and what was written before."""
     text = one_line(error)
     shown = "stdin" if job.name == STDIO else printable(job.name)
-    if shown not in text:
+    if shown not in text and not text.startswith(STDOUT):
         text = f"{shown}: {text}"
     return Outcome(job, FAILED, error=text + _kept(written or []), exit_code=error.exit_code)
 

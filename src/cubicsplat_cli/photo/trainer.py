@@ -105,6 +105,7 @@ class Trainer:
         self.values = self.height * self.width * CHANNELS_COMPARED
         self.generator = torch.Generator().manual_seed(self.settings.seed)
         self.recipe = self.settings.recipe
+        self.settings = self.settings.for_size(self.width, self.height)
         self.unit = self.recipe.unit(self.width, self.height, self.settings.curves)
         self.schedule = Schedule(self.recipe, self.settings.steps)
         self.engine: Engine = open_engine(

@@ -40,7 +40,7 @@ def _photo(pixels: np.ndarray) -> bytes:
     """The photo style with 64 curves."""
     from cubicsplat_cli.api import vectorize
 
-    return vectorize(pixels, curves=PHOTO_CURVES, measure=False).svg.encode()
+    return vectorize(pixels, style="photo", curves=PHOTO_CURVES, measure=False).svg.encode()
 
 
 def _vtracer_svg(pixels: np.ndarray) -> bytes:
