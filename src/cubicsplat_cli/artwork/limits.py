@@ -1,0 +1,80 @@
+"""Bounds on the work for one picture: how large a copy is drawn, and how many regions it may have."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.regions import Regions, find_regions
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+
+# A drawing loses nothing visible with this many px; outlines are as exact as ever, in px of the copy.
+MOST_PIXELS = 2_000_000
+# Of so many regions on, a picture is noise or a photo; each takes some hundredth of a second.
+MOST_REGIONS = 600
+# Beyond so many shapes the polish would take minutes.
+MOST_POLISHED = 200
+
+_log = logging.getLogger("cubicsplat")
+
+
+def reduction(height: int, width: int) -> int:
+    """By which whole number the sides of a picture are divided before it is drawn, 1 for all but very large ones."""
+    return max(1, math.ceil(math.sqrt(height * width / MOST_PIXELS)))
+
+
+def reduced(levels: np.ndarray, factor: int) -> np.ndarray:
+    """The picture (H, W, 4), premultiplied, with the mean of each block of factor x factor px, which is what its shapes
+    cover of the block; at the far edges blocks are filled up with the last px.
+    """
+    if factor == 1:
+        return levels
+    height, width = levels.shape[:2]
+    fill = ((0, -height % factor), (0, -width % factor), (0, 0))
+    padded = np.pad(levels, fill, mode="edge")
+    blocks = padded.reshape(padded.shape[0] // factor, factor, padded.shape[1] // factor, factor, 4)
+    _log.warning("drawn at 1/%d of its size: it has more than %.0f megapixels", factor, MOST_PIXELS / 1e6)
+    return blocks.mean(axis=(1, 3), dtype=np.float32)
+
+
+def bounded_regions(levels: np.ndarray, palette: np.ndarray, min_area: float) -> Regions:
+    """The regions of a picture, at most 600: where there are more, the smallest join their neighbours."""
+    regions = find_regions(levels, palette, min_area)
+    found = regions.count
+    while regions.count > MOST_REGIONS:
+        areas = np.sort(regions.areas())[::-1]
+        min_area = max(2.0 * min_area, float(areas[MOST_REGIONS]) + 1.0, 4.0)
+        regions = find_regions(levels, palette, min_area)
+        if min_area > levels.shape[0] * levels.shape[1]:
+            break
+    if regions.count < found:
+        _log.warning("%d regions are too many to draw: those below %.0f px joined their neighbours", found, min_area)
+    return regions
+
+
+def enlarged(drawing: Drawing, factor: int, width: int, height: int) -> Drawing:
+    """The drawing of a reduced picture in px of the picture, of width x height px."""
+    if factor == 1:
+        return drawing
+    return Drawing(width, height, tuple(_scaled_shape(shape, factor) for shape in drawing.shapes))
+
+
+def _scaled_shape(shape: Shape, factor: int) -> Shape:
+    return replace(shape, outlines=tuple(_scaled(outline, factor) for outline in shape.outlines))
+
+
+def _scaled(outline: Outline, factor: int) -> Outline:
+    if isinstance(outline, Ring):
+        return replace(outline, anchors=outline.anchors * factor, controls=outline.controls * factor)
+    if isinstance(outline, Circle):
+        return Circle(outline.cx * factor, outline.cy * factor, outline.r * factor)
+    if isinstance(outline, Ellipse):
+        return Ellipse(
+            outline.cx * factor, outline.cy * factor, outline.rx * factor, outline.ry * factor, outline.angle
+        )
+    lengths = (outline.x, outline.y, outline.width, outline.height, outline.radius)
+    return Rectangle(*(length * factor for length in lengths), angle=outline.angle)

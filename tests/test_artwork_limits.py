@@ -1,0 +1,51 @@
+"""Pictures that artwork is not made for: they end in bounded work, with a word about it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork import limits, vectorize
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, polygon
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+
+
+def checkers(side: int, cell: int = 1) -> np.ndarray:
+    y, x = np.mgrid[:side, :side] // cell
+    return np.repeat(((x + y) % 2)[..., None], 3, axis=2).astype(np.float32)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (1, 40, 3), (40, 1, 4), (2, 2, 4)])
+@pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
+def test_tiny_pictures(shape, value):
+    drawing = vectorize.draw(np.full(shape, value, np.float32))
+    assert (drawing.height, drawing.width) == shape[:2]
+    assert len(drawing.shapes) == (0 if shape[2] == 4 and value == 0.0 else 1)
+
+
+def test_too_many_regions_join_their_neighbours(monkeypatch, caplog):
+    monkeypatch.setattr(limits, "MOST_REGIONS", 12)
+    picture = checkers(64, cell=8)
+    picture[:32] = 0.5
+    drawing = vectorize.draw(picture)
+    assert 1 <= len(drawing.shapes) <= 12
+    assert "regions are too many to draw" in caplog.text
+
+
+def test_a_large_picture_is_drawn_smaller_and_enlarged(monkeypatch, caplog):
+    monkeypatch.setattr(limits, "MOST_PIXELS", 64 * 64)
+    picture = np.zeros((100, 126, 3), np.float32)
+    picture[20:60, 30:90] = 1.0
+    drawing = vectorize.draw(picture)
+    assert (drawing.width, drawing.height) == (126, 100)
+    box = drawing.shapes[-1].outlines[0].ring().anchors
+    assert np.abs(box.min(axis=0) - [30, 20]).max() < 0.1
+    assert np.abs(box.max(axis=0) - [90, 60]).max() < 0.1
+    assert "drawn at 1/2 of its size" in caplog.text
+
+
+def test_every_outline_is_enlarged():
+    outlines = (Circle(1, 2, 3), Ellipse(1, 2, 3, 4, 0.5), Rectangle(1, 2, 9, 8, 2, 0.5), polygon(np.eye(3)[:, :2]))
+    drawing = Drawing(5, 5, tuple(Shape((1, 2, 3, 255), (outline,), "x") for outline in outlines))
+    for one, other in zip(limits.enlarged(drawing, 3, 14, 15).shapes, drawing.shapes, strict=True):
+        assert np.allclose(one.outlines[0].ring().cubics, 3 * other.outlines[0].ring().cubics)
