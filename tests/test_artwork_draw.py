@@ -67,6 +67,24 @@ def test_drawing_twice_gives_the_same():
 
 
 def test_settings_are_checked():
-    for wrong in ({"colors": 0}, {"min_area": -1.0}, {"detail": 0.0}, {"palette": ((0, 0, 256),)}, {"curves": 0}):
+    for wrong in ({"colors": 0}, {"min_area": -1.0}, {"detail": 0.0}, {"palette": ((0, 0, 256),)}):
         with pytest.raises(UsageError):
             ArtworkSettings(**wrong)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (1, 40, 3), (40, 1, 4), (2, 2, 4), (24, 24, 3)])
+def test_noise_of_any_size_is_drawn(shape):
+    noise = np.random.default_rng(0).random(shape).astype(np.float32)
+    drawing = draw(noise if shape[-1] == 3 else noise * noise[..., 3:])
+    assert (drawing.width, drawing.height) == shape[1::-1]
+
+
+def test_a_clear_picture_has_no_shapes_and_an_even_one_a_single_rectangle():
+    assert draw(np.zeros((20, 30, 4), np.float32)).shapes == ()
+    (shape,) = draw(np.full((20, 30, 3), 0.5, np.float32)).shapes
+    assert shape.outlines == (Rectangle(0.0, 0.0, 30.0, 20.0),)
+
+
+def test_checkerboards_of_single_pixels_become_even():
+    board = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)[..., None].repeat(3, axis=-1)
+    assert len(draw(board).shapes) < 10

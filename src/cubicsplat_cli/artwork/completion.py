@@ -21,8 +21,12 @@ from cubicsplat_cli.artwork.outlines import Outline, flattened, polygon, reverse
 FREE, CHORD = np.inf, -1.0
 WAYS = (FREE, CHORD, 1.5, 0.7, 0.25)
 CHORD_SIGMA = 0.3
+# A contour with more hidden runs than SEVERAL starts with this way: too many would have to be tried.
+SEVERAL, CROWDED = 8, 2
 # Points of a hidden run that stay as they are at either end of a chord: down to the full underlap.
 DEEP = 4
+# Contours of fewer points than FEWEST are drawn as polygons, TOLERANCE px about their points.
+FEWEST, TOLERANCE = 8, 0.3
 SQUARE = np.ones((3, 3), dtype=bool)
 
 
@@ -80,22 +84,35 @@ def _visible(contour: Contour, detail: float) -> Outline:
         outline = fit_outline(contour.points, contour.sigma, detail * factor)
         if _sound(contour, outline):
             return outline
-    return polygon(approximate_polygon(np.vstack([contour.points, contour.points[:1]]), 0.3)[:-1])
+    return _polygon(contour)
 
 
-def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple[Outline, ...]:
-    """The fitted outlines of a part of a layer, the outer one first; canvas: its height and width, px."""
+def _polygon(contour: Contour) -> Outline:
+    """Few straight lines along the points of a contour."""
+    points = approximate_polygon(np.vstack([contour.points, contour.points[:1]]), TOLERANCE)[:-1]
+    return polygon(points if len(points) >= 3 else contour.points)
+
+
+def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float, least: int = 0) -> tuple[Outline, ...]:
+    """The fitted outlines of a part of a layer, the outer one first.
+
+    canvas: its height and width, px. Contours of fewer than `least` points, and than FEWEST, become polygons.
+    """
     window = _Window.of(extent, canvas)
-    return tuple(_completed(contour, window, detail) for contour in extent.contours)
+    least = max(least, FEWEST)
+    return tuple(
+        _polygon(contour) if len(contour.points) < least else _completed(contour, window, detail)
+        for contour in extent.contours
+    )
 
 
 def _completed(contour: Contour, window: _Window, detail: float) -> Outline:
     runs = hidden_runs(contour.sigma)
     if not runs:
         return _visible(contour, detail)
-    ways = np.zeros(len(runs), dtype=int)
+    ways = np.full(len(runs), 0 if len(runs) <= SEVERAL else CROWDED)
     best, least = None, np.inf
-    for _ in range(len(WAYS) * 2):
+    for _ in range(len(WAYS)):
         points, sigma = guided(contour, runs, ways)
         outline = fit_outline(points, sigma, detail)
         wrong = window.wrong(outline, contour.hole)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from skimage.morphology import convex_hull_image
 
 from cubicsplat_cli.artwork.contours import Crossings, loop_points
 from cubicsplat_cli.artwork.cracks import Loop, trace
+from cubicsplat_cli.artwork.hulls import hull_mask
 from cubicsplat_cli.artwork.regions import Regions
 from cubicsplat_cli.artwork.stacking import Stack
 
@@ -58,15 +58,16 @@ def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent
         view = depth[rows, columns]
         shown, above = view == place, (view > place) & opaque[regions.labels[rows, columns]]
         grown = _grown(shown, above, joined=len(stack.layers[place].members) > 1)
-        parts, count = ndimage.label(grown)
-        for k in range(1, count + 1):
+        parts, _ = ndimage.label(grown)
+        # What a hull adds apart from all that shows is of no use.
+        for k in np.unique(parts[shown]):
             yield _extent(place, rows.start, columns.start, parts == k, shown, above, found)
 
 
 def _grown(shown: np.ndarray, above: np.ndarray, joined: bool) -> np.ndarray:
     grown = shown | (ndimage.binary_dilation(shown, PLUS, UNDERLAP) & above)
     if joined:
-        grown |= convex_hull_image(shown, offset_coordinates=False) & above
+        grown |= hull_mask(shown) & above
     holes, count = ndimage.label(~grown)
     if count:
         index = np.arange(1, count + 1)

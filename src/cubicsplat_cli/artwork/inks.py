@@ -16,6 +16,7 @@ SAME = 3.5
 # A component of flat pixels that spans more levels than this is a gradient, drawn in bands of BAND levels.
 GRADIENT_RANGE = 14.0
 BAND = 12.0
+LEAST_FLAT = 0.02  # share of the pixels, below which a picture has no interiors
 CLEAR = 2.0  # levels of opacity below which nothing is drawn
 
 
@@ -33,7 +34,7 @@ def picture_inks(levels: np.ndarray, most: int | None = None) -> np.ndarray:
     A picture without flat interiors (noise, a photo) gives the bands of its smoothed colours.
     """
     flat = flat_pixels(levels)
-    if flat.mean() < 0.02:
+    if flat.mean() < LEAST_FLAT:
         smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
         return _limited(*_banded(smooth.reshape(-1, 4)), most)
     parts, count = ndimage.label(flat)

@@ -14,6 +14,7 @@ PURE = 2.5
 # Inks are sought in a window of this reach, px, around a blend; so many different ones at most.
 REACH = 3
 CANDIDATES = 4
+CHUNK = 4096  # colours at a time
 
 
 @dataclass(frozen=True)
@@ -74,15 +75,20 @@ def _thin_but_real(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, go
 
 
 def nearest_inks(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) index of the nearest ink, and its distance in levels (greatest channel)."""
-    best = np.full(levels.shape[:2], np.inf, dtype=np.float32)
-    index = np.zeros(levels.shape[:2], dtype=np.int32)
-    for i, ink in enumerate(palette.astype(np.float32)):
-        gap = np.abs(levels - ink).max(axis=-1)
-        closer = gap < best
-        best[closer] = gap[closer]
-        index[closer] = i
-    return index, best
+    """(H, W) int32 index of the nearest ink, and its distance in levels (greatest channel), to half a level."""
+    halves = np.rint(levels * 2.0).astype(np.uint64)
+    keys = ((halves[..., 0] << 30) | (halves[..., 1] << 20) | (halves[..., 2] << 10) | halves[..., 3]).ravel()
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    colours = levels.reshape(-1, 4)[first]
+    index = np.empty(len(colours), dtype=np.int32)
+    gap = np.empty(len(colours), dtype=np.float32)
+    for start in range(0, len(colours), CHUNK):
+        part = slice(start, start + CHUNK)
+        gaps = np.abs(colours[part, None] - palette[None].astype(np.float32)).max(axis=-1)
+        index[part] = gaps.argmin(axis=1)
+        gap[part] = gaps.min(axis=1)
+    shape = levels.shape[:2]
+    return index[inverse].reshape(shape), gap[inverse].reshape(shape)
 
 
 def _has_square(pure: np.ndarray) -> np.ndarray:

@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
-from skimage.morphology import convex_hull_image
 
+from cubicsplat_cli.artwork.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.inks import CLEAR
 from cubicsplat_cli.artwork.regions import Regions
 
@@ -80,7 +80,7 @@ class _Facts:
         inside: dict[int, set[int]] = {}
         for i, box in enumerate(self.boxes):
             mask = self.regions.labels[box] == i
-            held = set(np.unique(self.regions.labels[box][ndimage.binary_fill_holes(mask) & ~mask]).tolist())
+            held = set(np.unique(self.regions.labels[box][holes_of(mask)]).tolist())
             if held:
                 inside[i] = held
         return inside
@@ -179,9 +179,7 @@ def _continues(facts: _Facts, members: np.ndarray) -> bool:
     columns = slice(min(b[1].start for b in boxes), max(b[1].stop for b in boxes))
     view = facts.regions.labels[rows, columns]
     own = np.isin(view, members)
-    if min(own.shape) < 2 or own.any(axis=0).sum() < 2 or own.any(axis=1).sum() < 2:
-        return False
-    between = convex_hull_image(own, offset_coordinates=False) & ~own
+    between = hull_mask(own) & ~own
     names, sizes = np.unique(view[between], return_counts=True)
     shut = [facts.clear[n] or any(facts.vote(int(m), int(n)) > 0 for m in members) for n in names]
     exposed = int(sizes[np.array(shut, dtype=bool)].sum()) if len(names) else 0

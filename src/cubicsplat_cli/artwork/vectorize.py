@@ -3,39 +3,71 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 
 from cubicsplat_cli.artwork.completion import outlines_of
 from cubicsplat_cli.artwork.contours import crossings
-from cubicsplat_cli.artwork.extents import extents
-from cubicsplat_cli.artwork.inks import eight_bit, picture_inks
-from cubicsplat_cli.artwork.limits import MOST_POLISHED, bounded_regions, enlarged, reduced, reduction
+from cubicsplat_cli.artwork.extents import Extent, extents
+from cubicsplat_cli.artwork.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
+from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged, reduced, reduction
 from cubicsplat_cli.artwork.polish import polish
+from cubicsplat_cli.artwork.regions import Regions
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.stacking import stack
+
+# Contours hold at most MOST_POINTS points, the smallest beyond become polygons. A picture of more than FEW regions has
+# regions of LEAST_AREA px and more on average, or is blurred by the next of BLURS, px.
+MOST_POINTS, FEW, LEAST_AREA = 60_000, 16, 10
+BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
 
 
 def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing:
     """The drawing of a flat picture: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1].
 
-    Very large pictures, and those of very many regions, are drawn with less detail (`limits`), which is logged.
+    Very large pictures, and those of very many regions, are drawn with less detail (`limits`), which is logged. What
+    has hardly a region of more than a few px is drawn as it looks from farther away.
     """
     settings = settings or ArtworkSettings()
     full_height, full_width = target.shape[:2]
     factor = reduction(full_height, full_width)
-    levels = reduced(as_levels(target), factor)
+    levels, regions = _regions(reduced(as_levels(target), factor), settings, settings.min_area / factor**2)
     height, width = levels.shape[:2]
-    regions = bounded_regions(levels, picture_inks(levels, settings.colors), settings.min_area / factor**2)
     layers = stack(regions)
-    found = crossings(levels, regions)
+    parts = list(extents(regions, layers, crossings(levels, regions)))
+    least = _least_points(parts)
     shapes = []
-    for extent in extents(regions, layers, found):
-        ink = eight_bit(regions.inks[layers.layers[extent.layer].region])
-        shapes.append(Shape(ink, outlines_of(extent, (height, width), settings.detail), f"shape-{len(shapes) + 1}"))
+    for part in parts:
+        ink = eight_bit(regions.inks[layers.layers[part.layer].region])
+        shapes.append(
+            Shape(ink, outlines_of(part, (height, width), settings.detail, least), f"shape-{len(shapes) + 1}")
+        )
     drawing = Drawing(width, height, tuple(shapes))
     if len(shapes) <= MOST_POLISHED:
         drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail)
     return enlarged(drawing, factor, full_width, full_height)
+
+
+def _regions(levels: np.ndarray, settings: ArtworkSettings, min_area: float) -> tuple[np.ndarray, Regions]:
+    """The regions of a picture, and the picture they are of: blurred where there would be as many as px."""
+    most = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
+    soft = levels
+    for blur in BLURS:
+        if blur:
+            soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
+        elif levels.shape[0] * levels.shape[1] > MOST_REGIONS and flat_pixels(levels).mean() < LEAST_FLAT:
+            continue
+        regions = bounded_regions(soft, picture_inks(soft, settings.colors), min_area)
+        if regions.count <= min(most, MOST_REGIONS):
+            break
+    return soft, regions
+
+
+def _least_points(parts: list[Extent]) -> int:
+    """The number of points below which contours become polygons, so that those above hold at most MOST_POINTS."""
+    sizes = np.sort([len(contour.points) for part in parts for contour in part.contours])[::-1]
+    over = np.flatnonzero(np.cumsum(sizes) > MOST_POINTS)
+    return int(sizes[over[0]]) + 1 if len(over) else 0
 
 
 def as_levels(target: np.ndarray) -> np.ndarray:
