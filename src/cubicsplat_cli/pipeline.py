@@ -198,5 +198,12 @@ def _own_picture(scene: Scene | None, reference: Picture, samples: int, threads:
 
 
 def _timing(stages: Stages, timing: Timing) -> Timing:
-    seconds = {f"{name}_s": value for name, value in stages.seconds.items() if name != "fit"}
-    return replace(timing, total_s=stages.total(), **seconds)
+    seconds = stages.seconds
+    return replace(
+        timing,
+        total_s=stages.total(),
+        read_s=seconds.get("read"),
+        write_s=seconds.get("write"),
+        draw_s=seconds.get("draw"),
+        measure_s=seconds.get("measure"),
+    )

@@ -76,11 +76,8 @@ def figures(runs: Runs, row: str, mode: str, curves: int) -> dict[str, float | i
     """
     found = runs.of(row_configuration(row, mode, curves))
     base = {run.picture: run.psnr_db for run in runs.of(row_configuration(BASE, mode, curves))}
-    changes = [
-        run.psnr_db - base[run.picture]
-        for run in found
-        if run.psnr_db is not None and base.get(run.picture) is not None
-    ]
+    pairs = [(run.psnr_db, base.get(run.picture)) for run in found]
+    changes = [own - other for own, other in pairs if own is not None and other is not None]
     return {
         "pictures": len(found),
         "psnr_db": mean(run.psnr_db for run in found),

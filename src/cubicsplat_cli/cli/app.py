@@ -71,7 +71,7 @@ def parser_error(error: Exception) -> str | None:
         return ""
     if not isinstance(error, _ParserError):
         return None
-    text = error.format_message()
+    text = str(error.format_message())  # type: ignore[attr-defined]
     if match := re.match(r"Invalid value for '?([^':]+?)'?(?: / '[^']*')*(?: \([^)]*\))?: (.*)", text, re.DOTALL):
         name, reason = match[1].split(" / ")[-1].strip("'[]. "), match[2]
         return f"{name} {_reason(reason)}"

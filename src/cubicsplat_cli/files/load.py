@@ -69,7 +69,7 @@ class Picture:
         return self.rgb if self.alpha is None else self.premultiplied()
 
 
-def load_picture(source: Path | bytes, *, name: str | None = None, max_pixels: int = MAX_PIXELS) -> Picture:
+def load_picture(source: str | Path | bytes, *, name: str | None = None, max_pixels: int = MAX_PIXELS) -> Picture:
     """Read a picture from a path, or from the bytes of a file (standard input, a network answer).
 
     `name` replaces the path in messages and in `Picture.source`; for bytes it defaults to "<bytes>".

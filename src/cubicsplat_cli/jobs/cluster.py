@@ -132,6 +132,7 @@ def _submit(
         job = next(jobs, None)
         if job is None:
             return
+        assert job.path is not None  # the command refuses standard input here
         try:
             data = read_picture_file(job.path)
         except CubicSplatError as error:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from cubicsplat_cli.progress import Progress
 
 
@@ -22,3 +26,23 @@ class Events:
 
     def detail(self, job: str, text: str) -> None:
         """Something for those who want to know everything."""
+
+
+class _Notes(logging.Handler):
+    def __init__(self, events: Events, job: str) -> None:
+        super().__init__(logging.WARNING)
+        self._events, self._job = events, job
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._events.note(self._job, record.getMessage())
+
+
+@contextmanager
+def logged_to(events: Events, job: str) -> Iterator[None]:
+    """Within, what the library logs is a note on this job."""
+    log, handler = logging.getLogger("cubicsplat"), _Notes(events, job)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)

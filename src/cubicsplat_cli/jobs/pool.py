@@ -131,22 +131,23 @@ class _Pool:
     def _listen(self, worker: _Worker) -> Outcome | None:
         """Take one message of a worker: its outcome where it is done with its job."""
         job = worker.job
+        assert job is not None
         try:
             kind, content = worker.pipe.recv()
         except (EOFError, OSError):
-            return self._died(worker)
+            return self._died(worker, job)
         if kind == "outcome":
             worker.job = None
             return content
         getattr(self.events, kind)(job.name, *content)
         return None
 
-    def _died(self, worker: _Worker) -> Outcome | None:
+    def _died(self, worker: _Worker, job: Job) -> Outcome | None:
         """A worker died: its job goes to another, unless it has killed too many."""
         worker.process.join()
         worker.pipe.close()
         self.workers.remove(worker)
-        job, how = worker.job, _describe(worker.process.exitcode)
+        how = _describe(worker.process.exitcode)
         self.deaths[job.name] = self.deaths.get(job.name, 0) + 1
         if self.deaths[job.name] < ATTEMPTS:
             self.events.note(job.name, f"{job.name}: its worker process died ({how}); it is tried again")

@@ -11,7 +11,7 @@ from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
 from cubicsplat_cli.files.stdout import STDOUT, write_stdout
 from cubicsplat_cli.jobs.earlier import forget, is_finished
-from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.events import Events, logged_to
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.report import Report, head
@@ -162,7 +162,8 @@ def attempt(job: Job, request: Request, *, sink: FileSink | MemorySink, events: 
     written by then.
     """
     try:
-        return run_job(job, request, sink=sink, events=events)
+        with logged_to(events, job.name):
+            return run_job(job, request, sink=sink, events=events)
     except CubicSplatError as error:
         return failure(job, error, sink.written)
     except MemoryError:

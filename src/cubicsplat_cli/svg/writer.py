@@ -17,7 +17,7 @@ BACKGROUND_ID, CURVES_ID = "background", "curves"
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def write_svg(scene: Scene, *, precision: int = 2, title: str, comment: str) -> str:
+def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str = "") -> str:
     """The SVG text of `scene`: one path per curve, back to front, readable by any SVG 1.1 viewer.
 
     precision: decimals of the coordinates in px, 0..6. title: any text, shown by viewers. comment: one line
