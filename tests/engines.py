@@ -112,7 +112,7 @@ def truth(scene: Scene, settings: RasterSettings, target: Tensor) -> Truth:
 def packed(scene: Scene | SceneTensors, device: torch.device | str = "cpu") -> SceneTensors:
     """A copy of a scene's tensors on a device."""
     tensors = scene_tensors(scene) if isinstance(scene, Scene) else scene
-    moved = {name: getattr(tensors, name) for name in (*TENSORS, "edge_widths")}
+    moved = {name: getattr(tensors, name) for name in (*TENSORS, "edge_widths", "ring_ends")}
     return replace(tensors, **{name: None if t is None else t.to(device, copy=True) for name, t in moved.items()})
 
 

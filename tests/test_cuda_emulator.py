@@ -290,7 +290,7 @@ sys.path[:0] = {paths!r}
 import torch
 from emulated import EmulatedDriver
 from engines import packed, state_for
-from scenes import PAPER, random_scene, random_target
+from scenes import PAPER, ragged_scene, random_scene, random_target
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.compile import Program
@@ -310,6 +310,12 @@ for mode in Mode:
                 settings = RasterSettings(coverage, 1.0, samples, tolerance)
                 engine.gradients(here, settings, target=target, importance="loo")
                 engine.step(here, settings, Training(target, state_for(here), Rates(0.1, 0.1, 0.1, 0.1)))
+    here, target = packed(ragged_scene(mode, 40, 33, 19, background=PAPER)), torch.zeros(19, 33, 3)
+    for table in (here.ring_ends, torch.randint(-9, 99, here.ring_ends.shape, dtype=torch.int32)):
+        here.ring_ends = table  # the second one holds no rings at all, and nobody has looked at it
+        for coverage in ("relaxed", "exact"):
+            settings = RasterSettings(coverage, 1.0, 12, 0.05)
+            engine.step(here, settings, Training(target, state_for(here), Rates(0.1, 0.1, 0.1, 0.1)))
 print("clean", flush=True)
 status = torch.zeros(2, dtype=torch.int32)
 driver.kernels(Program(Mode.CLOSED, 3)).launch("past_the_end", (1, 1), 32, 0, Frame(status=status.data_ptr()))

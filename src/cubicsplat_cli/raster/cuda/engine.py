@@ -39,7 +39,15 @@ from cubicsplat_cli.raster.cuda.frame import (
     step_values,
 )
 from cubicsplat_cli.raster.cuda.selftest import self_test
-from cubicsplat_cli.raster.engine import Backward, Engine, OptimiserState, SceneTensors, Training, values_per_curve
+from cubicsplat_cli.raster.engine import (
+    RATED,
+    Backward,
+    Engine,
+    OptimiserState,
+    SceneTensors,
+    Training,
+    values_per_curve,
+)
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -126,8 +134,6 @@ class CudaEngine(Engine):
 
         A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
         """
-        if training.rate_scale is not None:
-            raise EngineError("the CUDA engine has no rates per curve; use the CPU")
         frame = self._training_frame(scene, settings, training.target, training.state)
         values = self._training_values(scene, settings, training)
         with self._driver.active():
@@ -238,6 +244,7 @@ class CudaEngine(Engine):
         values.image = pointer(training.image, "image", (scene.height, scene.width, channels), self.device)
         values.importance = pointer(training.importance, "importance", (n,), self.device)
         values.points_gradient = pointer(further, "points_gradient", (n, k, 2), self.device)
+        values.rate_scale = pointer(training.rate_scale, "rate_scale", (n, RATED), self.device)
         return values
 
     def _plan(self, frame: Frame, scene: SceneTensors, settings: RasterSettings, kept: tuple[object, ...]) -> _Plan:

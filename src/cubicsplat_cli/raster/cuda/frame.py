@@ -51,6 +51,7 @@ class StepValues(ctypes.Structure):
         ("edge_width", c_float), ("tolerance", c_float), ("background", c_float * 4),
         ("rates", c_float * 9), ("importance_kind", c_int), ("number", c_int),
         ("image", c_void_p), ("importance", c_void_p), ("background_gradient", c_void_p), ("points_gradient", c_void_p),
+        ("rate_scale", c_void_p),
         ("loss", c_void_p),
     ]  # fmt: skip
 
@@ -61,13 +62,14 @@ class Frame(ctypes.Structure):
     _fields_ = [
         (name, c_int)
         for name in (
-            "curves", "segments", "points_per_curve", "samples", "edge_stride", "width", "height", "tiles_x", "tiles_y",
-            "super_shift", "supers_x", "supers_y", "words", "slots", "logits", "backward", "exact",
+            "curves", "segments", "points_per_curve", "rings", "samples", "edge_stride", "width", "height",
+            "tiles_x", "tiles_y", "super_shift", "supers_x", "supers_y", "words", "slots", "logits", "backward",
+            "exact",
         )
     ] + [
         (name, c_void_p)
         for name in (
-            "points", "colours", "opacities", "half_widths", "edge_widths",
+            "points", "colours", "opacities", "half_widths", "edge_widths", "ring_ends",
             "bounds", "edges", "inverses", "attributes", "super_masks",
             "target", "gradient", "vertex_gradients", "sums", "tile_sums",
             "out_points", "out_colours", "out_opacities", "out_half_widths", "out_edge_widths",
@@ -151,8 +153,6 @@ class Sizes:
         """
         if settings.subdivide:
             raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
-        if scene.ring_ends is not None:
-            raise EngineError("the CUDA engine draws curves of one ring and equal length only; use the CPU")
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         closed = scene.mode is Mode.CLOSED
         segments = k // 3
@@ -228,17 +228,19 @@ class Workspace:
 def make_frame(scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device) -> Frame:
     """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors."""
     n, k = sizes.curves, sizes.points_per_curve
+    rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
     return Frame(
-        curves=n, segments=sizes.segments, points_per_curve=k, samples=sizes.samples, edge_stride=sizes.edge_stride,
-        width=sizes.width, height=sizes.height, tiles_x=sizes.tiles[0], tiles_y=sizes.tiles[1],
-        super_shift=sizes.super_shift, supers_x=sizes.supers[0], supers_y=sizes.supers[1], words=sizes.words,
-        slots=slots, logits=scene.logits, backward=sizes.backward,
+        curves=n, segments=sizes.segments, points_per_curve=k, rings=rings, samples=sizes.samples,
+        edge_stride=sizes.edge_stride, width=sizes.width, height=sizes.height,
+        tiles_x=sizes.tiles[0], tiles_y=sizes.tiles[1], super_shift=sizes.super_shift, supers_x=sizes.supers[0],
+        supers_y=sizes.supers[1], words=sizes.words, slots=slots, logits=scene.logits, backward=sizes.backward,
         exact=settings.coverage == "exact",
         points=pointer(scene.points, "points", (n, k, 2), device),
         colours=pointer(scene.colours, "colours", (n, 3), device),
         opacities=pointer(scene.opacities, "opacities", (n,), device),
         half_widths=pointer(scene.half_widths, "half_widths", (n,), device),
         edge_widths=pointer(scene.edge_widths, "edge_widths", (n,), device),
+        ring_ends=pointer(scene.ring_ends, "ring_ends", (n, rings), device, torch.int32),
     )  # fmt: skip
 
 

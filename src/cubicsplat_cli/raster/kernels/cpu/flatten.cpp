@@ -28,8 +28,6 @@ void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const C
   f.tiles_y = (scene.height + kTile - 1) / kTile;
   f.points_per_curve = 3 * scene.segments + (scene.closed ? 0 : 1);
   if (!scene.ring_ends) f.scene.rings = 1;
-  f.ring_ends = scene.ring_ends ? scene.ring_ends : &f.scene.segments;
-  f.ring_stride = scene.ring_ends ? scene.rings : 0;
   f.vertex_stride = scene.segments * settings.samples + f.scene.rings;
   f.primitives.resize(scene.curves);
   f.vertices.resize(size_t(scene.curves) * f.vertex_stride * 2);
@@ -70,7 +68,7 @@ int choose_samples(const Frame& f, const Rings& rings, const float* points) {
   if (!(s.tolerance > 0.0f)) return s.samples;
   float worst = 0.0f;
   for (int r = 0; r < rings.count; r++)
-    for (int m = rings.begin(r); m < rings.ends[r]; m++)
+    for (int m = rings.begin(r); m < rings.end(r); m++)
       for (int j = 0; j < 2; j++) {
         const float *a = points + 2 * (3 * m + j), *b = a + 2;
         const float* c = j == 0 ? b + 2 : points + 2 * rings.end_point(r, m, f.scene.closed);
@@ -84,7 +82,7 @@ int choose_samples(const Frame& f, const Rings& rings, const float* points) {
 // Vertices of one ring but the last, at uniform parameters; returns where the last one goes.
 float* evaluate_ring(const Frame& f, const Rings& rings, int r, const float* points, int samples, float* out) {
   const float* weights = f.weights(samples);
-  for (int m = rings.begin(r); m < rings.ends[r]; m++) {
+  for (int m = rings.begin(r); m < rings.end(r); m++) {
     const float *p0 = points + 6 * m, *p3 = points + 2 * rings.end_point(r, m, f.scene.closed);
     for (int s = 0; s < samples; s++, out += 2) {
       const float* w = weights + 4 * s;
@@ -100,11 +98,11 @@ int evaluate_polyline(const Frame& f, const Rings& rings, const float* points, i
                       std::vector<uint32_t>& ring_starts) {
   float* const begin = out;
   for (int r = 0; r < rings.count; r++) {
-    if (rings.begin(r) == rings.ends[r]) continue;
+    if (rings.begin(r) == rings.end(r)) continue;
     const float* first = out;
     ring_starts.push_back(uint32_t((first - begin) / 2));
     out = evaluate_ring(f, rings, r, points, samples, out);
-    std::memcpy(out, f.scene.closed ? first : points + 6 * rings.ends[r], 2 * sizeof(float));
+    std::memcpy(out, f.scene.closed ? first : points + 6 * rings.end(r), 2 * sizeof(float));
     out += 2;
   }
   return int(out - begin) / 2;
@@ -155,7 +153,7 @@ struct Subdivider {
   }
 
   void ring(const Rings& rings, int r, int depth) {
-    const int begin = rings.begin(r), end = rings.ends[r];
+    const int begin = rings.begin(r), end = rings.end(r);
     for (int m = begin; m < end; m++) {
       float c[8];
       std::memcpy(c, points + 6 * m, 6 * sizeof(float));
@@ -171,7 +169,7 @@ struct Subdivider {
     int depth = 0;
     while ((2 << depth) <= f.settings.samples) depth++;
     for (int r = 0; r < rings.count; r++) {
-      if (rings.begin(r) == rings.ends[r]) continue;
+      if (rings.begin(r) == rings.end(r)) continue;
       ring_starts.push_back(uint32_t(count));
       ring(rings, r, depth);
     }

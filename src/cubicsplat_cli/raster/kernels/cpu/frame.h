@@ -30,8 +30,7 @@ struct Frame {
   CsScene scene{};
   CsSettings settings{};
   CsImages images{};
-  int tiles_x = 0, tiles_y = 0, points_per_curve = 0, vertex_stride = 0, ring_stride = 0;
-  const int32_t* ring_ends = nullptr;  // of the first curve
+  int tiles_x = 0, tiles_y = 0, points_per_curve = 0, vertex_stride = 0;
   bool backward = false;
   std::vector<Primitive> primitives;
   std::vector<float> vertices;  // N x vertex_stride x 2
@@ -46,7 +45,9 @@ struct Frame {
 
   int tiles() const { return tiles_x * tiles_y; }
   int chunk_count() const { return (scene.curves + kChunk - 1) / kChunk; }
-  Rings rings(int p) const { return {ring_ends + size_t(p) * ring_stride, scene.rings}; }
+  Rings rings(int p) const {
+    return {scene.ring_ends ? scene.ring_ends + size_t(p) * scene.rings : nullptr, scene.rings, scene.segments};
+  }
   const float* weights(int samples) const { return basis.data() + 2 * size_t(samples) * (samples - 1); }
 };
 

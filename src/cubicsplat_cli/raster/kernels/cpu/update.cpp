@@ -54,7 +54,7 @@ void spread_vertex(const float* w, const float* v, float* p0, float* p3) {
 // Transpose of the Bernstein weights of the vertices of one ring but the last; returns that one's gradient.
 const float* pull_back_ring(const Frame& f, const Rings& rings, int r, int samples, const float* v, float* points) {
   const float* weights = f.weights(samples);
-  for (int m = rings.begin(r); m < rings.ends[r]; m++) {
+  for (int m = rings.begin(r); m < rings.end(r); m++) {
     float *p0 = points + 6 * m, *p3 = points + 2 * rings.end_point(r, m, f.scene.closed);
     for (int s = 0; s < samples; s++, v += 2) spread_vertex(weights + 4 * s, v, p0, p3);
   }
@@ -81,12 +81,12 @@ void pull_back(const Frame& f, const Chunk& chunk, const Primitive& q, int p, Ga
   const uint32_t* starts = chunk.ring_starts.data() + q.ring_index;
   g.points.assign(size_t(f.points_per_curve) * 2, 0.0f);
   for (int r = 0; r < rings.count; r++) {
-    if (rings.begin(r) == rings.ends[r]) continue;
+    if (rings.begin(r) == rings.end(r)) continue;
     const float* v = g.vertices.data() + 2 * starts[0];
     v = f.settings.subdivide ? pull_back_subdivided(f, p, r, starts[0], starts[1], v, g.points.data())
                              : pull_back_ring(f, rings, r, q.samples, v, g.points.data());
     if (!f.scene.closed)
-      for (int c = 0; c < 2; c++) g.points[6 * size_t(rings.ends[r]) + c] += v[c];
+      for (int c = 0; c < 2; c++) g.points[6 * size_t(rings.end(r)) + c] += v[c];
     starts++;
   }
 }
@@ -109,7 +109,7 @@ void write(const Frame& f, int p, const Gathered& g, const CsGradients& out) {
 void step_points(const Frame& f, int p, const Gathered& g, const CsTraining& t, const AdanRates& r,
                  const AdanBias& bias) {
   const Rings rings = f.rings(p);
-  const int k = f.points_per_curve * 2, used = 2 * (3 * rings.ends[rings.count - 1] + (f.scene.closed ? 0 : 1));
+  const int k = f.points_per_curve * 2, used = 2 * (3 * rings.total() + (f.scene.closed ? 0 : 1));
   auto* moments = reinterpret_cast<AdanMoments*>(t.moments) + size_t(p) * (k + kPaints);
   const float* further = t.points_gradient ? t.points_gradient + size_t(p) * k : nullptr;
   for (int i = 0; i < used; i++) {

@@ -87,7 +87,8 @@ CS_INLINE void pull_of(const Outlined& o, const Seeing& seeing, const Place& p, 
 // Adds the pulls of the strip's pixels to the ends of their edges. Few edges pass through a strip, so the warp sums up
 // one edge after the other and makes one atomic access for each.
 CS_INLINE void scatter(const Frame& f, const Outlined& o, unsigned curve, int edge, float x, float y, float t, int lane) {
-  const int edges = int(o.attributes[kEdges]);
+  const Rings rings = f.rings_of(int(curve));
+  const int samples = int(o.attributes[kSamples]);
   float* gradients = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;
   unsigned left = ballot(edge >= 0 && !(x == 0.0f && y == 0.0f));
   while (left) {
@@ -104,8 +105,7 @@ CS_INLINE void scatter(const Frame& f, const Outlined& o, unsigned curve, int ed
     const float total = sum_of_four(values, lane);
     if (lane % 8 == 0) {
       const int i = lane / 8;
-      int vertex = current + i / 2;
-      if (kClosed && vertex == edges) vertex = 0;
+      const int vertex = i < 2 ? current : rings.end_vertex(current, samples, kClosed);
       atomicAdd(gradients + 2 * vertex + i % 2, total);
     }
   }

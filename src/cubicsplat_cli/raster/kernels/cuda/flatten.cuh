@@ -9,12 +9,13 @@ CS_INLINE float sigmoid(float x) { return 1.0f / (1.0f + expf(-x)); }
 
 // Edges per cubic that keep the polyline within the tolerance: the error is at most D2 / (8 S^2) with
 // D2 = 6 max |second difference of the control points|. The same for all lanes of the warp.
-CS_INLINE int choose_samples(const Frame& f, const float* points, int lane) {
+CS_INLINE int choose_samples(const Frame& f, const Rings& rings, const float* points, int lane) {
   const float tolerance = f.step->tolerance;
   if (!(tolerance > 0.0f)) return f.samples;
   float worst = 0.0f;
-  for (int i = lane; i < 2 * f.segments; i += kWarp) {
-    int first = 3 * (i >> 1) + (i & 1), last = first + 2 == f.points_per_curve ? 0 : first + 2;
+  for (int i = lane; i < 2 * rings.total(); i += kWarp) {
+    const int m = i >> 1, first = 3 * m + (i & 1);
+    const int last = i & 1 ? rings.end_point(rings.ring_of(m), m, kClosed) : first + 2;
     const float *a = points + 2 * first, *b = a + 2, *c = points + 2 * last;
     float x = a[0] - 2.0f * b[0] + c[0], y = a[1] - 2.0f * b[1] + c[1];
     worst = fmaxf(worst, x * x + y * y);
@@ -42,10 +43,10 @@ CS_INLINE void add_edge(float2 a, float2 b, float2 origin, float2& inverse, Outl
 }
 
 // Start of edge `index` of the polyline.
-CS_INLINE float2 vertex(const Frame& f, const float* points, int index, int samples) {
+CS_INLINE float2 vertex(const Rings& rings, const float* points, int index, int samples) {
   const int segment = index / samples, s = index - segment * samples;
   const float* p = points + 6 * segment;
-  const float* end = kClosed && segment + 1 == f.segments ? points : p + 6;
+  const float* end = points + 2 * rings.end_point(rings.ring_of(segment), segment, kClosed);
   float w[4];
   bernstein(float(s) / float(samples), w);
   float2 v;
@@ -56,17 +57,18 @@ CS_INLINE float2 vertex(const Frame& f, const float* points, int index, int samp
 
 // Polyline at uniform parameters. Every vertex is computed once and read back by the two edges that meet in it, so that
 // they have it bit by bit: a winding number depends on it.
-CS_INLINE void sample_curve(const Frame& f, const float* points, int curve, int samples, int lane, Outline& o) {
+CS_INLINE void sample_curve(const Frame& f, const Rings& rings, const float* points, int curve, int samples, int lane,
+                            Outline& o) {
   const size_t at = size_t(curve) * f.edge_stride;
-  const int edges = f.segments * samples;
+  const int edges = rings.total() * samples;
   float2* ends = reinterpret_cast<float2*>(f.edges + at);  // start and end of each edge
-  for (int e = lane; e < edges; e += kWarp) ends[2 * e] = vertex(f, points, e, samples);
+  for (int e = lane; e < edges; e += kWarp) ends[2 * e] = vertex(rings, points, e, samples);
   __syncwarp();
   const float2 origin = ends[0];
-  const float* tip = points + 2 * (f.points_per_curve - 1);
-  const float2 last = kClosed ? origin : make_float2(tip[0], tip[1]);
+  const float* tip = points + 6 * rings.total();  // of a stroke
   for (int e = lane; e < edges; e += kWarp) {
-    const float2 end = e + 1 < edges ? ends[2 * (e + 1)] : last;
+    const int next = rings.end_vertex(e, samples, kClosed);
+    const float2 end = kClosed || next < edges ? ends[2 * next] : make_float2(tip[0], tip[1]);
     ends[2 * e + 1] = end;
     add_edge(ends[2 * e], end, origin, f.inverses[at + e], o);
   }
@@ -113,8 +115,9 @@ CS_INLINE void flatten_curve(const Frame& f) {
   if (curve >= f.curves) return;
   const float* points = f.points + size_t(curve) * f.points_per_curve * 2;
   Outline outline{kFar, kFar, -kFar, -kFar, 0.0f};
-  const int samples = choose_samples(f, points, lane), edges = f.segments * samples;
-  sample_curve(f, points, curve, samples, lane, outline);
+  const Rings rings = f.rings_of(curve);
+  const int samples = choose_samples(f, rings, points, lane), edges = rings.total() * samples;
+  sample_curve(f, rings, points, curve, samples, lane, outline);
   write_attributes(f, curve, edges, samples, combined(outline), lane);
   if (!f.backward) return;
   float* gradients = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;

@@ -51,12 +51,14 @@ struct Step {
   float* importance;    // N, or null
   float* background_gradient;  // C, or null
   const float* points_gradient;  // N x K x 2, or null: of a further loss term
+  const float* rate_scale;  // N x 5, or null: each curve's factors of the step sizes
   double* loss;         // 1, or null
 };
 
 // What stays the same while a captured graph lives; passed to every kernel by value.
 struct Frame {
-  int curves, segments, points_per_curve;
+  int curves, segments, points_per_curve;  // what the longest curve has
+  int rings;        // R, columns of ring_ends
   int samples;      // edges per cubic, or their upper bound where step->tolerance > 0
   int edge_stride;  // edges a curve has room for
   int width, height, tiles_x, tiles_y;
@@ -68,6 +70,7 @@ struct Frame {
   // parameters of the curves; changed in place where moments are given
   float *points, *colours, *opacities, *half_widths;
   float* edge_widths;  // N, or null: each curve's own relaxed edge instead of step->edge_width
+  const int* ring_ends;  // N x R, or null where every curve is one ring of all segments: see Rings in curve.h
   // the flattened curves
   float4* bounds;     // N: left, top, right, bottom, reach included
   float4* edges;      // N x edge_stride: start and end
@@ -83,11 +86,15 @@ struct Frame {
   // gradients of the parameters as given; null where not wanted
   float *out_points, *out_colours, *out_opacities, *out_half_widths, *out_edge_widths;
   // optimiser; null without a training step
-  float4* moments;  // N x (2K + 5): mean, change, square, previous gradient
+  float4* moments;  // N x (2K + kPaints): mean, change, square, previous gradient
   float4* edge_moments;  // N, for edge_widths
   int* ages;        // N
   int* status;      // 1 + the first curve with a value that is not finite, 0 for none; number of that step
   const Step* step;
+
+  CS_INLINE Rings rings_of(int curve) const {
+    return {ring_ends ? ring_ends + size_t(curve) * rings : nullptr, rings, segments};
+  }
 };
 
 #ifdef CS_FRAME_BYTES

@@ -12,20 +12,21 @@ CS_INLINE float bernstein_weight(int j, float t) {
 }
 
 // Gradient of coordinate i of a curve's control points: the transpose of the polyline's matrix of Bernstein weights.
-CS_INLINE float point_gradient(const Frame& f, const float* vertices, int i, int samples) {
+CS_INLINE float point_gradient(const Rings& rings, const float* vertices, int i, int samples) {
   const int point = i >> 1, axis = i & 1, segment = point / 3, j = point - 3 * segment;
   const float step = 1.0f / float(samples);
   float g = 0.0f;
-  if (segment < f.segments)
+  if (segment < rings.total())
     for (int s = 0; s < samples; s++)
       g = fmaf(bernstein_weight(j, float(s) * step), vertices[2 * (segment * samples + s) + axis], g);
   if (j != 0) return g;
   // An anchor is the end of the segment before, too.
-  const int before = segment > 0 ? segment - 1 : (kClosed ? f.segments - 1 : -1);
+  const int r = rings.ring_of(segment);
+  const int before = kClosed && segment == rings.begin(r) ? rings.end(r) - 1 : segment - 1;
   if (before >= 0)
     for (int s = 1; s < samples; s++)
       g = fmaf(bernstein_weight(3, float(s) * step), vertices[2 * (before * samples + s) + axis], g);
-  if (!kClosed && segment == f.segments) g += vertices[2 * (f.segments * samples) + axis];
+  if (!kClosed && segment == rings.total()) g += vertices[2 * (segment * samples) + axis];
   return g;
 }
 
@@ -42,7 +43,7 @@ CS_INLINE Parameter point_parameter(const Frame& f, int curve, int i, const Adan
 
 // i: 0-2 colour, 3 opacity, 4 half-width, 5 edge width.
 CS_INLINE Parameter paint_parameter(const Frame& f, int curve, int i, const AdanRates& r) {
-  if (i == 5)
+  if (i == kPaints)
     return {f.edge_widths + curve, f.out_edge_widths ? f.out_edge_widths + curve : nullptr,
             1.0f / f.attributes[size_t(curve) * kAttributes + kEdgeWidth], r.edge_widths, kMinEdgeWidth, kMaxEdgeWidth};
   const float active = f.attributes[size_t(curve) * kAttributes + i];
@@ -77,7 +78,7 @@ CS_INLINE void train(const Frame& f, int curve, const Parameter& p, float gradie
 
 CS_INLINE float coordinate_gradient(const Frame& f, int curve, int i, const float* attributes) {
   const float* vertices = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;
-  const float g = point_gradient(f, vertices, i, int(attributes[kSamples]));
+  const float g = point_gradient(f.rings_of(curve), vertices, i, int(attributes[kSamples]));
   const float* further = f.step->points_gradient;
   return further ? g + further[size_t(curve) * f.points_per_curve * 2 + i] : g;
 }
@@ -86,19 +87,21 @@ CS_INLINE float coordinate_gradient(const Frame& f, int curve, int i, const floa
 CS_INLINE void update_curve(const Frame& f, int curve, int lane) {
   const float* attributes = f.attributes + size_t(curve) * kAttributes;
   const float* sums = f.sums + size_t(curve) * kSums;
-  const int coordinates = 2 * f.points_per_curve, paints = f.edge_widths ? 6 : 5;
-  const AdanRates rates = f.step->rates;
+  const int coordinates = 2 * f.points_per_curve, paints = f.edge_widths ? kPaints + 1 : kPaints;
+  const int used = 2 * (3 * f.rings_of(curve).total() + (kClosed ? 0 : 1));  // coordinates that are no padding
+  const float* scale = f.step->rate_scale;
+  const AdanRates rates = scaled(f.step->rates, scale ? scale + 5 * size_t(curve) : nullptr);
   const int age = f.moments ? f.ages[curve] + 1 : 0;
   const AdanBias bias = bias_of(rates, age, lane);
   for (int i = lane; i < coordinates + paints; i += kWarp) {
     const int paint = i - coordinates;
-    if (kClosed && paint == kSumHalfWidth) continue;
+    if ((kClosed && paint == kSumHalfWidth) || (paint < 0 && i >= used)) continue;
     const Parameter p = paint < 0 ? point_parameter(f, curve, i, rates) : paint_parameter(f, curve, paint, rates);
     const float gradient =
-        p.slope * (paint < 0 ? coordinate_gradient(f, curve, i, attributes) : sums[paint == 5 ? kSumEdgeWidth : paint]);
+        p.slope * (paint < 0 ? coordinate_gradient(f, curve, i, attributes) : sums[paint == kPaints ? kSumEdgeWidth : paint]);
     if (p.gradient_out) *p.gradient_out = gradient;
-    if (!f.moments) continue;
-    float4& kept = paint == 5 ? f.edge_moments[curve] : f.moments[size_t(curve) * (coordinates + 5) + i];
+    if (!f.moments || p.rate == 0.0f) continue;
+    float4& kept = paint == kPaints ? f.edge_moments[curve] : f.moments[size_t(curve) * (coordinates + kPaints) + i];
     train(f, curve, p, gradient, kept, rates, bias);
   }
   if (f.step->importance && lane == 0) f.step->importance[curve] = sums[kSumImportance];

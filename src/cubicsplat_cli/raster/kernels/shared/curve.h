@@ -58,21 +58,36 @@ CS_INLINE float adan(float g, AdanMoments& m, const AdanRates& r, const AdanBias
   return rate * (m.mean / b.mean + r.keep2 * m.change / b.change) / (root(m.square) / b.square + r.epsilon);
 }
 
-// The rings of one curve. Ring r has the segments begin(r) <= m < ends[r], and segment m the control points 3m, 3m + 1,
+CS_INLINE float limit(float x, float low, float high) { return x < low ? low : (x > high ? high : x); }
+
+// The rings of one curve. Ring r has the segments begin(r) <= m < end(r), and segment m the control points 3m, 3m + 1,
 // 3m + 2 and 3m + 3, but the last one of a closed ring ends in the ring's first point. A curve with fewer rings than
 // others repeats its last end: a ring without segments is none. An open curve is one ring.
 struct Rings {
-  const int* ends;
-  int count;
+  const int* ends;  // null: one ring of all segments
+  int count, segments;
 
-  CS_INLINE int begin(int r) const { return r > 0 ? ends[r - 1] : 0; }
+  // Never more than there is room for, whatever the table says: a GPU's is not looked at beforehand.
+  CS_INLINE int end(int r) const {
+    if (!ends) return segments;
+    return ends[r] < 0 ? 0 : (ends[r] < segments ? ends[r] : segments);
+  }
+  CS_INLINE int begin(int r) const { return r > 0 ? end(r - 1) : 0; }
+  // Segments of the curve.
+  CS_INLINE int total() const { return end(count - 1); }
+  CS_INLINE int ring_of(int m) const {
+    int r = 0;
+    while (r + 1 < count && m >= end(r)) r++;
+    return r;
+  }
   // The control point that ends segment m of ring r.
-  CS_INLINE int end_point(int r, int m, bool closed) const {
-    return 3 * (closed && m + 1 == ends[r] ? begin(r) : m + 1);
+  CS_INLINE int end_point(int r, int m, bool closed) const { return 3 * (closed && m + 1 == end(r) ? begin(r) : m + 1); }
+  // Of the polyline with as many edges per cubic, each edge numbered by the vertex that it starts from: where edge e ends.
+  CS_INLINE int end_vertex(int e, int samples, bool closed) const {
+    const int r = closed ? ring_of(e / samples) : 0;
+    return closed && e + 1 == end(r) * samples ? begin(r) * samples : e + 1;
   }
 };
-
-CS_INLINE float limit(float x, float low, float high) { return x < low ? low : (x > high ? high : x); }
 
 // Bernstein weights of a cubic at parameter t.
 CS_INLINE void bernstein(float t, float* w) {
