@@ -98,3 +98,16 @@ def test_a_ring_beneath_a_band_keeps_its_hole_open():
     target = np.asarray(picture, dtype=float)
     image = begin(drawing, target).image
     assert np.abs(image - target).mean() < 2e-3
+
+
+def test_curves_cap_the_shapes_and_a_palette_replaces_inks():
+    spots = [(disc(12.0 + 16.0 * i, 20.0, 3.0 + i), RED) for i in range(4)]
+    picture = painted(76, 40, *spots, ground=WHITE)
+    drawing = draw(picture, ArtworkSettings(curves=3, palette=((250, 250, 240), (10, 200, 10))))
+    assert len(drawing.shapes) <= 3
+    assert drawing.inks == ((250, 250, 240, 255), (10, 200, 10, 255))
+
+
+def test_shapes_are_named_by_their_colour():
+    drawing = draw(painted(40, 40, (disc(20.0, 20.0, 12.0), RED), ground=WHITE))
+    assert [shape.name for shape in drawing.shapes] == ["background", "red"]
