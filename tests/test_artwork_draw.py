@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.finish import begin
 from cubicsplat_cli.artwork.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
@@ -89,25 +88,3 @@ def test_a_clear_picture_has_no_shapes_and_an_even_one_a_single_rectangle():
 def test_checkerboards_of_single_pixels_become_even():
     board = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)[..., None].repeat(3, axis=-1)
     assert len(draw(board).shapes) < 10
-
-
-def test_a_ring_beneath_a_band_keeps_its_hole_open():
-    ring = lambda x, y: disc(40.0, 40.0, 32.0)(x, y) & ~disc(40.0, 34.0, 14.0)(x, y)  # noqa: E731
-    picture = painted(80, 80, (ring, RED), (box(4.0, 52.25, 77.0, 60.5), BLUE))
-    drawing = draw(picture)
-    target = np.asarray(picture, dtype=float)
-    image = begin(drawing, target).image
-    assert np.abs(image - target).mean() < 2e-3
-
-
-def test_curves_cap_the_shapes_and_a_palette_replaces_inks():
-    spots = [(disc(12.0 + 16.0 * i, 20.0, 3.0 + i), RED) for i in range(4)]
-    picture = painted(76, 40, *spots, ground=WHITE)
-    drawing = draw(picture, ArtworkSettings(curves=3, palette=((250, 250, 240), (10, 200, 10))))
-    assert len(drawing.shapes) <= 3
-    assert drawing.inks == ((250, 250, 240, 255), (10, 200, 10, 255))
-
-
-def test_shapes_are_named_by_their_colour():
-    drawing = draw(painted(40, 40, (disc(20.0, 20.0, 12.0), RED), ground=WHITE))
-    assert [shape.name for shape in drawing.shapes] == ["background", "red"]

@@ -11,11 +11,7 @@ from torch import Tensor
 
 from cubicsplat_cli.bezier import (
     bernstein,
-    de_casteljau_split,
-    hausdorff_bound,
     polyline_basis,
-    samples_for_tolerance,
-    second_derivative_bound,
     segment_indices,
     segment_points,
 )
@@ -116,99 +112,13 @@ def test_flattening_commutes_with_affine_maps(mode, data, matrix):
     torch.testing.assert_close(mapped_after, mapped_before, rtol=1e-12, atol=1e-8)
 
 
-@given(cubic=segment(), t=parameter, s=parameter)
-@quick
-def test_split_halves_trace_the_curve(cubic, t, s):
-    left, right = de_casteljau_split(cubic, t)
-    at = torch.tensor([t * s, t + (1.0 - t) * s, t], dtype=torch.float64)
-    whole = curve_at(cubic, at)
-    local = torch.tensor([s], dtype=torch.float64)
-    torch.testing.assert_close(curve_at(left, local)[0], whole[0], rtol=1e-10, atol=1e-8)
-    torch.testing.assert_close(curve_at(right, local)[0], whole[1], rtol=1e-10, atol=1e-8)
-    torch.testing.assert_close(left[3], whole[2], rtol=1e-10, atol=1e-8)
-    assert torch.equal(left[3], right[0])
-    assert torch.equal(left[0], cubic[0])
-    assert torch.equal(right[3], cubic[3])
-
-
-def test_split_works_on_a_batch():
-    cubics = random_scene(Mode.OPEN, 5, 1, seed=3).points
-    left, right = de_casteljau_split(cubics, 0.25)
-    one_left, one_right = de_casteljau_split(cubics[3], 0.25)
-    assert left.shape == right.shape == (5, 4, 2)
-    assert torch.equal(left[3], one_left)
-    assert torch.equal(right[3], one_right)
-
-
-@given(cubic=segment())
-@quick
-def test_second_derivative_bound_is_the_maximum(cubic):
-    p0, p1, p2, p3 = cubic
-    t = torch.linspace(0.0, 1.0, 33, dtype=torch.float64).unsqueeze(1)
-    lengths = (6.0 * ((1.0 - t) * (p0 - 2.0 * p1 + p2) + t * (p1 - 2.0 * p2 + p3))).norm(dim=1)
-    bound = second_derivative_bound(cubic.unsqueeze(0), Mode.OPEN)
-    assert bound.shape == (1, 1)
-    torch.testing.assert_close(lengths.max(), bound[0, 0])
-
-
-@pytest.mark.parametrize("mode", MODES)
-@given(data=st.data(), samples=st.integers(1, 16))
-@quick
-def test_polyline_stays_within_the_hausdorff_bound(mode, data, samples):
-    points = data.draw(control_points(mode, max_segments=2))
-    bound = hausdorff_bound(points, mode, samples)
-    assert bound.shape == segment_points(points, mode).shape[:2]
-    assert (deviation(points, mode, samples) <= bound[0] * (1.0 + 1e-9) + 1e-9).all()
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_polyline_error_falls_with_the_square_of_the_samples(mode):
-    points = random_scene(mode, 1, 2, 100, 100, seed=5).points.double()
-    errors = torch.stack([deviation(points, mode, samples) for samples in (8, 16, 32)])
-    ratios = errors[:-1] / errors[1:]
-    assert (errors > 1e-4).all()
-    assert ((ratios > 3.4) & (ratios < 4.4)).all(), ratios
-    bounds = torch.stack([hausdorff_bound(points, mode, samples)[0] for samples in (8, 16, 32)])
-    assert (errors > 0.5 * bounds).all(), "the bound should be tight for short steps"
-
-
-def test_bound_is_reached_by_a_parabola():
-    # A cubic with constant second derivative: the bound holds with equality in the middle of every chord.
-    parabola = torch.tensor([[[0.0, 0.0], [1.0, 2.0], [2.0, 2.0], [3.0, 0.0]]], dtype=torch.float64)
-    torch.testing.assert_close(deviation(parabola, Mode.OPEN, 4), hausdorff_bound(parabola, Mode.OPEN, 4)[0])
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_samples_for_tolerance_are_the_fewest_that_suffice(mode):
-    points = random_scene(mode, 8, 3, 400, 300, seed=2).points
-    samples = samples_for_tolerance(points, mode, 0.05, 2, 1000)
-    assert samples.shape == (8,)
-    assert samples.dtype == torch.int64
-    assert len(set(samples.tolist())) > 1
-    for curve, count in zip(points.unsqueeze(1).double(), samples.tolist(), strict=True):
-        assert hausdorff_bound(curve, mode, count).max() <= 0.05
-        assert hausdorff_bound(curve, mode, count - 1).max() > 0.05
-
-
-def test_samples_for_tolerance_respect_the_limits():
-    straight = torch.tensor([[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]])
-    assert samples_for_tolerance(straight, Mode.OPEN, 0.01, 3, 9).tolist() == [3]
-    wild = torch.tensor([[[0.0, 0.0], [3e38, 0.0], [-3e38, 0.0], [3.0, 0.0]]])
-    assert samples_for_tolerance(wild, Mode.OPEN, 0.01, 3, 9).tolist() == [9]
-
-
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [
         (lambda: polyline_basis(Mode.OPEN, 3, 0), UsageError, "samples"),
         (lambda: polyline_basis(Mode.OPEN, 0, 4), InputError, "segment"),
-        (lambda: hausdorff_bound(torch.zeros(1, 4, 2), Mode.OPEN, 0), UsageError, "samples"),
         (lambda: segment_points(torch.zeros(4, 2), Mode.OPEN), InputError, r"\(N, K, 2\)"),
         (lambda: segment_points(torch.zeros(1, 5, 2), Mode.OPEN), InputError, r"3M \+ 1"),
-        (lambda: samples_for_tolerance(torch.zeros(1, 4, 2), Mode.OPEN, 0.0, 1, 2), UsageError, "tolerance"),
-        (lambda: samples_for_tolerance(torch.zeros(1, 4, 2), Mode.OPEN, 0.1, 5, 2), UsageError, "minimum"),
-        (lambda: de_casteljau_split(torch.zeros(3, 2), 0.5), InputError, r"\(\.\.\., 4, D\)"),
-        (lambda: de_casteljau_split(torch.zeros(4, 2), 1.5), UsageError, "between 0 and 1"),
     ],
 )
 def test_wrong_arguments_are_named(call, error, words):

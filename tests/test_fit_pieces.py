@@ -12,7 +12,7 @@ from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.blobs import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
 from cubicsplat_cli.photo.geometric import crossing_gradient, crossing_penalty
 from cubicsplat_cli.photo.parameters import Parameters
-from cubicsplat_cli.photo.settle import settle
+from cubicsplat_cli.photo.snap import snapped
 from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -72,11 +72,11 @@ def test_blobs_of_a_perfect_picture_and_at_the_border_are_finite():
 
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=20))
-def test_settled_values_survive_truncation_to_8_bits(values):
+def test_snapped_values_survive_truncation_to_8_bits(values):
     scene = random_scene(Mode.CLOSED, len(values), 2, background=PAPER)
     scene.colours = torch.tensor([[c, 1 - c, c * c] for c, _ in values])
     scene.opacities = torch.tensor([o for _, o in values])
-    settled = settle(scene)
+    settled = snapped(scene)
     levels = (scene.opacities.double() * 255).round()
     # What cairo does: the opacity to 16 bits, then the high byte; the premultiplied colour likewise.
     written = (settled.opacities.double() * 1000).round() / 1000
@@ -87,14 +87,14 @@ def test_settled_values_survive_truncation_to_8_bits(values):
     assert float((settled.colours * 255 - (settled.colours * 255).round()).abs().max()) < 1e-3
 
 
-def test_settled_colours_are_not_darker_on_average():
+def test_snapped_colours_are_not_darker_on_average():
     generator = torch.Generator().manual_seed(0)
     scene = random_scene(Mode.CLOSED, 2000, 2, background=PAPER)
     scene.colours = torch.rand(2000, 3, generator=generator)
     scene.opacities = 0.1 + 0.9 * torch.rand(2000, generator=generator)
     levels = (scene.opacities.double() * 255).round()[:, None]
     plain = ((scene.colours.double() * 255).round() / 255 * levels).floor() - scene.colours.double() * levels
-    settled = (settle(scene).colours.double() * levels + 1e-4).floor() - scene.colours.double() * levels
+    settled = (snapped(scene).colours.double() * levels + 1e-4).floor() - scene.colours.double() * levels
     assert float(plain.mean()) < -0.4
     assert abs(float(settled.mean())) < 0.05
 

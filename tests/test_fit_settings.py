@@ -175,7 +175,7 @@ def test_published_rates_are_a_staircase():
 @pytest.mark.parametrize("steps", [30, 500, 2000])
 def test_reallocations_are_evenly_spaced_each_due_once_and_end_before_the_finish(steps):
     course = schedule(steps)
-    due = [step for step in range(steps) if course.reallocation_due(step / steps)]
+    due = [step for step in range(steps) if course.take_reallocation(step / steps)]
     assert len(due) == pytest.approx(course.reallocations, abs=1)
     assert len(due) >= 3
     gaps = [second - first for first, second in pairwise(due)]
@@ -186,7 +186,7 @@ def test_reallocations_are_evenly_spaced_each_due_once_and_end_before_the_finish
 
 def test_without_pruning_none_is_due():
     course = schedule(prune=False)
-    assert not any(course.reallocation_due(step / 100) for step in range(100))
+    assert not any(course.take_reallocation(step / 100) for step in range(100))
 
 
 @given(first=SHARES, second=SHARES)

@@ -12,10 +12,10 @@ import pytest
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.jobs import pool
 from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.jobs.execute import cores
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.pool import run_in_workers, share_threads
 from cubicsplat_cli.jobs.run import DONE, FAILED, Outcome
+from cubicsplat_cli.machine import cores
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 

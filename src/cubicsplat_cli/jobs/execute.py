@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -50,13 +49,6 @@ def look(job: Job, request: Request) -> Outcome:
     except CubicSplatError as error:
         return failure(job, error)
     return Outcome(job, PLANNED if report is None else UNCHANGED, report)
-
-
-def cores() -> int:
-    """The CPU cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _carried_out(

@@ -17,9 +17,9 @@ from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING
 
 from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.jobs.execute import cores
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FAILED, FileSink, Outcome, attempt
+from cubicsplat_cli.machine import cores
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.request import Request
 

@@ -57,8 +57,8 @@ class Schedule:
             return recipe.prune_fraction * min(1.0, max(0.0, ((gini or 0.0) - recipe.gini_threshold) / 0.5))
         return recipe.prune_fraction * max(0.0, 1.0 - progress / self.reallocations_end)
 
-    def reallocation_due(self, progress: float) -> bool:
-        """Whether the next of the evenly spaced reallocations is due; each is due once."""
+    def take_reallocation(self, progress: float) -> bool:
+        """Whether the next of the evenly spaced reallocations is due; it then counts as done."""
         share = (self._done + 1) / (self.reallocations + 1)
         if progress >= self.reallocations_end or progress < share * self.reallocations_end:
             return False

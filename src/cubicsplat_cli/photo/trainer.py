@@ -19,7 +19,7 @@ from cubicsplat_cli.photo.geometric import crossing_gradient
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
 from cubicsplat_cli.photo.parameters import Background, Parameters
 from cubicsplat_cli.photo.schedule import Phase, Schedule
-from cubicsplat_cli.photo.settle import settle
+from cubicsplat_cli.photo.snap import snapped
 from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors, Training
@@ -151,9 +151,19 @@ class Trainer:
             self.settings.mode, self.width, self.height, self.background, opaque=self.recipe.opaque
         )
         return FitResult(
-            settle(scene), self.step, seconds, 1e3 * seconds / max(self.step, 1), self.history, interrupted,
-            self.engine.describe(), self.settings.finish_samples, self.replaced, dropped, self.settings, self._notes(),
-        )  # fmt: skip
+            scene=snapped(scene),
+            steps=self.step,
+            fit_s=seconds,
+            ms_per_step=1e3 * seconds / max(self.step, 1),
+            history=self.history,
+            interrupted=interrupted,
+            device=self.engine.describe(),
+            samples=self.settings.finish_samples,
+            replaced=self.replaced,
+            dropped=dropped,
+            settings=self.settings,
+            notes=self._notes(),
+        )
 
     def progress(self) -> float:
         """Share of the steps done or, where that is more, of the time used up."""
@@ -168,7 +178,7 @@ class Trainer:
             self._check_finite()
         progress = self.progress()
         phase = self.schedule.phase(progress)
-        due = self.schedule.reallocation_due(progress)
+        due = self.schedule.take_reallocation(progress)
         before = self.parameters.copy() if phase.exact else None
         training = self.training
         training.rates, training.points_gradient = self._rates(phase), self._regulariser()

@@ -7,7 +7,6 @@ contiguous, of the right type, and must outlive the call; the methods here see t
 from __future__ import annotations
 
 import ctypes
-import os
 import sys
 from ctypes import POINTER, c_char_p, c_double, c_float, c_int32, c_int64, c_void_p
 from functools import lru_cache
@@ -18,6 +17,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.machine import cores
 from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, SceneTensors, Training, values_per_curve
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
@@ -109,11 +109,6 @@ def instruction_sets() -> list[str]:
     return library().cs_isa_names().decode().split(",")
 
 
-def default_threads() -> int:
-    """Threads the process may use (its CPU affinity, not the machine's core count)."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _pointer(
     tensor: Tensor | None, name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32
 ) -> int | None:
@@ -140,7 +135,7 @@ class CpuEngine(Engine):
 
     def __init__(self, threads: int | None = None, isa: str | None = None) -> None:
         self._library = library()
-        self.threads = threads or default_threads()
+        self.threads = threads or cores()
         self._handle = self._library.cs_create(self.threads, isa.encode() if isa else None)
         if not self._handle:
             raise EngineError(

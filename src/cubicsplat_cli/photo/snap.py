@@ -22,7 +22,7 @@ HIGH_BYTE = 65535 / 256
 _ROUNDING = 1e-9
 
 
-def settle(scene: Scene) -> Scene:
+def snapped(scene: Scene) -> Scene:
     """The scene with colours and opacities on the grid that 8-bit renderers keep; everything else as it is."""
     levels = (scene.opacities.double() * LEVELS).round()
     colours = _colours(scene.colours.double(), levels.unsqueeze(1))
