@@ -31,7 +31,7 @@ CS_INLINE Nearby look_around(const Outline& o, const Block& b) {
     const Lanes wx = b.px - Lanes(e.ax), wy = b.py - Lanes(e.ay);
     nearest_update(r.nearest, e, wx, wy, float(n));
     if (!Closed) return;
-    // The sign of a cross product stands for crossing_x(...) <= x, which would need a division.
+    // The sign of a cross product stands for the crossing's x, which would need a division.
     const float direction = e.by > e.ay ? 1.0f : -1.0f;
     const float low = e.by > e.ay ? e.ay : e.by, high = e.by > e.ay ? e.by : e.ay;
     const Lanes side = fused(wx, Lanes(e.vy * direction), wy * Lanes(-e.vx * direction));

@@ -38,7 +38,7 @@ CS_INLINE void each_edge(const unsigned* set, int words, Visit visit) {
 }
 
 // Winding that an edge from y0 to y1 adds to a point on the row at y, (wx, wy) from the edge's start: one where it
-// crosses the row at or left of the point, half-open in y. The sign of a cross product stands for crossing_x(...) <= x,
+// crosses the row at or left of the point, half-open in y. The sign of a cross product stands for the crossing's x,
 // which would need a division; the comparisons in y are those of all engines, so no row leaks at a vertex.
 CS_INLINE int winding_step(const Edge& e, float y0, float y1, float y, float wx, float wy) {
   const bool starts = y0 <= y, ends = y1 <= y;

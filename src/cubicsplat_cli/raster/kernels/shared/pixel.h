@@ -75,11 +75,6 @@ CS_INLINE void nearest_update(Nearest<F>& best, const Edge& e, F wx, F wy, float
   best.edge = select(closer, F(number), best.edge);
 }
 
-// Crossing of an edge with the horizontal line at y; the caller knows that there is one.
-CS_INLINE float crossing_x(float ax, float ay, float bx, float by, float y) {
-  return ax + (y - ay) * (bx - ax) / (by - ay);
-}
-
 // Relaxed step phi(u) for an edge of width w = 1 / slope, and its derivative. support = 1 / (1.5 w).
 template <class F>
 CS_INLINE void relaxed_step(F u, float support, F& phi, F& slope) {
