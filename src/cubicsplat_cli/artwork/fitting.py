@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.corners import find_corners
-from cubicsplat_cli.artwork.joining import as_ring, at_lines, joined, loosened, tightened, with_level_lines
+from cubicsplat_cli.artwork.corners import Corners, find_corners
+from cubicsplat_cli.artwork.joining import as_ring, joined, loosened, tightened, with_level_lines
 from cubicsplat_cli.artwork.layout import independent, lay_out
 from cubicsplat_cli.artwork.outlines import Outline, Ring, polygon
 from cubicsplat_cli.artwork.primitives import fit_primitive
@@ -22,7 +22,7 @@ PRECISION = 0.05  # px, to which a coordinate is worth knowing
 PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than one too few to put in
 FINEST_SIGMA = 0.02  # px: what is systematic in the points is never below this
 FEWEST_POINTS = 8
-# Bends, in radians, up to which a line and a cubic are joined smoothly; the first that pays.
+# Bends, in radians, up to which pieces that are not both lines are joined smoothly; the first that pays.
 SMOOTHEST = (math.radians(12.0), math.radians(4.0), math.radians(1.5))
 PLAIN_MISFIT = 1.2  # mean squared residual of a primitive, in sigmas, at which nothing else need be tried
 
@@ -68,12 +68,21 @@ def _checked(points: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _fit_ring(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Ring, float]:
-    layout = lay_out(points, independent(points, weights), find_corners(points, weights), price)
+    corners = find_corners(points, weights)
+    ring, cost = _fit_between(points, weights, corners, price)
+    if ring.pieces < 3 and ring.lines.all():
+        # There and back again encloses nothing: the thin tips were no corners.
+        ring, cost = _fit_between(points, weights, corners.taken(np.arange(0)), price)
+    return (polygon(points), cost) if ring.pieces < 3 and ring.lines.all() else (ring, cost)
+
+
+def _fit_between(points: np.ndarray, weights: np.ndarray, corners: Corners, price: float) -> tuple[Ring, float]:
+    layout = lay_out(points, independent(points, weights), corners, price)
     points, weights = points[layout.order], layout.weights[layout.order]
     pieces, feet = joined(layout.divisions, cornered=len(layout.corners.indices) > 0)
     best = refine(loosened(pieces), points, weights, feet)
     for widest in SMOOTHEST:
-        trial = tightened(best[0], at_lines(pieces), widest)
+        trial = tightened(best[0], ~(pieces.lines & np.roll(pieces.lines, 1)), widest)
         best, done = _if_cheaper(best, trial, points, weights, price)
         if done:
             break

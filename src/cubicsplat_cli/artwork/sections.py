@@ -183,10 +183,12 @@ def _pairs(nodes: _Nodes) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _fits(section: Section, nodes: _Nodes, first: np.ndarray, last: np.ndarray, price: float):
-    m = len(section.weights)
-    lo, hi = nodes.index[first], nodes.index[last]
+    # Only points that tell something are sampled: a few that show between hidden ones must not be missed.
+    telling = np.flatnonzero(section.weights > 0.0)
+    lo, hi = (np.searchsorted(telling, nodes.index[pair]) for pair in (first, last))
     share = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    index = np.minimum((lo[:, None] + (hi - lo)[:, None] * share).astype(int), m - 1)
+    rank = (lo[:, None] + (hi - lo)[:, None] * share).astype(int)
+    index = np.append(telling, 0)[np.minimum(rank, max(len(telling) - 1, 0))]
     points = section.fits.positions[index]
     share_of = ((hi - lo) / SAMPLES)[:, None]
     weights = section.weights[index] * share_of
