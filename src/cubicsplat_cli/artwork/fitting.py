@@ -1,6 +1,6 @@
 """From boundary points to the outline an artist would have drawn: the fewest pieces that the points support.
 
-Every choice is made by description length: half of chi^2 plus, for each parameter, ln(extent / precision).
+Every choice is made by description length: half of chi^2 plus a price for each parameter (parameter_price).
 """
 
 from __future__ import annotations

@@ -137,7 +137,9 @@ def joined_smoothly(pieces: Pieces) -> Pieces:
     return variables.moved(np.zeros(variables.total + 1))
 
 
-def _normal_equations(pieces, feet, rest, normals, weights) -> tuple[np.ndarray, np.ndarray]:
+def _normal_equations(
+    pieces: Pieces, feet: Feet, rest: np.ndarray, normals: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Gram matrices (S, 8, 8) and gradients (S, 8) over the 8 coordinates of each piece's control points."""
     z = np.abs(rest) * np.sqrt(weights)
     w = weights * np.minimum(1.0, HUBER / np.maximum(z, 1e-12))
@@ -237,7 +239,17 @@ class Variables:
     def _anchor(self, piece: np.ndarray, k: int, anchor: np.ndarray, factor: float) -> None:
         self._add(8 * piece[:, None] + 2 * k + PAIR, self.pieces.tied[anchor], factor)
 
-    def _handle(self, piece, k, anchor, handles, lengths, vectors, sign) -> None:
+    def _handle(
+        self,
+        piece: np.ndarray,
+        k: int,
+        anchor: np.ndarray,
+        handles: np.ndarray,
+        lengths: np.ndarray,
+        vectors: np.ndarray,
+        sign: float,
+    ) -> None:
+        """Control point k of some pieces, by the handle at its anchor; sign: 1 if outgoing, -1 if incoming."""
         d = self.direction[anchor]
         across = np.stack([-d[:, 1], d[:, 0]], axis=1)
         size = np.hypot(*handles[anchor].T)

@@ -182,7 +182,10 @@ def _pairs(nodes: _Nodes) -> tuple[np.ndarray, np.ndarray]:
     return first[keep], last[keep]
 
 
-def _fits(section: Section, nodes: _Nodes, first: np.ndarray, last: np.ndarray, price: float):
+def _fits(
+    section: Section, nodes: _Nodes, first: np.ndarray, last: np.ndarray, price: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of node pairs: lines and cubics (P, 4, 2), and what they cost (P,), in nats."""
     # Only points that tell something are sampled: a few that show between hidden ones must not be missed.
     telling = np.flatnonzero(section.weights > 0.0)
     lo, hi = (np.searchsorted(telling, nodes.index[pair]) for pair in (first, last))
