@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish import State, begin, drawn, kept, settle
+from cubicsplat_cli.artwork.finish import ROUNDS, State, begin, drawn, kept, settle
 from cubicsplat_cli.artwork.moves import shorter, with_moves
 from cubicsplat_cli.artwork.shapes import Drawing
 
-# Passes of moves, one where there are more than CROWDED pieces, none beyond FULL.
+# Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
 PASSES, CROWDED, FULL = 3, 400, 1500
 TRIAL_ROUNDS = 6
 
@@ -17,8 +17,8 @@ def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0) -> Drawing
     """The drawing fitted to a picture (H, W, 4) premultiplied in [0, 1]; detail as in ArtworkSettings."""
     if not drawing.shapes:
         return drawing
-    state = settle(begin(drawing, target), target)
     pieces = drawing.segments
+    state = settle(begin(drawing, target), target, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
     for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
         following = _moved(state, target, (drawing.width, drawing.height), detail)
         if following is state:

@@ -1,0 +1,61 @@
+"""Edits that add a piece to a ring, and the moves that choose among them."""
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.edits import cornered, curved, divided, rounded
+from cubicsplat_cli.artwork.finish import begin
+from cubicsplat_cli.artwork.outlines import Circle, flattened, polygon, signed_area
+from cubicsplat_cli.artwork.polish import polish
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+
+RED = (255, 0, 0, 255)
+SQUARE = polygon(np.array([[8.0, 8.0], [40.0, 8.0], [40.0, 40.0], [8.0, 40.0]]))
+
+
+def test_dividing_a_piece_keeps_the_curve():
+    ring = Circle(20.0, 20.0, 12.0).ring()
+    cut = divided(ring, 1, 0.3)
+    assert cut.pieces == 5 and cut.smooth.all()
+    assert signed_area(cut) == pytest.approx(signed_area(ring), rel=1e-12)
+    radii = np.hypot(*(flattened(cut, 0.3) - 20.0).T)
+    assert np.abs(radii - 12.0).max() < 12.0 * 3e-4
+
+
+def test_a_line_made_a_curve_is_still_straight():
+    bent = curved(SQUARE, 2)
+    assert bent.lines.tolist() == [True, True, False, True]
+    assert signed_area(bent) == pytest.approx(signed_area(SQUARE))
+
+
+def test_a_joint_made_a_corner_keeps_its_place():
+    ring = cornered(Circle(20.0, 20.0, 12.0).ring(), 2)
+    assert ring.smooth.tolist() == [True, True, False, True]
+
+
+def test_a_rounded_corner_cuts_its_tip_off_on_both_sides():
+    ring = rounded(SQUARE, 1, 3.0)
+    assert ring.pieces == 5 and ring.lines.tolist() == [True, False, True, True, True]
+    assert ring.anchors[1] == pytest.approx([37.0, 8.0]) and ring.anchors[2] == pytest.approx([40.0, 11.0])
+    assert ring.smooth.tolist() == [False, True, True, False, False]
+    assert signed_area(SQUARE) - signed_area(ring) == pytest.approx((4.0 - np.pi) / 4.0 * 9.0, rel=0.05)
+
+
+def test_the_polish_bends_a_line_that_should_be_an_arc():
+    square = polygon(SQUARE.anchors + 0.6)
+    cubics = square.cubics
+    cubics[0, 1:3, 1] -= 0.7
+    share = coverage(edges_of(cubics, np.array([False, True, True, True])), 0, 0, 48, 48)
+    target = share[..., None] * (np.array(RED) / 255.0)
+    start = Drawing(48, 48, (Shape(RED, (square,), "red"),))
+    done = polish(start, target)
+    assert begin(done, target).value < 0.02 * begin(start, target).value
+    assert done.segments == 4
+
+
+def test_the_polish_leaves_alone_what_is_right():
+    share = coverage(edges_of(SQUARE.cubics, SQUARE.lines), 0, 0, 48, 48)
+    start = Drawing(48, 48, (Shape(RED, (SQUARE,), "red"),))
+    done = polish(start, share[..., None] * (np.array(RED) / 255.0))
+    assert np.allclose(done.shapes[0].outlines[0].anchors, SQUARE.anchors, atol=1e-6)
