@@ -48,8 +48,6 @@ void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const C
 
 namespace {
 
-float sigmoid(float x) { return 1.0f / (1.0f + std::exp(-x)); }
-
 void activate(const CsScene& scene, float edge_width, int p, Primitive& q) {
   for (int c = 0; c < 3; c++) q.colour[c] = scene.colours[3 * p + c];
   q.opacity = scene.opacities[p];
@@ -61,8 +59,6 @@ void activate(const CsScene& scene, float edge_width, int p, Primitive& q) {
   q.edge_width = scene.edge_widths ? scene.edge_widths[p] : edge_width;
 }
 
-// Edges per cubic that keep the polyline within the tolerance: the error is at most D2 / (8 S^2) with
-// D2 = 6 max |second difference of the control points|.
 int choose_samples(const Frame& f, const Rings& rings, const float* points) {
   const CsSettings& s = f.settings;
   if (!(s.tolerance > 0.0f)) return s.samples;
@@ -72,11 +68,9 @@ int choose_samples(const Frame& f, const Rings& rings, const float* points) {
       for (int j = 0; j < 2; j++) {
         const float *a = points + 2 * (3 * m + j), *b = a + 2;
         const float* c = j == 0 ? b + 2 : points + 2 * rings.end_point(r, m, f.scene.closed);
-        float x = a[0] - 2.0f * b[0] + c[0], y = a[1] - 2.0f * b[1] + c[1];
-        worst = std::max(worst, x * x + y * y);
+        worst = std::max(worst, bend(a, b, c));
       }
-  float need = std::ceil(std::sqrt(6.0f * std::sqrt(worst) / (8.0f * s.tolerance)));
-  return int(limit(need, float(std::min(3, s.samples)), float(s.samples)));
+  return samples_for(worst, s.tolerance, s.samples);
 }
 
 // Vertices of one ring but the last, at uniform parameters; returns where the last one goes.
@@ -365,9 +359,7 @@ void flatten(Frame& f, int index) {
       q.edges = evaluate_polyline(f, rings, points, q.samples, v, chunk.ring_starts);
     }
     chunk.ring_starts.push_back(uint32_t(q.edges));
-    // In exact mode a pixel up to half a diagonal away from the outline is partly covered.
-    float support = kHalfSupport * q.edge_width;
-    q.reach = q.half_width + (f.settings.exact ? std::max(support, 0.75f) : support);
+    q.reach = reach_of(q.half_width, q.edge_width, f.settings.exact);
     Flattener{f, chunk, q, v, p}.run();
   }
   if (f.backward) chunk.edge_gradients.assign(chunk.edges.size(), EdgeGradient{});

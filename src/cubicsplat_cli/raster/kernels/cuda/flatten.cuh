@@ -5,10 +5,7 @@
 
 namespace cs {
 
-CS_INLINE float sigmoid(float x) { return 1.0f / (1.0f + expf(-x)); }
-
-// Edges per cubic that keep the polyline within the tolerance: the error is at most D2 / (8 S^2) with
-// D2 = 6 max |second difference of the control points|. The same for all lanes of the warp.
+// The same for all lanes of the warp.
 CS_INLINE int choose_samples(const Frame& f, const Rings& rings, const float* points, int lane) {
   const float tolerance = f.step->tolerance;
   if (!(tolerance > 0.0f)) return f.samples;
@@ -17,14 +14,9 @@ CS_INLINE int choose_samples(const Frame& f, const Rings& rings, const float* po
     const int m = i >> 1, first = 3 * m + (i & 1);
     const int last = i & 1 ? rings.end_point(rings.ring_of(m), m, kClosed) : first + 2;
     const float *a = points + 2 * first, *b = a + 2, *c = points + 2 * last;
-    float x = a[0] - 2.0f * b[0] + c[0], y = a[1] - 2.0f * b[1] + c[1];
-    worst = fmaxf(worst, x * x + y * y);
+    worst = fmaxf(worst, bend(a, b, c));
   }
-  float need = ceilf(sqrtf(6.0f * sqrtf(warp_most(worst)) / (8.0f * tolerance)));
-  int low = least(3, f.samples);
-  // Written so that a NaN gives the lower bound.
-  if (!(need > float(low))) return low;
-  return need < float(f.samples) ? int(need) : f.samples;
+  return samples_for(warp_most(worst), tolerance, f.samples);
 }
 
 // Box of a curve's polyline, and twice its signed area seen from its first vertex.
@@ -91,10 +83,8 @@ CS_INLINE void write_attributes(const Frame& f, int curve, int edges, int sample
     opacity = sigmoid(opacity);
   }
   const float half_width = kClosed ? 0.0f : f.half_widths[curve];
-  // In exact mode a pixel up to half a diagonal away from the outline is partly covered.
   const float edge_width = f.edge_widths ? f.edge_widths[curve] : f.step->edge_width;
-  const float support = kHalfSupport * edge_width;
-  const float reach = half_width + (f.exact ? fmaxf(support, 0.75f) : support);
+  const float reach = reach_of(half_width, edge_width, f.exact);
   if (lane != 0) return;
   float* a = f.attributes + size_t(curve) * kAttributes;
   for (int c = 0; c < 3; c++) a[c] = colour[c];
@@ -104,7 +94,7 @@ CS_INLINE void write_attributes(const Frame& f, int curve, int edges, int sample
   a[kOrientation] = o.area > 0.0f ? 1.0f : (o.area < 0.0f ? -1.0f : 0.0f);
   a[kEdges] = float(edges);
   a[kEdgeWidth] = edge_width;
-  a[kSupport] = 1.0f / (2.0f * support);
+  a[kSupport] = 1.0f / (2.0f * kHalfSupport * edge_width);
   a[kSamples] = float(samples);
   f.bounds[curve] = make_float4(o.left - reach, o.top - reach, o.right + reach, o.bottom + reach);
 }

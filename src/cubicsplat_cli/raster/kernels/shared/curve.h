@@ -89,6 +89,31 @@ struct Rings {
   }
 };
 
+CS_INLINE float sigmoid(float x) { return 1.0f / (1.0f + expf(-x)); }
+
+// Squared length of the second difference of three control points, each x and y.
+CS_INLINE float bend(const float* a, const float* b, const float* c) {
+  const float x = a[0] - 2.0f * b[0] + c[0], y = a[1] - 2.0f * b[1] + c[1];
+  return x * x + y * y;
+}
+
+// Edges per cubic, at most `most`, that keep a polyline within the tolerance (px, > 0), where `worst` is the largest
+// bend of its cubics: the error is at most D2 / (8 S^2) with D2 = 6 sqrt(worst).
+CS_INLINE int samples_for(float worst, float tolerance, int most) {
+  const float need = ceilf(root(6.0f * root(worst) / (8.0f * tolerance)));
+  const int low = most < 3 ? most : 3;
+  // Written so that a NaN gives the lower bound.
+  if (!(need > float(low))) return low;
+  return need < float(most) ? int(need) : most;
+}
+
+// Farther from the outline or the stroke's line than this, px, nothing depends on its place. In exact mode a pixel up to
+// half a diagonal away from the outline is partly covered.
+CS_INLINE float reach_of(float half_width, float edge_width, bool exact) {
+  const float support = kHalfSupport * edge_width;
+  return half_width + (exact && support < 0.75f ? 0.75f : support);
+}
+
 // Bernstein weights of a cubic at parameter t.
 CS_INLINE void bernstein(float t, float* w) {
   float s = 1.0f - t;
