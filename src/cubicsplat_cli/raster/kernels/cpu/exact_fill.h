@@ -33,40 +33,50 @@ struct SubRows {
   }
 };
 
-// Area by sub-scanlines, for any winding: horizontally exact, mean of 16 lines a row.
+// The sub-scanlines of row j of a block.
 //
 // Edges left of the block show only in the winding number at its left side. That is known at the centre of the row; on
 // another line it differs by the ends of near edges between the two, where a chain of left edges begins or ends.
-CS_INLINE Lanes sampled_fill(const Outline& o, const Block& b, Lanes* scratch) {
-  float area[kLanes];
-  const float middle = b.left + 0.5f * kBlock;
-  for (int j = 0; j < kBlock; j++) {
-    const float centre = b.top + float(j) + 0.5f;
-    const Lanes y = fused(lane_numbers(), Lanes(1.0f / kExactRows), Lanes(b.top + float(j) + 0.5f / kExactRows));
-    SubRows s{scratch, scratch + o.pair->edge_count, 0, Lanes(o.winding[j][b.number])};
-    o.each_near(b, [&](uint32_t, const TileEdge& e) {
-      const Lanes starts = select(Lanes(e.ay) <= y, Lanes(1.0f), Lanes(0.0f));
-      const Lanes ends = select(Lanes(e.by) <= y, Lanes(1.0f), Lanes(0.0f));
-      if (e.bx < middle) s.left = s.left + ends - Lanes(e.by <= centre ? 1.0f : 0.0f);
-      if (e.ax < middle) s.left = s.left - starts + Lanes(e.ay <= centre ? 1.0f : 0.0f);
-      const Mask crosses = starts != ends;
-      if (!any(crosses)) return;
-      const Lanes x = fused(y - Lanes(e.ay), Lanes((e.bx - e.ax) / (e.by - e.ay)), Lanes(e.ax - b.left));
-      s.insert(select(crosses, x, Lanes(float(kTile))), starts - ends);
-    });
-    Lanes number = s.left, sums[kBlock];
-    for (Lanes& sum : sums) sum = select(number != Lanes(0.0f), Lanes(1.0f), Lanes(0.0f));
-    for (int i = 0; i < s.count; i++) {
-      const Lanes before = select(number != Lanes(0.0f), Lanes(1.0f), Lanes(0.0f));
-      number = number + s.direction[i];
-      const Lanes change = select(number != Lanes(0.0f), Lanes(1.0f), Lanes(0.0f)) - before;
-      for (int c = 0; c < kBlock; c++) {
-        const Lanes beyond = minimum(maximum(Lanes(float(c + 1)) - s.x[i], Lanes(0.0f)), Lanes(1.0f));
-        sums[c] = fused(change, beyond, sums[c]);
-      }
+CS_INLINE SubRows cross_row(const Outline& o, const Block& b, int j) {
+  const float top = b.top + float(j), bottom = top + 1.0f, centre = top + 0.5f, middle = b.left + 0.5f * kBlock;
+  const Lanes y = fused(lane_numbers(), Lanes(1.0f / kExactRows), Lanes(top + 0.5f / kExactRows));
+  const Lanes one(1.0f), zero(0.0f);
+  SubRows s{o.crossings, o.crossings + o.pair->edge_count, 0, Lanes(o.winding[j][b.number])};
+  o.each_near(b, [&](uint32_t, const TileEdge& e) {
+    if ((e.ay <= top && e.by <= top) || (e.ay > bottom && e.by > bottom)) return;
+    const Lanes starts = select(Lanes(e.ay) <= y, one, zero), ends = select(Lanes(e.by) <= y, one, zero);
+    if (e.bx < middle) s.left = s.left + ends - Lanes(e.by <= centre ? 1.0f : 0.0f);
+    if (e.ax < middle) s.left = s.left - starts + Lanes(e.ay <= centre ? 1.0f : 0.0f);
+    const Mask crosses = starts != ends;
+    if (!any(crosses)) return;
+    const Lanes x = fused(y - Lanes(e.ay), Lanes((e.bx - e.ax) / (e.by - e.ay)), Lanes(e.ax - b.left));
+    s.insert(select(crosses, x, Lanes(float(kTile))), starts - ends);
+  });
+  return s;
+}
+
+// Sum over the sub-scanlines of the length, in each pixel of the row, of where the winding number is not zero.
+CS_INLINE Four covered_lengths(const SubRows& s) {
+  const auto inside = [](Lanes number) { return select(number != Lanes(0.0f), Lanes(1.0f), Lanes(0.0f)); };
+  Lanes number = s.left, before = inside(number), sums[kBlock] = {before, before, before, before};
+  for (int i = 0; i < s.count; i++) {
+    number = number + s.direction[i];
+    const Lanes after = inside(number), change = after - before;
+    for (int c = 0; c < kBlock; c++) {
+      const Lanes beyond = minimum(maximum(Lanes(float(c + 1)) - s.x[i], Lanes(0.0f)), Lanes(1.0f));
+      sums[c] = fused(change, beyond, sums[c]);
     }
-    const Four row = sum_of_four(sums[0], sums[1], sums[2], sums[3]);
-    for (int c = 0; c < kBlock; c++) area[j * kBlock + c] = row.v[c];
+    before = after;
+  }
+  return sum_of_four(sums[0], sums[1], sums[2], sums[3]);
+}
+
+// Area by sub-scanlines, for any winding: horizontally exact, mean of 16 lines a row.
+inline Lanes sampled_fill(const Outline& o, const Block& b) {
+  float area[kLanes];
+  for (int j = 0; j < kBlock; j++) {
+    const Four lengths = covered_lengths(cross_row(o, b, j));
+    for (int c = 0; c < kBlock; c++) area[j * kBlock + c] = lengths.v[c];
   }
   const Lanes mean = Lanes::load(area) * Lanes(1.0f / kExactRows);
   return minimum(maximum(mean, Lanes(0.0f)), Lanes(1.0f));
@@ -99,7 +109,7 @@ CS_INLINE Lanes exact_fill(const Outline& o, const Block& b) {
     arc = test.passed();
   }
   if (arc) return minimum(absolute(signed_area(o, b)), Lanes(1.0f));
-  return sampled_fill(o, b, o.crossings);
+  return sampled_fill(o, b);
 }
 
 }  // namespace CS_ISA

@@ -186,9 +186,10 @@ Box bounds(const float* v, int count) {
   return b;
 }
 
-// floor(x / unit) clamped to [0, limit], safe for any float including NaN.
-int cell(float x, float unit, int most) {
-  float c = std::floor(x / unit);
+// floor(x / kTile) clamped to [0, most], safe for any float including NaN. Conversion rounds down what is positive, and is
+// no call of a library function.
+int cell(float x, int most) {
+  float c = x * (1.0f / kTile);
   if (!(c > 0.0f)) return 0;
   return c < float(most) ? int(c) : most;
 }
@@ -214,9 +215,10 @@ struct Flattener {
 
   // First pixel row whose centre lies at y or below it.
   int row_at(float y, int low, int high) const {
-    float r = std::ceil(y - 0.5f);
+    float r = y - 0.5f;
     if (!(r > float(low))) return low;
-    return r < float(high) ? int(r) : high;
+    if (!(r < float(high))) return high;
+    return int(r) + (float(int(r)) < r);
   }
 
   void orientation() {
@@ -258,8 +260,8 @@ struct Flattener {
     }
     float low = std::min(ax, bx) - q.reach, high = std::max(ax, bx) + q.reach;
     if (low > float(tile_x1 * kTile)) return;
-    x0 = std::max(cell(low, kTile, tile_x1), tile_x0);
-    x1 = high < float(tile_x0 * kTile) ? x0 : std::min(cell(high, kTile, tile_x1 - 1) + 1, tile_x1);
+    x0 = std::max(cell(low, tile_x1), tile_x0);
+    x1 = high < float(tile_x0 * kTile) ? x0 : std::min(cell(high, tile_x1 - 1) + 1, tile_x1);
   }
 
   // Where each edge is near, and how it winds around what is right of it.
@@ -269,7 +271,7 @@ struct Flattener {
     if (f.scene.closed) chunk.windings.assign(chunk.cursor.size() * kTile, 0);
     each_edge([&](int e) {
       float low = std::min(start(e)[1], end(e)[1]) - q.reach, high = std::max(start(e)[1], end(e)[1]) + q.reach;
-      int y0 = std::max(cell(low, kTile, tile_y1), tile_y0), y1 = std::min(cell(high, kTile, tile_y1 - 1) + 1, tile_y1);
+      int y0 = std::max(cell(low, tile_y1), tile_y0), y1 = std::min(cell(high, tile_y1 - 1) + 1, tile_y1);
       for (int ty = y0; ty < y1; ty++) {
         int x0, x1;
         columns(e, ty, x0, x1);
@@ -327,10 +329,10 @@ struct Flattener {
                    b.y0 - q.reach < h;
     q.pair_begin = uint32_t(chunk.pairs.size());
     if (visible) {
-      tile_x0 = cell(b.x0 - q.reach, kTile, f.tiles_x - 1);
-      tile_x1 = cell(b.x1 + q.reach, kTile, f.tiles_x - 1) + 1;
-      tile_y0 = cell(b.y0 - q.reach, kTile, f.tiles_y - 1);
-      tile_y1 = cell(b.y1 + q.reach, kTile, f.tiles_y - 1) + 1;
+      tile_x0 = cell(b.x0 - q.reach, f.tiles_x - 1);
+      tile_x1 = cell(b.x1 + q.reach, f.tiles_x - 1) + 1;
+      tile_y0 = cell(b.y0 - q.reach, f.tiles_y - 1);
+      tile_y1 = cell(b.y1 + q.reach, f.tiles_y - 1) + 1;
       if (f.scene.closed) orientation();
       list_pairs();
     }

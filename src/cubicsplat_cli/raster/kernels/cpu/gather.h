@@ -147,9 +147,13 @@ class Gatherer {
     for (int j = 0; j < kBlock; j++) winding[j].store(o.winding[j]);
     // A block far from the outline is inside or outside as a whole.
     o.full = uint16_t(bits(winding[0] != Lanes(0.0f)) & ~unsigned(o.mixed));
+    o.arc = task_.settings->exact && is_arc(o);
+  }
+
+  static bool is_arc(const Outline& o) {
     ArcTest test;
-    if (task_.settings->exact) each_edge(o, [&](const EdgeGroup& g, unsigned i) { test.add(g.edge(i)); });
-    o.arc = task_.settings->exact && test.passed();
+    for (uint32_t n = 0; n < o.pair->edge_count && !test.failed(); n++) test.add(o.edge(n));
+    return test.passed();
   }
 
   static CS_INLINE void start_windings(const Pair& pair, Lanes* winding) {
