@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.raster import render_scene
 
 
 def painted(width, height, *layers, ground=(0.0, 0.0, 0.0, 0.0), fine=8):
@@ -88,3 +90,14 @@ def test_a_clear_picture_has_no_shapes_and_an_even_one_a_single_rectangle():
 def test_checkerboards_of_single_pixels_become_even():
     board = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)[..., None].repeat(3, axis=-1)
     assert len(draw(board).shapes) < 10
+
+
+def test_a_ring_beneath_a_band_keeps_its_hole_and_its_inner_side():
+    """The hole shows the ground; what the outer ring may cover includes it."""
+    y, x = np.mgrid[:96, :96] + 0.5
+    radius = np.hypot(x - 48, y - 48)
+    picture = np.zeros((96, 96, 4), np.float32)
+    picture[(radius < 40) & (radius > 20)] = (0.0, 0.5, 0.5, 1.0)
+    picture[np.abs(y - 74 + 0.1 * x) < 3] = (1.0, 0.2, 0.2, 1.0)
+    own = render_scene(scene_of(draw(picture)), coverage="exact", samples=16)
+    assert np.abs(own - picture).mean() < 0.02

@@ -47,7 +47,9 @@ class _Window:
         # Where upper layers hide the edge it runs beneath them, not along it.
         beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
         must |= beneath & ~ndimage.binary_dilation(~extent.allowed, SQUARE, 2)
-        return cls(extent.top, extent.left, must, ndimage.binary_dilation(extent.allowed, SQUARE), canvas)
+        # The outer ring may cover what the holes take away again.
+        may = ndimage.binary_fill_holes(ndimage.binary_dilation(extent.allowed, SQUARE))
+        return cls(extent.top, extent.left, must, may, canvas)
 
     def wrong(self, outline: Outline, hole: bool) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline covers or leaves wrongly."""
