@@ -51,6 +51,14 @@ def test_a_box_on_a_ground_becomes_two_rectangles():
     assert (rectangle.width, rectangle.height) == pytest.approx((40.5, 27.5), abs=0.05)
 
 
+def test_a_disc_behind_another_goes_on_beneath_it():
+    drawing = draw(painted(120, 80, (disc(45.0, 40.0, 30.0), RED), (disc(80.0, 40.0, 25.0), BLUE)))
+    assert [shape.ink[:3] for shape in drawing.shapes] == [(255, 0, 0), (0, 0, 255)]
+    hidden = drawing.shapes[0].outlines[0]
+    assert isinstance(hidden, Circle)
+    assert (hidden.cx, hidden.cy, hidden.r) == pytest.approx((45.0, 40.0, 30.0), abs=0.05)
+
+
 def test_a_hole_shows_the_ground_and_an_inset_fills_none():
     ring = draw(painted(80, 80, (disc(40.0, 40.0, 30.0), RED), (disc(40.0, 40.0, 12.0), WHITE), ground=WHITE))
     assert [len(shape.outlines) for shape in ring.shapes] == [1, 2]

@@ -53,8 +53,7 @@ def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent
     boxes = ndimage.find_objects(depth + 1)
     for place in range(len(stack.layers)):
         box = boxes[place]
-        rows = slice(max(box[0].start - UNDERLAP - 1, 0), box[0].stop + UNDERLAP + 1)
-        columns = slice(max(box[1].start - UNDERLAP - 1, 0), box[1].stop + UNDERLAP + 1)
+        rows, columns = (_widened(side) for side in box)
         view = depth[rows, columns]
         shown, above = view == place, (view > place) & opaque[regions.labels[rows, columns]]
         grown = _grown(shown, above, joined=len(stack.layers[place].members) > 1)
@@ -62,6 +61,12 @@ def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent
         # What a hull adds apart from all that shows is of no use.
         for k in np.unique(parts[shown]):
             yield _extent(place, rows.start, columns.start, parts == k, shown, above, found)
+
+
+def _widened(side: slice) -> slice:
+    """A side of a box with as much room as the rest of a primitive may take that upper layers hide."""
+    room = UNDERLAP + 1 + (side.stop - side.start) // 2
+    return slice(max(side.start - room, 0), side.stop + room)
 
 
 def _grown(shown: np.ndarray, above: np.ndarray, joined: bool) -> np.ndarray:
