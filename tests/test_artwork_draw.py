@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+from cubicsplat_cli.artwork.finish import begin
 from cubicsplat_cli.artwork.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.raster import render_scene
 
 
 def painted(width, height, *layers, ground=(0.0, 0.0, 0.0, 0.0), fine=8):
@@ -100,12 +99,23 @@ def test_checkerboards_of_single_pixels_become_even():
     assert len(draw(board).shapes) < 10
 
 
-def test_a_ring_beneath_a_band_keeps_its_hole_and_its_inner_side():
-    """The hole shows the ground; what the outer ring may cover includes it."""
-    y, x = np.mgrid[:96, :96] + 0.5
-    radius = np.hypot(x - 48, y - 48)
-    picture = np.zeros((96, 96, 4), np.float32)
-    picture[(radius < 40) & (radius > 20)] = (0.0, 0.5, 0.5, 1.0)
-    picture[np.abs(y - 74 + 0.1 * x) < 3] = (1.0, 0.2, 0.2, 1.0)
-    own = render_scene(scene_of(draw(picture)), coverage="exact", samples=16)
-    assert np.abs(own - picture).mean() < 0.02
+def test_a_ring_beneath_a_band_keeps_its_hole_open():
+    ring = lambda x, y: disc(40.0, 40.0, 32.0)(x, y) & ~disc(40.0, 34.0, 14.0)(x, y)  # noqa: E731
+    picture = painted(80, 80, (ring, RED), (box(4.0, 52.25, 77.0, 60.5), BLUE))
+    drawing = draw(picture)
+    target = np.asarray(picture, dtype=float)
+    image = begin(drawing, target).image
+    assert np.abs(image - target).mean() < 2e-3
+
+
+def test_curves_cap_the_shapes_and_a_palette_replaces_inks():
+    spots = [(disc(12.0 + 16.0 * i, 20.0, 3.0 + i), RED) for i in range(4)]
+    picture = painted(76, 40, *spots, ground=WHITE)
+    drawing = draw(picture, ArtworkSettings(curves=3, palette=((250, 250, 240), (10, 200, 10))))
+    assert len(drawing.shapes) <= 3
+    assert drawing.inks == ((250, 250, 240, 255), (10, 200, 10, 255))
+
+
+def test_shapes_are_named_by_their_colour():
+    drawing = draw(painted(40, 40, (disc(20.0, 20.0, 12.0), RED), ground=WHITE))
+    assert [shape.name for shape in drawing.shapes] == ["background", "red"]

@@ -15,6 +15,7 @@ from skimage.measure import approximate_polygon
 from cubicsplat_cli.artwork.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.extents import Contour, Extent
 from cubicsplat_cli.artwork.fitting import fit_outline
+from cubicsplat_cli.artwork.hulls import holes_of
 from cubicsplat_cli.artwork.outlines import Outline, flattened, polygon, reversed_ring, signed_area
 
 # How a hidden run is guided, in the order of trial: standard errors in px, or its chord.
@@ -47,8 +48,8 @@ class _Window:
         # Where upper layers hide the edge it runs beneath them, not along it.
         beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
         must |= beneath & ~ndimage.binary_dilation(~extent.allowed, SQUARE, 2)
-        # The outer ring may cover what the holes take away again.
-        may = ndimage.binary_fill_holes(ndimage.binary_dilation(extent.allowed, SQUARE))
+        # An outer outline may go around holes, which have outlines of their own.
+        may = ndimage.binary_dilation(extent.allowed | holes_of(extent.allowed), SQUARE)
         return cls(extent.top, extent.left, must, may, canvas)
 
     def wrong(self, outline: Outline, hole: bool) -> np.ndarray:

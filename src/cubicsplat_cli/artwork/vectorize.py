@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import ndimage
 
@@ -10,11 +12,12 @@ from cubicsplat_cli.artwork.contours import crossings
 from cubicsplat_cli.artwork.extents import Extent, extents
 from cubicsplat_cli.artwork.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
 from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged, reduced, reduction
+from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.polish import polish
 from cubicsplat_cli.artwork.regions import Regions
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.stacking import stack
+from cubicsplat_cli.artwork.stacking import Stack, stack
 
 # Contours hold at most MOST_POINTS points, the smallest beyond become polygons. A picture of more than FEW regions has
 # regions of LEAST_AREA px and more on average, or is blurred by the next of BLURS, px.
@@ -31,21 +34,46 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing
     settings = settings or ArtworkSettings()
     full_height, full_width = target.shape[:2]
     factor = reduction(full_height, full_width)
-    levels, regions = _regions(reduced(as_levels(target), factor), settings, settings.min_area / factor**2)
+    levels, regions, layers, parts = _planned(reduced(as_levels(target), factor), settings, factor)
     height, width = levels.shape[:2]
-    layers = stack(regions)
-    parts = list(extents(regions, layers, crossings(levels, regions)))
     least = _least_points(parts)
     shapes = []
     for part in parts:
         ink = eight_bit(regions.inks[layers.layers[part.layer].region])
-        shapes.append(
-            Shape(ink, outlines_of(part, (height, width), settings.detail, least), f"shape-{len(shapes) + 1}")
-        )
+        outlines = outlines_of(part, (height, width), settings.detail, least)
+        shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height)))
     drawing = Drawing(width, height, tuple(shapes))
     if len(shapes) <= MOST_POLISHED:
         drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail)
-    return enlarged(drawing, factor, full_width, full_height)
+    return enlarged(in_palette(drawing, settings.palette), factor, full_width, full_height)
+
+
+def _planned(
+    levels: np.ndarray, settings: ArtworkSettings, factor: int
+) -> tuple[np.ndarray, Regions, Stack, list[Extent]]:
+    """The picture that is drawn, its regions and layers, and the parts to draw: at most settings.curves of them."""
+    min_area = settings.min_area / factor**2
+    while True:
+        soft, regions = _regions(levels, settings, min_area)
+        layers = stack(regions)
+        parts = list(extents(regions, layers, crossings(soft, regions)))
+        if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:
+            return soft, regions, layers, parts
+        # The regions beyond as many as may be drawn join their neighbours.
+        areas = np.sort(regions.areas())[::-1]
+        min_area = max(2.0 * min_area, float(areas[min(settings.curves, len(areas) - 1)]) + 1.0)
+
+
+def in_palette(drawing: Drawing, palette: tuple[tuple[int, int, int], ...]) -> Drawing:
+    """The drawing with every ink's colour replaced by the nearest of a palette; the same where that is empty."""
+    if not palette:
+        return drawing
+    colours = np.array(palette)
+    shapes = []
+    for shape in drawing.shapes:
+        nearest = int(((colours - np.array(shape.ink[:3])) ** 2).sum(axis=1).argmin())
+        shapes.append(replace(shape, ink=(*palette[nearest], shape.ink[3])))
+    return replace(drawing, shapes=tuple(shapes))
 
 
 def _regions(levels: np.ndarray, settings: ArtworkSettings, min_area: float) -> tuple[np.ndarray, Regions]:
