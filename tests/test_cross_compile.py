@@ -1,11 +1,14 @@
 """The native library compiles for every system that has a wheel, with the build file that users have.
 
-Needs Debian's g++-aarch64-linux-gnu, and zig (`pip install ziglang`), which brings the headers of all systems.
+Needs Debian's g++-aarch64-linux-gnu, and zig (`pip install ziglang`), which brings the headers of all systems and
+compiles its C++ library for each at the first time. zig has no `__builtin_cpu_supports` to link with, so its libraries
+for x86-64 hold the generic tiles alone; the wide ones are compiled, not linked.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import re
 import shutil
 import struct
 import subprocess
@@ -87,6 +90,21 @@ def test_the_library_compiles_for(name, tmp_path):
     data = build(system, compiler, tmp_path)
     assert data.startswith(system.begins)
     assert b"cs_abi_version" in data, "its interface is exported"
+
+
+@pytest.mark.parametrize("name", [name for name in SYSTEMS if "x86-64" in name])
+@pytest.mark.parametrize("isa", ["avx2", "avx512"])
+def test_the_wide_tiles_compile_for(name, isa, tmp_path):
+    compiler = SYSTEMS[name].compiler()
+    if compiler is None:
+        pytest.skip("zig is not installed (pip install ziglang)")
+    text = (ROOT / "CMakeLists.txt").read_text()
+    flags = re.search(rf"set\({isa}_flags ([^)]*)\)", text).group(1).split()
+    options = ["-std=c++17", "-O3", "-Wall", "-Wextra", "-Wno-psabi", "-Werror", f"-DCS_ISA={isa}", *flags]
+    source = ROOT / "src" / "cubicsplat_cli" / "raster" / "kernels" / "cpu" / "tile.cpp"
+    command = [*compiler, *options, "-c", str(source), "-o", str(tmp_path / "tile.o")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.skipif(not shutil.which(GCC_FOR_ARM), reason=f"{GCC_FOR_ARM} is not installed (g++-aarch64-linux-gnu)")

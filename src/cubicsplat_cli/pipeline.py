@@ -31,6 +31,8 @@ from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg import write_drawing, write_svg
 
 ARTWORK_SAMPLES = 48  # edges per cubic of the engine's own picture
+# A drawing that is further from the picture has lost something that people see.
+LEAST_ARTWORK_DB = 28.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +89,7 @@ def vectorize_picture(
     request, stages = request or Request(), stages or Stages()
     target = picture if request.max_size is None else resize_picture(picture, request.max_size)
     with stages("fit"):
-        style = choose_style(target.target()) if request.style == "auto" else Style(request.style, "asked for")
-        made = _STYLES[style.name](target, picture, request, on_progress)
+        style, made = _styled(target, picture, request, on_progress)
     with stages("write"):
         comment = provenance_comment(__version__, request.settings.seed, request.digest(), picture.sha256)
         svg = made.write(title or picture.source, comment)
@@ -97,6 +98,24 @@ def vectorize_picture(
     if request.measure:
         result = _measured(result, picture, made.samples, request.settings.threads, stages)
     return replace(result, report=replace(result.report, timing=_timing(stages, result.report.timing)))
+
+
+def _styled(
+    target: Picture, picture: Picture, request: Request, on_progress: Callable[[Progress], None] | None
+) -> tuple[Style, Made]:
+    """What the style asked for made of the picture; or the one that suits it, unless a drawing is too far from it."""
+    if request.style != "auto":
+        return Style(request.style, "asked for"), _STYLES[request.style](target, picture, request, on_progress)
+    style = choose_style(target.target())
+    made = _STYLES[style.name](target, picture, request, on_progress)
+    if style.name == PHOTO:
+        return style, made
+    own = _own_picture(made.scene, target, made.samples, request.settings.threads)
+    level = compare_premultiplied(target, own).psnr_db
+    if level is None or level >= LEAST_ARTWORK_DB:
+        return style, made
+    reason = f"{style.reason}, but drawn as artwork it has only {level:.1f} dB"
+    return Style(PHOTO, reason), _photo(target, picture, request, on_progress)
 
 
 def _photo(target: Picture, picture: Picture, request: Request, on_progress: Callable[[Progress], None] | None) -> Made:

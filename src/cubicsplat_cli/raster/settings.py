@@ -10,8 +10,7 @@ from cubicsplat_cli.errors import UsageError
 # a pixel stops lies just above 1 - MAX_ALPHA, so that one opaque curve ends the pixel in every precision.
 MAX_ALPHA = 0.9995
 MIN_TRANSMITTANCE = 5.1e-4
-# Exact coverage: sub-scanlines per pixel row for fills, sub-samples per axis for strokes.
-EXACT_ROWS = 16
+# Exact coverage of strokes: sub-samples per axis of a pixel.
 EXACT_SUBSAMPLES = 4
 # Half of the relaxed edge's support, in edge widths (the smoothstep of slope 1/w has support 1.5 w).
 HALF_SUPPORT = 0.75

@@ -1,0 +1,60 @@
+"""The way of one picture: which style it takes, and what is put out when."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli import pipeline, vectorize
+from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.settings import FitSettings
+
+SETTINGS = FitSettings(curves=6, steps=12, threads=1)
+
+
+def flat_picture() -> np.ndarray:
+    pixels = np.full((40, 48, 3), 240, np.uint8)
+    pixels[8:30, 10:34] = (20, 90, 160)
+    return pixels
+
+
+def test_a_flat_picture_is_drawn_and_the_report_says_why():
+    report = vectorize(flat_picture(), threads=1).report
+    assert (report.style, report.shapes, report.primitives) == ("artwork", 2, 2)
+    assert report.inks == ["#f0f0f0ff", "#145aa0ff"]
+    assert "texture" in report.style_reason
+
+
+def test_a_drawing_too_far_from_its_picture_gives_way_to_a_photo(monkeypatch):
+    monkeypatch.setattr(pipeline, "LEAST_ARTWORK_DB", 99.0)
+    noisy = flat_picture()
+    noisy[10, 12] = (23, 92, 163)
+    report = vectorize_picture(as_picture(noisy), Request(SETTINGS, measure=False)).report
+    assert report.style == "photo"
+    assert "drawn as artwork it has only" in report.style_reason
+    asked = vectorize_picture(as_picture(noisy), Request(SETTINGS, style="artwork", measure=False)).report
+    assert (asked.style, asked.style_reason) == ("artwork", "asked for")
+
+
+@pytest.mark.parametrize("style", ["photo", "artwork"])
+def test_the_svg_is_put_out_before_it_is_measured(style):
+    seen = []
+    done = vectorize_picture(as_picture(flat_picture()), Request(SETTINGS, style=style), on_svg=seen.append)
+    (first,) = seen
+    assert (first.svg, first.report.quality, first.pixels) == (done.svg, None, None)
+    assert done.report.quality.svg.psnr_db is None or done.report.quality.svg.psnr_db > 8
+
+
+def test_the_svg_keeps_the_size_of_a_picture_that_was_scaled_down():
+    done = vectorize_picture(as_picture(flat_picture()), Request(SETTINGS, style="artwork", max_size=24))
+    assert 'viewBox="0 0 48 40"' in done.svg
+    assert (done.scene.width, done.scene.height) == (48, 40)
+    assert done.report.quality.svg.psnr_db > 20
+
+
+def test_nothing_but_transparency_gives_no_shape():
+    done = vectorize(np.zeros((10, 12, 4), np.uint8))
+    assert (done.scene, done.report.output.paths, done.report.style) == (None, 0, "artwork")
+    assert done.report.quality.svg.identical
