@@ -176,9 +176,9 @@ def _compose(layers: list[Layer], size: tuple[int, int]) -> tuple[np.ndarray, li
         own = seen.row * width + seen.column
         pixels = np.unique(own)
         views.append(View(seen, own, pixels, layer.ink - layer.ink[3] * flat[pixels]))
-        view = image[top:bottom, left:right]
-        view *= (1.0 - layer.ink[3] * share)[..., None]
-        view += share[..., None] * layer.ink
+        window = image[top:bottom, left:right]
+        window *= (1.0 - layer.ink[3] * share)[..., None]
+        window += share[..., None] * layer.ink
         windows.append((slice(top, bottom), slice(left, right), 1.0 - layer.ink[3] * share))
     open_to = np.ones((height, width))
     for view, (rows, columns, passing) in zip(reversed(views), reversed(windows), strict=True):

@@ -175,10 +175,10 @@ class PrimitiveFreedom:
         v = values.tolist()
         if isinstance(self.shape, Circle):
             return Circle(v[0], v[1], max(v[2], LEAST_SIZE))
-        size = [max(v[2], LEAST_SIZE), max(v[3], LEAST_SIZE)]
+        across, down = max(v[2], LEAST_SIZE), max(v[3], LEAST_SIZE)
         if isinstance(self.shape, Ellipse):
-            return Ellipse(v[0], v[1], *size, v[4])
-        return Rectangle(v[0], v[1], *size, min(max(v[4], 0.0), 0.5 * min(size)), v[5])
+            return Ellipse(v[0], v[1], across, down, v[4])
+        return Rectangle(v[0], v[1], across, down, min(max(v[4], 0.0), 0.5 * min(across, down)), v[5])
 
     def trimmed(self) -> PrimitiveFreedom:
         return self

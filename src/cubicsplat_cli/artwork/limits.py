@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring
 from cubicsplat_cli.artwork.regions import Regions, find_regions
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.shapes import Drawing, scaled_outline
 
 # A drawing loses nothing visible with this many px; outlines are as exact as ever, in px of the copy.
 MOST_PIXELS = 2_000_000
@@ -60,21 +59,8 @@ def enlarged(drawing: Drawing, factor: int, width: int, height: int) -> Drawing:
     """The drawing of a reduced picture in px of the picture, of width x height px."""
     if factor == 1:
         return drawing
-    return Drawing(width, height, tuple(_scaled_shape(shape, factor) for shape in drawing.shapes))
-
-
-def _scaled_shape(shape: Shape, factor: int) -> Shape:
-    return replace(shape, outlines=tuple(_scaled(outline, factor) for outline in shape.outlines))
-
-
-def _scaled(outline: Outline, factor: int) -> Outline:
-    if isinstance(outline, Ring):
-        return replace(outline, anchors=outline.anchors * factor, controls=outline.controls * factor)
-    if isinstance(outline, Circle):
-        return Circle(outline.cx * factor, outline.cy * factor, outline.r * factor)
-    if isinstance(outline, Ellipse):
-        return Ellipse(
-            outline.cx * factor, outline.cy * factor, outline.rx * factor, outline.ry * factor, outline.angle
-        )
-    lengths = (outline.x, outline.y, outline.width, outline.height, outline.radius)
-    return Rectangle(*(length * factor for length in lengths), angle=outline.angle)
+    shapes = tuple(
+        replace(shape, outlines=tuple(scaled_outline(outline, factor, factor) for outline in shape.outlines))
+        for shape in drawing.shapes
+    )
+    return Drawing(width, height, shapes)

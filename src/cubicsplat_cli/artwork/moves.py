@@ -86,7 +86,7 @@ def _edited(outline: Freedom, found: dict[int, Complaint], canvas: tuple[int, in
     if not found or not isinstance(outline.outline(), Ring):
         return None
     done = ring
-    joints = set()
+    joints: set[int] = set()
     for i in sorted(found, reverse=True):
         done = _move(done, i, found[i], joints)
     return None if done is ring else freedom_of(done, *canvas)

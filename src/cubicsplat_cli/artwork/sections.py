@@ -146,12 +146,13 @@ def _nodes(section: Section) -> _Nodes:
 def _extrema(fits: LocalFits, known: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the run is horizontal or vertical for a moment: index (E,), position (E, 2), tangent (E, 2)."""
     m = len(known)
-    found, at, tangent = [], [], []
+    found: list[int] = []
+    at, tangent = [], []
     for c in (0, 1):
         t = fits.tangents[:, c]
         cross = (t[:-1] * t[1:] <= 0.0) & known[:-1] & known[1:] & (np.abs(fits.curvature[:-1]) > 2e-3)
-        for k in np.flatnonzero(cross):
-            k = int(k if abs(t[k]) < abs(t[k + 1]) else k + 1)
+        for before in np.flatnonzero(cross).tolist():
+            k = before if abs(t[before]) < abs(t[before + 1]) else before + 1
             if not 2 <= k < m - 2 or (found and min(abs(k - f) for f in found) < 2):
                 continue
             here, bend = fits.tangents[k], fits.curvature[k]

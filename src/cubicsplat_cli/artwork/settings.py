@@ -51,8 +51,9 @@ def parse_palette(text: str) -> tuple[tuple[int, int, int], ...]:
     """Colours with commas between them, #rgb, #rrggbb or CSS names; UsageError for anything else."""
     from PIL import ImageColor
 
-    colours = []
+    colours: list[tuple[int, int, int]] = []
     for part in text.split(","):
+        colour: tuple[int, ...]
         try:
             colour = ImageColor.getrgb(part.strip().lower())
         except ValueError:
