@@ -15,6 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Ink, Shape
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.svg.canvas import canvas_size
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.words import printable
@@ -119,12 +120,7 @@ class _Collector:
 
     def _root(self, attributes: dict[str, str]) -> None:
         self._check(attributes, _ROOT)
-        width, height = attributes.get("width", ""), attributes.get("height", "")
-        if not (re.fullmatch(r"[1-9]\d{0,6}", width) and re.fullmatch(r"[1-9]\d{0,6}", height)):
-            raise self.foreign("needs width and height in whole pixels")
-        if attributes.get("viewBox") != f"0 0 {width} {height}":
-            raise self.foreign("needs a viewBox equal to its width and height")
-        self.size = (int(width), int(height))
+        self.size = canvas_size(attributes, self.foreign)
 
     def _check(self, attributes: dict[str, str], known: set[str]) -> None:
         for name in attributes:

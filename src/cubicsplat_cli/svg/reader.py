@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.canvas import canvas_size
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
 from cubicsplat_cli.svg.writer import BACKGROUND_ID, CURVES_ID
 
@@ -130,12 +131,7 @@ class _Collector:
 
     def _root(self, attributes: dict[str, str]) -> None:
         self._known(attributes, _ROOT_ATTRIBUTES)
-        width, height = attributes.get("width", ""), attributes.get("height", "")
-        if not (re.fullmatch(r"[1-9]\d{0,6}", width) and re.fullmatch(r"[1-9]\d{0,6}", height)):
-            raise self.foreign("needs width and height in whole pixels")
-        if attributes.get("viewBox") != f"0 0 {width} {height}":
-            raise self.foreign("needs a viewBox equal to its width and height")
-        self.size = (int(width), int(height))
+        self.size = canvas_size(attributes, self.foreign)
 
     def _rect(self, attributes: dict[str, str]) -> None:
         self._known(attributes, _RECT_ATTRIBUTES)

@@ -6,19 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from cubicsplat_cli.bench.artwork.colour import WHITE, over
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.figures import Figures
 from cubicsplat_cli.bench.artwork.wireframe import wireframe
-from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.bench.cells import labelled_row, stacked
 
 CELL = 640  # px, the longer side
 _ENLARGED = 4
-_LABEL = 20
-_MARGIN = 8
-_LETTERS = 13  # px
 _PALE = 0.3  # how much of the picture shows under its outlines
 
 
@@ -27,14 +24,7 @@ def sheet_png(runs: Sequence[tuple[Figures, bytes]], paths: Mapping[str, Path], 
 
     runs: figures and SVG. paths: the truth by its name. size: longer side of the input.
     """
-    rows = [_row(figures, svg, paths[figures.picture], size) for figures, svg in runs]
-    sheet = Image.new("RGB", (max(row.width for row in rows), sum(row.height for row in rows)), "white")
-    top = 0
-    for row in rows:
-        sheet.paste(row, (0, top))
-        top += row.height
-    pixels = np.asarray(sheet)
-    return encode_png(np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)]))
+    return stacked([_row(figures, svg, paths[figures.picture], size) for figures, svg in runs])
 
 
 def _row(figures: Figures, svg: bytes, path: Path, size: int) -> Image.Image:
@@ -47,15 +37,7 @@ def _row(figures: Figures, svg: bytes, path: Path, size: int) -> Image.Image:
         f"truth: {figures.artist_shapes} shapes, {figures.artist_coordinates} coordinates",
         f"{figures.shapes} shapes, {figures.coordinates} coordinates, {figures.primitives} primitives",
     )
-    width, height = CELL, max(cell.height for cell in cells)
-    row = Image.new("RGB", (len(cells) * (width + _MARGIN) + _MARGIN, height + _LABEL + _MARGIN), "white")
-    draw, font = ImageDraw.Draw(row), ImageFont.load_default(_LETTERS)
-    for index, (cell, label) in enumerate(zip(cells, labels, strict=True)):
-        left = _MARGIN + index * (width + _MARGIN)
-        # The built-in font may hold no other letters, and no label is worth a failure.
-        draw.text((left, 3), label.encode("ascii", "replace").decode(), fill="black", font=font)
-        row.paste(cell, (left, _LABEL))
-    return row
+    return labelled_row(cells, labels, CELL)
 
 
 def _cell(pixels: np.ndarray) -> Image.Image:
