@@ -16,20 +16,17 @@ EXIT_USAGE, EXIT_INTERRUPTED = 2, 130
 def main() -> None:
     """Run the command line; never returns (SystemExit carries the exit code: 0, 1, 2 or 130)."""
     _open_streams()
-    arguments = sys.argv[1:]
-    if arguments == ["--version"]:
-        # Scripts ask for it often: answered before the command line is built.
-        from cubicsplat_cli._version import __version__
-
-        arguments, code = [], 0
-        print(f"cubicsplat {__version__}")
-    else:
-        code = _run(arguments)
-    _end(code)
+    _end(_run(sys.argv[1:]))
 
 
 def _run(arguments: list[str]) -> int:
     try:
+        if arguments == ["--version"]:
+            # Scripts ask for it often: answered before the command line is built.
+            from cubicsplat_cli._version import __version__
+
+            print(f"cubicsplat {__version__}", flush=True)
+            return 0
         from cubicsplat_cli.cli.app import app, meant
 
         # Typer returns the code of an Exit, and None where a command just ended.

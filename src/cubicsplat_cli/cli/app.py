@@ -82,7 +82,8 @@ def parser_error(error: Exception) -> str | None:
     if match := re.match(r"Missing argument '(.*?)'", text):
         return f"{match[1]} is missing; see --help"
     if match := re.match(r"No such option: (\S+)(?:.*\boptions?: (.*?)\)?$)?", text):
-        hint = f"did you mean {match[2].replace(', ', ' or ')}?" if match[2] else "see --help"
+        near = difflib.get_close_matches(match[1], (match[2] or "").split(", "), 1, 0.0)
+        hint = f"did you mean {near[0]}?" if match[2] else "see --help"
         return f"there is no option {match[1]}; {hint}"
     return _lowered(text).rstrip(".")
 

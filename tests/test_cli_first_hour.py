@@ -1,0 +1,220 @@
+"""What a new user runs into in the first hour: nothing made is lost, and every mistake is one clear line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_runs import SHORT, strict_json
+from command import cli_command
+from conftest import smooth_pixels
+from PIL import Image
+
+from cubicsplat_cli import pipeline
+from cubicsplat_cli.files.names import beside
+from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, FileSink, attempt
+from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.settings import FitSettings
+
+REQUEST = Request(FitSettings(curves=8, steps=2000, threads=1), style="photo")
+
+
+def job_of(photo: Path) -> Job:
+    return Job(str(photo), photo, beside(photo.with_suffix(".svg"), png=True, source=photo))
+
+
+# --- nothing is lost ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".svg", ".rendered.png"])
+def test_a_file_that_was_edited_is_kept(suffix, photo, run_cli):
+    assert run_cli("vectorize", photo, *SHORT).returncode == 0
+    edited = photo.with_name(f"photo{suffix}")
+    if suffix == ".svg":
+        edited.write_text(edited.read_text().replace("</svg>", "<!-- mine --></svg>"))
+    else:
+        with Image.open(edited) as image:
+            text = image.text if hasattr(image, "text") else {}
+            pixels = np.asarray(image.convert("RGB")).copy()
+        pixels[0, 0] ^= 255
+        from PIL.PngImagePlugin import PngInfo
+
+        info = PngInfo()
+        for name, value in text.items():
+            info.add_text(name, value)
+        Image.fromarray(pixels).save(edited, pnginfo=info)
+    before = edited.read_bytes()
+    for arguments in ([], ["--seed", 9]):
+        done = run_cli("vectorize", photo, *SHORT, *arguments)
+        assert done.returncode == 2
+        assert b"was edited since it was made; --force replaces it" in done.stderr
+        assert edited.read_bytes() == before
+    assert run_cli("vectorize", photo, *SHORT, "--force").returncode == 0
+    assert edited.read_bytes() != before
+
+
+@pytest.mark.parametrize(("suffix", "size"), [(".svg", 0), (".svg", 300), (".json", 0), (".json", 25), (".json", 400)])
+def test_what_a_crashed_disk_left_is_made_anew(suffix, size, photo, run_cli):
+    assert run_cli("vectorize", photo, *SHORT).returncode == 0
+    whole = photo.with_suffix(".svg").read_bytes()
+    path = photo.with_suffix(suffix)
+    path.write_bytes(path.read_bytes()[:size])
+    done = run_cli("vectorize", photo, *SHORT)
+    assert done.returncode == 0, done.stderr
+    assert b"unchanged" not in done.stderr
+    assert photo.with_suffix(".svg").read_bytes() == whole
+    assert strict_json(photo.with_suffix(".json").read_bytes())["interrupted"] is False
+
+
+@pytest.mark.parametrize("force", [[], ["--force"]])
+def test_render_never_takes_a_picture_of_the_users_by_default(force, photo, run_cli):
+    before = photo.read_bytes()
+    assert run_cli("vectorize", photo, *SHORT, "--no-png").returncode == 0
+    done = run_cli("render", photo.with_suffix(".svg"), *force)
+    assert done.returncode == 0, done.stderr
+    assert photo.read_bytes() == before
+    assert photo.with_name("photo.rendered.png").is_file()
+    refused = run_cli("render", photo.with_suffix(".svg"), "-o", photo)
+    assert (refused.returncode, photo.read_bytes()) == (2, before)
+
+
+class Impatient(Events):
+    """Presses Ctrl-C as soon as the fit is under way."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def step(self, job: str, progress: Progress) -> None:
+        raise KeyboardInterrupt
+
+    def note(self, job: str, text: str) -> None:
+        self.notes.append(text)
+
+
+def test_a_finished_svg_is_never_replaced_by_an_interrupted_one(photo):
+    job = job_of(photo)
+    first = attempt(job, REQUEST.with_threads(1), sink=FileSink(job), events=Impatient())
+    assert first.status == INTERRUPTED
+    assert strict_json(job.outputs.report.read_bytes())["interrupted"] is True
+    quick = Request(FitSettings(curves=8, steps=20, threads=1), style="photo")
+    assert attempt(job, quick, sink=FileSink(job), events=Events()).status == DONE
+    finished = job.outputs.svg.read_bytes()
+    impatient = Impatient()
+    again = attempt(job, REQUEST, sink=FileSink(job), events=impatient)
+    assert (again.status, again.report) == (INTERRUPTED, None)
+    assert job.outputs.svg.read_bytes() == finished
+    assert "as the earlier, finished run left it" in impatient.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"), [(MemoryError, FAILED, "memory"), (KeyboardInterrupt, INTERRUPTED, "")]
+)
+def test_what_is_written_is_named_when_measuring_fails(error, status, said, photo, monkeypatch):
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(pipeline, "_measured", fail)
+    job, events = job_of(photo), Impatient()
+    events.step = lambda *_: None
+    short = Request(FitSettings(curves=8, steps=20, threads=1), style="photo")
+    outcome = attempt(job, short, sink=FileSink(job), events=events)
+    assert outcome.status == status
+    words = outcome.error or events.notes[-1]
+    assert said in words
+    assert str(job.outputs.svg) in words
+    assert job.outputs.svg.read_bytes().rstrip().endswith(b"</svg>")
+
+
+# --- words -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["vectorize", "x.png", "--curves", "0"], "--curves must be a whole number from 1 to 1000000, not 0"),
+        (["vectorize", "x.png", "--curves", "many"], "--curves must be a whole number"),
+        (["vectorize", "x.png", "--time-limit", "soon"], "--time-limit must be a number"),
+        (["vectorize", "x.png", "--time-limit", "-1"], "--time-limit must be a number from"),
+        (["vectorize", "x.png", "--mode", "round"], "--mode must be closed or open, not 'round'"),
+        (["vectorize", "x.png", "--palette", "red,nocolour"], "--palette must be colours"),
+        (["vectorize", "x.png", "--colour"], "there is no option --colour; did you mean --colors"),
+        (["vectorise", "x.png"], "there is no command 'vectorise'; did you mean vectorize?"),
+        (["vectorize"], "IN... is missing"),
+        (["vectorize", "a.png", "b.png", "-o", "out.svg"], "-o out.svg names one SVG, but there are 2 pictures"),
+    ],
+)
+def test_mistakes_are_one_line_in_one_style(arguments, said, run_cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = run_cli(*arguments)
+    text = done.stderr.decode()
+    assert done.returncode == 2
+    assert text.startswith(f"cubicsplat: error: {said}"), text
+    assert text.count("\n") == 1
+
+
+def test_a_picture_in_place_of_a_command_and_choices_in_any_case(photo, run_cli):
+    done = run_cli(photo, "--style", "PHOTO", "--mode", "Open", *SHORT[2:], "--background", "transparent")
+    assert done.returncode == 0, done.stderr
+    found = strict_json(photo.with_suffix(".json").read_bytes())["settings"]
+    assert (found["mode"], found["background"]) == ("open", "none")
+    assert b"vectorize" in run_cli("help").stdout
+    assert b"--scale" in run_cli("help", "eval").stdout
+
+
+def test_what_is_left_out_of_a_folder_is_counted_and_named(tmp_path, run_cli):
+    Image.fromarray(smooth_pixels(20, 16)).save(tmp_path / "a.png")
+    (tmp_path / "b.heic").write_bytes(b"x")
+    (tmp_path / "notes.txt").write_text("x")
+    done = run_cli("vectorize", tmp_path, "-o", tmp_path / "out", *SHORT)
+    assert done.returncode == 0, done.stderr
+    assert b"left out, not a picture by its name: 2 (" in done.stderr
+    assert b"b.heic" in done.stderr
+    assert b"1 picture in" not in done.stderr, "a table of one picture says nothing"
+
+
+def test_links_to_folders_are_not_followed_by_patterns_either(tmp_path, run_cli):
+    (tmp_path / "real").mkdir()
+    Image.fromarray(smooth_pixels(20, 16)).save(tmp_path / "real" / "a.png")
+    (tmp_path / "link").symlink_to(tmp_path / "real", target_is_directory=True)
+    done = run_cli("vectorize", str(tmp_path / "**" / "*.png"), "-o", tmp_path / "out", "--dry-run", *SHORT)
+    assert done.stdout.count(b"to do") == 1
+
+
+def test_no_measure_writes_the_svg_and_says_so(photo, run_cli):
+    done = run_cli("vectorize", photo, *SHORT, "--no-measure")
+    assert done.returncode == 0, done.stderr
+    assert b"not measured" in done.stderr
+    assert sorted(path.name for path in photo.parent.iterdir()) == ["photo.json", "photo.png", "photo.svg"]
+    assert strict_json(photo.with_suffix(".json").read_bytes())["quality"] is None
+
+
+# --- streams -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+@pytest.mark.parametrize("arguments", [["--help"], ["doctor"], ["--version"], ["vectorize", "--help"]])
+def test_a_full_disk_behind_the_output_is_one_line(arguments):
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [*cli_command(), *arguments], stdout=full, stderr=subprocess.PIPE, check=False, timeout=90
+        )
+    assert done.returncode == 1
+    assert b"Traceback" not in done.stderr
+    assert b"standard output: cannot be written" in done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="descriptors of POSIX")
+@pytest.mark.parametrize("closed", [0, 1, 2])
+def test_closed_streams_do_no_harm(closed):
+    done = subprocess.run(
+        [*cli_command(), "--help"], capture_output=True, check=False, timeout=60, preexec_fn=lambda: os.close(closed)
+    )
+    assert done.returncode == 0
+    assert b"Traceback" not in done.stderr
