@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.outlines import (
     bezier_points,
     flattened,
     polygon,
+    signed_area,
 )
 from cubicsplat_cli.errors import InputError
 
@@ -79,6 +80,15 @@ def test_a_primitive_is_found_as_such(truth: Outline) -> None:
     assert type(fit) is type(truth)
     assert fit.parameters == truth.parameters
     assert deviation(fit, truth) < 0.05
+
+
+@pytest.mark.parametrize("clockwise", [True, False])
+def test_a_loop_there_and_back_is_no_huge_circle(clockwise: bool) -> None:
+    there = np.stack([np.arange(57.0) + 87.5, np.full(57, 159.0)], axis=1)
+    points = np.concatenate([there, there[::-1] - [0.0, 0.55]])
+    fit = fit_outline(points if clockwise else points[::-1], np.repeat([0.25, 0.5], 57))
+    assert abs(signed_area(fit.ring())) == pytest.approx(31.0, abs=30.0)
+    assert np.ptp(flattened(fit.ring(), 0.5), axis=0) == pytest.approx([56.0, 0.5], abs=3.0)
 
 
 def test_a_star_has_its_ten_corners_where_they_are() -> None:

@@ -18,6 +18,7 @@ FEW = 120  # points suffice for the first fit
 LEAST_FULLNESS = 11.7
 MOST_HIDDEN = 0.03  # share of the loop's length above which its area tells nothing
 SHARP_REACH = 1.5  # px from a sharp corner in which points are biased
+MOST_BACK = 0.25  # share of the way around a primitive's middle that a loop may run against its own sense
 
 Signed = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -56,10 +57,29 @@ def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tupl
         if fitted is None:
             continue
         outline, misfit, mean = fitted
+        if not _runs_around(points, known, outline):
+            continue
         cost = 0.5 * misfit + price * outline.parameters
         if best is None or cost < best[1]:
             best = (outline, cost, mean)
     return best
+
+
+def _runs_around(points: np.ndarray, known: np.ndarray, outline: Outline) -> bool:
+    """Whether the known points of a loop run around a primitive as the loop does, rather than there and back along it.
+
+    The two sides of a thin sliver lie as near to a huge circle that touches them as to anything, but enclose nothing
+    like it.
+    """
+    ring = outline.ring()
+    arms = points - 0.5 * (ring.anchors.min(axis=0) + ring.anchors.max(axis=0))
+    onward = np.roll(arms, -1, axis=0)
+    turn = np.arctan2(arms[:, 0] * onward[:, 1] - arms[:, 1] * onward[:, 0], (arms * onward).sum(axis=1))
+    steps = turn[known & np.roll(known, -1)]
+    x, y = (points - points.mean(axis=0)).T
+    clockwise = float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 0.0
+    back = np.maximum(-steps if clockwise else steps, 0.0).sum()
+    return bool(back <= MOST_BACK * np.abs(steps).sum())
 
 
 def _candidates(p: np.ndarray, middle: np.ndarray, spread: np.ndarray, turn: float) -> list[_Candidate]:
