@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.hairlines import line_inks, missing_inks, strangers
 from cubicsplat_cli.artwork.inks import SAME, flat_pixels
 
 # A pixel within so many levels of an ink is that ink.
@@ -14,6 +15,7 @@ PURE = 2.5
 # Inks are sought in a window of this reach, px, around a blend; so many different ones at most.
 REACH = 3
 CANDIDATES = 4
+MOST_PALETTE = 64  # inks, beyond which a picture has gradients and textures rather than lines in more inks
 CHUNK = 4096  # colours at a time
 
 
@@ -37,13 +39,28 @@ class Regions:
 
 def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0) -> Regions:
     """Regions of a picture (H, W, 4) in levels, in the inks of a palette (P, 4)."""
-    pure = _pure_inks(levels, palette)
+    palette, pure = _with_inks_of_lines(levels, palette)
     inks = _blends_shared_out(levels, palette, pure)
     labels = _components(inks)
     labels = _without_specks(labels, inks, pure >= 0, max(min_area, 3.0))
     labels = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
     ink_of = _majority(labels, inks)
     return Regions(labels, palette[ink_of], ink_of)
+
+
+def _with_inks_of_lines(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The palette with the inks that only thin lines have, and (H, W) int32 the ink of pixels that are one."""
+    pure = _pure_inks(levels, palette)
+    y, x = np.nonzero(pure < 0)
+    if len(y) == 0 or len(palette) >= MOST_PALETTE:
+        return palette, pure
+    near = near_inks(pure, y, x)
+    strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
+    new = missing_inks(levels[y, x][strange], palette[near[strange, 0]])
+    if len(new) == 0:
+        return palette, pure
+    palette = np.vstack([palette, new])
+    return palette, _pure_inks(levels, palette)
 
 
 def _pure_inks(levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
@@ -151,12 +168,30 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
     out = pure.copy()
     if len(y) == 0:
         return out
-    winner, residual, _ = best_blend(levels[y, x], palette, near_inks(pure, y, x))
+    near = near_inks(pure, y, x)
+    winner, residual, _ = best_blend(levels[y, x], palette, near)
     nearest, gap = nearest_inks(levels[y, x][:, None], palette)
     # Far from every ink, or not explained by those near: the nearest ink of all if that is closer.
     lost = (winner < 0) | ((residual > 40.0) & (gap[:, 0] < residual))
     out[y, x] = np.where(lost, nearest[:, 0], winner)
+    strange = _strange(levels, palette, y, x, near, residual)
+    if not strange.any():
+        return out
+    y, x, near = y[strange], x[strange], near[strange]
+    ink, own = line_inks(levels[y, x], (y, x), pure.shape, palette, near)
+    out[y, x] = np.where(own, ink, np.where(ink >= 0, winner[strange], out[y, x]))
     return out
+
+
+def _strange(
+    levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.ndarray, near: np.ndarray, residual: np.ndarray
+) -> np.ndarray:
+    """(n,) bool: the pixels y, x that the inks near them do not explain; those on the canvas's rim, which blend with
+    what is beyond it, are none.
+    """
+    height, width = levels.shape[:2]
+    within = (y > 0) & (x > 0) & (y < height - 1) & (x < width - 1) & (near[:, 0] >= 0)
+    return within & strangers(levels[y, x], palette, near, residual)
 
 
 def _components(inks: np.ndarray) -> np.ndarray:

@@ -1,0 +1,120 @@
+"""Lines too thin to show their ink anywhere near: every pixel of one is a blend of it with what lies beside it.
+
+Such pixels are no blend of the inks around them, but they are one of those with some other ink of the picture, all
+along the line the same one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+# Residuals, in levels, of a blend that the inks beside it explain, and that the ink of a line must explain; lines are
+# sought with the MOST_INKS commonest inks.
+STRANGE, CLOSE = 24.0, 10.0
+MOST_INKS = 32
+WINDOW = 7  # px around a pixel in which a line keeps its ink
+# A pixel is a line's by this share, or by LESS where its neighbours to either side have less of it.
+# Where two shapes share a pixel up to a quarter of what is beneath shows through, which is no line.
+SHARE, LESS = 0.5, 0.3
+# An ink that no flat pixel has is that of LEAST_PIXELS pixels and more, of such inks at most MOST_NEW are taken.
+LEAST_PIXELS, MOST_NEW = 24, 8
+SOLID = 254.0  # levels of opacity: a translucent line is a seam where two shapes meet within a pixel
+
+
+def blend_with(values: np.ndarray, ink: np.ndarray, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The share (n,) of an ink (4,) in values (n, 4) that are its blends with one or both of two others (n, 4), and
+    the residual (n,) in levels.
+    """
+    a, b, v = ink - first, second - first, values - first
+    aa, bb, ab = (a * a).sum(1), (b * b).sum(1), (a * b).sum(1)
+    av, bv = (a * v).sum(1), (b * v).sum(1)
+    det = np.maximum(aa * bb - ab * ab, 1e-6)
+    t, u = (av * bb - bv * ab) / det, (bv * aa - av * ab) / det
+    inner = (t >= 0.0) & (u >= 0.0) & (t + u <= 1.0) & (aa * bb - ab * ab > 1e-3 * aa * bb)
+    gap = np.where(inner, np.abs(v - t[:, None] * a - u[:, None] * b).max(axis=1), np.inf)
+    share = np.where(inner, t, 0.0)
+    for base in (first, second):
+        span = ink - base
+        s = np.clip(((values - base) * span).sum(1) / np.maximum((span * span).sum(1), 1e-9), 0.0, 1.0)
+        rest = np.abs(values - base - s[:, None] * span).max(axis=1)
+        # Two inks are simpler than three.
+        better = rest <= gap + 2.0
+        share, gap = np.where(better, s, share), np.where(better, rest, gap)
+    return share, gap
+
+
+def strangers(values: np.ndarray, palette: np.ndarray, near: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """(n,) bool: values (n, 4) that are no blend of two, nor of three, of the inks near them (n, slots)."""
+    strange = residual > STRANGE
+    for i, j, k in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)):
+        at = np.flatnonzero(strange & (near[:, [i, j, k]] >= 0).all(axis=1))
+        if len(at):
+            strange[at] &= _three(values[at], *(palette[near[at, s]] for s in (i, j, k))) > CLOSE
+    return strange
+
+
+def _three(values: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    return blend_with(values, a, b, c)[1]
+
+
+def missing_inks(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """(k, 4) inks of lines, that the palette lacks: common colours among strange values (n, 4), of which the others
+    are blends with the ink beside them (n, 4).
+    """
+    found: list[np.ndarray] = []
+    left = np.ones(len(values), dtype=bool)
+    while len(found) < MOST_NEW and left.sum() >= LEAST_PIXELS:
+        colours, index, counts = np.unique(np.rint(values[left]), axis=0, return_inverse=True, return_counts=True)
+        far = np.zeros(len(colours))
+        np.maximum.at(far, index.reshape(-1), np.abs(values[left] - beside[left]).max(axis=1))
+        common = (counts >= LEAST_PIXELS) & (colours[:, 3] >= SOLID)
+        if not common.any():
+            break
+        ink = colours[int(np.where(common, far, -1.0).argmax())]
+        found.append(ink)
+        own = np.flatnonzero(left)
+        left[own[blend_with(values[own], ink, beside[own], beside[own])[1] <= CLOSE]] = False
+        left[own[(np.rint(values[own]) == ink).all(axis=1)]] = False
+    return np.array(found).reshape(-1, 4)
+
+
+def line_inks(
+    values: np.ndarray,
+    place: tuple[np.ndarray, np.ndarray],
+    size: tuple[int, int],
+    palette: np.ndarray,
+    near: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) the ink of the line that each strange value (n, 4), at rows and columns (n,), belongs to, -1 for none; and
+    whether it is mostly or by its place the line's (n,).
+    """
+    first = palette[near[:, 0]]
+    second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
+    here = np.zeros(size, dtype=np.float32)
+    here[place] = 1.0
+    around = np.maximum(ndimage.uniform_filter(here, WINDOW, mode="constant")[place], 1e-6)
+    best = np.full(len(values), np.inf)
+    ink, share, gap = np.full(len(values), -1), np.zeros(len(values)), np.zeros(len(values))
+    for c in range(min(len(palette), MOST_INKS)):
+        s, rest = blend_with(values, palette[c], first, second)
+        cost = np.zeros(size, dtype=np.float32)
+        cost[place] = np.minimum(rest, 40.0)
+        mean = ndimage.uniform_filter(cost, WINDOW, mode="constant")[place] / around + 0.1 * c
+        better = mean < best
+        best[better], ink[better], share[better], gap[better] = mean[better], c, s[better], rest[better]
+    ink = np.where(gap <= CLOSE, ink, -1)
+    shares = np.zeros(size)
+    shares[place] = np.where(ink >= 0, share, 0.0)
+    return ink, (ink >= 0) & ((share >= SHARE) | ((share >= LESS) & _ridge(shares)[place]))
+
+
+def _ridge(shares: np.ndarray) -> np.ndarray:
+    """(H, W) bool: no neighbour to either side has more, and those two px away have less than half as much."""
+    out = np.zeros(shares.shape, dtype=bool)
+    padded = np.pad(shares, 2)
+    height, width = shares.shape
+    for dy, dx in ((0, 1), (1, 0)):
+        beside = [padded[2 + k * dy : 2 + k * dy + height, 2 + k * dx : 2 + k * dx + width] for k in (-2, -1, 1, 2)]
+        out |= (np.maximum(beside[1], beside[2]) <= shares + 0.05) & (np.maximum(beside[0], beside[3]) < 0.5 * shares)
+    return out
