@@ -18,6 +18,7 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.comparison import Change, compare_with
 from cubicsplat_cli.evaluate.folders import match_folders, pictures_in
 from cubicsplat_cli.files.load import Picture, load_picture
+from cubicsplat_cli.files.png import encode_png
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.report import Quality, plain, to_json
 from cubicsplat_cli.settings import Mode
@@ -125,6 +126,15 @@ def test_files_are_matched_by_stem_and_the_svg_comes_first(tmp_path):
     assert names(found.missing) == ["c.webp"]
     assert sorted(names(found.extra)) == ["d.rendered.png", "other.svg"]
     assert names(pictures_in(references)) == ["a.PNG", "b.jpg", "c.webp", "d.png"]
+
+
+def test_compressed_svgs_come_before_their_pictures_and_our_drawings_are_no_inputs(tmp_path):
+    references = make(tmp_path / "r", "a.png", "b.dib")
+    (references / "a.rendered.png").write_bytes(encode_png(np.zeros((4, 4, 4), np.uint8)))
+    candidates = make(tmp_path / "c", "a.svgz", "a.png", "b.svg")
+    found = match_folders(references, candidates)
+    assert [(first.name, second.name) for first, second in found.pairs] == [("a.png", "a.svgz"), ("b.dib", "b.svg")]
+    assert names(pictures_in(references)) == ["a.png", "b.dib"]
 
 
 def test_folders_that_cannot_be_matched_are_refused(tmp_path):
