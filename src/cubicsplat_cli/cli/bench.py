@@ -17,6 +17,7 @@ from cubicsplat_cli.cli.bench_options import (
     check_csv,
     check_limit,
     check_sheet,
+    end_with,
     parts_of,
     write_csv,
 )
@@ -122,7 +123,7 @@ def quality(
     write_csv(csv, [asdict(run) for run, _ in runs.done])
     if sheet is not None:
         _write_sheet(sheet, runs, pictures)
-    _end(runs)
+    end_with(runs.failed)
 
 
 @bench.command("ablation")
@@ -156,7 +157,7 @@ def ablation(
     else:
         typer.echo(benchmark.ablation_table(runs, chosen, modes, counts, markdown=markdown), nl=False)
     write_csv(csv, [asdict(run) for run, _ in runs.done])
-    _end(runs)
+    end_with(runs.failed)
 
 
 def _counts(text: str) -> list[int]:
@@ -208,12 +209,3 @@ def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
     shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
     rows = [(run, svg) for picture in shown[:_SHEET_PICTURES] for run, svg in runs.done if run.picture == picture.name]
     write_atomically(path, sheet_png(rows, {picture.name: picture for picture in pictures}))
-
-
-def _end(runs: Runs) -> None:
-    """Failures come last, and make the exit code 1."""
-    for picture, configuration, error in runs.failed:
-        part = f", {configuration}" if configuration else ""
-        typer.echo(f"cubicsplat: failed: {picture}{part}: {error}", err=True)
-    if runs.failed:
-        raise typer.Exit(1)

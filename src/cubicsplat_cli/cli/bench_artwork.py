@@ -14,6 +14,7 @@ from cubicsplat_cli.cli.bench_options import (
     check_csv,
     check_limit,
     check_sheet,
+    end_with,
     parts_of,
     write_csv,
 )
@@ -70,7 +71,7 @@ def artwork(
     report = to_json(artwork_report(runs, names, size)) if json else artwork_tables(runs, names, markdown=markdown)
     typer.echo(report, nl=False)
     _write(runs, paths, size, csv, keep, sheet)
-    _end(runs)
+    end_with(runs.failed)
 
 
 def _write(runs: Runs, paths: list[Path], size: int, csv: Path | None, keep: Path | None, sheet: Path | None) -> None:
@@ -87,11 +88,3 @@ def _write(runs: Runs, paths: list[Path], size: int, csv: Path | None, keep: Pat
         from cubicsplat_cli.bench.artwork.sheet import sheet_png
 
         write_atomically(sheet, sheet_png(runs.done, {path.stem: path for path in paths}, size))
-
-
-def _end(runs: Runs) -> None:
-    """Failures come last, and make the exit code 1."""
-    for drawing, tool, error in runs.failed:
-        typer.echo(f"cubicsplat: failed: {drawing}{', ' if tool else ''}{tool}: {error}", err=True)
-    if runs.failed:
-        raise typer.Exit(1)

@@ -51,6 +51,14 @@ def check_sheet(path: Path | None) -> None:
     check_outputs([path], force=False)
 
 
+def end_with(failed: Sequence[tuple[str, str, str]]) -> None:
+    """Failures, as (picture, what was made of it or "", error), come last, and make the exit code 1."""
+    for picture, made, error in failed:
+        typer.echo(f"cubicsplat: failed: {picture}{', ' if made else ''}{made}: {error}", err=True)
+    if failed:
+        raise typer.Exit(1)
+
+
 def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write the rows, where a table was asked for."""
     if path is not None:

@@ -50,17 +50,16 @@ class Outcome:
 
 
 class Sink(Protocol):
-    """Takes the finished files of one job; `kind` is svg, png or report."""
+    """Takes the finished files of one job; `kind` is svg, png or report. written: the files on the disk so far."""
+
+    written: list[Path]
 
     def put(self, kind: str, data: bytes) -> None: ...
 
 
 @dataclass
 class FileSink:
-    """Writes each file whole to where the job wants it; an SVG without a place goes to standard output.
-
-    written: the files so far.
-    """
+    """Writes each file whole to where the job wants it; an SVG without a place goes to standard output."""
 
     job: Job
     written: list[Path] = field(default_factory=list)
@@ -90,7 +89,7 @@ class MemorySink:
         self.files[kind] = data
 
 
-def run_job(job: Job, request: Request, *, sink: FileSink | MemorySink, events: Events) -> Outcome:
+def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcome:
     """Load, fit, write, measure. The SVG is put out before it is measured, the report last: whoever finds a report
     finds all files. A finished SVG is never replaced by that of an interrupted fit. Raises what the steps raise.
     """
@@ -155,7 +154,7 @@ def load_job(job: Job, request: Request) -> Picture:
     return load_picture(job.path, max_pixels=request.max_pixels)
 
 
-def attempt(job: Job, request: Request, *, sink: FileSink | MemorySink, events: Events) -> Outcome:
+def attempt(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcome:
     """`run_job`, with whatever goes wrong as an outcome: one bad picture must not end the work on the others.
 
     A bug in here fails the job too, and its traceback is kept for the user. A Ctrl-C passes through unless the SVG is
