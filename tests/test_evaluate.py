@@ -5,10 +5,14 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import subprocess
+import sys
+from io import BytesIO
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from scenes import PAPER, as_arguments, random_scene
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
@@ -19,6 +23,8 @@ from cubicsplat_cli.evaluate import (
     compare_premultiplied,
     rerender,
 )
+from cubicsplat_cli.evaluate.layers import of_pixels, of_scene, of_values
+from cubicsplat_cli.evaluate.metrics import measure, psnr_db
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -28,6 +34,7 @@ from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import quantise_scene, write_svg
 
 RENDERER = importlib.import_module("cubicsplat_cli.evaluate.rerender")
+METRICS = importlib.import_module("cubicsplat_cli.evaluate.metrics")
 BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])
 
 
@@ -115,6 +122,15 @@ def test_file_shows_the_same_picture_as_the_reference_renderer(mode, background,
     assert np.abs(error).max() < 0.2
 
 
+@pytest.mark.parametrize("background", [None, PAPER])
+def test_pixels_come_from_cairo_as_its_own_png_would_have_them(background):
+    cairosvg = importlib.import_module("cairosvg")
+    scene = random_scene(Mode.CLOSED, curves=30, width=90, height=70, background=background, opacity=(0.1, 1.0), seed=3)
+    png = cairosvg.svg2png(bytestring=svg_of(scene), output_width=180, output_height=140)
+    drawn = rerender(svg_of(scene), 180, 140, renderer="cairosvg").pixels
+    assert np.array_equal(drawn, np.asarray(Image.open(BytesIO(png)).convert("RGBA")))
+
+
 def test_the_two_renderers_agree():
     svg = svg_of(random_scene(Mode.CLOSED, curves=30, width=80, height=60, background=PAPER))
     first, second = (rerender(svg, 80, 60, renderer=name).pixels.astype(float) for name in ("cairosvg", "resvg"))
@@ -196,6 +212,92 @@ def test_ssim_is_the_gaussian_window_definition():
     quality = compare(picture(first / 255), second)
     assert quality.ssim == pytest.approx(np.mean(values), abs=1e-5)
     assert abs(quality.ssim) < 0.5
+
+
+def alike(height: int, width: int, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """A picture and what could have been made of it: (H, W, 3) float32 in [0, 1], (H, W, 4) uint8 opaque."""
+    random = np.random.default_rng(7)
+    y, x = np.mgrid[:height, :width]
+    smooth = 0.5 + 0.4 * np.sin(x / 19) * np.cos(y / 23)
+    first = {
+        "photo": np.clip(smooth + 0.1 * random.standard_normal((height, width)), 0, 1),
+        "smooth": smooth,
+        # Hardly any variance: what is lost to rounding shows most here.
+        "bright": np.full((height, width), 0.98) + 0.004 * random.random((height, width)),
+        "flat": np.full((height, width), 0.6),
+    }[kind]
+    rgb = np.stack([first, first**2, 1 - first], axis=2).astype(np.float32)
+    second = np.rint(255 * np.clip(rgb + 0.02 * random.standard_normal((height, width, 1)), 0, 1))
+    return rgb, np.dstack([second, np.full((height, width), 255)]).astype(np.uint8)
+
+
+@pytest.mark.parametrize("kind", ["photo", "smooth", "bright", "flat"])
+@pytest.mark.parametrize(("height", "width"), [(11, 11), (75, 300), (132, 523), (200, 261)])
+def test_ssim_part_by_part_is_that_of_the_whole_picture(height, width, kind, monkeypatch):
+    """Sizes about those of tiles and strips, which are small here: their seams must not show."""
+    from skimage.metrics import structural_similarity
+
+    monkeypatch.setattr(METRICS, "_STRIP_PIXELS", 40_000)
+    rgb, drawn = alike(height, width, kind)
+    values = drawn[..., :3].astype(np.float64) / 255
+    want = structural_similarity(
+        rgb.astype(np.float64),
+        values,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        data_range=1.0,
+        channel_axis=2,
+    )
+    found = compare(picture(rgb), drawn)
+    assert found.ssim == pytest.approx(want, abs=1e-6)
+    assert found.psnr_db == pytest.approx(-10 * math.log10(((rgb - values) ** 2).mean()), abs=1e-5)
+
+
+def test_figures_are_the_same_for_any_number_of_threads():
+    rgb, drawn = alike(200, 700, "photo")
+    layers = [of_pixels(drawn), of_values(np.roll(rgb, 1, axis=0))]
+    one = measure(picture(rgb), layers, threads=1)
+    assert all(measure(picture(rgb), layers, threads=n) == one for n in (2, 3))
+    qualities, agreement = one
+    assert qualities == [compare(picture(rgb), drawn), compare_premultiplied(picture(rgb), np.roll(rgb, 1, axis=0))]
+    assert agreement == agreement_db(np.roll(rgb, 1, axis=0), drawn)
+
+
+@pytest.mark.parametrize("background", [PAPER, None])
+def test_the_engines_picture_in_strips_is_the_whole_one(background, monkeypatch):
+    from cubicsplat_cli.raster import render_scene
+
+    monkeypatch.setattr(METRICS, "_STRIP_PIXELS", 64 * 90)
+    scene = random_scene(Mode.CLOSED, curves=40, width=90, height=400, background=background, seed=5)
+    whole, candidate = render_scene(scene, samples=48, threads=1), of_scene(scene, 90, 400, 48, threads=1)
+    for top, bottom in ((0, 400), (0, 69), (59, 133), (379, 400)):
+        assert np.abs(candidate.rows(top, bottom) - whole[top:bottom]).max() < 2e-5
+    reference_picture = picture(np.random.default_rng(1).random((400, 90, 3)))
+    (found,), agreement = measure(reference_picture, [candidate])
+    want = compare_premultiplied(reference_picture, whole)
+    assert agreement is None
+    assert (found.psnr_db, found.ssim) == (pytest.approx(want.psnr_db, abs=1e-5), pytest.approx(want.ssim, abs=1e-6))
+    assert psnr_db(reference_picture, candidate) == found.psnr_db
+
+
+def test_twelve_megapixels_are_measured_in_little_memory():
+    """Of the process's own peak: what is drawn and compared lies in memory of numpy and of the engine."""
+    code = (
+        "import numpy as np, resource\n"
+        "from cubicsplat_cli.evaluate.layers import of_pixels\n"
+        "from cubicsplat_cli.evaluate.metrics import measure\n"
+        "from cubicsplat_cli.files.load import Picture\n"
+        "picture = Picture(np.zeros((3000, 4000, 3), np.float32), None, 'p', '0')\n"
+        "drawn = np.full((3000, 4000, 4), 9, np.uint8)\n"
+        "picture.rgb[:] = 0.5\n"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "measure(picture, [of_pixels(drawn)], threads=2)\n"
+        "print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)\n"
+    )
+    pytest.importorskip("resource")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True)
+    assert int(done.stdout) < 150
 
 
 def test_identical_pictures_have_no_psnr():

@@ -11,7 +11,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import PAPER, random_scene, rectangle, scene_of
+from scenes import PAPER, ragged_scene, random_scene, rectangle, scene_of
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import compare_premultiplied, rerender, scaled, tiles
@@ -154,6 +154,13 @@ def test_senseless_scales_are_refused(scale):
         downsampled_svg(b"", 5, 5, scale)
     with pytest.raises(UsageError, match="scale"):
         downsampled_scene(random_scene(Mode.CLOSED), scale)
+
+
+def test_a_scene_of_ragged_rings_is_drawn_in_parts(monkeypatch):
+    scene = ragged_scene(Mode.CLOSED)
+    whole = render_scene(scene, samples=48, threads=1)
+    monkeypatch.setattr(scaled, "TILE_PIXELS", 300)
+    assert np.abs(downsampled_scene(scene, 1, samples=48, threads=1) - whole).max() < 2e-5
 
 
 def test_bad_scenes_and_files_are_refused():

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 # What a worker would spend seconds on, the test runner's own start included.
-IMPORTED = ["cubicsplat_cli.pipeline", "cairosvg", "skimage.metrics", "pytest"]
+IMPORTED = ["cubicsplat_cli.pipeline", "cairosvg", "pytest"]
 
 
 @contextmanager

@@ -15,8 +15,9 @@ import numpy as np
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
+from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
 from cubicsplat_cli.evaluate.measurable import measurable
-from cubicsplat_cli.evaluate.metrics import agreement_db, compare, compare_premultiplied
+from cubicsplat_cli.evaluate.metrics import measure, psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import Picture, resize_picture
@@ -24,7 +25,6 @@ from cubicsplat_cli.files.marks import provenance_comment, sha256_of
 from cubicsplat_cli.files.names import is_compressed_name
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.progress import Progress, Stages, nothing
-from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.report import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
@@ -110,8 +110,8 @@ def _styled(
     made = _STYLES[style.name](target, picture, request, on_progress)
     if style.name == PHOTO:
         return style, made
-    own = _own_picture(made.scene, target, made.samples, request.settings.threads)
-    level = compare_premultiplied(target, own).psnr_db
+    threads = request.settings.threads
+    level = psnr_db(target, of_scene(made.scene, target.width, target.height, made.samples, threads), threads)
     if level is None or level >= LEAST_ARTWORK_DB:
         return style, made
     reason = f"{style.reason}, but drawn as artwork it has only {level:.1f} dB"
@@ -193,12 +193,12 @@ def _measured(result: Result, picture: Picture, samples: int, threads: int | Non
     with stages("draw"):
         drawn = rerender(result.svg.encode(), reference.width, reference.height)
     with stages("measure"):
-        own = _own_picture(result.scene, reference, samples, threads)
-        file, surrogate = compare(reference, drawn.pixels), compare_premultiplied(reference, own)
+        own = of_scene(result.scene, reference.width, reference.height, samples, threads)
+        (file, surrogate), agreement = measure(reference, [of_pixels(drawn.pixels), own], threads)
         quality = Qualities(
             FileQuality(**vars(file), renderer=drawn.renderer),
             OwnQuality(**vars(surrogate), samples=samples),
-            agreement_db(own, drawn.pixels),
+            agreement,
             gap_db(file, surrogate),
         )
     notes = [] if drawn.note is None else [drawn.note]
@@ -206,14 +206,6 @@ def _measured(result: Result, picture: Picture, samples: int, threads: int | Non
         notes.append(f"quality measured at {reference.width} x {reference.height} pixels")
     report = replace(result.report, quality=quality, notes=[*result.report.notes, *notes])
     return replace(result, report=report, pixels=drawn.pixels)
-
-
-def _own_picture(scene: Scene | None, reference: Picture, samples: int, threads: int | None) -> np.ndarray:
-    """The engine's own picture at the reference's size."""
-    if scene is None:
-        return np.zeros((reference.height, reference.width, 4), np.float32)
-    sized = scaled_scene(scene, reference.width, reference.height)
-    return render_scene(sized, coverage="exact", samples=samples, threads=threads)
 
 
 def _timing(stages: Stages, timing: Timing) -> Timing:

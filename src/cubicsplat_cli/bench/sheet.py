@@ -11,7 +11,7 @@ from PIL import Image
 from cubicsplat_cli.bench.cells import labelled_row, stacked
 from cubicsplat_cli.bench.runs import Run
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.evaluate.metrics import premultiplied
+from cubicsplat_cli.evaluate.layers import of_pixels
 from cubicsplat_cli.files.load import load_picture
 
 ERROR_GAIN = 4
@@ -30,7 +30,7 @@ def sheet_png(runs: Sequence[tuple[Run, bytes]], paths: Mapping[str, Path]) -> b
 def _row(run: Run, svg: bytes, path: Path) -> Image.Image:
     picture = load_picture(path)
     original = _over_white(picture.target())
-    drawn = _over_white(premultiplied(rerender(svg, picture.width, picture.height).pixels))
+    drawn = _over_white(of_pixels(rerender(svg, picture.width, picture.height).pixels).rows(0, picture.height))
     error = np.clip(ERROR_GAIN * np.abs(original - drawn), 0.0, 1.0)
     level = "identical" if run.psnr_db is None else f"{run.psnr_db:.2f} dB"
     labels = (run.picture, f"{run.configuration}: SVG {level}, {run.bytes / 1000:.0f} kB", f"error x {ERROR_GAIN}")

@@ -1,6 +1,6 @@
-"""How good the SVG file is: rendered by a renderer that is not ours, compared by measures that are not ours.
+"""How good the SVG file is: drawn by a renderer that is not ours, compared by the measures that everybody uses.
 
-Importing this package is cheap; the renderers and scikit-image are imported by the functions that need them.
+The renderers are imported by the functions that need them.
 """
 
 from cubicsplat_cli.evaluate.metrics import agreement_db, compare, compare_premultiplied

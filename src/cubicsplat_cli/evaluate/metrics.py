@@ -1,21 +1,28 @@
-"""PSNR and SSIM of a picture against its reference, by scikit-image."""
+"""PSNR and SSIM of pictures against their reference, part by part: in bounded memory, and on all cores."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.evaluate.layers import Layer, of_picture, of_pixels, of_values
+from cubicsplat_cli.evaluate.similarity import REACH, TAPS, similarity_sums
 from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.machine import cores
 from cubicsplat_cli.report import Quality
 
-# Wang et al. 2004 ("Image quality assessment: from error visibility to structural similarity"): Gaussian
-# window of sigma 1.5 cut to 11 x 11 taps, population covariance, data range 1, mean over pixels and channels.
-SSIM_SIGMA = 1.5
-SSIM_TAPS = 11
 # Far below half a step of 16 bits: differences under this come from float arithmetic, not from the pictures.
 IDENTICAL_TOLERANCE = 1e-6
+# What one thread works on at a time: small enough for a core's cache.
+_TILE_HEIGHT, _TILE_WIDTH = 64, 256
+_STRIP_PIXELS = 2**20  # read, or drawn, at a time
+_CHANNELS = 3
 
 
 def compare(reference: Picture, candidate: np.ndarray) -> Quality:
@@ -24,7 +31,7 @@ def compare(reference: Picture, candidate: np.ndarray) -> Quality:
     Where either has transparency both are laid over black and over white, and the worse value of each measure
     is reported. Raises InputError when sizes differ.
     """
-    return _compare_over(reference, *_split(premultiplied(candidate)))
+    return measure(reference, [of_pixels(candidate)])[0][0]
 
 
 def compare_premultiplied(reference: Picture, candidate: np.ndarray) -> Quality:
@@ -34,7 +41,7 @@ def compare_premultiplied(reference: Picture, candidate: np.ndarray) -> Quality:
     Values are clipped to [0, 1] and not rounded to 8 bits. Raises InputError when sizes differ or a value is
     not finite.
     """
-    return _compare_over(reference, *_split(_checked(candidate)))
+    return measure(reference, [of_values(candidate)])[0][0]
 
 
 def agreement_db(own: np.ndarray, drawn: np.ndarray) -> float | None:
@@ -45,102 +52,154 @@ def agreement_db(own: np.ndarray, drawn: np.ndarray) -> float | None:
     over black and over white, and the worse value is returned. Raises InputError when sizes differ or a value is not
     finite.
     """
-    first, first_alpha = _split(_checked(own))
-    second, second_alpha = _split(premultiplied(drawn))
-    if first.shape != second.shape:
-        raise InputError(f"sizes differ: {first.shape[1::-1]} and {second.shape[1::-1]} px")
-    grounds = [(first, second)]
-    if first_alpha is not None or second_alpha is not None:
-        grounds.append((_over_white(first, first_alpha), _over_white(second, second_alpha)))
-    return min((p for p in (_psnr(*ground) for ground in grounds) if p is not None), default=None)
+    first, second = of_values(own), of_pixels(drawn)
+    if (first.width, first.height) != (second.width, second.height):
+        raise InputError(f"sizes differ: {first.width} x {first.height} and {second.width} x {second.height} px")
+    return _worst_psnr([ground[0] for ground in _compared(first, [second], similarity=False, threads=None)])
 
 
-def premultiplied(pixels: np.ndarray) -> np.ndarray:
-    """(H, W, 4) uint8 straight RGBA as float32 premultiplied in [0, 1]; (H, W, 3) when every pixel is opaque."""
-    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
-        raise InputError(f"a drawn picture must be (H, W, 3 or 4) uint8, not {pixels.shape} {pixels.dtype}")
-    values = pixels.astype(np.float32) / np.float32(255)
-    if values.shape[2] == 4 and (pixels[..., 3] != 255).any():
-        values[..., :3] *= values[..., 3:]
-        return values
-    return values[..., :3]
+def measure(
+    reference: Picture, candidates: Sequence[Layer], threads: int | None = None
+) -> tuple[list[Quality], float | None]:
+    """The quality of each candidate against `reference`, and the agreement of the first two (None: there is one).
+
+    One pass over the pictures, in strips. threads: None for one per core; the figures are the same for any number.
+    Raises InputError when sizes differ.
+    """
+    for each in candidates:
+        if (each.height, each.width) != (reference.height, reference.width):
+            raise InputError(
+                f"sizes differ: {reference.source} is {reference.width} x {reference.height} px, the other picture "
+                f"{each.width} x {each.height} px; scale one of them first"
+            )
+    grounds = _compared(of_picture(reference), candidates, similarity=True, threads=threads)
+    qualities = [_worst([_quality(ground[i]) for ground in grounds]) for i in range(len(candidates))]
+    between = [ground[len(candidates)] for ground in grounds if len(ground) > len(candidates)]
+    return qualities, _worst_psnr(between)
 
 
-def _checked(values: np.ndarray) -> np.ndarray:
-    if values.ndim != 3 or values.shape[2] not in (3, 4):
-        raise InputError(f"a picture must be (H, W, 3 or 4), not {values.shape}")
-    if not np.isfinite(values).all():
-        raise InputError("the picture holds values that are not finite")
-    return np.clip(values, 0.0, 1.0)
+def psnr_db(reference: Picture, candidate: Layer, threads: int | None = None) -> float | None:
+    """PSNR alone, of a candidate of the reference's size; None when no value differs."""
+    found = _compared(of_picture(reference), [candidate], similarity=False, threads=threads)
+    return _worst_psnr([ground[0] for ground in found])
 
 
-def _split(values: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    return values[..., :3], values[..., 3] if values.shape[2] == 4 else None
+@dataclass
+class _Sums:
+    """Of two pictures on one ground: values, their squared differences and the largest of these; windows of SSIM."""
+
+    values: int = 0
+    squares: float = 0.0
+    worst: float = 0.0
+    windows: int = 0
+    similarity: float = 0.0
+
+    def add(self, other: _Sums) -> None:
+        self.values += other.values
+        self.squares += other.squares
+        self.worst = max(self.worst, other.worst)
+        self.windows += other.windows
+        self.similarity += other.similarity
+
+    @property
+    def psnr_db(self) -> float | None:
+        if self.worst <= IDENTICAL_TOLERANCE**2:
+            return None
+        return -10.0 * math.log10(self.squares / self.values)
 
 
-def _compare_over(reference: Picture, colours: np.ndarray, alpha: np.ndarray | None) -> Quality:
-    """`colours` premultiplied (H, W, 3), `alpha` (H, W) or None for opaque."""
-    wanted = (reference.height, reference.width)
-    if colours.shape[:2] != wanted:
-        raise InputError(
-            f"sizes differ: {reference.source} is {wanted[1]} x {wanted[0]} px, the other picture "
-            f"{colours.shape[1]} x {colours.shape[0]} px; scale one of them first"
-        )
-    target, target_alpha = _split(reference.target())
-    over_black = _quality(target, colours)
-    if target_alpha is None and alpha is None:
-        return over_black
-    return _worse(over_black, _quality(_over_white(target, target_alpha), _over_white(colours, alpha)))
+def _compared(
+    reference: Layer, candidates: Sequence[Layer], *, similarity: bool, threads: int | None
+) -> list[list[_Sums]]:
+    """For each ground, black and where anything is transparent white too: the sums of the reference with each
+    candidate, and of each two candidates.
+    """
+    layers = [reference, *candidates]
+    grounds = (0.0, 1.0) if any(layer.transparent for layer in layers) else (0.0,)
+    pairs = len(layers) * (len(layers) - 1) // 2
+    totals = [[_Sums() for _ in range(pairs)] for _ in grounds]
+    with ThreadPoolExecutor(threads or cores()) as pool:
+        for top, bottom in _strips(reference):
+            above, below = max(0, top - REACH), min(reference.height, bottom + REACH)
+            parts = [layer.rows(above, below) for layer in layers]
+            for ground, total in zip(grounds, totals, strict=True):
+                work = [
+                    pool.submit(_tile, parts, ground, rows, columns, similarity)
+                    for rows, columns in _tiles(top - above, bottom - above, reference.width)
+                ]
+                # In the order of the tiles, whichever is done first: sums of floats depend on it.
+                for done in work:
+                    for sums, more in zip(total, done.result(), strict=True):
+                        sums.add(more)
+    return totals
 
 
-def _over_white(colours: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
-    return colours if alpha is None else colours + (1.0 - alpha[..., None])
+def _strips(layer: Layer) -> Iterator[tuple[int, int]]:
+    """First and last row of parts of the picture: whole tiles, of about as many pixels as are read at a time."""
+    rows = max(1, _STRIP_PIXELS // (layer.width * _TILE_HEIGHT)) * _TILE_HEIGHT
+    for top in range(0, layer.height, rows):
+        yield top, min(layer.height, top + rows)
 
 
-def _psnr(reference: np.ndarray, candidate: np.ndarray) -> float | None:
-    """Of two (H, W, 3) pictures in [0, 1], summed in float64; None when no value differs."""
-    total, worst = 0.0, 0.0
-    for channel in range(3):
-        # One channel at a time: a large picture in float64 would be most of the memory.
-        difference = np.abs(reference[..., channel].astype(np.float64) - candidate[..., channel])
-        worst = max(worst, float(difference.max()))
-        total += float(np.mean(difference**2))
-    return None if worst <= IDENTICAL_TOLERANCE else -10.0 * math.log10(total / 3.0)
+def _tiles(top: int, bottom: int, width: int) -> Iterator[tuple[slice, slice]]:
+    for row in range(top, bottom, _TILE_HEIGHT):
+        for column in range(0, width, _TILE_WIDTH):
+            yield slice(row, min(bottom, row + _TILE_HEIGHT)), slice(column, min(width, column + _TILE_WIDTH))
 
 
-def _quality(reference: np.ndarray, candidate: np.ndarray) -> Quality:
-    """Both (H, W, 3) in [0, 1]."""
-    psnr = _psnr(reference, candidate)
+def _tile(parts: Sequence[np.ndarray], ground: float, rows: slice, columns: slice, similarity: bool) -> list[_Sums]:
+    """The sums of one tile of a strip; windows are those whose middle lies on it."""
+    height, width = parts[0].shape[:2]
+    tall = slice(max(0, rows.start - REACH), min(height, rows.stop + REACH))
+    wide = slice(max(0, columns.start - REACH), min(width, columns.stop + REACH))
+    pictures = [_planes(part[tall, wide], ground) for part in parts]
+    inner = (
+        slice(None),
+        slice(rows.start - tall.start, rows.stop - tall.start),
+        slice(columns.start - wide.start, columns.stop - wide.start),
+    )
+    found = [_differences(first[inner], second[inner]) for first, second in combinations(pictures, 2)]
+    windows = (pictures[0].shape[1] - 2 * REACH, pictures[0].shape[2] - 2 * REACH)
+    if similarity and min(windows) > 0:
+        for channel in range(_CHANNELS):
+            sums = similarity_sums(pictures[0][channel], [other[channel] for other in pictures[1:]])
+            for each, more in zip(found, sums, strict=False):
+                each.similarity += more
+                each.windows += windows[0] * windows[1]
+    return found
+
+
+def _planes(part: np.ndarray, ground: float) -> np.ndarray:
+    """(h, w, 3 or 4) to (3, h, w) over a grey ground."""
+    colours = np.array(np.moveaxis(part[..., :_CHANNELS], 2, 0), np.float32, order="C")
+    if ground and part.shape[2] > _CHANNELS:
+        colours += np.float32(ground) * (1 - part[..., _CHANNELS])
+    return colours
+
+
+def _differences(first: np.ndarray, second: np.ndarray) -> _Sums:
+    squares = np.square(first - second)
+    return _Sums(squares.size, float(squares.sum(dtype=np.float64)), float(squares.max()))
+
+
+def _quality(sums: _Sums) -> Quality:
+    psnr = sums.psnr_db
     if psnr is None:
         return Quality(None, 1.0, True)
-    if min(reference.shape[:2]) < SSIM_TAPS:
-        note = f"the picture is smaller than the {SSIM_TAPS} x {SSIM_TAPS} window of SSIM"
-        return Quality(psnr, None, False, note)
-    return Quality(psnr, sum(_ssim(reference[..., c], candidate[..., c]) for c in range(3)) / 3.0, False)
+    if not sums.windows:
+        return Quality(psnr, None, False, f"the picture is smaller than the {TAPS} x {TAPS} window of SSIM")
+    return Quality(psnr, sums.similarity / sums.windows, False)
 
 
-def _ssim(reference: np.ndarray, candidate: np.ndarray) -> float:
-    """Of one channel (H, W) in [0, 1]."""
-    # scikit-image takes a while to import; nothing before the first comparison needs it.
-    from skimage.metrics import structural_similarity
-
-    value = structural_similarity(
-        reference.astype(np.float64),
-        candidate.astype(np.float64),
-        gaussian_weights=True,
-        sigma=SSIM_SIGMA,
-        use_sample_covariance=False,
-        data_range=1.0,
-    )
-    return float(value)
+def _worst(grounds: Sequence[Quality]) -> Quality:
+    """The smallest value of each measure; None counts as perfect (PSNR) or unknown for all (SSIM)."""
+    if all(each.identical for each in grounds):
+        return grounds[0]
+    psnr = min(each.psnr_db for each in grounds if each.psnr_db is not None)
+    note = next((each.ssim_note for each in grounds if each.ssim_note is not None), None)
+    known = [each.ssim for each in grounds if each.ssim is not None]
+    return Quality(psnr, None if note is not None else min(known), False, note)
 
 
-def _worse(first: Quality, second: Quality) -> Quality:
-    """The smaller value of each measure; None counts as perfect (PSNR) or unknown for both (SSIM)."""
-    if first.identical and second.identical:
-        return first
-    psnr = min((q.psnr_db for q in (first, second) if q.psnr_db is not None), default=None)
-    note = first.ssim_note or second.ssim_note
-    if note is not None or first.ssim is None or second.ssim is None:
-        return Quality(psnr, None, False, note)
-    return Quality(psnr, min(first.ssim, second.ssim), False)
+def _worst_psnr(grounds: Sequence[_Sums]) -> float | None:
+    return min((each.psnr_db for each in grounds if each.psnr_db is not None), default=None)

@@ -14,10 +14,11 @@ from types import ModuleType
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
+from cubicsplat_cli.evaluate import cairo
 from cubicsplat_cli.evaluate.untrusted import SvgSize, check_untrusted
 from cubicsplat_cli.words import one_line
 
-# cairo's image surfaces end at 32767 px a side; the area bounds the memory (4 bytes a pixel, twice).
+# cairo's image surfaces end at 32767 px a side; the area bounds the memory (4 bytes a pixel, with resvg more).
 MAX_SIDE = 32_767
 MAX_RENDER_PIXELS = 2**28
 RENDERERS = ("cairosvg", "resvg")
@@ -168,19 +169,10 @@ def _load(name: str) -> tuple[ModuleType | None, str | None]:
 _import_module: Callable[[str], ModuleType] = importlib.import_module
 
 
-def refuse_url(url: str, _resource_type: str) -> bytes:
-    raise InputError(f"the SVG refers to {url[:80]}, which is never fetched")
-
-
 def _draw_cairosvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:
-    # An empty bytestring would make cairosvg take a URL, which here is none.
-    if not svg:
-        raise InputError("the SVG is empty")
-    surface = importlib.import_module(f"{module.__name__}.surface")
-    png = surface.PNGSurface.convert(
-        bytestring=svg, unsafe=False, url_fetcher=refuse_url, output_width=width, output_height=height
-    )
-    return decode_png(png)
+    pixels = cairo.draw(module, svg, width, height)
+    cairo.make_straight(pixels)
+    return pixels
 
 
 def _draw_resvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:

@@ -69,13 +69,16 @@ def downsampled_scene(scene: Scene, scale: int, *, samples: int = 24, threads: i
     scene.validate()
     picture = np.empty((scene.height, scene.width, scene.channels), np.float32)
     for tile in tiles(scene.width, scene.height, scale, TILE_PIXELS):
-        drawn = _draw_part(scene, scale, tile, scaled_samples(samples, scale), threads)
+        drawn = draw_part(scene, scale, tile, scaled_samples(samples, scale), threads)
         picture[tile.rows, tile.columns] = area_means(drawn, scale)
     return picture
 
 
-def _draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int | None) -> np.ndarray:
-    """(h * scale, w * scale, C): the part of the enlarged scene that lies on the tile."""
+def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int | None) -> np.ndarray:
+    """(h * scale, w * scale, C) float32: the engine's exact picture of the enlarged scene, where it lies on the tile.
+
+    samples: edges per cubic. threads: None for one per core.
+    """
     from cubicsplat_cli.raster import render_scene
 
     origin = scene.points.new_tensor([tile.left, tile.top])
@@ -95,5 +98,6 @@ def _draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int 
         colours=scene.colours[touches],
         opacities=scene.opacities[touches],
         half_widths=widths[touches],
+        ring_ends=None if scene.ring_ends is None else scene.ring_ends[touches],
     )
     return render_scene(part, coverage="exact", samples=samples, threads=threads)

@@ -6,9 +6,7 @@ resvg draws the file inside an SVG whose viewBox is the tile.
 
 from __future__ import annotations
 
-import importlib
 import math
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
@@ -18,7 +16,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.rerender import decode_png, refuse_url
+from cubicsplat_cli.evaluate import cairo
+from cubicsplat_cli.evaluate.rerender import decode_png
 from cubicsplat_cli.evaluate.untrusted import SvgSize
 
 # cairo's image surfaces end at 32767 px a side.
@@ -79,25 +78,9 @@ def draw_tile(
 
 
 def _tile_cairosvg(module: ModuleType, svg: bytes, width: int, height: int, scale: int, tile: Tile) -> np.ndarray:
-    surfaces = importlib.import_module(f"{module.__name__}.surface")
-    trees = importlib.import_module(f"{module.__name__}.parser")
-    cairo = surfaces.cairo
-
-    class Shifted(surfaces.PNGSurface):  # type: ignore[misc, name-defined]
-        def _create_surface(self, whole_width: float, whole_height: float) -> tuple[object, float, float]:
-            surface = cairo.ImageSurface(cairo.FORMAT_ARGB32, tile.width * scale, tile.height * scale)
-            surface.set_device_offset(-tile.left * scale, -tile.top * scale)
-            return surface, whole_width, whole_height
-
-    tree = trees.Tree(bytestring=svg, unsafe=False, url_fetcher=refuse_url)
-    # The surface owns the memory of the pixels, so it must live until they are averaged.
-    drawn = Shifted(tree, None, 96, output_width=width, output_height=height)
-    drawn.cairo.flush()
-    stride = drawn.cairo.get_stride() // 4
-    argb = np.frombuffer(drawn.cairo.get_data(), np.uint8).reshape(tile.height * scale, stride, 4)
-    means = area_means(argb[:, : tile.width * scale], scale)
-    order = [2, 1, 0, 3] if sys.byteorder == "little" else [1, 2, 3, 0]
-    return means[..., order] / np.float32(255)
+    part = (tile.left * scale, tile.top * scale, tile.width * scale, tile.height * scale)
+    drawn = cairo.draw(module, svg, width, height, part)
+    return area_means(drawn, scale)[..., cairo.RGBA] / np.float32(255)
 
 
 def _tile_resvg(

@@ -1,0 +1,94 @@
+"""Pictures by their rows: what is compared, without a float copy of the whole of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.evaluate.scaled import draw_part
+from cubicsplat_cli.evaluate.tiles import Tile
+from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.scene import scaled_scene
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A picture of width x height px.
+
+    rows: gives the rows from a first up to, but without, a last one: (n, width, 3) float32 in [0, 1], or premultiplied
+    (n, width, 4) where it is `transparent`.
+    """
+
+    width: int
+    height: int
+    transparent: bool
+    rows: Callable[[int, int], np.ndarray]
+
+
+def of_picture(picture: Picture) -> Layer:
+    """A loaded picture."""
+    rgb, alpha = picture.rgb, picture.alpha
+    if alpha is None:
+        return Layer(picture.width, picture.height, False, lambda top, bottom: rgb[top:bottom])
+
+    def rows(top: int, bottom: int) -> np.ndarray:
+        part = alpha[top:bottom, :, None]
+        return np.concatenate([rgb[top:bottom] * part, part], axis=2)
+
+    return Layer(picture.width, picture.height, True, rows)
+
+
+def of_pixels(pixels: np.ndarray) -> Layer:
+    """A drawn picture: (H, W, 4) uint8 straight RGBA or (H, W, 3) uint8 RGB. InputError for anything else."""
+    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
+        raise InputError(f"a drawn picture must be (H, W, 3 or 4) uint8, not {pixels.shape} {pixels.dtype}")
+    height, width, channels = pixels.shape
+    transparent = channels == 4 and pixels.size > 0 and int(pixels[..., 3].min()) < 255
+
+    def rows(top: int, bottom: int) -> np.ndarray:
+        if not transparent:
+            return pixels[top:bottom, :, :3] / np.float32(255)
+        values = pixels[top:bottom] / np.float32(255)
+        values[..., :3] *= values[..., 3:]
+        return values
+
+    return Layer(width, height, transparent, rows)
+
+
+def of_values(values: np.ndarray) -> Layer:
+    """A float picture, (H, W, 3) or premultiplied (H, W, 4); values are clipped to [0, 1] and not rounded to 8 bits.
+
+    Raises InputError for anything else, and where a value is not finite.
+    """
+    if values.ndim != 3 or values.shape[2] not in (3, 4):
+        raise InputError(f"a picture must be (H, W, 3 or 4), not {values.shape}")
+    if not np.isfinite(values).all():
+        raise InputError("the picture holds values that are not finite")
+    height, width, channels = values.shape
+
+    def rows(top: int, bottom: int) -> np.ndarray:
+        return np.clip(values[top:bottom], 0.0, 1.0, dtype=np.float32)
+
+    return Layer(width, height, channels == 4, rows)
+
+
+def of_scene(scene: Scene | None, width: int, height: int, samples: int, threads: int | None = None) -> Layer:
+    """The engine's exact picture of a scene at width x height px; of None a transparent one.
+
+    samples: edges per cubic. Each call for rows draws them.
+    """
+    if scene is None:
+        return Layer(width, height, True, lambda top, bottom: np.zeros((bottom - top, width, 4), np.float32))
+    sized = scaled_scene(scene, width, height)
+
+    def rows(top: int, bottom: int) -> np.ndarray:
+        return np.clip(draw_part(sized, 1, Tile(0, top, width, bottom - top), samples, threads), 0.0, 1.0)
+
+    return Layer(width, height, scene.background is None, rows)
