@@ -22,7 +22,7 @@ SOURCE = ROOT / "src" / "cubicsplat_cli"
 KERNELS = SOURCE / "raster" / "kernels"
 LIBRARY = re.compile(r"cubicsplat_cli/raster/_cubicsplat\.(so|dylib|dll)")
 RUNTIME = {
-    "cairosvg", "numpy", "pillow", "resvg-py", "rich", "scikit-image", "svgwrite", "torch", "typer",
+    "cairosvg", "jinja2", "numpy", "pillow", "resvg-py", "rich", "scikit-image", "svgwrite", "torch", "typer",
 }  # fmt: skip
 
 

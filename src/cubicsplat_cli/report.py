@@ -111,7 +111,7 @@ class Report:
     style: "photo" or "artwork", and why. shapes, segments, primitives, inks (#rrggbbaa): of artwork, else None.
     settings: all that decides the result; settings_hash: the hash of those that do. quality: None where it was not
     measured. replaced, dropped: curves seeded anew during the fit, and left out at its end (None: not known). history:
-    step, psnr_db (own picture) and seconds.
+    step, psnr_db (own picture), seconds, replaced, and gini of the curves' importances once they were looked at.
     """
 
     input: Input

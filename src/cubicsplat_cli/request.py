@@ -29,8 +29,8 @@ class Request:
 
     settings: of a photo; artwork: of flat artwork; style: "auto", "photo" or "artwork". precision: decimals of the
     coordinates (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side.
-    max_pixels: larger pictures are refused. png, compress, force: of the files. measure: whether the SVG is drawn by an
-    independent renderer and measured.
+    max_pixels: larger pictures are refused. png, page, compress, force: of the files. measure: whether the SVG is drawn
+    by an independent renderer and measured.
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -40,6 +40,7 @@ class Request:
     max_size: int | None = None
     max_pixels: int = MAX_PIXELS
     png: bool = True
+    page: bool = False
     compress: bool = False
     force: bool = False
     measure: bool = True

@@ -10,6 +10,7 @@ import typer
 
 from cubicsplat_cli.cli.bench_options import check_csv, write_csv
 from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.eval_pages import planned_pages, write_pages
 from cubicsplat_cli.cli.options import MaxPixels, Renderer, wanted_renderer
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.report import head, plain, to_json
@@ -66,6 +67,12 @@ def evaluate(
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="Also write the figures as a table, one row a pair.")
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            "--report", metavar="OUT", help="Also write a page that shows the pair: OUT.html; of two folders a folder."
+        ),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print no notes, only the result and errors.")] = False,
     max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
@@ -77,18 +84,21 @@ def evaluate(
         raise UsageError(f"{reference} is a folder, so the candidate must be one too, not {candidate}")
     check_csv(csv)
     options = Options(wanted_renderer(renderer), max_pixels, scale, threads)
+    pages = None if report is None else planned_pages(report, folders=reference.is_dir())
     reporter = Reporter(quiet=quiet)
     if reference.is_dir():
         pairs = _folders(reference, candidate, options, reporter, show=not json)
-        report = _folder_report(reference, candidate, pairs)
+        found = _folder_report(reference, candidate, pairs)
     else:
         pairs = Pairs([_compare(reference, candidate, options, reporter)])
-        report = {**head(), **pairs.compared[0].public()}
+        found = {**head(), **pairs.compared[0].public()}
         if not json:
             _show(pairs.compared[0])
     write_csv(csv, [_row(comparison) for comparison in pairs.compared])
+    if pages is not None:
+        reporter.summary(f"to look at: {write_pages(pages, pairs.compared, pairs.failed, threads)}")
     if json:
-        typer.echo(to_json(report), nl=False)
+        typer.echo(to_json(found), nl=False)
     if pairs.failed:
         for path, error in pairs.failed:
             typer.echo(f"cubicsplat: failed: {path}: {error}", err=True)

@@ -15,9 +15,11 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.display import Display
 from cubicsplat_cli.cli.summary import Tally, summary_line
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.ownership import check_ownership
 from cubicsplat_cli.files.stdout import write_stdout
 from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.execute import Means, execute, look
+from cubicsplat_cli.jobs.pages import write_index
 from cubicsplat_cli.jobs.plan import Plan
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
 from cubicsplat_cli.progress import Progress
@@ -40,6 +42,7 @@ class Run(Events):
     dry_run: bool = False
     tally: Tally = field(default_factory=Tally)
     failures: list[Outcome] = field(default_factory=list)
+    shown: list[Outcome] = field(default_factory=list)  # those that the index is about
     stopped: bool = False
     display: Display = field(default_factory=Display)
     started: float = field(default_factory=time.perf_counter)
@@ -50,6 +53,8 @@ class Run(Events):
             self._tell_left_out(reason, [str(path) for path in paths])
         for name, error in self.plan.problems:
             self.settle(failure(named_job(name), error))
+        if self.plan.index is not None and not self.dry_run:
+            check_ownership([self.plan.index], force=self.request.force)
         if self.dry_run:
             for job in self.plan.jobs:
                 self.settle(look(job, self.request))
@@ -80,6 +85,8 @@ class Run(Events):
             self.reporter.summary(summary_line(outcome.report, outcome.status))
         if outcome.status != PLANNED:
             self.tally.add(outcome)
+            if self.plan.index is not None:
+                self.shown.append(outcome)
         if self.json:
             line = json.dumps(plain(outcome.public()), separators=(",", ":"), allow_nan=False)
             write_stdout(line.encode() + b"\n")
@@ -108,12 +115,24 @@ class Run(Events):
         self.display = Display()
 
     def _close(self) -> None:
-        """The table, and after it what failed."""
+        """The table, the page to look at, and after it what failed."""
         if self.plan.pictures > 1 and not self.dry_run:
             for line in self.tally.table(self.plan.pictures, time.perf_counter() - self.started):
                 self.reporter.summary(line)
+        if not self.dry_run:
+            self._close_pages()
         for outcome in self.failures:
             self.reporter.error(outcome.error or "")
+
+    def _close_pages(self) -> None:
+        """The index, in the order of the plan, and where to begin to look."""
+        page = self.plan.jobs[0].outputs.page if self.plan.pictures == 1 and self.plan.jobs else None
+        if self.plan.index is not None:
+            page = self.plan.index
+            places = {job.name: place for place, job in enumerate(self.plan.jobs)}
+            write_index(page, sorted(self.shown, key=lambda outcome: places.get(outcome.job.name, -1)))
+        if page is not None and len(self.failures) < self.plan.pictures:
+            self.reporter.summary(f"to look at: {page}")
 
     def _tell_left_out(self, reason: str, names: list[str]) -> None:
         shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -54,6 +54,10 @@ Png = Annotated[bool, typer.Option("--png/--no-png", help="Also write the SVG as
 Measure = Annotated[
     bool, typer.Option("--measure/--no-measure", help="Draw and measure the SVG; without, there is no PNG either.")
 ]
+Page = Annotated[
+    bool,
+    typer.Option("--report", help="Also write OUT.html, a page that shows the SVG; of several pictures an index too."),
+]
 Svgz = Annotated[bool, typer.Option("--svgz", help="Write the SVG compressed, as OUT.svgz.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Make everything anew, and replace files that cubicsplat did not write.")
@@ -78,6 +82,7 @@ def vectorize(
     max_pixels: MaxPixels = MAX_PIXELS,
     png: Png = True,
     measure: Measure = True,
+    report: Page = False,
     svgz: Svgz = False,
     force: Force = False,
     dry_run: DryRun = False,
@@ -106,6 +111,7 @@ def vectorize(
         max_size=max_size,
         max_pixels=max_pixels,
         png=png and measure,
+        page=report,
         compress=svgz,
         force=force,
         measure=measure,

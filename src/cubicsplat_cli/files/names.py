@@ -11,6 +11,7 @@ from cubicsplat_cli.files.paths import is_folder, is_there, same_file
 
 STDIO = "-"
 PLAIN, COMPRESSED = ".svg", ".svgz"
+PAGE = ".html"
 SVG_SUFFIXES = frozenset((PLAIN, COMPRESSED))
 _RENDERED = ".rendered.png"
 # In a folder, these are taken for pictures; a file that is named itself may be called anything.
@@ -21,15 +22,23 @@ PICTURE_SUFFIXES = frozenset(
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files of one vectorised picture; None: not written. `svg` None means standard output."""
+    """Files of one vectorised picture; None: not written. `svg` None means standard output. report: the figures;
+    page: a page to look at, made of the others; animation: the fit as it develops.
+    """
 
     svg: Path | None
     png: Path | None
     report: Path | None
+    page: Path | None = None
+    animation: Path | None = None
 
     def files(self) -> list[Path]:
         """All files that will be written."""
-        return [path for path in (self.svg, self.png, self.report) if path is not None]
+        return [path for path in (*self.results(), self.page) if path is not None]
+
+    def results(self) -> list[Path]:
+        """Those of them that only a fit can make."""
+        return [path for path in (self.svg, self.png, self.report, self.animation) if path is not None]
 
 
 def is_picture_name(path: Path) -> bool:

@@ -76,14 +76,13 @@ def earlier_report(job: Job) -> Report | None:
 
 
 def finished(job: Job, digest: str) -> Report | None:
-    """The report of an earlier run that made all files of `job` from the same input with the same settings.
+    """The report of an earlier run that made all results of `job` from the same input with the same settings.
 
     None when any file is missing, incomplete, changed since, made from another input or with other settings, or of a
     fit that was interrupted.
     """
     outputs = job.outputs
-    files = outputs.files()
-    if outputs.svg is None or not all(is_file(path) for path in files):
+    if outputs.svg is None or not all(is_file(path) for path in outputs.results()):
         return None
     report = earlier_report(job)
     if report is None or report.interrupted or report.settings_hash != digest:

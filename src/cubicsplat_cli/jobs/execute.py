@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.jobs.earlier import check_may_write, finished, prepare
 from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.pages import with_page
 from cubicsplat_cli.jobs.plan import Job, Plan
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure
 from cubicsplat_cli.request import Request
@@ -83,7 +84,7 @@ def _to_do(jobs: list[Job], request: Request, settled: list[Outcome]) -> Iterato
             else:
                 yield job
                 continue
-        settled.append(outcome)
+        settled.append(with_page(outcome, request))
 
 
 def _taken(settled: list[Outcome]) -> Iterator[Outcome]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import os
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.names import COMPRESSED, PLAIN, STDIO, Outputs, beside, plan_outputs
+from cubicsplat_cli.files.names import COMPRESSED, PAGE, PLAIN, STDIO, Outputs, beside, plan_outputs
 from cubicsplat_cli.files.ownership import is_svg
 from cubicsplat_cli.files.paths import is_folder, is_there
 from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
@@ -27,6 +29,14 @@ class Job:
     outputs: Outputs
     data: bytes | None = None
 
+    def source(self) -> bytes:
+        """The bytes of the picture's file. Raises InputError where they cannot be read."""
+        if self.path is None or self.data is not None:
+            return self.data or b""
+        from cubicsplat_cli.files.load import read_picture_file
+
+        return read_picture_file(self.path)
+
     @property
     def title(self) -> str:
         """The SVG's title."""
@@ -35,11 +45,14 @@ class Job:
 
 @dataclass(frozen=True)
 class Plan:
-    """jobs, in a fixed order; problems: arguments that led to none, by name; left_out: pictures not taken, and why."""
+    """jobs, in a fixed order; problems: arguments that led to none, by name; left_out: pictures not taken, and why;
+    index: the page that leads to those of all pictures, where they have pages.
+    """
 
     jobs: list[Job]
     problems: list[tuple[str, CubicSplatError]] = field(default_factory=list)
     left_out: Mapping[str, list[Path]] = field(default_factory=dict)
+    index: Path | None = None
 
     @property
     def pictures(self) -> int:
@@ -52,12 +65,33 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     if is_batch(arguments):
         found = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs(found.sources, output, png=request.png, compress=request.compress)
-        return Plan(jobs, list(found.problems), found.left_out)
+        made = Plan(jobs, list(found.problems), found.left_out)
+        return with_pages(made, output) if request.page else made
     name = arguments[0]
     path = None if name == STDIO else Path(name)
     if path is not None and is_svg(path):
         raise InputError(f"{printable(name)}: is an SVG or XML file, already vector; give a raster picture")
-    return Plan([Job(name, path, plan_outputs(path, output, png=request.png, compress=request.compress))])
+    made = Plan([Job(name, path, plan_outputs(path, output, png=request.png, compress=request.compress))])
+    return with_pages(made, output) if request.page else made
+
+
+def with_pages(made: Plan, output: str | None) -> Plan:
+    """The plan with a page for each picture, beside its SVG, and for several an index in the folder of them all.
+
+    Raises UsageError where an SVG goes to standard output.
+    """
+    jobs = []
+    for job in made.jobs:
+        if job.outputs.svg is None:
+            raise UsageError("--report needs a file beside which the page can lie; give one with -o")
+        jobs.append(replace(job, outputs=replace(job.outputs, page=job.outputs.svg.with_suffix(PAGE))))
+    if made.pictures == 1 or not jobs:
+        return replace(made, jobs=jobs)
+    pages = [job.outputs.page for job in jobs if job.outputs.page is not None]
+    folder = Path(os.path.commonpath([page.parent for page in pages])) if output is None else Path(output)
+    # A picture may be called index itself.
+    names = (folder / f"index{'' if number == 1 else f'-{number}'}{PAGE}" for number in itertools.count(1))
+    return replace(made, jobs=jobs, index=next(path for path in names if path not in pages))
 
 
 def plan_jobs(sources: list[Source], output: str | None, *, png: bool, compress: bool) -> list[Job]:

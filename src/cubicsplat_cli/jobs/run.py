@@ -50,7 +50,7 @@ class Outcome:
 
 
 class Sink(Protocol):
-    """Takes the finished files of one job; `kind` is svg, png or report. written: the files on the disk so far."""
+    """Takes the finished files of one job; `kind` is a member of `Outputs`. written: the files on the disk so far."""
 
     written: list[Path]
 
@@ -132,6 +132,12 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         sink.put("png", png)
     report = replace(result.report, input=replace(result.report.input, path=job.name))
     report = report.written(svg, _text(job.outputs.svg), png, _text(job.outputs.png))
+    if job.outputs.page is not None:
+        from cubicsplat_cli.show.page import page, subject_of
+
+        events.stage(job.name, "report")
+        subject = subject_of(picture, job.source(), result.svg.encode(), report)
+        sink.put("page", page(subject, request.settings.threads))
     sink.put("report", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
 

@@ -96,6 +96,7 @@ class Trainer:
     on_progress: Callable[[Progress], None] | None = None
     history: list[dict[str, float]] = field(default_factory=list)
     replaced: int = 0
+    inequality: float | None = None
     step: int = 0
 
     def __post_init__(self) -> None:
@@ -225,8 +226,8 @@ class Trainer:
         return crossing_gradient(self.parameters.points, self.settings.mode, weight)
 
     def _reallocate(self, progress: float) -> None:
-        inequality = gini(self.importance.cpu()) if self.recipe.prune_rule == "gini" else None
-        fraction = self.schedule.reallocation(progress, inequality)
+        self.inequality = gini(self.importance.cpu())
+        fraction = self.schedule.reallocation(progress, self.inequality)
         parameters, state, count = reallocate(
             self.parameters, self.state, self.importance, self.image, self.goal, fraction, self.settings, self.generator
         )
@@ -292,7 +293,8 @@ class Trainer:
         progress = self.progress()
         if progress * HISTORY_ENTRIES >= len(self.history) + 1 or progress >= 1.0:
             level, seconds = round(psnr(float(loss), self.values), 3), round(now - self.started, 3)
-            self.history.append({"step": self.step, "psnr_db": level, "seconds": seconds})
+            entry = {"step": self.step, "psnr_db": level, "seconds": seconds, "replaced": self.replaced}
+            self.history.append(entry if self.inequality is None else {**entry, "gini": round(self.inequality, 4)})
         if self.on_progress and (now - self.reported >= REPORT_SECONDS or progress >= 1.0):
             self.reported = now
             elapsed = now - self.started

@@ -1,0 +1,59 @@
+"""The pages of jobs that an earlier run has done, and the page that leads to all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cubicsplat_cli.errors import CubicSplatError
+from cubicsplat_cli.files.atomic import write_atomically
+from cubicsplat_cli.files.ownership import read_head
+from cubicsplat_cli.files.paths import is_file
+from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.jobs.run import UNCHANGED, Outcome, failure, load_job
+from cubicsplat_cli.request import Request
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.report import Report
+
+
+def has_page(job: Job, report: Report) -> bool:
+    """Whether the page of a job is there, and about the SVG that the report is about; true where none is wanted."""
+    path = job.outputs.page
+    if path is None:
+        return True
+    from cubicsplat_cli.show.mark import page_mark
+
+    return is_file(path) and page_mark(report.output.svg_sha256).encode() in read_head(path)
+
+
+def with_page(outcome: Outcome, request: Request) -> Outcome:
+    """The outcome of a job whose files an earlier run made, after its page has been made too where it is missing."""
+    job, report = outcome.job, outcome.report
+    if outcome.status != UNCHANGED or report is None or has_page(job, report):
+        return outcome
+    from cubicsplat_cli.files.read import read_file
+    from cubicsplat_cli.show.page import page, subject_of
+
+    assert job.outputs.svg is not None and job.outputs.page is not None
+    try:
+        picture = load_job(job, request)
+        subject = subject_of(picture, job.source(), read_file(job.outputs.svg), report)
+        write_atomically(job.outputs.page, page(subject, request.settings.threads))
+    except CubicSplatError as error:
+        return failure(job, error)
+    return outcome
+
+
+def write_index(path: Path, outcomes: list[Outcome]) -> None:
+    """The page that leads to the pages of all pictures, in the order given. Raises InputError as all writing does."""
+    from cubicsplat_cli.show.index import Entry, entry_of, index
+
+    entries = []
+    for outcome in outcomes:
+        report, outputs = outcome.report, outcome.job.outputs
+        if report is None or outputs.page is None or outputs.svg is None:
+            entries.append(Entry(outcome.job.name, error=outcome.error or outcome.status))
+        else:
+            entries.append(entry_of(outcome.job.name, outputs.page, report, outputs.png, outputs.svg))
+    write_atomically(path, index(path, entries, path.absolute().parent.name or "pictures"))

@@ -1,0 +1,92 @@
+"""What a page shows of an SVG: an own file goes into it element by element, any other one as a picture."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+import torch
+
+from cubicsplat_cli.artwork.scene import scene_of
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.evaluate.measurable import measurable
+from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.draw import scene_tensors
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.svg import read_svg
+from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
+
+_SAMPLES = 48  # edges per cubic, as of the exact finish
+_SVG = "http://www.w3.org/2000/svg"
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """An SVG of ours, read by readers that let nothing pass that could act or fetch.
+
+    markup: its elements as HTML takes them. losses_db: for each drawn element in the order of the file, by how many dB
+    the PSNR falls without it (below 0: it rises).
+    """
+
+    markup: str
+    losses_db: list[float]
+
+
+def shown(svg: bytes, picture: Picture, threads: int | None = None) -> Shown | None:
+    """The SVG as elements, with what each of them is worth; None where it is none of ours."""
+    try:
+        scene, names = _scene(svg)
+    except InputError:
+        return None
+    return Shown(_markup(svg), [] if scene is None else _losses(scene, names, picture, threads))
+
+
+def _markup(svg: bytes) -> str:
+    """The elements alone: what HTML might take for something else (comments, instructions, CDATA) is gone, and so is
+    the title, which browsers would show under the pointer.
+    """
+    root = ElementTree.fromstring(svg)
+    for title in root.findall(f"{{{_SVG}}}title"):
+        root.remove(title)
+    ElementTree.register_namespace("", _SVG)
+    return ElementTree.tostring(root, encoding="unicode").replace(" />", "/>")
+
+
+def _scene(svg: bytes) -> tuple[Scene | None, list[str]]:
+    """The scene, and for each of its curves, front to back, the element it belongs to; InputError for foreign files."""
+    if not is_drawing(svg):
+        scene = read_svg(svg)
+        return scene, [str(index) for index in range(scene.curves)]
+    drawing = read_drawing(svg)
+    # Several shapes in one path share its id.
+    names = [shape.name or str(index) for index, shape in enumerate(drawing.shapes)]
+    return (scene_of(drawing) if drawing.shapes else None), names[::-1]
+
+
+def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | None) -> list[float]:
+    """Of each element, back to front."""
+    reference = measurable(picture)
+    sized = scaled_scene(scene, reference.width, reference.height)
+    target = reference.premultiplied() if sized.background is None else reference.premultiplied()[..., :3]
+    engine = CpuEngine(threads)
+    try:
+        goal = torch.from_numpy(np.ascontiguousarray(target))
+        settings = RasterSettings("exact", 1.0, _SAMPLES)
+        loss, out = engine.gradients(scene_tensors(sized), settings, target=goal, importance="loo")
+    finally:
+        engine.close()
+    worth = dict.fromkeys(names[::-1], 0.0)
+    for name, value in zip(names, out["importance"].tolist(), strict=True):
+        worth[name] += value
+    # A picture without any error has no PSNR; half a step of 8 bits at one pixel is the least error that counts.
+    floor = max(loss, (0.5 / 255.0) ** 2)
+    return [round(10.0 * math.log10(max(floor + value, 1e-12) / floor), 5) for value in worth.values()]
+
+
+def kind_of(svg: bytes) -> str:
+    """What its elements are called: "curve" of a photo, "shape" of artwork."""
+    return "shape" if is_drawing(svg) else "curve"

@@ -1,0 +1,76 @@
+"""The picture that an SVG was made from, in a form that every browser shows and that is no larger than needed."""
+
+from __future__ import annotations
+
+import base64
+import io
+
+import numpy as np
+from PIL import Image
+
+from cubicsplat_cli.files.load import Picture
+
+_BROWSERS_SHOW = {"PNG": "image/png", "JPEG": "image/jpeg", "WEBP": "image/webp", "GIF": "image/gif"}
+_ORIENTATION = 0x0112  # EXIF
+_QUALITY = 95
+THUMBNAIL = 144  # px: 72 on the page, for dense screens
+_THUMBNAIL_QUALITY = 80
+
+
+def picture_url(picture: Picture, data: bytes) -> str:
+    """A data: URL of the picture. data: the bytes of the file that it was read from.
+
+    Those bytes where a browser shows the same pixels, else WebP: without loss, unless that took more than the file.
+    """
+    mime = _mime(picture, data)
+    if mime is not None:
+        return data_url(mime, data)
+    image = Image.fromarray(eight_bit(picture))
+    exact = _webp(image, lossless=True)
+    return data_url("image/webp", exact if len(exact) <= len(data) else _webp(image, quality=_QUALITY))
+
+
+def picture_thumbnail(picture: Picture) -> str:
+    """A data: URL of the picture, small."""
+    return thumbnail_url(eight_bit(picture))
+
+
+def thumbnail_url(pixels: np.ndarray) -> str:
+    """A data: URL of (H, W, 3 or 4) uint8, at most THUMBNAIL px a side."""
+    image = Image.fromarray(pixels)
+    image.thumbnail((THUMBNAIL, THUMBNAIL))
+    return data_url("image/webp", _webp(image, quality=_THUMBNAIL_QUALITY))
+
+
+def data_url(mime: str, data: bytes) -> str:
+    """The bytes as a URL."""
+    return f"data:{mime};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def eight_bit(picture: Picture) -> np.ndarray:
+    """(H, W, 3), or straight (H, W, 4) where the picture has transparency; uint8."""
+    channels = picture.rgb if picture.alpha is None else np.dstack([picture.rgb, picture.alpha])
+    return np.round(channels * 255.0).astype(np.uint8)
+
+
+def _mime(picture: Picture, data: bytes) -> str | None:
+    """The type of the file where a browser shows it as it was read here; None for all that is turned, resized, has
+    other colours or more bits.
+    """
+    with Image.open(io.BytesIO(data)) as image:
+        mime = _BROWSERS_SHOW.get(image.format or "")
+        turned = image.getexif().get(_ORIENTATION, 1) != 1
+        if mime is None or turned or getattr(image, "n_frames", 1) > 1 or image.size != (picture.width, picture.height):
+            return None
+        plain = np.asarray(image.convert("RGBA"))
+    ours = eight_bit(picture)
+    if not np.array_equal(plain[..., 3], 255 if picture.alpha is None else ours[..., 3]) and picture.alpha is not None:
+        return None
+    seen = plain[..., 3:] > 0
+    return mime if np.array_equal(plain[..., :3] * seen, ours[..., :3] * seen) else None
+
+
+def _webp(image: Image.Image, **options: object) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, "WEBP", **options)
+    return buffer.getvalue()

@@ -1,0 +1,180 @@
+"""One picture's page: from the picture, the SVG and its figures to the text of one HTML file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cubicsplat_cli._version import __version__
+from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.report import Quality, Report
+from cubicsplat_cli.show.charts import Chart, course, histogram
+from cubicsplat_cli.show.drawing import kind_of, shown
+from cubicsplat_cli.show.mark import page_mark
+from cubicsplat_cli.show.original import data_url, picture_url
+from cubicsplat_cli.show.repeat import command, unsaid
+from cubicsplat_cli.show.template import rendered
+from cubicsplat_cli.words import counted, duration, file_size
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What a page is about.
+
+    picture, data: the original, and the bytes of its file. name: of the candidate. candidate: its bytes, an SVG
+    (unpacked), or of the picture `raster`. quality: measured of the candidate, None where it was not; drawn_by: the
+    renderer. report: of the run that made the SVG, where that is known. sha256, bytes: of the candidate's file.
+    """
+
+    picture: Picture
+    data: bytes
+    name: str
+    candidate: bytes
+    quality: Quality | None
+    drawn_by: str | None
+    report: Report | None
+    sha256: str
+    bytes: int
+    raster: Picture | None = None
+    notes: tuple[str, ...] = ()
+
+
+def subject_of(picture: Picture, data: bytes, svg: bytes, report: Report) -> Subject:
+    """The subject of a page about an SVG (unpacked) that was made with a report."""
+    quality = None if report.quality is None else report.quality.svg
+    name = report.output.svg
+    return Subject(
+        picture,
+        data,
+        picture.source if name is None else Path(name).name,
+        svg,
+        quality,
+        None if quality is None else quality.renderer,
+        report,
+        report.output.svg_sha256,
+        report.output.bytes,
+    )
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A figure with what it is called and what it means."""
+
+    name: str
+    value: str
+    about: str = ""
+
+
+def page(subject: Subject, threads: int | None = None) -> bytes:
+    """The HTML file. threads: of the engine, which measures what each curve is worth."""
+    report, picture = subject.report, subject.picture
+    own = shown(subject.candidate, picture, threads) if subject.raster is None else None
+    kind = kind_of(subject.candidate) if own is not None else ""
+    losses = [] if own is None else own.losses_db
+    text = rendered(
+        "page.html",
+        mark=page_mark(subject.sha256),
+        title=subject.name,
+        picture_name=picture.source,
+        width=picture.width,
+        height=picture.height,
+        picture_url=picture_url(picture, subject.data),
+        markup=None if own is None else own.markup,
+        candidate_url=None if own is not None else _candidate_url(subject),
+        is_svg=subject.raster is None,
+        kind=kind,
+        data={"width": picture.width, "height": picture.height, "kind": kind, "losses": losses},
+        facts=_facts(subject, kind, len(losses)),
+        charts=_charts(report, losses, kind),
+        times=_times(report),
+        command=None if report is None else command(report),
+        unsaid=[] if report is None else unsaid(report),
+        settings={} if report is None else _settings(report.settings),
+        device={} if report is None else report.device,
+        reason="" if report is None else report.style_reason,
+        style="" if report is None else report.style,
+        inks=[] if report is None else (report.inks or []),
+        notes=[*(() if report is None else report.notes), *subject.notes],
+        program=PROGRAM,
+        version=__version__ if report is None else report.version,
+    )
+    return text.encode()
+
+
+def _candidate_url(subject: Subject) -> str:
+    """As a picture it can neither act nor fetch, whatever it holds."""
+    if subject.raster is None:
+        return data_url("image/svg+xml", subject.candidate)
+    return picture_url(subject.raster, subject.candidate)
+
+
+def _facts(subject: Subject, kind: str, count: int) -> list[Fact]:
+    quality, report = subject.quality, subject.report
+    facts = [] if quality is None else _quality_facts(quality, subject.drawn_by)
+    if kind:
+        inks = None if report is None or report.inks is None else counted(len(report.inks), "colour")
+        facts.append(Fact(f"{kind}s", f"{count:,}", inks or ""))
+    facts.append(Fact("file", file_size(subject.bytes), f"the picture: {file_size(len(subject.data))}"))
+    facts.append(Fact("size", f"{subject.picture.width} \u00d7 {subject.picture.height}", "pixels of the original"))
+    if report is not None:
+        steps = f"{report.timing.steps:,} steps" if report.timing.steps else ""
+        facts.append(Fact("time", duration(report.timing.total_s), steps))
+    return facts
+
+
+def _quality_facts(quality: Quality, drawn_by: str | None) -> list[Fact]:
+    by = f"drawn by {drawn_by}" if drawn_by else "of the candidate"
+    if quality.identical:
+        return [Fact("PSNR", "identical", by)]
+    facts = [] if quality.psnr_db is None else [Fact("PSNR", f"{quality.psnr_db:.2f} dB", by)]
+    if quality.ssim is not None:
+        facts.append(Fact("SSIM", f"{quality.ssim:.4f}", "1 is identical"))
+    return facts
+
+
+def _charts(report: Report | None, losses: list[float], kind: str) -> list[Chart]:
+    history = [] if report is None else report.history
+    wanted = (
+        ("psnr_db", "Closeness", "PSNR of the fit's own picture, in dB", 2),
+        ("gini", "Inequality", "Gini coefficient of the curves' worth: 0 all alike, 1 few do everything", 2),
+        ("replaced", "Curves replaced", "removed where they did little, and begun anew where the error is", 0),
+    )
+    charts = []
+    for member, title, about, decimals in wanted:
+        entries = [entry for entry in history if member in entry]
+        if len(entries) > 1:
+            seconds, values = [e["seconds"] for e in entries], [e[member] for e in entries]
+            charts.append(course(title, about, seconds, values, decimals))
+    if len(losses) > 1:
+        charts.append(
+            histogram(f"Worth of the {kind}s", f"{kind}s by how many dB the picture loses without one", losses)
+        )
+    return charts
+
+
+def _times(report: Report | None) -> list[tuple[str, str, float]]:
+    """Name, text and percentage of each stage."""
+    if report is None:
+        return []
+    timing = report.timing
+    stages = (
+        ("read", timing.read_s), ("fit", timing.fit_s), ("write", timing.write_s), ("draw", timing.draw_s),
+        ("measure", timing.measure_s),
+    )  # fmt: skip
+    known = [(name, seconds) for name, seconds in stages if seconds is not None]
+    total = sum(seconds for _, seconds in known) or 1.0
+    return [(name, duration(seconds), 100.0 * seconds / total) for name, seconds in known]
+
+
+def _settings(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Every setting by name, those of a group behind its name and a dot."""
+    found: dict[str, str] = {}
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            found |= {f"{name}.{key}": text for key, text in _settings(value).items()}
+        else:
+            found[name] = "-" if value is None or value == [] else str(value)
+    return found

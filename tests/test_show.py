@@ -1,0 +1,330 @@
+"""The pages of `--report`: what is in them, that they stay small, and that no foreign file can act in them."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import smooth_pixels
+from PIL import Image
+
+from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.report import Quality, Report
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.show import charts
+from cubicsplat_cli.show.drawing import shown
+from cubicsplat_cli.show.index import Entry, index
+from cubicsplat_cli.show.original import picture_url
+from cubicsplat_cli.show.page import Subject, page
+from cubicsplat_cli.show.repeat import command, unsaid
+
+ROOT = Path(__file__).resolve().parents[1]
+SHORT = {"curves": 9, "steps": 60, "threads": 1}
+FRAME = 36_000  # bytes of a page beside what it shows
+
+
+def encoded(pixels: np.ndarray, form: str, **options) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, form, **options)
+    return buffer.getvalue()
+
+
+def page_about(svg: bytes, data: bytes, report: Report | None = None, **more) -> str:
+    subject = Subject(
+        load_picture(data),
+        data,
+        "a.svg",
+        svg,
+        Quality(30.0, 0.9, False),
+        "r 1",
+        report,
+        sha256_of(svg),
+        len(svg),
+        **more,
+    )
+    return page(subject, threads=1).decode()
+
+
+def data_of(text: str) -> dict:
+    return json.loads(re.search(r'id="cs-data">(.*?)</script>', text, re.DOTALL)[1])
+
+
+@pytest.fixture(scope="module")
+def sample() -> tuple[bytes, str, Report]:
+    """A PNG, its SVG and the report, of a short fit."""
+    data = encoded(smooth_pixels(48, 36), "PNG")
+    result = vectorize(data, style="photo", **SHORT)
+    return data, result.svg, result.report
+
+
+def test_a_page_has_the_curves_their_worth_the_course_and_the_command(sample):
+    data, svg, report = sample
+    text = page_about(svg.encode(), data, report)
+    assert svg.count("<path") == text.split('<g class="drawing">')[1].split("</g></svg>")[0].count("<path")
+    found = data_of(text)
+    assert (found["kind"], len(found["losses"])) == ("curve", svg.count("<path"))
+    for words in ("Closeness", "Inequality", "Curves replaced", "Worth of the curves", "Where the time went"):
+        assert words in text
+    assert "cubicsplat vectorize" in text
+    assert text.count("<script") == 2
+
+
+def test_a_curve_is_worth_what_the_picture_loses_without_it(sample):
+    from dataclasses import replace
+
+    from cubicsplat_cli import read_svg, render_scene
+    from cubicsplat_cli.scene import Scene
+
+    data, svg, _ = sample
+    picture, scene = load_picture(data), read_svg(svg)
+
+    def level(of: Scene) -> float:
+        return -10.0 * np.log10(((render_scene(of, samples=48) - picture.target()) ** 2).mean())
+
+    losses = shown(svg.encode(), picture).losses_db[::-1]  # front to back, as the scene has them
+    for curve in range(scene.curves):
+        keep = [index for index in range(scene.curves) if index != curve]
+        fields = {name: getattr(scene, name)[keep] for name in ("points", "colours", "opacities", "half_widths")}
+        assert losses[curve] == pytest.approx(level(scene) - level(replace(scene, **fields)), abs=2e-3)
+
+
+def test_shapes_of_artwork_in_one_path_have_one_worth():
+    pixels = np.full((24, 64, 3), 255, np.uint8)
+    for left in (4, 24, 44):  # paths, not primitives
+        pixels[4:20, left : left + 5] = pixels[15:20, left : left + 12] = (20, 60, 120)
+    result = vectorize(pixels, style="artwork", threads=1)
+    elements = len(re.findall(r"<(?:path|rect|circle|ellipse)\b", result.svg))
+    found = shown(result.svg.encode(), load_picture(encoded(pixels, "PNG")))
+    assert len(found.losses_db) == elements < result.report.shapes
+    assert min(found.losses_db) > 10
+
+
+HOSTILE = (
+    "<!--> <script>alert(1)</script> -->",
+    "<title><![CDATA[</title><script>alert(1)</script>]]></title>",
+    "<?x <script>alert(1)</script> ?>",
+)
+
+
+@pytest.mark.parametrize("hostile", HOSTILE)
+def test_what_html_would_read_otherwise_than_xml_is_left_out(sample, hostile):
+    data, svg, _ = sample
+    changed = (
+        svg.replace("<g id", f"{hostile}<g id")
+        if "title" not in hostile
+        else svg.replace("<title>", hostile + "<title>")
+    )
+    text = page_about(changed.encode(), data)
+    assert "alert" not in text.split('class="drawing"')[1].split('class="cam picture"')[0].replace("data:", "")
+    assert text.count("<script") == 2
+
+
+def test_a_foreign_svg_is_shown_as_a_picture(sample):
+    foreign = b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" onload="alert(1)"><g/></svg>'
+    text = page_about(foreign, sample[0])
+    assert "onload" not in text
+    assert base64.b64encode(foreign).decode() in text
+    assert data_of(text) == {"height": 36, "kind": "", "losses": [], "width": 48}
+    assert "Outlines" not in text
+
+
+def test_names_are_text(sample):
+    data, svg, report = sample
+    subject = Subject(
+        load_picture(data), data, "<b>a&b</b>.svg", svg.encode(), None, None, report, "0", 9, notes=("<i>x</i>",)
+    )
+    text = page(subject, threads=1).decode()
+    assert "&lt;b&gt;a&amp;b&lt;/b&gt;.svg" in text
+    assert "<b>a" not in text
+    assert "<i>x" not in text
+
+
+@pytest.mark.parametrize("name", ["chelsea.png", "astronaut.jpg"])
+def test_a_page_is_at_most_three_times_what_it_shows(name):
+    data = (ROOT / "samples" / name).read_bytes()
+    result = vectorize(data, style="photo", curves=256, steps=4, measure=False)
+    svg = result.svg.encode()
+    text = page_about(svg, data, result.report).encode()
+    assert len(text) <= 3 * (len(svg) + len(data))
+    assert len(text) <= 1.4 * (len(svg) + len(data)) + FRAME
+
+
+RGB = smooth_pixels(40, 28)
+RGBA = smooth_pixels(40, 28, alpha=True)
+TURNED = Image.Exif()
+TURNED[0x0112] = 6
+
+
+@pytest.mark.parametrize(
+    ("data", "mime", "kept"),
+    [
+        (encoded(RGB, "PNG"), "png", True),
+        (encoded(RGBA, "PNG"), "png", True),
+        (encoded(RGB, "JPEG"), "jpeg", True),
+        (encoded(RGB, "WEBP", lossless=True), "webp", True),
+        (encoded(RGB, "JPEG", exif=TURNED), "webp", False),
+        (encoded(RGB, "BMP"), "webp", False),
+        (encoded(RGBA, "TIFF"), "webp", False),
+    ],
+)
+def test_the_original_is_the_file_where_browsers_show_the_same(data, mime, kept):
+    picture = load_picture(data)
+    head, body = picture_url(picture, data).split(",")
+    found = base64.b64decode(body)
+    assert head == f"data:image/{mime};base64"
+    assert (found == data) == kept
+    with Image.open(io.BytesIO(found)) as image:
+        assert image.size == (picture.width, picture.height)
+        values = np.asarray(image.convert("RGB")) / 255.0
+    seen = 1.0 if picture.alpha is None else (picture.alpha > 0)[..., None]
+    assert np.abs(values - picture.rgb)[np.broadcast_to(seen, values.shape) > 0].mean() < 0.02
+
+
+REQUESTS = [
+    Request(),
+    Request(FitSettings.from_preset("high", "open", curves=33, seed=4, background="teal", opaque=True), style="photo"),
+    Request(FitSettings.from_preset("draft", time_limit=2.5, prune=False, geometric_reg=0.25, samples=40)),
+    Request(artwork=ArtworkSettings(colors=3, palette=((1, 2, 3), (255, 0, 9)), detail=2.5), style="artwork"),
+    Request(precision=4, max_size=300),
+]
+
+
+@pytest.mark.parametrize("request_", REQUESTS)
+def test_the_command_asks_for_the_same_again(request_, monkeypatch):
+    from dataclasses import replace
+
+    from cubicsplat_cli.cli import app
+    from cubicsplat_cli.cli import vectorize as module
+
+    asked: list[Request] = []
+
+    def planned(inputs, output, request, **_):
+        asked.append(request)
+        raise SystemExit
+
+    monkeypatch.setattr(module, "plan", planned)
+    picture = load_picture(encoded(smooth_pixels(8, 8), "PNG"))
+    quick = replace(request_, settings=request_.settings.with_(steps=1), measure=False)
+    report = vectorize_picture(picture, quick).report
+    report = replace(report, settings=request_.deciding(), input=replace(report.input, path="a 'b.png"))
+    words = shlex.split(command(report))
+    assert words[:3] == ["cubicsplat", "vectorize", "a 'b.png"]
+    with pytest.raises(SystemExit):
+        app.app(words[1:], standalone_mode=False)
+    assert asked[0].digest() == request_.digest()
+    assert unsaid(report) == []
+
+
+def test_what_has_no_option_is_named():
+    result = vectorize(smooth_pixels(16, 12), style="photo", rate_colours=0.2, **SHORT | {"steps": 2}, measure=False)
+    assert unsaid(result.report) == ["rate_colours"]
+
+
+def test_ticks_are_round_and_within():
+    assert charts.ticks(0.0, 10.0, 4) == [0.0, 2.5, 5.0, 7.5, 10.0]
+    assert charts.ticks(23.1, 31.9, 3) == [25.0, 30.0]
+    assert charts.ticks(5.0, 5.0, 3) == [5.0]
+
+
+def test_a_course_rises_where_its_values_do():
+    chart = charts.course("t", "a", [0.0, 1.0, 2.0], [20.0, 30.0, 25.0], 1)
+    heights = [float(point.split()[1]) for point in chart.line[1:].split("L")]
+    assert heights[1] < heights[2] < heights[0]
+    assert chart.last == "25.0"
+
+
+def test_a_histogram_counts_all_values():
+    values = [-0.2, 0.0, 1e-7, 0.01, 0.011, 2.0]
+    chart = charts.histogram("t", "a", values)
+    assert sum(int(text.split(":")[0]) for *_, text in chart.bars) == len(values)
+
+
+def test_the_index_links_what_is_there_and_says_what_is_not(tmp_path):
+    entries = [
+        Entry("a.png", tmp_path / "sub" / "a #1.html", None, "photo", Quality(31.0, 0.9, False), 2_000, 12, 3.0),
+        Entry("b.png", tmp_path / "b.html", None, "artwork", Quality(None, 1.0, True), 100, 3, 1.0),
+        Entry("c.png", error="c.png: is damaged"),
+    ]
+    text = index(tmp_path / "index.html", entries, "t").decode()
+    assert 'href="./sub/a%20%231.html"' in text
+    assert 'data-value="inf"' in text
+    assert "<p>is damaged</p>" in text
+    assert "31.00 dB" in text  # the mean of those that have one
+
+
+def test_vectorize_writes_a_page_and_later_makes_a_missing_one(run_cli, photo):
+    arguments = ("vectorize", photo, "--style", "photo", "--curves", 9, "--steps", 20, "--threads", 1)
+    assert run_cli(*arguments).returncode == 0
+    svg, made = photo.with_suffix(".svg"), photo.with_suffix(".html")
+    before = svg.stat().st_mtime_ns
+    assert not made.exists()
+    done = run_cli(*arguments, "--report")
+    assert (done.returncode, b"unchanged" in done.stderr, b"to look at: " in done.stderr) == (0, True, True)
+    assert svg.stat().st_mtime_ns == before
+    first = made.read_bytes()
+    assert run_cli(*arguments, "--report").returncode == 0
+    assert made.read_bytes() == first
+    run_cli(*arguments, "--report", "--seed", 3)
+    assert sha256_of(svg.read_bytes()).encode() in made.read_bytes()[:200]
+
+
+def test_a_folder_has_an_index_in_the_order_of_its_names(run_cli, tmp_path):
+    fit = ("-o", f"{tmp_path}/out/", "--report", "--style", "photo", "--curves", 5, "--steps", 9, "--threads", 1)
+    for name in ("b.png", "a.png"):
+        (tmp_path / name).write_bytes(encoded(smooth_pixels(24, 20), "PNG"))
+        run_cli("vectorize", tmp_path / name, *fit)
+    assert run_cli("vectorize", tmp_path, *fit).returncode == 0
+    assert re.findall(r'href="\./(\w+).html">[^<]', (tmp_path / "out" / "index.html").read_text()) == ["a", "b"]
+    (tmp_path / "c.png").write_bytes(b"no picture")
+    (tmp_path / "index.png").write_bytes((tmp_path / "a.png").read_bytes())
+    run_cli("vectorize", tmp_path / "index.png", *fit, "--force")  # over the index, which is ours
+    assert run_cli("vectorize", tmp_path, *fit).returncode == 1
+    text = (tmp_path / "out" / "index-2.html").read_text()
+    assert re.findall(r'href="\./(\w+).html">[^<]', text) == ["a", "b", "index"]
+    assert "<p>is not a picture" in text
+
+
+def test_a_file_of_somebody_else_is_kept(run_cli, photo):
+    page_path = photo.with_suffix(".html")
+    page_path.write_text("<p>mine</p>")
+    done = run_cli("vectorize", photo, "--report")
+    assert done.returncode == 2
+    assert b"was not written by cubicsplat" in done.stderr
+    assert run_cli("vectorize", photo, "-o", "-", "--report").returncode == 2
+    assert run_cli("eval", photo, photo, "--report", page_path).returncode == 2
+    assert run_cli("eval", photo, photo, "--report", photo.with_suffix(".pdf")).returncode == 2
+    assert page_path.read_text() == "<p>mine</p>"
+
+
+def test_eval_shows_a_pair_with_what_is_known_of_the_run(run_cli, photo, tmp_path):
+    run_cli(
+        "vectorize", photo, "-o", tmp_path / "a.svg", "--style", "photo", "--curves", 9, "--steps", 60, "--threads", 1
+    )
+    assert run_cli("eval", photo, tmp_path / "a.svg", "--report", tmp_path / "e.html").returncode == 0
+    assert "Make it again" in (tmp_path / "e.html").read_text()
+    (tmp_path / "a.json").unlink()
+    assert run_cli("eval", photo, tmp_path / "a.svg", "--report", tmp_path / "e.html").returncode == 0
+    text = (tmp_path / "e.html").read_text()
+    assert ("Make it again" in text, "Worth of the curves" in text) == (False, True)
+    assert run_cli("eval", photo, tmp_path / "a.png", "--report", tmp_path / "p.html").returncode == 0
+    assert "candidate" in (tmp_path / "p.html").read_text()
+
+
+def test_eval_of_two_folders_writes_an_index(run_cli, tmp_path):
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "a.png").write_bytes(encoded(smooth_pixels(24, 20), "PNG"))
+    assert run_cli("eval", tmp_path / "one", tmp_path / "two", "--report", tmp_path / "pages").returncode == 0
+    assert "identical" in (tmp_path / "pages" / "index.html").read_text()
+    assert (tmp_path / "pages" / "a.png.html").is_file()
