@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.fine import fine_ring
 from cubicsplat_cli.artwork.finish import begin, drawn, settle
-from cubicsplat_cli.artwork.freedom import fine_ring, freedom_of
+from cubicsplat_cli.artwork.freedom import freedom_of
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
@@ -64,7 +65,7 @@ def test_a_fine_rounded_rectangle_has_round_corners():
 )
 def test_jacobians_match_finite_differences(outline):
     freedom = freedom_of(outline, 64, 64)
-    jacobian = freedom.jacobian().toarray()
+    jacobian = freedom.jacobian.toarray()
     for i in range(jacobian.shape[1]):
         step = np.zeros(jacobian.shape[1])
         step[i] = 1e-5

@@ -12,10 +12,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from cubicsplat_cli.artwork.coverage import Edges, coverage, edges_of
 from cubicsplat_cli.artwork.freedom import Freedom, freedom_of
 from cubicsplat_cli.artwork.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack, normal_equations
 
 ROUNDS = 14
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
@@ -24,6 +24,7 @@ HUBER = 0.15  # residuals beyond count linearly: they are details that no shape 
 ENOUGH = 2e-3  # relative gain of a round below which it is finished
 # Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
 START, RELAXED, HOPELESS = 1e-3, 1e-2, 1e3
+TAKEN_BACK, SAME = 3, 1e-12  # times that outlines are taken back after a step, for a misfit that has grown by more
 LONGEST = 1.5  # px that a control point moves at most in a step
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
 
@@ -37,51 +38,51 @@ class Layer:
     outlines: list[Freedom]
     signs: list[float]
 
-    def traced(self) -> tuple[Edges, np.ndarray]:
-        """The edges of all outlines, and which of them run the wrong way round, as factors (m,)."""
-        cubics = np.concatenate([o.cubics for o in self.outlines])
-        lines = np.concatenate([o.lines for o in self.outlines])
-        sign = np.repeat(self.signs, [len(o.lines) for o in self.outlines])
-        edges = edges_of(cubics, lines)
-        factor = sign[edges.cubic]
-        return replace(edges, step=edges.step * factor[:, None]), factor
-
-
-@dataclass
-class View:
-    """What one layer contributes: its edges on the canvas, flat: (m,) their pixels; pixels: (n,) those,
-    each once; slope: (n, 4) what a coverage there changes."""
-
-    edges: Edges
-    flat: np.ndarray
-    pixels: np.ndarray
-    slope: np.ndarray
-
-    def of(self, layer: Layer, k: int) -> np.ndarray:
-        """The pixels that the k-th outline of its layer crosses, each edge's."""
-        sizes = np.cumsum([0] + [len(o.lines) for o in layer.outlines])
-        return self.flat[(self.edges.cubic >= sizes[k]) & (self.edges.cubic < sizes[k + 1])]
-
 
 @dataclass
 class State:
-    """A drawing against its picture. layers: back to front; image: (H, W, 4) what they draw; views: what each
-    contributes; misfit: (H W,) of every pixel.
+    """A drawing against its picture. layers: back to front; image: (H, W, 4) what they draw; misfit: (H W,) of every
+    pixel; crossings: of its pieces, numbered through all outlines; pieces, marks: (outlines + 1,) where those of each
+    outline begin.
     """
 
     layers: list[Layer]
     image: np.ndarray
-    views: list[View]
     misfit: np.ndarray
+    crossings: Crossings
+    pieces: np.ndarray
+    marks: np.ndarray
 
     @classmethod
     def of(cls, layers: list[Layer], target: np.ndarray) -> State:
-        image, views = _compose(layers, target.shape[:2])
-        return cls(layers, image, views, _misfit(image, target).ravel())
+        outlines = [o for layer in layers for o in layer.outlines]
+        sizes = [len(o.lines) for o in outlines]
+        pieces = np.cumsum([0, *sizes])
+        ends = pieces[np.cumsum([len(layer.outlines) for layer in layers])].astype(np.int32)
+        signs = np.repeat([sign for layer in layers for sign in layer.signs], sizes)
+        stack = StackPieces(
+            ends,
+            np.concatenate([o.cubics for o in outlines]),
+            np.concatenate([o.lines for o in outlines]),
+            signs,
+            np.array([layer.ink for layer in layers]),
+        )
+        image, misfit, crossings = draw_stack(stack, goal_of(target))
+        marks = np.searchsorted(crossings.piece, pieces)
+        return cls(layers, image, misfit.ravel(), crossings, pieces, marks)
 
     @property
     def value(self) -> float:
         return float(self.misfit.sum())
+
+    def crossed(self, number: int) -> np.ndarray:
+        """The pixels that an outline crosses, some of them twice."""
+        return self.crossings.pixel[self.marks[number] : self.marks[number + 1]]
+
+
+def goal_of(target: np.ndarray) -> Goal:
+    """What a stack is compared with: a picture (H, W, 4)."""
+    return Goal(np.ascontiguousarray(target, dtype=np.float64), WHITE.tolist(), HUBER)
 
 
 def begin(drawing: Drawing, target: np.ndarray) -> State:
@@ -110,13 +111,18 @@ def drawn(drawing: Drawing, state: State) -> Drawing:
 def _improved(state: State, target: np.ndarray, damping: np.ndarray) -> State:
     """The state after a step, without the outlines that fit their own pixels worse by it; `damping` is brought up to
     date in place.
+
+    What one outline spoils is held against its neighbours too, so the worst ones are taken back first.
     """
     layers = _stepped(state.layers, *_normal_equations(state, target), damping)
-    trial = State.of(layers, target)
-    worse = _worse(state, trial)
-    damping[:] = np.where(worse, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
-    if worse.any():
-        trial = State.of(kept(state.layers, layers, worse), target)
+    refused = np.zeros(len(damping), dtype=bool)
+    for left in reversed(range(TAKEN_BACK + 1)):
+        trial = State.of(kept(state.layers, layers, refused), target)
+        loss = np.where(refused, 0.0, _losses(state, trial))
+        if left == 0 or not (loss > SAME).any():
+            break
+        refused |= loss > (SAME if left == 1 else 0.2 * loss.max())
+    damping[:] = np.where(refused, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
     if trial.value < state.value:
         return trial
     damping *= 10.0
@@ -131,13 +137,13 @@ def _trimmed(state: State, target: np.ndarray) -> State:
     return state if same else State.of(layers, target)
 
 
-def _worse(old: State, new: State) -> np.ndarray:
-    """(outlines,) bool: the misfit on the pixels that an outline crosses before or after a step has grown."""
+def _losses(old: State, new: State) -> np.ndarray:
+    """(outlines,) by how much the misfit has grown on the pixels that an outline crosses before or after a step."""
+    grown = new.misfit - old.misfit
     out = []
-    for a, b, layer in zip(old.views, new.views, old.layers, strict=True):
-        for k in range(len(layer.outlines)):
-            pixels = np.union1d(a.of(layer, k), b.of(layer, k))
-            out.append(float(new.misfit[pixels].sum()) > float(old.misfit[pixels].sum()) + 1e-12)
+    for k in range(len(old.marks) - 1):
+        pixels = np.unique(np.concatenate([old.crossed(k), new.crossed(k)]))
+        out.append(float(grown[pixels].sum()))
     return np.array(out)
 
 
@@ -160,76 +166,13 @@ def _layer(shape: Shape, drawing: Drawing) -> Layer:
     return Layer(shape, np.array([r * a, g * a, b * a, a]), outlines, signs)
 
 
-def _compose(layers: list[Layer], size: tuple[int, int]) -> tuple[np.ndarray, list[View]]:
-    """The picture (H, W, 4), and what each layer contributes to it."""
-    height, width = size
-    image = np.zeros((height, width, 4))
-    flat = image.reshape(-1, 4)
-    views, windows = [], []
-    for layer in layers:
-        edges, _ = layer.traced()
-        on = (edges.row >= 0) & (edges.row < height) & (edges.column >= 0) & (edges.column < width)
-        top, bottom = _range(edges.row, height)
-        left, right = _range(edges.column, width)
-        share = coverage(edges, top, left, bottom - top, right - left)
-        seen = Edges(edges.cubic[on], edges.t[on], edges.row[on], edges.column[on], edges.step[on], edges.middle[on])
-        own = seen.row * width + seen.column
-        pixels = np.unique(own)
-        views.append(View(seen, own, pixels, layer.ink - layer.ink[3] * flat[pixels]))
-        window = image[top:bottom, left:right]
-        window *= (1.0 - layer.ink[3] * share)[..., None]
-        window += share[..., None] * layer.ink
-        windows.append((slice(top, bottom), slice(left, right), 1.0 - layer.ink[3] * share))
-    open_to = np.ones((height, width))
-    for view, (rows, columns, passing) in zip(reversed(views), reversed(windows), strict=True):
-        view.slope *= open_to.reshape(-1)[view.pixels, None]
-        open_to[rows, columns] *= passing
-    return image, views
-
-
-def _range(values: np.ndarray, most: int) -> tuple[int, int]:
-    low = int(np.clip(values.min(initial=most), 0, most - 1))
-    return low, int(np.clip(values.max(initial=0) + 1, low + 1, most))
-
-
-def _misfit(image: np.ndarray, target: np.ndarray) -> np.ndarray:
-    size = np.sqrt((((image - target) * WHITE) ** 2).sum(axis=-1))
-    return np.where(size <= HUBER, size * size, HUBER * (2.0 * size - HUBER))
-
-
 def _normal_equations(state: State, target: np.ndarray) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
     """Gram matrix, gradient, and the first variable of each outline, the number of variables last."""
-    rest = ((state.image - target) * WHITE).reshape(-1, 4)
-    size = np.sqrt((rest * rest).sum(axis=1))
-    weight = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))
-    blocks, starts = [], [0]
-    for layer, view in zip(state.layers, state.views, strict=True):
-        parts = [o.jacobian() for o in layer.outlines]
-        jacobian = sparse.block_diag(parts, format="csr")
-        change = (_coverage_change(view, jacobian.shape[0]) @ jacobian).tocoo()
-        slope = view.slope * WHITE * weight[view.pixels, None]
-        for c in range(4):
-            value = change.data * slope[change.row, c]
-            blocks.append((view.pixels[change.row] * 4 + c, change.col + starts[-1], value))
-        for part in parts:
-            starts.append(starts[-1] + part.shape[1])
-    rows, columns, values = (np.concatenate(part) for part in zip(*blocks, strict=True))
-    used, rows = np.unique(rows, return_inverse=True)
-    matrix = sparse.csr_matrix((values, (rows.reshape(-1), columns)), shape=(len(used), starts[-1]))
-    seen = (rest * weight[:, None]).reshape(-1)[used]
-    return (matrix.T @ matrix).tocsc(), matrix.T @ seen, starts
-
-
-def _coverage_change(view: View, coordinates: int) -> sparse.csr_matrix:
-    """(pixels, coordinates) how the coverages of a layer's pixels change with its control points' coordinates."""
-    e, width = view.edges, len(view.pixels)
-    s = 1.0 - e.t
-    basis = np.stack([s**3, 3.0 * s * s * e.t, 3.0 * s * e.t * e.t, e.t**3], axis=1)
-    normal = np.stack([e.step[:, 1], -e.step[:, 0]], axis=1)
-    values = basis[:, :, None] * normal[:, None, :]
-    columns = 8 * e.cubic[:, None] + np.arange(8)
-    rows = np.broadcast_to(np.searchsorted(view.pixels, view.flat)[:, None], columns.shape)
-    return sparse.csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=(width, coordinates))
+    parts = [o.jacobian for layer in state.layers for o in layer.outlines]
+    starts = np.cumsum([0] + [part.shape[1] for part in parts]).tolist()
+    jacobian = sparse.block_diag(parts, format="csr")
+    gram, gradient = normal_equations(goal_of(target), state.image, state.crossings, int(state.pieces[-1]))
+    return (jacobian.T @ (gram.tocsr() @ jacobian)).tocsc(), jacobian.T @ gradient, starts
 
 
 def _stepped(
@@ -242,7 +185,7 @@ def _stepped(
         outlines = []
         for outline in layer.outlines:
             own = step[starts[number] : starts[number + 1]]
-            reach = np.abs(outline.jacobian() @ own).max(initial=0.0)
+            reach = np.abs(outline.jacobian @ own).max(initial=0.0)
             outlines.append(outline.moved(own * min(1.0, LONGEST / max(reach, 1e-12))))
             number += 1
         moved.append(replace(layer, outlines=outlines))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, replace
+from dataclasses import astuple
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from scipy import sparse
 
+from cubicsplat_cli.artwork.fine import changes, fine_ring
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring
 from cubicsplat_cli.artwork.refine import Pieces, Variables
 
@@ -27,6 +29,7 @@ class Freedom(Protocol):
     cubics: np.ndarray
     lines: np.ndarray
 
+    @property
     def jacobian(self) -> sparse.csr_matrix: ...
 
     def moved(self, step: np.ndarray) -> Freedom: ...
@@ -80,6 +83,7 @@ class RingFreedom:
         self.cubics, self.lines = pieces.cubics, pieces.lines
         self._variables = Variables(pieces)
 
+    @cached_property
     def jacobian(self) -> sparse.csr_matrix:
         return self._variables.jacobian()
 
@@ -157,14 +161,10 @@ class PrimitiveFreedom:
         ring = fine_ring(shape)
         self.cubics, self.lines = ring.cubics, ring.lines
 
+    @cached_property
     def jacobian(self) -> sparse.csr_matrix:
-        columns = []
-        for i in np.flatnonzero(self.free):
-            shift = np.zeros(len(self.values))
-            shift[i] = 1e-4
-            ends = [fine_ring(self._at(self.values + sign * shift)).cubics for sign in (1.0, -1.0)]
-            columns.append((ends[0] - ends[1]).ravel() / 2e-4)
-        return sparse.csr_matrix(np.stack(columns, axis=1))
+        columns = [change.ravel() for change in changes(self.shape)]
+        return sparse.csr_matrix(np.stack([c for c, free in zip(columns, self.free, strict=True) if free], axis=1))
 
     def moved(self, step: np.ndarray) -> PrimitiveFreedom:
         values = self.values.copy()
@@ -185,47 +185,3 @@ class PrimitiveFreedom:
 
     def outline(self) -> Outline:
         return self.shape
-
-
-def fine_ring(shape: Circle | Ellipse | Rectangle) -> Ring:
-    """The ring of a primitive, its arcs in halves or eighths so that they are true to less than 1e-5 of a radius."""
-    if isinstance(shape, Rectangle):
-        return shape.ring() if shape.radius <= 0.0 else _halved(shape)
-    if isinstance(shape, Circle):
-        shape = Ellipse(shape.cx, shape.cy, shape.r, shape.r)
-    count = 16
-    turn = 2.0 * np.pi / count
-    at = turn * np.arange(count + 1)
-    unit = np.stack([np.cos(at), np.sin(at)], axis=1)
-    reach = 4.0 / 3.0 * np.tan(turn / 4.0) * np.stack([-unit[:, 1], unit[:, 0]], axis=1)
-    inner = np.stack([(unit + reach)[:-1], (unit - reach)[1:]], axis=1)
-    cos, sin = np.cos(shape.angle), np.sin(shape.angle)
-    place = np.array([[cos, sin], [-sin, cos]]) * np.array([[shape.rx], [shape.ry]])
-    middle = np.array([shape.cx, shape.cy])
-    every = np.ones(count, dtype=bool)
-    return Ring(unit[:-1] @ place + middle, inner @ place + middle, ~every, every)
-
-
-def _halved(box: Rectangle) -> Ring:
-    """A rounded rectangle whose corners are two eighths of a circle each."""
-    sharp = replace(box, radius=0.0).ring().anchors
-    middle = sharp.mean(axis=0)
-    cos, sin = np.cos(box.angle), np.sin(box.angle)
-    place = np.array([[cos, sin], [-sin, cos]])
-    half = np.array([box.width, box.height]) / 2.0 - box.radius
-    eighth = np.pi / 4.0
-    k = 4.0 / 3.0 * np.tan(eighth / 4.0) * box.radius
-    anchors, controls, lines = [], [], []
-    signs = np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
-    for corner, sign in enumerate(signs):
-        angles = -np.pi / 2.0 + corner * np.pi / 2.0 + eighth * np.arange(3)
-        out = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        along = np.stack([-out[:, 1], out[:, 0]], axis=1)
-        at = half * sign + box.radius * out
-        following = half * signs[(corner + 1) % 4] + box.radius * np.array([np.cos(angles[-1]), np.sin(angles[-1])])
-        anchors += [at[0], at[1], at[2]]
-        controls += [(at[0] + k * along[0], at[1] - k * along[1]), (at[1] + k * along[1], at[2] - k * along[2])]
-        controls.append((at[2] + (following - at[2]) / 3.0, at[2] + (following - at[2]) * 2.0 / 3.0))
-        lines += [False, False, True]
-    every = np.ones(12, dtype=bool)
-    return Ring(np.array(anchors) @ place + middle, np.array(controls) @ place + middle, np.array(lines), every)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.edits import cornered, curved, divided, rounded
-from cubicsplat_cli.artwork.finish import WHITE, Layer, State, View
+from cubicsplat_cli.artwork.finish import WHITE, Layer, State
 from cubicsplat_cli.artwork.freedom import Freedom, freedom_of
 from cubicsplat_cli.artwork.outlines import Ring
 
@@ -20,6 +20,7 @@ SHARE_SIGMA = 0.04
 PRICE = 8.0  # nats a parameter
 # Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
 WORTH, MOST_CHI = 25.0, 60.0
+UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
 NEAR = 2.5  # px: misfit within this of a joint is the joint's
 CONCENTRATED = 0.5
 LEAST_LENGTH = 3.0  # px of a piece that may be cut
@@ -39,10 +40,10 @@ class Complaint:
 def with_moves(state: State, canvas: tuple[int, int], detail: float) -> tuple[list[Layer], np.ndarray]:
     """Layers with a piece more wherever the pixels ask for one, and which outlines have changed (outlines,) bool."""
     layers, changed = [], []
-    for layer, view in zip(state.layers, state.views, strict=True):
-        found = complaints(layer, view, state.misfit)
+    found = complaints(state)
+    first = 0
+    for layer in state.layers:
         outlines: list[Freedom] = []
-        first = 0
         for outline in layer.outlines:
             own = {i - first: c for i, c in found.items() if first <= i < first + len(outline.lines)}
             first += len(outline.lines)
@@ -53,31 +54,31 @@ def with_moves(state: State, canvas: tuple[int, int], detail: float) -> tuple[li
     return layers, np.array(changed)
 
 
-def complaints(layer: Layer, view: View, misfit: np.ndarray) -> dict[int, Complaint]:
-    """The complaints against the pieces of a layer, numbered through its outlines."""
-    edges = view.edges
-    floor = SHARE_SIGMA**2 * ((view.slope * WHITE) ** 2).sum(axis=1)
-    seen = floor > 1e-7
-    chi = np.where(seen, np.minimum(misfit[view.pixels] / np.maximum(floor, 1e-7), MOST_CHI) - 1.0, 0.0)
-    # A pixel counts once for each piece that crosses it, at the middle of its edges there.
-    place = np.searchsorted(view.pixels, view.flat)
-    key, inverse, counts = np.unique(edges.cubic * len(view.pixels) + place, return_inverse=True, return_counts=True)
-    piece, pixel = np.divmod(key, len(view.pixels))
-    t = np.bincount(inverse.reshape(-1), edges.t) / counts
-    cubics = np.concatenate([o.cubics for o in layer.outlines])
+def complaints(state: State) -> dict[int, Complaint]:
+    """The complaints against the pieces of a drawing, numbered through all its outlines."""
+    c, count = state.crossings, int(state.pieces[-1])
+    floor = _floor(c.slope)
+    chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / np.maximum(floor, UNSEEN), MOST_CHI) - 1.0, 0.0)
+    cubics = np.concatenate([o.cubics for layer in state.layers for o in layer.outlines])
     lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
-    out = {}
-    for i in np.unique(piece):
-        own = piece == i
-        weight, at = np.maximum(chi[pixel[own]], 0.0), t[own]
-        total = float(weight.sum())
-        excess = 0.5 * float(chi[pixel[own]].sum())
-        if excess > 0.0 and total > 0.0:
-            along = at * lengths[i]
-            middle = float((weight * at).sum() / total)
-            start = float(weight[along < NEAR].sum() / total)
-            out[int(i)] = Complaint(excess, middle, start, float(weight[along > lengths[i] - NEAR].sum() / total))
-    return out
+    along = c.t * lengths[c.piece]
+    weight = np.maximum(chi, 0.0)
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.bincount(c.piece, values, count)
+
+    excess, sums = 0.5 * total(chi), np.maximum(total(weight), 1e-12)
+    middle, start = total(weight * c.t) / sums, total(weight * (along < NEAR)) / sums
+    end = total(weight * (along > lengths[c.piece] - NEAR)) / sums
+    return {
+        int(i): Complaint(float(excess[i]), float(middle[i]), float(start[i]), float(end[i]))
+        for i in np.flatnonzero(excess > 0.0)
+    }
+
+
+def _floor(slope: np.ndarray) -> np.ndarray:
+    """(m,) the misfit that a pixel has by chance where coverage changes it by slope (m, 4)."""
+    return SHARE_SIGMA**2 * ((slope * WHITE) ** 2).sum(axis=1)
 
 
 def _edited(outline: Freedom, found: dict[int, Complaint], canvas: tuple[int, int]) -> Freedom | None:
@@ -111,24 +112,17 @@ def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
 
 def shorter(before: State, after: State, changed: np.ndarray, detail: float) -> np.ndarray:
     """(outlines,) bool: which changed outlines make the whole description longer rather than shorter."""
-    worse, number = [], 0
-    for old, new, a, b in zip(before.layers, after.layers, before.views, after.views, strict=True):
-        for k in range(len(old.outlines)):
-            if changed[number]:
-                worse.append(_gain(before, after, old, new, a, b, k) * detail < _cost(old, new, k))
-            else:
-                worse.append(False)
-            number += 1
-    return np.array(worse)
+    old, new = ([o for layer in state.layers for o in layer.outlines] for state in (before, after))
+    worse = np.zeros(len(changed), dtype=bool)
+    for k in np.flatnonzero(changed):
+        cost = PRICE * (new[k].outline().parameters - old[k].outline().parameters)
+        worse[k] = _gain(before, after, int(k)) * detail < cost
+    return worse
 
 
-def _cost(old: Layer, new: Layer, k: int) -> float:
-    return PRICE * (new.outlines[k].outline().parameters - old.outlines[k].outline().parameters)
-
-
-def _gain(before: State, after: State, old: Layer, new: Layer, a: View, b: View, k: int) -> float:
+def _gain(before: State, after: State, number: int) -> float:
     """By how much half of chi^2 falls on the pixels that an outline crosses before or after."""
-    pixels = np.union1d(a.of(old, k), b.of(new, k))
-    slopes = ((a.slope[np.isin(a.pixels, pixels)] * WHITE) ** 2).sum(axis=1)
-    floor = SHARE_SIGMA**2 * max(float(np.median(slopes)) if len(slopes) else 0.0, 1e-4)
+    pixels = np.unique(np.concatenate([before.crossed(number), after.crossed(number)]))
+    own = _floor(before.crossings.slope[before.marks[number] : before.marks[number + 1]])
+    floor = max(float(np.median(own)) if len(own) else 0.0, SHARE_SIGMA**2 * 1e-4)
     return 0.5 * float((before.misfit[pixels] - after.misfit[pixels]).sum()) / floor

@@ -22,7 +22,7 @@ from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, Sc
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
-ABI_VERSION = 3
+ABI_VERSION = 4
 
 
 class _Scene(ctypes.Structure):
