@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from emulated import compiler
 from engines import close, open_cuda
-from scenes import random_scene
+from scenes import PAPER, random_scene, random_target
 
-from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster import draw, engines, operator
+from cubicsplat_cli.errors import DeviceError, EngineError
+from cubicsplat_cli.photo import fit
+from cubicsplat_cli.raster import draw, engines, operator, render_scene
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda import engine as cuda
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import FitSettings, Mode
 
 NAMES = ("points", "colours", "opacities", "half_widths")
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
@@ -61,6 +63,36 @@ def test_auto_takes_the_gpu_where_there_is_one(monkeypatch, caplog):
     ]  # fmt: skip
     with pytest.raises(EngineError, match="self-test failed"):
         engines.open_engine("cuda")
+
+
+@needs_compiler
+@pytest.mark.parametrize("failing", [0, 37])
+def test_a_gpu_that_fails_leaves_the_best_so_far(monkeypatch, failing):
+    """The state that the host has last seen, measured on the CPU; before there is one, only the error."""
+    monkeypatch.setattr(engines, "CudaEngine", lambda **_: open_cuda("emulated"))
+    whole = CudaEngine.step
+
+    def step(self, scene, settings, training):
+        if self._number == failing:
+            raise DeviceError("the GPU failed: gone")
+        return whole(self, scene, settings, training)
+
+    monkeypatch.setattr(CudaEngine, "step", step)
+    picture = random_target(random_scene(Mode.CLOSED, 1, 3, 24, 20, background=PAPER), 4).numpy()
+    settings = FitSettings.from_preset("draft", curves=4, steps=60, device="cuda")
+    if not failing:
+        with pytest.raises(DeviceError, match="gone"):
+            fit(picture, settings)
+        return
+    result = fit(picture, settings)
+    assert result.device["name"] == "cpu"
+    assert torch.isfinite(result.scene.points).all()
+    assert result.steps == failing
+    note = "the GPU failed: gone; the result is what the fit had come to by step 36 of 60, without the exact finish"
+    assert result.notes == [note]
+    seen = result.history[-1]["psnr_db"]
+    drawn = render_scene(result.scene, samples=48)[..., :3]
+    assert 10 * np.log10(1 / np.mean((drawn - picture) ** 2)) > seen - 3.0
 
 
 def test_auto_takes_the_cpu_without_a_word_where_there_is_no_gpu(monkeypatch, caplog):

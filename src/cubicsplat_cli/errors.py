@@ -17,6 +17,10 @@ class EngineError(CubicSplatError):
     """The rendering engine is missing, failed its self-test, or met a non-finite value."""
 
 
+class DeviceError(EngineError):
+    """A GPU that fails at its work, is gone, or has no room; the CPU could go on."""
+
+
 class UsageError(CubicSplatError):
     """A value that makes no sense; reported like a command line mistake.
 

@@ -106,6 +106,12 @@ inline int __ffs(int x) { return __builtin_ffs(x); }
 inline float __saturatef(float x) { return x > 0.0f ? (x < 1.0f ? x : 1.0f) : 0.0f; }  // NaN gives 0, as on the GPU
 inline float atomicAdd(float* at, float value) { return emulator::fetch_add(at, value); }
 inline int atomicAdd(int* at, int value) { return emulator::fetch_add(at, value); }
+// A clock by which the tiles take any time, so that they are drawn in any order.
+inline long long clock64() {
+  static uint64_t state = 1, time = 0;
+  state = state * 6364136223846793005ull + 1442695040888963407ull;
+  return (long long)(time += 1ull << (state >> 60));
+}
 inline int atomicCAS(int* at, int expected, int value) {
   int before = *at;
   if (before == expected) *at = value;

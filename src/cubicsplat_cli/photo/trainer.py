@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.errors import EngineError, InputError
+from cubicsplat_cli.errors import DeviceError, EngineError, InputError
 from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.capacity import gini, reallocate
 from cubicsplat_cli.photo.geometric import crossing_gradient
@@ -66,7 +66,8 @@ def fit(target: np.ndarray, settings: FitSettings, on_progress: Callable[[Progre
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
-    form, EngineError where the engine cannot run or meets a value that is not finite.
+    form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
+    leaves the state that the fit had come to, with a note.
     """
     if target.ndim != 3 or target.shape[2] not in (3, 4) or 0 in target.shape:
         raise InputError(f"the picture must have shape (height, width, 3 or 4), not {target.shape}")
@@ -98,6 +99,7 @@ class Trainer:
     replaced: int = 0
     inequality: float | None = None
     step: int = 0
+    rescued: str | None = None  # what the user should know of a GPU that failed
 
     def __post_init__(self) -> None:
         if self.target.shape[2] == 3 and self.settings.background == "none":
@@ -133,6 +135,9 @@ class Trainer:
             self.goal, self.state, self._rates(self.schedule.phase(0.0)), importance_kind=self.recipe.importance
         )
         self.best = Best()
+        self.saved: tuple[int, Parameters] | None = (
+            None  # of a GPU's fit, what the host has: the step and the parameters
+        )
         self.started = self.reported = time.perf_counter()
 
     def run(self) -> FitResult:
@@ -144,6 +149,8 @@ class Trainer:
                     self.advance()
         except KeyboardInterrupt:
             interrupted = True
+        except DeviceError as error:
+            self._rescue(error)
         self._check_finite(wait=True)
         self.best.consider(self._exact_loss(self.parameters), self.parameters)
         dropped = self._drop_invisible()
@@ -164,6 +171,19 @@ class Trainer:
             dropped=dropped,
             settings=self.settings,
             notes=self._notes(),
+        )
+
+    def _rescue(self, error: DeviceError) -> None:
+        """After a GPU's failure: the last parameters that the host has, on the CPU; `error` where it has none."""
+        if self.saved is None:
+            raise error
+        step, self.parameters = self.saved
+        channels = int(self.target.shape[2])
+        self.engine = open_engine("cpu", self.settings.threads, mode=self.settings.mode, channels=channels)
+        self.goal, self.best = self.target, Best()
+        unfinished = "" if self.schedule.phase(step / self.settings.steps).exact else ", without the exact finish"
+        self.rescued = (
+            f"{error}; the result is what the fit had come to by step {step} of {self.settings.steps}{unfinished}"
         )
 
     def progress(self) -> float:
@@ -257,14 +277,16 @@ class Trainer:
         return parameters.curves - self.parameters.curves
 
     def _notes(self) -> list[str]:
+        notes = [self.rescued] if self.rescued else []
         if self.recipe.edges != "soft":
-            return []
+            return notes
         relaxed = RasterSettings("relaxed", 1.0, self.settings.samples)
         soft = self.engine.gradients(self._tensors(self.parameters), relaxed, target=self.goal)[0]
         crisp = self._exact_loss(self.parameters)
         return [
+            *notes,
             f"no SVG can show soft edges: with them the fit has {psnr(soft, self.values):.2f} dB, "
-            f"with the file's crisp edges {psnr(crisp, self.values):.2f} dB"
+            f"with the file's crisp edges {psnr(crisp, self.values):.2f} dB",
         ]
 
     def _looks(self) -> bool:
@@ -295,6 +317,8 @@ class Trainer:
             level, seconds = round(psnr(float(loss), self.values), 3), round(now - self.started, 3)
             entry = {"step": self.step, "psnr_db": level, "seconds": seconds, "replaced": self.replaced}
             self.history.append(entry if self.inequality is None else {**entry, "gini": round(self.inequality, 4)})
+            if self.engine.name == "cuda":  # which has just been waited for
+                self.saved = (self.step, self.parameters.copy().to("cpu"))
         if self.on_progress and (now - self.reported >= REPORT_SECONDS or progress >= 1.0):
             self.reported = now
             elapsed = now - self.started

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda import cache, nvrtc
-from cubicsplat_cli.raster.cuda.frame import FIXED_SHARED, Frame, StepValues
+from cubicsplat_cli.raster.cuda.frame import COSTS, FIXED_SHARED, Frame, StepValues
 from cubicsplat_cli.settings import Mode
 
 KERNELS = Path(__file__).parents[1] / "kernels"
@@ -38,7 +38,7 @@ class Program:
         return [
             f"-DCS_CLOSED={int(self.mode is Mode.CLOSED)}", f"-DCS_CHANNELS={self.channels}",
             f"-DCS_FRAME_BYTES={sizeof(Frame)}", f"-DCS_STEP_BYTES={sizeof(StepValues)}",
-            f"-DCS_SHARED_BYTES={FIXED_SHARED}",
+            f"-DCS_SHARED_BYTES={FIXED_SHARED}", f"-DCS_COSTS={COSTS}",
         ]  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.errors import DeviceError, EngineError
 from cubicsplat_cli.raster.cuda import libcuda, nvrtc
 from cubicsplat_cli.raster.cuda.compile import Program, machine_code
 from cubicsplat_cli.raster.cuda.frame import carve_out
@@ -214,7 +214,7 @@ class CudaDriver(Driver):
             try:
                 yield
             except RuntimeError as error:  # of torch: an earlier kernel's failure, a lost device
-                raise EngineError(f"the GPU failed: {one_line(error)}; try again, or use --device cpu") from error
+                raise DeviceError(f"the GPU failed: {one_line(error)}; try again, or use --device cpu") from error
             finally:
                 if entered:
                     self.library.pop()

@@ -17,7 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.errors import DeviceError
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.driver import Driver, Kernels, cuda_driver
 from cubicsplat_cli.raster.cuda.frame import (
@@ -32,6 +32,7 @@ from cubicsplat_cli.raster.cuda.frame import (
     attach,
     blocks,
     make_frame,
+    order_places,
     pointer,
     set_rates,
     shared_bytes,
@@ -160,7 +161,7 @@ class CudaEngine(Engine):
             if "memory" not in str(error):
                 raise
             size = count * dtype.itemsize / 1e6
-            raise EngineError(
+            raise DeviceError(
                 f"the GPU has no room for {what} ({size:.0f} MB more); lower --curves, --samples or --max-size, or "
                 "use --device cpu"
             ) from error
@@ -262,7 +263,11 @@ class CudaEngine(Engine):
         workspace = Workspace(Sizes.of(scene, settings, True, self.most_looks), self._allocate)
         step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
         attach(frame, workspace.tensors() | {"step": step, "status": self._status})
-        plan = self._plans[key] = _Plan(frame, kernels, workspace, step, kept)
+        order = None
+        if places := order_places(frame):
+            order = self._allocate("the tiles' order", places, torch.int32).zero_()
+            attach(frame, {"order": order})
+        plan = self._plans[key] = _Plan(frame, kernels, workspace, step, (order, *kept))
         return plan
 
     def _repeat(self, plan: _Plan) -> None:

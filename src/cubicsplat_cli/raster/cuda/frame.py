@@ -29,6 +29,8 @@ MASK_WORDS = 1024
 MOST_SLOTS = 16
 ATTRIBUTES = 12
 SUMS = 8
+COSTS = 16
+MOST_ORDERED = 6000  # tiles; with more, all multiprocessors are busy to the end in any order
 CODE_BYTES = THREADS * 2
 EXACT_BYTES = THREADS * 4
 FIXED_SHARED = 4 * (
@@ -71,7 +73,7 @@ class Frame(ctypes.Structure):
         for name in (
             "points", "colours", "opacities", "half_widths", "edge_widths", "ring_ends",
             "bounds", "edges", "inverses", "attributes", "super_masks",
-            "target", "gradient", "vertex_gradients", "sums", "tile_sums",
+            "target", "gradient", "vertex_gradients", "sums", "tile_sums", "order",
             "out_points", "out_colours", "out_opacities", "out_half_widths", "out_edge_widths",
             "moments", "edge_moments", "ages", "status", "step",
         )
@@ -223,6 +225,12 @@ class Workspace:
     def tensors(self) -> dict[str, Tensor]:
         """Every buffer by the name of its field in `Frame`."""
         return {name: t for name, t in vars(self).items() if isinstance(t, Tensor)}
+
+
+def order_places(frame: Frame) -> int:
+    """Numbers in the two lists of tiles by their time, which are zero before the first step (order.cuh); 0 for none."""
+    tiles = frame.tiles_x * frame.tiles_y
+    return 2 * COSTS * (1 + tiles) if tiles <= MOST_ORDERED else 0
 
 
 def make_frame(scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device) -> Frame:

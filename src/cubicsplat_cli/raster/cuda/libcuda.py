@@ -7,7 +7,7 @@ import sys
 from ctypes import POINTER, byref, c_char_p, c_int, c_uint, c_void_p
 from typing import Any
 
-from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.errors import DeviceError, EngineError
 from cubicsplat_cli.words import one_line
 
 # Arguments of the functions in use (cuda.h); each returns a status, 0 for success.
@@ -45,7 +45,7 @@ def open_library() -> Any:
 
 
 class LibCuda:
-    """The functions, as methods that return their value and raise EngineError for their error."""
+    """The functions, as methods that return their value and raise DeviceError for their error."""
 
     def __init__(self) -> None:
         self._library = open_library()
@@ -58,7 +58,7 @@ class LibCuda:
             name = c_char_p()
             self._library.cuGetErrorName(status, byref(name))
             said = name.value.decode() if name.value else f"error {status}"
-            raise EngineError(f"the GPU failed while {doing}: {said}")
+            raise DeviceError(f"the GPU failed while {doing}: {said}")
 
     def driver_version(self) -> int:
         """1000 major + 10 minor of the newest CUDA that the driver supports."""

@@ -19,7 +19,7 @@ CS_INLINE Place place(const Frame& f) {
   Place p;
   p.lane = threadIdx.x % kWarp;
   p.strip = threadIdx.x / kWarp;
-  p.tile = blockIdx.x;
+  p.tile = ordered_tile(f);
   const int tile_x = p.tile % f.tiles_x, tile_y = p.tile / f.tiles_x;
   p.px = float(tile_x * kTile + (p.strip & 1) * kStripWidth + p.lane % kStripWidth) + 0.5f;
   p.py = float(tile_y * kTile + (p.strip >> 1) * kStripHeight + p.lane / kStripWidth) + 0.5f;

@@ -160,7 +160,7 @@ CS_INLINE void cull_pair(const Frame& f, const Lists& s, int pair, unsigned curv
   const float reach = attributes[kReach];
   const int edges = int(attributes[kEdges]);
   int* backdrops = s.backdrops(pair);
-  if (lane < kAttributes) s.attributes(pair)[lane] = attributes[lane];
+  if (lane <= kSamples) s.attributes(pair)[lane] = attributes[lane];  // the last place is padding
   if (lane < kStrips) backdrops[lane] = 0;
   __syncwarp();
   unsigned* masks = s.masks() + place * kStrips + lane * words_for(edges);

@@ -1,6 +1,7 @@
 // Stage flatten: parameters -> activated values, polylines and bounds; then the curves of each super-tile.
 #pragma once
 
+#include "order.cuh"
 #include "warp.cuh"
 
 namespace cs {
@@ -101,6 +102,7 @@ CS_INLINE void write_attributes(const Frame& f, int curve, int edges, int sample
 
 // One warp per curve.
 CS_INLINE void flatten_curve(const Frame& f) {
+  clear_order(f);
   const int lane = threadIdx.x % kWarp, curve = blockIdx.x * (kSmallThreads / kWarp) + threadIdx.x / kWarp;
   if (curve >= f.curves) return;
   const float* points = f.points + size_t(curve) * f.points_per_curve * 2;

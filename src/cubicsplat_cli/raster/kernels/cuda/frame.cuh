@@ -30,6 +30,8 @@ constexpr int kMostSlots = 16;   // boundary pairs per strip whose nearest edges
 constexpr int kSumStride = kStrips * 8 + 8;  // floats per pair; the padding spreads the pairs over the banks
 constexpr float kFar = 3e38f;  // px; farther than anything drawn
 constexpr int kSmallThreads = 128;           // of the kernels that give each curve a warp
+constexpr int kCosts = 16;  // classes of tiles by their time, a factor of sqrt(2) apart, the longest last
+constexpr int kCheapest = 22;  // twice the binary logarithm of the clocks below which a tile is in the first class
 
 // The flattened form of one curve: 12 floats. kSupport: 1 / (1.5 edge widths).
 enum Attribute {
@@ -83,6 +85,7 @@ struct Frame {
   float* vertex_gradients;  // N x (edge_stride + 1) x 2
   float* sums;              // N x 8
   float* tile_sums;         // tiles x 8: loss, gradient of the background
+  int* order;               // 2 x kCosts x (1 + tiles), or null: see order.cuh
   // gradients of the parameters as given; null where not wanted
   float *out_points, *out_colours, *out_opacities, *out_half_widths, *out_edge_widths;
   // optimiser; null without a training step
@@ -114,7 +117,7 @@ constexpr int kScanAt = kFlagsAt + kBatch * 4;
 constexpr int kSumsAt = kScanAt + 2 * kStrips * 4;
 constexpr int kSlotsAt = kSumsAt + kBatch * kSumStride * 4;
 #ifdef CS_SHARED_BYTES
-static_assert(kSlotsAt == CS_SHARED_BYTES, "frame.py differs from frame.cuh");
+static_assert(kSlotsAt == CS_SHARED_BYTES && kCosts == CS_COSTS, "frame.py differs from frame.cuh");
 #endif
 constexpr int kCodeBytes = kThreads * 2;   // of one slot: the nearest edge and the side of every pixel
 constexpr int kExactBytes = kThreads * 4;  // of one slot more in exact mode: its coverage

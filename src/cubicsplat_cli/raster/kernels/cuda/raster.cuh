@@ -137,9 +137,7 @@ CS_INLINE void finish(const Frame& f, const Lists& s, const Place& p, Pixel& pix
 
 // The walk stands once in the machine code, and runs twice.
 template <bool Exact>
-CS_INLINE void raster_tile(const Frame& f, unsigned char* memory) {
-  const Lists s{memory};
-  const Place p = place(f);
+CS_INLINE void draw_tile(const Frame& f, const Lists& s, const Place& p) {
   Pixel pixel{{p.inside(f) ? 1.0f : 0.0f, 0.0f}, {}, {}, 0};
   Way way{};
 #pragma unroll 1
@@ -152,6 +150,14 @@ CS_INLINE void raster_tile(const Frame& f, unsigned char* memory) {
     way.outlines = pixel.outlines;
     pixel.outlines = 0;
   }
+}
+
+template <bool Exact>
+CS_INLINE void raster_tile(const Frame& f, unsigned char* memory) {
+  const long long start = clock64();
+  const Place p = place(f);
+  draw_tile<Exact>(f, {memory}, p);
+  if (f.order && threadIdx.x == 0) note_cost(f, p.tile, clock64() - start);
 }
 
 }  // namespace cs
