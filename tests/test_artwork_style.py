@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from skimage import data
 
+from cubicsplat_cli.artwork import style
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.files.load import load_picture
 
@@ -49,3 +51,14 @@ def test_of_a_large_picture_bands_are_looked_at():
     assert choose_style(large).name == "photo"
     large[200:] = 1.0
     assert choose_style(large).name == "artwork"
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 9), (40, 31), (70, 90), (300, 260)])
+def test_texture_is_what_scipy_calls_the_opening_of_uneven_places(shape):
+    levels = np.random.default_rng(3).integers(0, 4, (*shape, 3)).astype(np.float32)
+    levels[: shape[0] // 2] *= 2.0
+    block = 7 if max(shape) >= 256 else 5 if max(shape) >= 64 else 3
+    spread = ndimage.maximum_filter(levels, (3, 3, 1)) - ndimage.minimum_filter(levels, (3, 3, 1))
+    want = ndimage.binary_opening(spread.max(-1) > style.FLAT_LEVELS, np.ones((block, block))).mean()
+    assert style._texture(levels, np.ones(shape, dtype=bool)) == pytest.approx(want, abs=1e-12)
+    assert want > 0 or min(shape) < block

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
-from scipy import ndimage
 
 PHOTO, ARTWORK = "photo", "artwork"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
@@ -52,9 +52,22 @@ def _texture(levels: np.ndarray, drawn: np.ndarray) -> float:
     """Share of the drawn pixels in blocks without a flat pixel; blocks of 7 px, smaller in small pictures."""
     longer = max(levels.shape[:2])
     block = 7 if longer >= 256 else 5 if longer >= 64 else 3
-    spread = ndimage.maximum_filter(levels, (3, 3, 1)) - ndimage.minimum_filter(levels, (3, 3, 1))
-    uneven = ndimage.binary_opening(spread.max(-1) > FLAT_LEVELS, np.ones((block, block)))
+    around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    spread = _over_blocks(around, 3, np.maximum) - _over_blocks(around, 3, np.minimum)
+    whole = _over_blocks(spread.max(-1) > FLAT_LEVELS, block, np.logical_and)
+    uneven = _over_blocks(np.pad(whole, block - 1), block, np.logical_or)
     return float((uneven & drawn).sum() / drawn.sum())
+
+
+def _over_blocks(values: np.ndarray, block: int, combine: np.ufunc) -> np.ndarray:
+    """(H - block + 1, W - block + 1, ...): every whole block of values (H, W, ...) combined.
+
+    In numpy, by rows and then by columns: photos, which need nothing else of scipy, are not kept waiting for it.
+    """
+    for _ in range(2):
+        count = max(0, len(values) - block + 1)
+        values = reduce(combine, (values[i : i + count] for i in range(block))).swapaxes(0, 1)
+    return values
 
 
 def _inked(levels: np.ndarray) -> float:
