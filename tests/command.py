@@ -13,11 +13,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, NoReturn
 
 from cubicsplat_cli.__main__ import main
 
 Done = subprocess.CompletedProcess[bytes]
+STREAMS = ("stdin", "stdout", "stderr")
 
 
 def cli_command() -> list[str]:
@@ -56,6 +57,19 @@ def run_here(*arguments: object, data: bytes | None = None, stderr: IO[bytes] | 
             sys.argv = command
             code = _exit_code()
         return Done(command, code, _content(stdout), _content(errors))
+
+
+def run_as_process(command: list[str], streams: list[int]) -> NoReturn:
+    """`cubicsplat` as the rest of this process' life, with these descriptors as its standard streams."""
+    for number, stream in enumerate(streams):
+        os.dup2(stream, number)
+        os.close(stream)
+    _open_streams()
+    warnings.resetwarnings()
+    sys.argv = command
+    code = _exit_code()
+    _flush()
+    os._exit(code)
 
 
 def _exit_code() -> int:
@@ -103,21 +117,13 @@ def _logger_state(name: str) -> tuple[int, bool, list[logging.Handler]]:
 @contextmanager
 def _streams(*files: IO[bytes]) -> Iterator[None]:
     """Within, standard input, output and error are these files: for Python, for C code and for child processes."""
-    names = ("stdin", "stdout", "stderr")
-    before = {name: (getattr(sys, name), getattr(sys, f"__{name}__")) for name in names}
+    before = {name: (getattr(sys, name), getattr(sys, f"__{name}__")) for name in STREAMS}
     kept = [os.dup(number) for number in range(3)]
     _flush()
     for number, file in enumerate(files):
         os.dup2(file.fileno(), number)
     try:
-        for number, name in enumerate(names):
-            # As Python makes them: stderr never refuses a character and is flushed at the end of each line.
-            raw = io.FileIO(number, "rb" if number == 0 else "wb", closefd=False)
-            buffered = io.BufferedReader(raw) if number == 0 else io.BufferedWriter(raw)
-            errors = "backslashreplace" if name == "stderr" else "strict"
-            stream = io.TextIOWrapper(buffered, "utf-8", errors, line_buffering=name == "stderr")
-            setattr(sys, name, stream)
-            setattr(sys, f"__{name}__", stream)
+        _open_streams()
         yield
     finally:
         _flush()
@@ -127,6 +133,17 @@ def _streams(*files: IO[bytes]) -> Iterator[None]:
         for number, copy in enumerate(kept):
             os.dup2(copy, number)
             os.close(copy)
+
+
+def _open_streams() -> None:
+    """As Python makes them: stderr never refuses a character and is flushed at the end of each line."""
+    for number, name in enumerate(STREAMS):
+        raw = io.FileIO(number, "rb" if number == 0 else "wb", closefd=False)
+        buffered = io.BufferedReader(raw) if number == 0 else io.BufferedWriter(raw)
+        errors = "backslashreplace" if name == "stderr" else "strict"
+        stream = io.TextIOWrapper(buffered, "utf-8", errors, line_buffering=name == "stderr")
+        setattr(sys, name, stream)
+        setattr(sys, f"__{name}__", stream)
 
 
 def _flush() -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import signal
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_runs import SHORT, on_terminal, save_pictures, start, strict_json, wait_until
+from cli_runs import SHORT, on_terminal, save_pictures, strict_json, wait_until
 from PIL import Image
+from warm import WarmCommand
 
 from cubicsplat_cli.evaluate import compare, rerender
 from cubicsplat_cli.files.load import load_picture
@@ -182,18 +182,12 @@ def test_an_output_folder_that_does_not_exist_is_made(photo, run_cli):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_ctrl_c_writes_the_best_svg_so_far(photo):
-    process = start("vectorize", photo, "--curves", 12, "--steps", 5_000_000, "-v")
-    lines = iter(process.stderr.readline, b"")
-    try:
-        for line in lines:
-            if b", step " in line:
-                break
-        process.send_signal(signal.SIGINT)
-        rest = b"".join(lines).decode()
-        assert process.wait(timeout=150) == 130
-    finally:
-        process.kill()
-        process.stderr.close()
+    with WarmCommand("vectorize", photo, "--curves", 12, "--steps", 5_000_000, "-v") as command:
+        wait_until(lambda: b", step " in command.stderr() or not command.running())
+        command.interrupt()
+        done = command.wait()
+    rest = done.stderr.decode()
+    assert done.returncode == 130, rest
     assert "interrupted at step" in rest
     assert "Traceback" not in rest
     assert 0 < read_svg(photo.with_suffix(".svg").read_bytes()).curves <= 12
@@ -213,18 +207,17 @@ def test_ctrl_c_before_the_fit_writes_nothing(tmp_path):
 
     source, pipe = os.pipe()
     os.write(pipe, b"the beginning of a picture")
-    process = start("vectorize", "-", "-o", tmp_path / "x.svg", stdin=source)
     try:
-        wait_until(lambda: unread() == 0 or process.poll() is not None)
-        assert process.poll() is None, "it should be waiting for more of its input"
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=150) == 130
-        assert b"Traceback" not in process.stderr.read()
+        with WarmCommand("vectorize", "-", "-o", tmp_path / "x.svg", stdin=source) as command:
+            wait_until(lambda: unread() == 0 or not command.running())
+            assert command.running(), "it should be waiting for more of its input"
+            command.interrupt()
+            done = command.wait()
     finally:
-        process.kill()
-        process.stderr.close()
         os.close(source)
         os.close(pipe)
+    assert done.returncode == 130
+    assert b"Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

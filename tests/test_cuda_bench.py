@@ -25,7 +25,15 @@ def tool(monkeypatch):
     return tool
 
 
-def test_fits_and_the_whole_command_are_timed(tool):
+def test_fits_and_the_whole_command_are_timed(tool, monkeypatch, run_cli):
+    """The command in this process, which has torch: its start, twice, is no behaviour of the tool."""
+
+    def run(command, check):
+        assert command[:3] == [sys.executable, "-m", "cubicsplat_cli"]
+        assert check
+        assert run_cli(*command[3:]).returncode == 0
+
+    monkeypatch.setattr(tool.subprocess, "run", run)
     fit_s = tool.fit_seconds("cpu", 24, 16, steps=12, curves=3)
     assert 0 < fit_s < tool.command_seconds("cpu", 24, 16, steps=12, curves=3)
 

@@ -54,10 +54,23 @@ every_engine = pytest.mark.parametrize("engine", ENGINES, indirect=True)
 
 
 @pytest.fixture(scope="module")
-def engine(request):
-    engine = open_kind(request.param)
-    yield engine
-    engine.close()
+def opened():
+    """Engines by name, each opened once."""
+    engines = {}
+    yield engines
+    for engine in engines.values():
+        engine.close()
+
+
+@pytest.fixture
+def engine(request, opened):
+    """Not of the module's scope: pytest would then run all tests of one engine, then all of the next, and two processes
+    that share them out would both compute every reference.
+    """
+    kind = request.param
+    if kind not in opened:
+        opened[kind] = open_kind(kind)
+    return opened[kind]
 
 
 @cache
@@ -88,11 +101,14 @@ def test_picture_and_gradients_match_the_reference(engine, mode, background, set
         assert sum(fractions) / len(fractions) <= (FLIPPED if name == "image" else 0.02), f"{name}: {fractions}"
 
 
+PAINT = ("colours", "opacities")
+
+
 @cache
 def degenerate_truth(name, settings):
     """One reference for all engines."""
     scene = dict(DEGENERATE)[name]
-    return truth(scene, settings, random_target(scene))
+    return truth(scene, settings, random_target(scene), PAINT)
 
 
 @pytest.mark.parametrize(("engine", "name", "scene", "settings"), DEGENERATE_CASES, indirect=["engine"])
@@ -105,7 +121,7 @@ def test_degenerate_scenes(engine, name, scene, settings):
     _, got = engine.gradients(here, settings, target=target, importance="loo")
     for key, value in got.items():
         assert torch.isfinite(value).all(), key
-    for key in ("colours", "opacities"):
+    for key in PAINT:
         scale = max(1.0, float(want.gradients[key].abs().max()))
         assert outliers(got[key], want.gradients[key], 0.02 * scale) == 0.0, key
 

@@ -11,42 +11,39 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cli_runs import SHORT, contents, start, strict_json, wait_until
-from command import cli_command
 from conftest import smooth_pixels
 from image_files import encode
 from PIL import Image
+from warm import WarmCommand, run_warm
 
 from cubicsplat_cli.svg import read_svg
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions, limits and signals of POSIX")
 
-_DROP_FROM_BOUNDING_SET, _OVERRIDE_PERMISSIONS, _READ_ANYTHING = 24, 1, 2
+# Of Linux: the version of its sets of powers, and those of root to pass over permission bits, to write and to read.
+_VERSION, _OVERRIDING = 0x20080522, 1 << 1 | 1 << 2
+ordinary = pytest.mark.skipif(
+    sys.platform != "linux" and hasattr(os, "geteuid") and os.geteuid() == 0,
+    reason="root cannot give up its powers here",
+)
 
 
 def as_ordinary_user() -> None:
-    """In a new process: let permission bits count, as they do for everybody but root."""
+    """In a process of its own: let permission bits count, as they do for everybody but root."""
     if os.geteuid() == 0:
         libc = ctypes.CDLL(None, use_errno=True)
-        for capability in (_OVERRIDE_PERMISSIONS, _READ_ANYTHING):
-            if libc.prctl(_DROP_FROM_BOUNDING_SET, capability, 0, 0, 0) != 0:
+        header = (ctypes.c_uint32 * 2)(_VERSION, 0)
+        powers = (ctypes.c_uint32 * 6)()  # effective, permitted, inheritable; then those of higher numbers
+        for call in (libc.capget, libc.capset):
+            if call(header, powers) != 0:
                 raise OSError(ctypes.get_errno(), "root cannot give up its powers here")
-
-
-def run_under(limit: Callable[[], None], *arguments: object, **keywords) -> subprocess.CompletedProcess[bytes]:
-    """The command in a process that `limit` prepares."""
-    command = [*cli_command(), *map(str, arguments)]
-    # Under `make coverage` the limited process must not try to write measurements either.
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE")}
-    environment["PYTHONDONTWRITEBYTECODE"] = "1"
-    return subprocess.run(
-        command, capture_output=True, preexec_fn=limit, env=environment, timeout=150, check=False, **keywords
-    )
+            powers[0] &= ~_OVERRIDING
+            powers[1] &= ~_OVERRIDING
 
 
 def one_error(done: subprocess.CompletedProcess[bytes], code: int, *words: str) -> None:
@@ -104,16 +101,15 @@ def test_what_is_no_file(kind, tmp_path, run_cli):
     assert contents(tmp_path) == {}
 
 
+@ordinary
 def test_unreadable(jpeg):
     jpeg.chmod(0)
-    try:
-        one_error(run_under(as_ordinary_user, "vectorize", jpeg, *SHORT), 1, "no permission to read")
-    except subprocess.SubprocessError:
-        pytest.skip("root cannot give up its powers here")
+    one_error(run_warm("vectorize", jpeg, *SHORT, before=as_ordinary_user), 1, "no permission to read")
     jpeg.chmod(0o600)
     assert list(jpeg.parent.iterdir()) == [jpeg]
 
 
+@ordinary
 def test_a_folder_nobody_may_look_into(tmp_path):
     folder = tmp_path / "locked"
     folder.mkdir()
@@ -121,10 +117,8 @@ def test_a_folder_nobody_may_look_into(tmp_path):
     folder.chmod(0)
     try:
         for path in (folder, folder / "x.jpg", folder / "*.jpg"):
-            one_error(run_under(as_ordinary_user, "vectorize", path, *SHORT), 1, "locked")
-        one_error(run_under(as_ordinary_user, "vectorize", tmp_path, "-r", *SHORT), 1, "cannot be read")
-    except subprocess.SubprocessError:
-        pytest.skip("root cannot give up its powers here")
+            one_error(run_warm("vectorize", path, *SHORT, before=as_ordinary_user), 1, "locked")
+        one_error(run_warm("vectorize", tmp_path, "-r", *SHORT, before=as_ordinary_user), 1, "cannot be read")
     finally:
         folder.chmod(0o755)
     assert set(contents(folder)) == {"x.jpg"}
@@ -139,15 +133,14 @@ def test_names_that_no_file_can_have(jpeg, run_cli):
     assert list(jpeg.parent.iterdir()) == [jpeg]
 
 
+@ordinary
 def test_read_only_folder(jpeg, tmp_path):
     folder = tmp_path / "locked"
     folder.mkdir()
     folder.chmod(0o555)
     try:
         for output in (folder / "x.svg", f"{folder}/new/"):
-            one_error(run_under(as_ordinary_user, "vectorize", jpeg, "-o", output, *SHORT), 1, "locked")
-    except subprocess.SubprocessError:
-        pytest.skip("root cannot give up its powers here")
+            one_error(run_warm("vectorize", jpeg, "-o", output, *SHORT, before=as_ordinary_user), 1, "locked")
     finally:
         folder.chmod(0o755)
     assert list(folder.iterdir()) == []
@@ -159,7 +152,7 @@ def full_disk() -> None:
 
 
 def test_full_disk(jpeg):
-    one_error(run_under(full_disk, "vectorize", jpeg, *SHORT), 1, "free some space")
+    one_error(run_warm("vectorize", jpeg, *SHORT, before=full_disk), 1, "free some space")
     assert list(jpeg.parent.iterdir()) == [jpeg], "no partial output, no temporary file"
 
 
@@ -167,19 +160,19 @@ def test_full_disk(jpeg):
 def test_full_disk_behind_standard_output(jpeg):
     for arguments in (("-o", "-"), ("--dry-run", "--json")):
         with Path("/dev/full").open("wb") as full:
-            command = [*cli_command(), "vectorize", str(jpeg), *map(str, SHORT), *arguments]
-            done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, timeout=150, check=False)
+            done = run_warm("vectorize", jpeg, *SHORT, *arguments, stdout=full.fileno())
         assert done.returncode == 1, arguments
         assert done.stderr.decode().splitlines()[-1].startswith("cubicsplat: error: standard output"), done.stderr
         assert b"Traceback" not in done.stderr
 
 
 def test_a_reader_that_goes_away(jpeg):
-    command = [*cli_command(), "vectorize", str(jpeg), "-o", "-", "-q", *map(str, SHORT)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        process.stdout.close()
-        assert process.stderr.read() == b""
-        assert process.wait(timeout=150) == 1
+    reader, writer = os.pipe()
+    with WarmCommand("vectorize", jpeg, "-o", "-", "-q", *SHORT, stdout=writer) as command:
+        os.close(reader)
+        os.close(writer)
+        done = command.wait()
+    assert (done.returncode, done.stderr) == (1, b"")
 
 
 def test_the_input_is_never_overwritten(jpeg, run_cli):
@@ -197,10 +190,8 @@ def test_two_runs_on_one_output(jpeg, tmp_path):
     results = tmp_path / "out"
     results.mkdir()
     arguments = ("vectorize", jpeg, "-o", results / "x.svg", "--curves", 12, "--steps", 300, "--threads", 1)
-    runs = [start(*arguments, "--seed", seed) for seed in (1, 1)]
-    for run in runs:
-        assert run.wait(timeout=150) == 0
-        run.stderr.close()
+    with WarmCommand(*arguments) as one, WarmCommand(*arguments) as other:
+        assert [run.wait().returncode for run in (one, other)] == [0, 0]
     assert set(contents(results)) == {"x.svg", "x.png", "x.json"}
     assert read_svg((results / "x.svg").read_bytes()).width == 24
     report = strict_json((results / "x.json").read_bytes())
