@@ -24,6 +24,7 @@ from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.marks import provenance_comment, sha256_of
 from cubicsplat_cli.files.names import is_compressed_name
 from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.film import Film
 from cubicsplat_cli.progress import Progress, Stages, nothing
 from cubicsplat_cli.report import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
@@ -79,17 +80,23 @@ def vectorize_picture(
     stages: Stages | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     on_svg: Callable[[Result], None] = nothing,
+    film: Film | None = None,
 ) -> Result:
     """Turn a loaded picture into an SVG, and measure that SVG.
 
     title: the SVG's title, by default the picture's source. on_svg: gets the result before it is measured, so that the
-    SVG is safe by then. A Ctrl-C during the fit of a photo ends it with the best scene so far. Raises EngineError when
-    the engine fails, InputError when the scene cannot be written.
+    SVG is safe by then. film: keeps the fit's scenes, or those of a drawing as it is laid down. A Ctrl-C during the fit
+    of a photo ends it with the best scene so far. Raises EngineError when the engine fails, InputError when the scene
+    cannot be written.
     """
     request, stages = request or Request(), stages or Stages()
     target = picture if request.max_size is None else resize_picture(picture, request.max_size)
     with stages("fit"):
-        style, made = _styled(target, picture, request, on_progress)
+        style, made = _styled(target, picture, request, on_progress, film)
+        if film is not None and style.name == ARTWORK and made.scene is not None:
+            from cubicsplat_cli.artwork.film import film_shapes
+
+            film_shapes(film, made.scene, target, request.settings.threads)
     with stages("write"):
         comment = provenance_comment(__version__, request.settings.seed, request.digest(), picture.sha256)
         svg = made.write(title or picture.source, comment)
@@ -101,13 +108,17 @@ def vectorize_picture(
 
 
 def _styled(
-    target: Picture, picture: Picture, request: Request, on_progress: Callable[[Progress], None] | None
+    target: Picture,
+    picture: Picture,
+    request: Request,
+    on_progress: Callable[[Progress], None] | None,
+    film: Film | None,
 ) -> tuple[Style, Made]:
     """What the style asked for made of the picture; or the one that suits it, unless a drawing is too far from it."""
     if request.style != "auto":
-        return Style(request.style, "asked for"), _STYLES[request.style](target, picture, request, on_progress)
+        return Style(request.style, "asked for"), _STYLES[request.style](target, picture, request, on_progress, film)
     style = choose_style(target.target())
-    made = _STYLES[style.name](target, picture, request, on_progress)
+    made = _STYLES[style.name](target, picture, request, on_progress, film)
     if style.name == PHOTO:
         return style, made
     threads = request.settings.threads
@@ -115,14 +126,20 @@ def _styled(
     if level is None or level >= LEAST_ARTWORK_DB:
         return style, made
     reason = f"{style.reason}, but drawn as artwork it has only {level:.1f} dB"
-    return Style(PHOTO, reason), _photo(target, picture, request, on_progress)
+    return Style(PHOTO, reason), _photo(target, picture, request, on_progress, film)
 
 
-def _photo(target: Picture, picture: Picture, request: Request, on_progress: Callable[[Progress], None] | None) -> Made:
+def _photo(
+    target: Picture,
+    picture: Picture,
+    request: Request,
+    on_progress: Callable[[Progress], None] | None,
+    film: Film | None,
+) -> Made:
     """Curves that blend, fitted to the picture."""
     from cubicsplat_cli.photo import fit
 
-    fitted = fit(target.target(), request.settings, on_progress)
+    fitted = fit(target.target(), request.settings, on_progress, film)
     scene = scaled_scene(fitted.scene, picture.width, picture.height)
     precision = PHOTO_PRECISION if request.precision is None else request.precision
     return Made(
@@ -142,7 +159,11 @@ def _photo(target: Picture, picture: Picture, request: Request, on_progress: Cal
 
 
 def _artwork(
-    target: Picture, picture: Picture, request: Request, on_progress: Callable[[Progress], None] | None
+    target: Picture,
+    picture: Picture,
+    request: Request,
+    on_progress: Callable[[Progress], None] | None,
+    _film: Film | None,
 ) -> Made:
     """Few opaque shapes with exact outlines."""
     from cubicsplat_cli.artwork.outlines import Ring

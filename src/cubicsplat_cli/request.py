@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
+from cubicsplat_cli.files.ownership import MOVING
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Setting
 
 STYLE = Setting(
@@ -29,8 +32,8 @@ class Request:
 
     settings: of a photo; artwork: of flat artwork; style: "auto", "photo" or "artwork". precision: decimals of the
     coordinates (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side.
-    max_pixels: larger pictures are refused. png, page, compress, force: of the files. measure: whether the SVG is drawn
-    by an independent renderer and measured.
+    max_pixels: larger pictures are refused. png, page, animation (a file, or None), compress, force: of the files.
+    measure: whether the SVG is drawn by an independent renderer and measured.
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -41,6 +44,7 @@ class Request:
     max_pixels: int = MAX_PIXELS
     png: bool = True
     page: bool = False
+    animation: Path | None = None
     compress: bool = False
     force: bool = False
     measure: bool = True
@@ -49,6 +53,8 @@ class Request:
         for name, known in _CHECKS.items():
             if name != "precision" or self.precision is not None:
                 known.check(name, getattr(self, name))
+        if self.animation is not None and self.animation.suffix.lower() not in MOVING:
+            raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
 
     def with_threads(self, threads: int | None) -> Request:
         """The same with so many threads; None: as asked for."""

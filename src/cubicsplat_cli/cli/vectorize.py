@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
@@ -58,6 +59,10 @@ Page = Annotated[
     bool,
     typer.Option("--report", help="Also write OUT.html, a page that shows the SVG; of several pictures an index too."),
 ]
+Animation = Annotated[
+    Path | None,
+    typer.Option("--animation", metavar="FILE", help="Also write the fit as it develops: .webp or .gif."),
+]
 Svgz = Annotated[bool, typer.Option("--svgz", help="Write the SVG compressed, as OUT.svgz.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Make everything anew, and replace files that cubicsplat did not write.")
@@ -83,6 +88,7 @@ def vectorize(
     png: Png = True,
     measure: Measure = True,
     report: Page = False,
+    animation: Animation = None,
     svgz: Svgz = False,
     force: Force = False,
     dry_run: DryRun = False,
@@ -112,6 +118,7 @@ def vectorize(
         max_pixels=max_pixels,
         png=png and measure,
         page=report,
+        animation=animation,
         compress=svgz,
         force=force,
         measure=measure,

@@ -12,6 +12,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from cubicsplat_cli._version import __version__
+
 PROGRAM = "cubicsplat"
 GZIP = b"\x1f\x8b"  # what every gzip file begins with
 # The mark sits in the first lines of every file we write; a longer search would only cost time.
@@ -28,6 +30,11 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
     decisive = {name: value for name, value in settings.items() if name not in ("device", "threads")}
     text = json.dumps(decisive, sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def made_mark(about: str) -> str:
+    """The mark of a file that was made of another one. about: that one's SHA-256, or what else it shows."""
+    return f"{PROGRAM} {__version__}, of {about}"
 
 
 def sha256_of(data: bytes) -> str:

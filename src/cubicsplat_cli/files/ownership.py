@@ -9,6 +9,7 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, svg_is_ours
 from cubicsplat_cli.files.paths import is_file, is_there
 
+MOVING = (".webp", ".gif")
 _REPORT = f'{{\n  "schema": 1,\n  "program": "{PROGRAM}"'.encode()  # how every report of ours begins
 
 
@@ -48,6 +49,8 @@ def is_ours(path: Path) -> bool:
         return False
     if path.suffix.lower() == ".png":
         return f"tEXtSoftware\0{PROGRAM} ".encode() in head
+    if path.suffix.lower() in MOVING:
+        return f"{PROGRAM} ".encode() in read_ends(path)
     if path.suffix.lower() == ".json":
         # A report that was cut short is ours too.
         return f'"program": "{PROGRAM}"'.encode() in head or _REPORT.startswith(head)
@@ -60,6 +63,14 @@ def is_svg(path: Path) -> bool:
         return is_file(path) and read_head(path).lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<svg", b"<?xml"))
     except OSError:
         return False
+
+
+def read_ends(path: Path) -> bytes:
+    """The first and the last bytes of a file: a GIF has its comment in front, a WebP its texts at the end."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+        file.seek(max(len(head), path.stat().st_size - HEAD_BYTES))
+        return head + file.read()
 
 
 def read_head(path: Path) -> bytes:

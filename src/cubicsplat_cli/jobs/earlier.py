@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import hashes_in, sha256_of
-from cubicsplat_cli.files.ownership import check_outputs, check_ownership, read_head
+from cubicsplat_cli.files.ownership import check_outputs, check_ownership, read_ends, read_head
 from cubicsplat_cli.files.paths import is_file, same_file
 from cubicsplat_cli.files.read import unpacked
 from cubicsplat_cli.jobs.plan import Job, make_folders
@@ -93,6 +93,7 @@ def finished(job: Job, digest: str) -> Report | None:
             made_from == hashes_in(read_head(outputs.svg)) == (digest, _input_sha256(job))
             and sha256_of(outputs.svg.read_bytes()) == report.output.svg_sha256
             and (outputs.png is None or sha256_of(outputs.png.read_bytes()) == report.output.png_sha256)
+            and (outputs.animation is None or report.output.svg_sha256.encode() in read_ends(outputs.animation))
         )
     except (CubicSplatError, OSError):
         # An input that cannot be read: the work is done anew, and says why it cannot be.

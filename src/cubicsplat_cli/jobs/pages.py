@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.atomic import write_atomically
+from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.files.ownership import read_head
 from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.jobs.plan import Job
@@ -22,9 +23,7 @@ def has_page(job: Job, report: Report) -> bool:
     path = job.outputs.page
     if path is None:
         return True
-    from cubicsplat_cli.show.mark import page_mark
-
-    return is_file(path) and page_mark(report.output.svg_sha256).encode() in read_head(path)
+    return is_file(path) and made_mark(report.output.svg_sha256).encode() in read_head(path)
 
 
 def with_page(outcome: Outcome, request: Request) -> Outcome:

@@ -63,6 +63,8 @@ class Plan:
 def plan(arguments: list[str], output: str | None, request: Request, *, recursive: bool) -> Plan:
     """A job for everything the arguments lead to. Raises UsageError where they make no sense together."""
     if is_batch(arguments):
+        if request.animation is not None:
+            raise UsageError("--animation is of one picture, and there may be several; give one")
         found = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs(found.sources, output, png=request.png, compress=request.compress)
         made = Plan(jobs, list(found.problems), found.left_out)
@@ -71,7 +73,8 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     path = None if name == STDIO else Path(name)
     if path is not None and is_svg(path):
         raise InputError(f"{printable(name)}: is an SVG or XML file, already vector; give a raster picture")
-    made = Plan([Job(name, path, plan_outputs(path, output, png=request.png, compress=request.compress))])
+    outputs = plan_outputs(path, output, png=request.png, compress=request.compress)
+    made = Plan([Job(name, path, replace(outputs, animation=request.animation))])
     return with_pages(made, output) if request.page else made
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
 from cubicsplat_cli.files.stdout import STDOUT, write_stdout
+from cubicsplat_cli.film import FRAMES, Film
 from cubicsplat_cli.jobs.earlier import forget, is_finished
 from cubicsplat_cli.jobs.events import Events, logged_to
 from cubicsplat_cli.jobs.plan import Job
@@ -113,6 +114,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         svg = packed(made.svg, compressed=request.compress or is_compressed_name(job.outputs.svg))
         sink.put("svg", svg)
 
+    film = None if job.outputs.animation is None else Film(FRAMES)
     try:
         result = vectorize_picture(
             picture,
@@ -121,6 +123,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
             stages=stages,
             on_progress=lambda at: events.step(job.name, at),
             on_svg=put_svg,
+            film=film,
         )
     except _Kept:
         events.note(job.name, f"interrupted: {job.outputs.svg} is as the earlier, finished run left it")
@@ -132,6 +135,14 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         sink.put("png", png)
     report = replace(result.report, input=replace(result.report.input, path=job.name))
     report = report.written(svg, _text(job.outputs.svg), png, _text(job.outputs.png))
+    if film is not None and job.outputs.animation is not None and result.scene is not None:
+        from cubicsplat_cli.show.animation import animation
+
+        events.stage(job.name, "animation")
+        form = job.outputs.animation.suffix[1:].upper()
+        threads = request.settings.threads
+        moving = animation(film, result.scene, form=form, about=report.output.svg_sha256, threads=threads)
+        sink.put("animation", moving)
     if job.outputs.page is not None:
         from cubicsplat_cli.show.page import page, subject_of
 

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import DeviceError, EngineError, InputError
+from cubicsplat_cli.film import Film
 from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.capacity import gini, reallocate
 from cubicsplat_cli.photo.geometric import crossing_gradient
@@ -62,8 +63,15 @@ def psnr(loss: float, values: int) -> float:
     return min(100.0, 10.0 * math.log10(values / max(loss, 1e-300)))
 
 
-def fit(target: np.ndarray, settings: FitSettings, on_progress: Callable[[Progress], None] | None = None) -> FitResult:
+def fit(
+    target: np.ndarray,
+    settings: FitSettings,
+    on_progress: Callable[[Progress], None] | None = None,
+    film: Film | None = None,
+) -> FitResult:
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
+
+    film: keeps scenes on the way.
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
     form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
@@ -74,7 +82,7 @@ def fit(target: np.ndarray, settings: FitSettings, on_progress: Callable[[Progre
     if not np.isfinite(target).all():
         raise InputError("the picture has values that are not finite")
     picture = torch.from_numpy(np.ascontiguousarray(target, dtype=np.float32))
-    return Trainer(picture, settings, on_progress).run()
+    return Trainer(picture, settings, on_progress, film).run()
 
 
 def choose_background(target: Tensor, settings: FitSettings) -> Background:
@@ -95,6 +103,7 @@ class Trainer:
     target: Tensor
     settings: FitSettings
     on_progress: Callable[[Progress], None] | None = None
+    film: Film | None = None
     history: list[dict[str, float]] = field(default_factory=list)
     replaced: int = 0
     inequality: float | None = None
@@ -155,9 +164,7 @@ class Trainer:
         self.best.consider(self._exact_loss(self.parameters), self.parameters)
         dropped = self._drop_invisible()
         seconds = time.perf_counter() - self.started
-        scene = self.parameters.to("cpu").scene(
-            self.settings.mode, self.width, self.height, self.background, opaque=self.recipe.opaque
-        )
+        scene = self._scene()
         return FitResult(
             scene=snapped(scene),
             steps=self.step,
@@ -212,8 +219,20 @@ class Trainer:
             self.best.consider(loss, before)
         if due:
             self._reallocate(progress)
+        if self.film is not None and self._looks():
+            self._put_on_film(self.film, psnr(float(loss), self.values))
         self.step += 1
         self._report(loss)
+
+    def _scene(self) -> Scene:
+        """What the parameters are now."""
+        return self.parameters.to("cpu").scene(
+            self.settings.mode, self.width, self.height, self.background, opaque=self.recipe.opaque
+        )
+
+    def _put_on_film(self, film: Film, level: float) -> None:
+        if film.due(level):
+            film.keep(level, self._scene())
 
     def _tensors(self, parameters: Parameters) -> SceneTensors:
         soft = self.recipe.edges == "soft"

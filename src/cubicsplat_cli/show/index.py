@@ -13,11 +13,10 @@ from PIL import Image
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.files.marks import PROGRAM, made_mark
 from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.report import Quality, Report
-from cubicsplat_cli.show.mark import page_mark
 from cubicsplat_cli.show.original import THUMBNAIL, thumbnail_url
 from cubicsplat_cli.show.template import rendered
 from cubicsplat_cli.tables import mean, number
@@ -87,7 +86,7 @@ def index(path: Path, entries: Sequence[Entry], title: str) -> bytes:
     facts += [("time", duration(sum(seconds)), "of all together")] if seconds else []
     text = rendered(
         "index.html",
-        mark=page_mark(counted(len(entries), "picture")),
+        mark=made_mark(counted(len(entries), "picture")),
         title=title,
         facts=facts,
         headings=list(_HEADINGS),

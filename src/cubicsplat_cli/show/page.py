@@ -9,11 +9,10 @@ from typing import Any
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.files.marks import PROGRAM, made_mark
 from cubicsplat_cli.report import Quality, Report
 from cubicsplat_cli.show.charts import Chart, course, histogram
 from cubicsplat_cli.show.drawing import kind_of, shown
-from cubicsplat_cli.show.mark import page_mark
 from cubicsplat_cli.show.original import data_url, picture_url
 from cubicsplat_cli.show.repeat import command, unsaid
 from cubicsplat_cli.show.template import rendered
@@ -76,7 +75,7 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
     losses = [] if own is None else own.losses_db
     text = rendered(
         "page.html",
-        mark=page_mark(subject.sha256),
+        mark=made_mark(subject.sha256),
         title=subject.name,
         picture_name=picture.source,
         width=picture.width,

@@ -1,0 +1,43 @@
+"""A drawing on film."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.files.load import Picture, resize_picture
+from cubicsplat_cli.film import Film
+from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.scene import Scene, scaled_scene
+
+_SIDE = 512  # px; what a part is compared at
+_SAMPLES = 24
+
+
+def film_shapes(film: Film, scene: Scene, picture: Picture, threads: int | None) -> None:
+    """Puts a drawing on film as it is laid down, shape after shape from the back."""
+    small = resize_picture(picture, _SIDE)
+    sized = scaled_scene(scene, small.width, small.height)
+    pieces = np.linspace(1, sized.curves, min(sized.curves, 2 * film.frames)).astype(int)
+    target = small.premultiplied()
+    shown_db = 0.0
+    for count in dict.fromkeys(pieces.tolist()):
+        part = _back(sized, count)
+        error = float(((render_scene(part, samples=_SAMPLES, threads=threads) - target) ** 2).mean())
+        # A shape that later ones complete may make the picture worse at first: it is a step forward all the same.
+        shown_db = max(shown_db, -10.0 * math.log10(max(error, 1e-10))) + 1e-3
+        film.keep(shown_db, part)
+
+
+def _back(scene: Scene, count: int) -> Scene:
+    """The curves furthest to the back."""
+    return replace(
+        scene,
+        points=scene.points[-count:],
+        colours=scene.colours[-count:],
+        opacities=scene.opacities[-count:],
+        half_widths=scene.half_widths[-count:],
+        ring_ends=None if scene.ring_ends is None else scene.ring_ends[-count:],
+    )

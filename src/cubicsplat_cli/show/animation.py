@@ -1,0 +1,44 @@
+"""A fit as it develops, as an animated WebP or GIF."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from PIL import Image
+
+from cubicsplat_cli.files.marks import made_mark
+from cubicsplat_cli.film import Film
+from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.scene import Scene, scaled_scene
+
+SIDE = 512  # px, at most
+_WHOLE_MS, _LEAST_MS, _MOST_MS, _LAST_MS = 4000, 80, 500, 2500
+_SAMPLES = 24
+_QUALITY = 82
+
+
+def animation(film: Film, last: Scene, *, form: str, about: str, threads: int | None) -> bytes:
+    """The file's bytes. last: the finished scene. form: "WEBP" or "GIF". about: SHA-256 of the SVG that it leads to.
+
+    All frames, of which `film` holds few, are in memory at once, with at most SIDE px a side.
+    """
+    factor = min(1.0, SIDE / max(last.width, last.height))
+    width, height = (max(1, round(side * factor)) for side in (last.width, last.height))
+    frames = [_frame(scene, width, height, threads) for scene in film.scenes(last)]
+    each = min(_MOST_MS, max(_LEAST_MS, _WHOLE_MS // len(frames)))
+    durations = [*[each] * (len(frames) - 1), _LAST_MS]
+    mark = made_mark(about)
+    exif = Image.Exif()
+    exif[0x0131] = mark  # Software
+    of_form = {"WEBP": {"quality": _QUALITY, "exif": exif}, "GIF": {"comment": mark.encode(), "disposal": 2}}
+    buffer = io.BytesIO()
+    frames[0].save(buffer, form, save_all=True, append_images=frames[1:], duration=durations, loop=0, **of_form[form])
+    return buffer.getvalue()
+
+
+def _frame(scene: Scene, width: int, height: int, threads: int | None) -> Image.Image:
+    values = render_scene(scaled_scene(scene, width, height), samples=_SAMPLES, threads=threads)
+    if values.shape[2] == 4:
+        values[..., :3] /= np.maximum(values[..., 3:], 1e-6)
+    return Image.fromarray(np.round(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8))
