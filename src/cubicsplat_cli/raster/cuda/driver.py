@@ -205,19 +205,20 @@ class CudaDriver(Driver):
 
     @contextmanager
     def active(self) -> Iterator[None]:
-        with torch.cuda.device(self.device):
-            # torch does not touch a device that is already the current one: a new thread may have no context yet, and
-            # another library may have entered one of its own.
-            entered = self.library.current_context() != self._context.value
-            if entered:
-                self.library.push(self._context)
-            try:
-                yield
-            except RuntimeError as error:  # of torch: an earlier kernel's failure, a lost device
-                raise DeviceError(f"the GPU failed: {one_line(error)}; try again, or use --device cpu") from error
-            finally:
+        try:
+            with torch.cuda.device(self.device):
+                # torch does not touch a device that is already the current one: a new thread may have no context yet,
+                # and another library may have entered one of its own.
+                entered = self.library.current_context() != self._context.value
                 if entered:
-                    self.library.pop()
+                    self.library.push(self._context)
+                try:
+                    yield
+                finally:
+                    if entered:
+                        self.library.pop()
+        except RuntimeError as error:  # of torch: an earlier kernel's failure, a lost device, also on the way out
+            raise DeviceError(f"the GPU failed: {one_line(error)}; try again, or use --device cpu") from error
 
     def late_copy(self, source: Tensor) -> LateCopy:
         return LateCopy(source, torch.empty_like(source, device="cpu", pin_memory=True), torch.cuda.Event())

@@ -26,24 +26,27 @@ CS_INLINE void clear_order(const Frame& f) {
   if (f.order && blockIdx.x == 0 && threadIdx.x < kCosts) Order(f, f.step->number & 1).counts[threadIdx.x] = 0;
 }
 
-// The tile of this block; blocks in their own order where no step was before this one.
+// The tile of this block; blocks in their own order where the list does not hold every tile once, as before the first
+// step.
 CS_INLINE int ordered_tile(const Frame& f) {
-  int rank = int(blockIdx.x);
-  if (!f.order) return rank;
+  const int block = int(blockIdx.x);
+  if (!f.order) return block;
   const Order before(f, ~f.step->number & 1);
+  int place = -1, listed = 0;
   for (int cost = kCosts - 1; cost >= 0; cost--) {
-    const int count = before.counts[cost];
-    if (rank < count) return before.tiles[size_t(cost) * before.stride + rank];
-    rank -= count;
+    const int count = before.counts[cost], rank = block - listed;
+    if (rank >= 0 && rank < count) place = cost * before.stride + rank;
+    listed += count;
   }
-  return rank;
+  return listed == before.stride && place >= 0 ? before.tiles[place] : block;
 }
 
 // Notes the time of a tile; one thread's work.
 CS_INLINE void note_cost(const Frame& f, int tile, long long clocks) {
   const Order now(f, f.step->number & 1);
   const int cost = least(most(int(2.0f * log2f(float(clocks))) - kCheapest, 0), kCosts - 1);
-  now.tiles[size_t(cost) * now.stride + atomicAdd(now.counts + cost, 1)] = tile;
+  const int rank = atomicAdd(now.counts + cost, 1);
+  if (rank < now.stride) now.tiles[cost * now.stride + rank] = tile;  // more only where a step is not a whole one
 }
 
 }  // namespace cs
