@@ -99,6 +99,12 @@ PICTURES: dict[str, tuple[Callable[[], bytes], tuple[int, ...] | None, str | Non
 }
 
 
+OF_ONE_COLOUR = {
+    "one_pixel.png", "constant.png", "black_and_white.png", "grey.png", "grey_16_bits.png", "colour_16_bits.png",
+    "cmyk.jpg", "profile.png", "all_transparent.png", "all_opaque.png", "animated.gif", "really_a_jpeg.png",
+}  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory, run_cli) -> tuple[Path, dict[str, dict], str]:
     """A folder with all of them, the JSON of each, and what was said."""
@@ -122,12 +128,21 @@ def test_colours_size_and_notes(name, made):
     results, found, said = made
     _, colour, note = PICTURES[name]
     stem, report = Path(name).stem, found[name]
-    scene = read_svg((results / f"{stem}.svg").read_bytes())
+    svg = (results / f"{stem}.svg").read_text()
     with Image.open(results / f"{stem}.png") as image:
         drawn = np.asarray(image.convert("RGBA")).astype(int)
-    assert drawn.shape[:2] == (scene.height, scene.width) == (report["input"]["height"], report["input"]["width"])
+    height, width = report["input"]["height"], report["input"]["width"]
+    assert drawn.shape[:2] == (height, width)
+    assert f'viewBox="0 0 {width} {height}"' in svg
     transparent = name == "rgba.png" or (colour is not None and len(colour) == 4)
-    assert (scene.background is None) == report["input"]["alpha"] == transparent
+    assert bool((drawn[..., 3] < 255).any()) == report["input"]["alpha"] == transparent
+    # What has one colour is a ground and no curve; what is all transparent is nothing.
+    assert svg.count("<path") == report["output"]["paths"]
+    assert (report["output"]["paths"] == 0) == (name in OF_ONE_COLOUR)
+    assert svg.count("<rect") == (0 if transparent else 1)
+    if name in OF_ONE_COLOUR:
+        assert (report["style"], report["timing"]["steps"]) == ("photo", 0)
+        assert report["quality"]["svg"]["identical"] or report["quality"]["svg"]["psnr_db"] > 50
     if colour is not None:
         wanted = np.array([*colour, 255][:4])
         last = drawn[-1, -1]

@@ -58,3 +58,35 @@ def test_nothing_but_transparency_gives_no_shape():
     done = vectorize(np.zeros((10, 12, 4), np.uint8))
     assert (done.scene, done.report.output.paths, done.report.style) == (None, 0, "artwork")
     assert done.report.quality.svg.identical
+
+
+@pytest.mark.parametrize(
+    ("colour", "style", "paths", "made"),
+    [
+        ((200, 100, 50), "photo", 0, '<rect id="background" width="30" height="20" fill="#c86432"/>'),
+        ((200, 100, 50), "artwork", 1, '<rect id="background" width="30" height="20" fill="#c86432"/>'),
+        (
+            (200, 100, 50, 102),
+            "photo",
+            0,
+            '<rect id="background" width="30" height="20" fill="#c86432" fill-opacity=".4"/>',
+        ),
+        ((9, 9, 9, 0), "photo", 0, None),
+    ],
+)
+def test_one_colour_is_a_ground_and_no_path(colour, style, paths, made):
+    """Whatever is asked for: there is nothing to fit."""
+    pixels = np.full((20, 30, len(colour)), colour, np.uint8)
+    done = vectorize(pixels, style=style, curves=9, steps=10**6, background="auto")
+    assert "<path" not in done.svg
+    assert (made in done.svg) if made else ("<rect" not in done.svg)
+    report = done.report
+    assert (report.style, report.output.paths, report.timing.steps) == (style, paths, 0)
+    assert report.quality.svg.identical or report.quality.svg.psnr_db > 60
+    assert report.quality.surrogate.identical or report.quality.surrogate.psnr_db > 60
+
+
+def test_one_colour_with_a_palette_has_its_ink():
+    pixels = np.full((20, 30, 3), (200, 100, 50), np.uint8)
+    done = vectorize(pixels, style="artwork", palette=((0, 0, 0), (255, 128, 0)))
+    assert done.report.inks == ["#ff8000ff"]

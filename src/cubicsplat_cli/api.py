@@ -56,7 +56,7 @@ def vectorize(
         max_size=max_size,
         measure=measure,
     )
-    return vectorize_picture(as_picture(picture), request, title=title, on_progress=on_progress)
+    return vectorize_picture(as_picture(picture, max_size=max_size), request, title=title, on_progress=on_progress)
 
 
 def compare(reference: PictureLike, candidate: PictureLike | Result) -> Quality:

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.artwork.plain import only_ink, plain_drawing
+from cubicsplat_cli.artwork.shapes import Drawing, Ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
 from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
 from cubicsplat_cli.evaluate.measurable import measurable
@@ -62,12 +64,14 @@ class Made:
     """What a style made of a picture.
 
     scene: None where the SVG holds no shape. write: gives the SVG's text for a title and a comment. samples: edges per
-    cubic of the engine's own picture. facts: members of the report that are the style's.
+    cubic of the engine's own picture. paths: how many curves or shapes there are. facts: members of the report that are
+    the style's.
     """
 
     scene: Scene | None
     write: Callable[[str, str], str]
     samples: int
+    paths: int
     notes: list[str] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
 
@@ -90,7 +94,8 @@ def vectorize_picture(
     cannot be written.
     """
     request, stages = request or Request(), stages or Stages()
-    target = picture if request.max_size is None else resize_picture(picture, request.max_size)
+    with stages("read"):
+        target = picture if request.max_size is None else resize_picture(picture, request.max_size)
     with stages("fit"):
         style, made = _styled(target, picture, request, on_progress, film)
         if film is not None and style.name == ARTWORK and made.scene is not None:
@@ -115,6 +120,9 @@ def _styled(
     film: Film | None,
 ) -> tuple[Style, Made]:
     """What the style asked for made of the picture; or the one that suits it, unless a drawing is too far from it."""
+    ink = only_ink(picture)
+    if ink is not None:
+        return _plain(ink, picture, request)
     if request.style != "auto":
         return Style(request.style, "asked for"), _STYLES[request.style](target, picture, request, on_progress, film)
     style = choose_style(target.target())
@@ -140,12 +148,13 @@ def _photo(
     from cubicsplat_cli.photo import fit
 
     fitted = fit(target.target(), request.settings, on_progress, film)
-    scene = scaled_scene(fitted.scene, picture.width, picture.height)
+    scene = scaled_scene(fitted.scene, *picture.size)
     precision = PHOTO_PRECISION if request.precision is None else request.precision
     return Made(
         scene,
         lambda title, comment: write_svg(scene, precision=precision, title=title, comment=comment),
         fitted.samples,
+        scene.curves,
         fitted.notes,
         {
             "device": fitted.device,
@@ -166,13 +175,28 @@ def _artwork(
     _film: Film | None,
 ) -> Made:
     """Few opaque shapes with exact outlines."""
-    from cubicsplat_cli.artwork.outlines import Ring
-    from cubicsplat_cli.artwork.scene import scene_of
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import draw
 
     chosen = replace(request.artwork, curves=request.settings.curves)
-    drawing = scaled_drawing(draw(target.target(), chosen), picture.width, picture.height)
+    return _drawn(scaled_drawing(draw(target.target(), chosen), *picture.size), request)
+
+
+def _plain(ink: Ink, picture: Picture, request: Request) -> tuple[Style, Made]:
+    """A picture of one colour: its ground and no curve, in either style."""
+    from cubicsplat_cli.artwork.vectorize import in_palette
+
+    drawing = plain_drawing(ink, *picture.size)
+    style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
+    if style.name == ARTWORK:
+        return style, _drawn(in_palette(drawing, request.artwork.palette), request)
+    return style, replace(_drawn(drawing, request), paths=0, facts={})
+
+
+def _drawn(drawing: Drawing, request: Request) -> Made:
+    from cubicsplat_cli.artwork.outlines import Ring
+    from cubicsplat_cli.artwork.scene import scene_of
+
     outlines = [outline for shape in drawing.shapes for outline in shape.outlines]
     facts = {
         "shapes": len(drawing.shapes),
@@ -184,6 +208,7 @@ def _artwork(
         scene_of(drawing) if drawing.shapes else None,
         lambda title, comment: write_drawing(drawing, precision=request.precision, title=title, comment=comment),
         ARTWORK_SAMPLES,
+        len(drawing.shapes),
         facts=facts,
     )
 
@@ -197,8 +222,8 @@ def _report(
     data = svg.encode()
     usual: dict[str, Any] = {"device": {"name": "cpu"}, "timing": Timing(0.0, stages.seconds["fit"])}
     return Report(
-        input=Input(picture.source, picture.sha256, picture.width, picture.height, picture.alpha is not None),
-        output=Output(0 if made.scene is None else made.scene.curves, len(data), sha256_of(data)),
+        input=Input(picture.source, picture.sha256, *picture.size, picture.alpha is not None),
+        output=Output(made.paths, len(data), sha256_of(data)),
         settings=request.deciding(),
         settings_hash=request.digest(),
         style=style.name,
@@ -223,7 +248,7 @@ def _measured(result: Result, picture: Picture, samples: int, threads: int | Non
             gap_db(file, surrogate),
         )
     notes = [] if drawn.note is None else [drawn.note]
-    if reference is not picture:
+    if (reference.width, reference.height) != picture.size:
         notes.append(f"quality measured at {reference.width} x {reference.height} pixels")
     report = replace(result.report, quality=quality, notes=[*result.report.notes, *notes])
     return replace(result, report=report, pixels=drawn.pixels)

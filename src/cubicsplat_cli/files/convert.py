@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 PictureLike = Union[str, Path, bytes, np.ndarray, "Image.Image", Picture]
 
 
-def as_picture(source: PictureLike, *, max_pixels: int = MAX_PIXELS) -> Picture:
+def as_picture(source: PictureLike, *, max_pixels: int = MAX_PIXELS, max_size: int | None = None) -> Picture:
     """A picture from whatever a person has.
 
     source: a path; the bytes of a file; an array (H, W), (H, W, 3) or (H, W, 4), uint8 or float in [0, 1], sRGB with
-    straight alpha; or a Pillow image. Raises InputError for anything that is no picture.
+    straight alpha; or a Pillow image.
+
+    max_pixels, max_size: of files, as for `load_picture`. Raises InputError for anything that is no picture.
     """
     from PIL import Image
 
@@ -35,7 +37,8 @@ def as_picture(source: PictureLike, *, max_pixels: int = MAX_PIXELS) -> Picture:
     if isinstance(source, Image.Image):
         return _of_image(source)
     if isinstance(source, (str, Path, bytes)):
-        return load_picture(Path(source) if isinstance(source, str) else source, max_pixels=max_pixels)
+        source = Path(source) if isinstance(source, str) else source
+        return load_picture(source, max_pixels=max_pixels, max_size=max_size)
     raise InputError(f"a picture must be a path, bytes, a numpy array or a Pillow image, not {type(source).__name__}")
 
 

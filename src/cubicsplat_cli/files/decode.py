@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image, ImageCms
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.shrink import shrunk
 
 _EXIF_ORIENTATION = 0x0112
 _UPRIGHT = {
@@ -35,8 +36,10 @@ class Decoded:
     notes: tuple[str, ...]
 
 
-def decode(image: Image.Image, data: bytes, shown: str) -> Decoded:
+def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1) -> Decoded:
     """Decode the first frame of `image`, whose file bytes are `data`; `shown` is its name for messages.
+
+    factor: by how much its sides are to become shorter.
 
     Raises `InputError` for colour modes and value ranges with no defined meaning; whatever Pillow raises for
     broken bytes passes through.
@@ -47,7 +50,7 @@ def decode(image: Image.Image, data: bytes, shown: str) -> Decoded:
     if _reduced_from_16_bits(image, data):
         notes.append("16 bits per channel: read with 8")
     image.load()
-    upright = _turn_upright(image, notes)
+    upright = _turn_upright(image if factor == 1 else shrunk(image, factor), notes)
     if upright.mode.startswith("I") or upright.mode == "F":
         grey, alpha = _deep_grey(upright, shown), _key_alpha(upright)
         if upright.info.get("icc_profile"):
@@ -90,7 +93,7 @@ def _split_alpha(image: Image.Image) -> tuple[Image.Image, np.ndarray | None]:
     if image.mode in _WITH_ALPHA or "transparency" in image.info:
         grey = image.mode in ("1", "L", "LA", "La")
         with_alpha = (image.convert("LA") if image.mode == "La" else image).convert("RGBA")
-        alpha = np.asarray(with_alpha.getchannel("A"), dtype=np.float32) / 255.0
+        alpha = _as_float(with_alpha.getchannel("A"))
         colour = with_alpha.convert("RGB")
         return (colour.getchannel("R") if grey else colour), alpha
     if image.mode == "1":
@@ -167,4 +170,7 @@ def _reduced_from_16_bits(image: Image.Image, data: bytes) -> bool:
 
 
 def _as_float(image: Image.Image) -> np.ndarray:
-    return np.asarray(image, dtype=np.float32) / np.float32(255)
+    values = np.asarray(image, dtype=np.float32)
+    # In place: of a large picture this is most of the memory.
+    values /= np.float32(255)
+    return values

@@ -24,6 +24,7 @@ from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.decode import Decoded, decode
+from cubicsplat_cli.files.shrink import MAX_DECODED_PIXELS, draft, factor_for
 from cubicsplat_cli.settings import MAX_PIXELS
 from cubicsplat_cli.words import one_line, printable
 
@@ -42,7 +43,8 @@ class Picture:
     `rgb` is (H, W, 3) float32 in [0, 1], straight (not premultiplied), 0 where `alpha` is 0.
     `alpha` is (H, W) float32 in [0, 1], or None when every pixel is opaque.
     `source` is the name for messages, `sha256` the digest of the file's bytes, `notes` what the user should
-    know about how the file was read (one sentence each).
+    know about how the file was read (one sentence each). `full_size` is the width and height of a picture that was
+    read smaller than it is, else None.
     """
 
     rgb: np.ndarray
@@ -50,6 +52,12 @@ class Picture:
     source: str
     sha256: str
     notes: tuple[str, ...] = ()
+    full_size: tuple[int, int] | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture in the file, px."""
+        return self.full_size or (self.width, self.height)
 
     @property
     def width(self) -> int:
@@ -69,10 +77,19 @@ class Picture:
         return self.rgb if self.alpha is None else self.premultiplied()
 
 
-def load_picture(source: str | Path | bytes, *, name: str | None = None, max_pixels: int = MAX_PIXELS) -> Picture:
+def load_picture(
+    source: str | Path | bytes,
+    *,
+    name: str | None = None,
+    max_pixels: int = MAX_PIXELS,
+    max_size: int | None = None,
+    smaller: str = "scale the picture down first",
+) -> Picture:
     """Read a picture from a path, or from the bytes of a file (standard input, a network answer).
 
-    `name` replaces the path in messages and in `Picture.source`; for bytes it defaults to "<bytes>".
+    `name` replaces the path in messages and in `Picture.source`; for bytes it defaults to "<bytes>". `max_size`: a very
+    large picture (`READ_WHOLE_PIXELS`) may be read smaller, its longer side still of so many pixels at least; it then
+    needs `max_pixels` pixels at most. `smaller`: what a refusal advises.
     Raises `InputError` for anything that cannot be read as a picture of at most `max_pixels` pixels in one of
     `FORMATS`, and `UsageError` for a senseless `max_pixels`.
     """
@@ -85,14 +102,15 @@ def load_picture(source: str | Path | bytes, *, name: str | None = None, max_pix
         shown = printable(name or str(source))
         data = read_picture_file(Path(source), shown)
     _check_bytes(len(data), shown)
-    decoded = _open_and_decode(data, shown, max_pixels)
-    return Picture(
-        rgb=decoded.rgb,
-        alpha=decoded.alpha,
-        source=shown,
-        sha256=hashlib.sha256(data).hexdigest(),
-        notes=decoded.notes,
-    )
+    decoded, size = _open_and_decode(data, shown, max_pixels, max_size, smaller)
+    height, width = decoded.rgb.shape[:2]
+    # A picture that was turned upright has its sides exchanged.
+    if (width - height) * (size[0] - size[1]) < 0:
+        size = size[::-1]
+    full, notes = None, decoded.notes
+    if size != (width, height):
+        full, notes = size, (*notes, f"read at {width} x {height} of its {size[0]} x {size[1]} pixels")
+    return Picture(decoded.rgb, decoded.alpha, shown, hashlib.sha256(data).hexdigest(), notes, full)
 
 
 def read_picture_file(path: Path, name: str | None = None) -> bytes:
@@ -179,17 +197,27 @@ def _pillow_settings() -> Iterator[list[str]]:
             warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
 
 
-def _open_and_decode(data: bytes, shown: str, max_pixels: int) -> Decoded:
+def _open_and_decode(
+    data: bytes, shown: str, max_pixels: int, max_size: int | None, smaller: str
+) -> tuple[Decoded, tuple[int, int]]:
+    """The picture, and its size in the file."""
     try:
         with (
             _pillow_settings() as notes,
             _libtiff_listened_to(data) as lines,
             Image.open(io.BytesIO(data), formats=FORMATS) as image,
         ):
-            _check_pixels(image, shown, max_pixels)
-            decoded = decode(image, data, shown)
+            size, factor = image.size, factor_for(image.size, max_size)
+            _check_pixels(size, shown, max_pixels, factor, smaller)
+            rest = draft(image, factor)
+            if rest > 1 and image.width * image.height > MAX_DECODED_PIXELS:
+                raise InputError(
+                    f"{shown}: is {size[0]} x {size[1]} = {size[0] * size[1] / 1e6:.1f} megapixels, a file of its kind "
+                    f"is read up to {MAX_DECODED_PIXELS / 1e6:.0f}; scale the picture down first"
+                )
+            decoded = decode(image, data, shown, rest)
         heard = [f"the decoder says: {line}" for line in lines[:1]]
-        return replace(decoded, notes=(*decoded.notes, *notes, *heard))
+        return replace(decoded, notes=(*decoded.notes, *notes, *heard)), size
     except InputError:
         raise
     except UnidentifiedImageError as error:
@@ -205,14 +233,15 @@ def _open_and_decode(data: bytes, shown: str, max_pixels: int) -> Decoded:
         raise InputError(f"{shown}: is damaged or truncated ({reason}); save or download it again") from error
 
 
-def _check_pixels(image: Image.Image, shown: str, max_pixels: int) -> None:
-    width, height = image.size
+def _check_pixels(size: tuple[int, int], shown: str, max_pixels: int, factor: int, smaller: str) -> None:
+    """Raise InputError where a picture read smaller by `factor` has no pixels, or too many."""
+    width, height = size
     if width < 1 or height < 1:
         raise InputError(f"{shown}: has no pixels ({width} x {height}); give a picture of at least 1 x 1")
-    if width * height > max_pixels:
+    if width * height > max_pixels * factor**2:
         raise InputError(
             f"{shown}: is {width} x {height} = {width * height / 1e6:.1f} megapixels, the limit is "
-            f"{max_pixels / 1e6:g}; raise it with --max-pixels, or scale the picture down first"
+            f"{max_pixels / 1e6:g}; {smaller}, or raise it with --max-pixels"
         )
 
 

@@ -99,7 +99,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         picture = load_job(job, request)
     for note in picture.notes:
         events.note(job.name, f"{picture.source}: {note}")
-    events.detail(job.name, f"{picture.source}: {picture.width} x {picture.height} px; {request.describe()}")
+    events.detail(job.name, f"{picture.source}: {picture.size[0]} x {picture.size[1]} px; {request.describe()}")
     # torch takes seconds to import: what is wrong with the picture is said before.
     from cubicsplat_cli.files.png import encode_png
     from cubicsplat_cli.files.read import packed
@@ -165,10 +165,17 @@ def load_job(job: Job, request: Request) -> Picture:
     """The picture of a job; raises InputError where there is none."""
     from cubicsplat_cli.files.load import load_picture
 
-    if job.path is None or job.data is not None:
-        name = "stdin" if job.path is None else job.name
-        return load_picture(job.data or b"", name=name, max_pixels=request.max_pixels)
-    return load_picture(job.path, max_pixels=request.max_pixels)
+    if job.path is not None and job.data is None:
+        source: Path | bytes = job.path
+    else:
+        source = job.data or b""
+    return load_picture(
+        source,
+        name="stdin" if job.path is None else job.name,
+        max_pixels=request.max_pixels,
+        max_size=request.max_size,
+        smaller="fit a smaller copy with --max-size",
+    )
 
 
 def attempt(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcome:
