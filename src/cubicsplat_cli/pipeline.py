@@ -98,7 +98,7 @@ def vectorize_picture(
         target = picture if request.max_size is None else resize_picture(picture, request.max_size)
     with stages("fit"):
         style, made = _styled(target, picture, request, on_progress, film)
-        if film is not None and style.name == ARTWORK and made.scene is not None:
+        if film is not None and made.scene is not None and (style.name == ARTWORK or made.paths == 0):
             from cubicsplat_cli.artwork.film import film_shapes
 
             film_shapes(film, made.scene, target, request.settings.threads)
@@ -184,12 +184,14 @@ def _artwork(
 
 def _plain(ink: Ink, picture: Picture, request: Request) -> tuple[Style, Made]:
     """A picture of one colour: its ground and no curve, in either style."""
-    from cubicsplat_cli.artwork.vectorize import in_palette
-
     drawing = plain_drawing(ink, *picture.size)
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
     if style.name == ARTWORK:
-        return style, _drawn(in_palette(drawing, request.artwork.palette), request)
+        if request.artwork.palette:
+            from cubicsplat_cli.artwork.vectorize import in_palette
+
+            drawing = in_palette(drawing, request.artwork.palette)
+        return style, _drawn(drawing, request)
     return style, replace(_drawn(drawing, request), paths=0, facts={})
 
 
