@@ -12,7 +12,6 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from cubicsplat_cli.bench.artwork import tools
-from cubicsplat_cli.bench.artwork.colour import MOST_DB, mean_delta_e, psnr
 from cubicsplat_cli.bench.artwork.counts import count, minified
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.edges import edge_displacement
@@ -21,6 +20,7 @@ from cubicsplat_cli.bench.artwork.seams import opaque_inside, seam_areas
 from cubicsplat_cli.bench.artwork.wireframe import wireframe
 from cubicsplat_cli.cli.app import app
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate.colour import MOST_DB, mean_delta_e, psnr
 from cubicsplat_cli.svg.pathparse import count_numbers, pieces
 
 

@@ -18,7 +18,17 @@ from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 
 SCHEMA = 1
 # Decimals of the measured figures; more would only suggest a precision that no measure has.
-DECIMALS = {"psnr_db": 4, "ssim": 5, "agreement_db": 4, "gap_db": 4, "change_db": 4, "ms_per_step": 4}
+DECIMALS = {
+    "psnr_db": 4,
+    "ssim": 5,
+    "agreement_db": 4,
+    "gap_db": 4,
+    "change_db": 4,
+    "ms_per_step": 4,
+    "ms_ssim": 5,
+    "lpips": 5,
+    "de00": 4,
+}
 _SECONDS_DECIMALS = 3
 T = TypeVar("T")
 

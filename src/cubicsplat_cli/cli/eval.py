@@ -13,6 +13,7 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.eval_pages import planned_pages, write_pages
 from cubicsplat_cli.cli.options import MaxPixels, Renderer, wanted_renderer
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
+from cubicsplat_cli.measures import USUAL, chosen_measures, figures_text
 from cubicsplat_cli.report import head, plain, to_json
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
 from cubicsplat_cli.tables import mean
@@ -31,6 +32,7 @@ class Options:
     max_pixels: int
     scale: int | None
     threads: int | None
+    measures: tuple[str, ...]
 
 
 @dataclass
@@ -63,6 +65,10 @@ def evaluate(
         int | None,
         typer.Option("--threads", metavar="N", help="CPU threads of the engine.  [default: one per core]"),
     ] = None,
+    measures: Annotated[
+        str,
+        typer.Option("--measures", metavar="NAME,...", help="Of psnr, ssim, ms-ssim, lpips and de00 (CIEDE2000)."),
+    ] = "psnr,ssim",
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="Also write the figures as a table, one row a pair.")
@@ -83,7 +89,7 @@ def evaluate(
     if reference.is_dir() and not candidate.is_dir():
         raise UsageError(f"{reference} is a folder, so the candidate must be one too, not {candidate}")
     check_csv(csv)
-    options = Options(wanted_renderer(renderer), max_pixels, scale, threads)
+    options = Options(wanted_renderer(renderer), max_pixels, scale, threads, chosen_measures(measures))
     pages = None if report is None else planned_pages(report, folders=reference.is_dir())
     reporter = Reporter(quiet=quiet)
     if reference.is_dir():
@@ -93,7 +99,7 @@ def evaluate(
         pairs = Pairs([_compare(reference, candidate, options, reporter)])
         found = {**head(), **pairs.compared[0].public()}
         if not json:
-            _show(pairs.compared[0])
+            _show(pairs.compared[0], options.measures)
     write_csv(csv, [_row(comparison) for comparison in pairs.compared])
     if pages is not None:
         reporter.summary(f"to look at: {write_pages(pages, pairs.compared, pairs.failed, threads)}")
@@ -122,6 +128,7 @@ def _compare(reference: Path, candidate: Path, options: Options, reporter: Repor
         max_pixels=options.max_pixels,
         scale=options.scale,
         threads=options.threads,
+        measures=options.measures,
     )
     for note in comparison.notes:
         reporter.note(note)
@@ -142,7 +149,7 @@ def _folders(reference: Path, candidate: Path, options: Options, reporter: Repor
             pairs.failed.append((first, one_line(error)))
             continue
         if show:
-            _show(pairs.compared[-1])
+            _show(pairs.compared[-1], options.measures)
     if pairs.extra:
         names = ", ".join(path.name for path in pairs.extra[:3])
         more = "" if len(pairs.extra) <= 3 else f" and {len(pairs.extra) - 3} more"
@@ -154,10 +161,11 @@ def _folders(reference: Path, candidate: Path, options: Options, reporter: Repor
     return pairs
 
 
-def _show(comparison: Comparison) -> None:
+def _show(comparison: Comparison, measures: tuple[str, ...]) -> None:
     candidate = comparison.candidate
     drawn_by = [] if candidate.renderer is None else [candidate.renderer]
-    typer.echo("  ".join([candidate.path, *_quality_parts(comparison.quality), *drawn_by]))
+    usual = [part for name, part in zip(USUAL, _quality_parts(comparison.quality), strict=True) if name in measures]
+    typer.echo("  ".join([candidate.path, *usual, *figures_text(comparison.measures), *drawn_by]))
     scale = comparison.scale
     if scale is None:
         return
@@ -187,6 +195,7 @@ def _mean_line(pairs: Pairs) -> str:
     parts = [f"mean of {means['pairs']}"]
     parts += [] if means["psnr_db"] is None else [f"{means['psnr_db']:.2f} dB"]
     parts += [] if means["ssim"] is None else [f"SSIM {means['ssim']:.4f}"]
+    parts += figures_text({name: means[name] for name in _further_members(pairs)})
     for name in ("svg", "engine"):
         change = means[f"{name}_change_db"]
         parts += [] if change is None else [f"{name} {change:+.3f} dB at scale"]
@@ -203,11 +212,20 @@ def _means(pairs: Pairs) -> dict[str, Any]:
             "identical": sum(quality.identical for quality in qualities),
             "psnr_db": mean(quality.psnr_db for quality in qualities),
             "ssim": mean(quality.ssim for quality in qualities),
+            **{
+                name: mean(comparison.measures[name] for comparison in pairs.compared)
+                for name in _further_members(pairs)
+            },
             "svg_change_db": mean(scale.file.change_db for scale in scales),
             "engine_change_db": mean(scale.engine.change_db for scale in scales if scale.engine is not None),
         }
     )
     return found
+
+
+def _further_members(pairs: Pairs) -> list[str]:
+    """The members of the further measures that were asked for."""
+    return list(pairs.compared[0].measures) if pairs.compared else []
 
 
 def _folder_report(reference: Path, candidate: Path, pairs: Pairs) -> dict[str, Any]:
@@ -236,6 +254,7 @@ def _row(comparison: Comparison) -> dict[str, Any]:
         "psnr_db": quality.psnr_db,
         "ssim": quality.ssim,
         "identical": quality.identical,
+        **comparison.measures,
         "scale": None if scale is None else scale.factor,
         "scaled_psnr_db": None if scale is None else scale.file.scaled.psnr_db,
         "scaled_ssim": None if scale is None else scale.file.scaled.ssim,

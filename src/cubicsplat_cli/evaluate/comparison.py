@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate.further import further, straight
 from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied
-from cubicsplat_cli.evaluate.rerender import rerender_untrusted
+from cubicsplat_cli.evaluate.rerender import Rendered, rerender_untrusted
 from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
@@ -73,6 +75,7 @@ class Comparison:
     quality: Quality
     scale: ScaleFigures | None = None
     notes: list[str] = field(default_factory=list)
+    measures: dict[str, float | None] = field(default_factory=dict)  # further ones, by their names in reports
 
     def public(self) -> dict[str, Any]:
         """The members of the JSON report that are about this pair, for `report.plain`."""
@@ -89,6 +92,8 @@ class Comparison:
             },
             "quality": {"renderer": candidate.renderer, **vars(self.quality)},
         }
+        if self.measures:
+            found["measures"] = self.measures
         if self.scale is not None:
             found["scale"] = self._scale_fields(self.scale)
         return found | {"notes": list(self.notes)}
@@ -114,11 +119,13 @@ def compare_with(
     max_pixels: int = MAX_PIXELS,
     scale: int | None = None,
     threads: int | None = None,
+    measures: Sequence[str] = (),
 ) -> Comparison:
     """Compare the bytes of an SVG (drawn at the reference's size) or of a picture with the reference.
 
-    scale: 1..12, for an SVG: also draw it that many times as large. Raises InputError for a candidate that cannot be
-    used, UsageError for a senseless scale or one asked of a picture, EngineError where no renderer works.
+    scale: 1..12, for an SVG: also draw it that many times as large. measures: further ones (`further`). Raises
+    InputError for a candidate that cannot be used, UsageError for a senseless scale or one asked of a picture,
+    EngineError where no renderer works, or what a measure needs is missing.
     """
     notes = [f"{reference.source}: {note}" for note in reference.notes]
     if scale is not None:
@@ -129,8 +136,11 @@ def compare_with(
         picture = load_picture(data, name=candidate_path, max_pixels=max_pixels)
         notes.extend(f"{picture.source}: {note}" for note in picture.notes)
         quality = compare_premultiplied(reference, picture.target())
-        return Comparison(reference, reference_path, Candidate(candidate_path, data, None), quality, notes=notes)
-    name, quality = _compare_svg(reference, data, candidate_path, renderer, notes)
+        found = further(reference, straight(picture), measures) if measures else {}
+        candidate = Candidate(candidate_path, data, None)
+        return Comparison(reference, reference_path, candidate, quality, notes=notes, measures=found)
+    drawn = _draw_svg(reference, data, candidate_path, renderer, notes)
+    quality, found = compare(reference, drawn.pixels), further(reference, drawn.pixels, measures)
     figures = None
     if scale is not None:
         large = downsampled_svg(
@@ -138,13 +148,12 @@ def compare_with(
         )
         file = Change(quality, compare_premultiplied(reference, large.pixels))
         figures = ScaleFigures(scale, file, _engine(reference, data, candidate_path, scale, threads, notes))
-    return Comparison(reference, reference_path, Candidate(candidate_path, data, name), quality, figures, notes)
+    candidate = Candidate(candidate_path, data, drawn.renderer)
+    return Comparison(reference, reference_path, candidate, quality, figures, notes, found)
 
 
-def _compare_svg(
-    reference: Picture, data: bytes, source: str, renderer: str | None, notes: list[str]
-) -> tuple[str, Quality]:
-    """The renderer's name and the quality of an SVG drawn at the reference's size; may add to `notes`."""
+def _draw_svg(reference: Picture, data: bytes, source: str, renderer: str | None, notes: list[str]) -> Rendered:
+    """An SVG drawn at the reference's size; may add to `notes`."""
     rendered, size = rerender_untrusted(
         data, source=source, width=reference.width, height=reference.height, renderer=renderer
     )
@@ -155,7 +164,7 @@ def _compare_svg(
         )
     if rendered.note is not None:
         notes.append(rendered.note)
-    return rendered.renderer, compare(reference, rendered.pixels)
+    return rendered
 
 
 def _engine(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.bench.artwork.colour import BLACK, WHITE, over
+from cubicsplat_cli.evaluate.colour import BLACK, WHITE, over
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 _LEAST_CONTRAST = 8.0  # levels; less is no edge

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from cubicsplat_cli.bench.artwork.colour import WHITE, over
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.figures import Figures
 from cubicsplat_cli.bench.artwork.wireframe import wireframe
 from cubicsplat_cli.bench.cells import labelled_row, stacked
+from cubicsplat_cli.evaluate.colour import WHITE, over
 
 CELL = 640  # px, the longer side
 _ENLARGED = 4

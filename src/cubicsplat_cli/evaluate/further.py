@@ -1,0 +1,119 @@
+"""Further measures of a picture against its reference: CIEDE2000 by scikit-image, MS-SSIM and LPIPS by torchmetrics.
+
+torchmetrics and torchvision, whose network LPIPS is, come with the extra `measures`. The weights of that network are
+downloaded by torchvision when they are first asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from functools import lru_cache
+from types import ModuleType
+from typing import Any
+from urllib.error import URLError
+
+import numpy as np
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.evaluate.colour import BLACK, WHITE, mean_delta_e, over
+from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.measures import FURTHER
+from cubicsplat_cli.words import one_line
+
+# Five scales, each half of the one before, and a window of 11 px at the last.
+LEAST_MS_SSIM = 161
+# Below it nothing is left of the network's last layers.
+LEAST_LPIPS = 32
+_STRIP_PIXELS = 1 << 20
+
+
+def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> dict[str, float | None]:
+    """The figures of those of `names` that are in FURTHER, by their members; None for a picture too small for one.
+
+    candidate: (H, W, 3 or 4) uint8, straight, of the reference's size. Where either has transparency both are laid over
+    black and over white, and the worse figure counts. Raises EngineError, with what to do, where the packages or the
+    weights of one are missing.
+    """
+    wanted = [name for name in names if name in FURTHER]
+    if not wanted:
+        return {}
+    first, second = straight(reference), _with_alpha(candidate)
+    opaque = bool((first[..., 3] == 255).all() and (second[..., 3] == 255).all())
+    found: dict[str, float | None] = {}
+    for name in wanted:
+        if name == "de00":
+            found["de00"] = _delta_e(first, second)
+            continue
+        levels = [_of(name, over(first, g), over(second, g)) for g in ((BLACK,) if opaque else (BLACK, WHITE))]
+        known = [level for level in levels if level is not None]
+        found[FURTHER[name].member] = FURTHER[name].worse(known) if known else None
+    return found
+
+
+def straight(picture: Picture) -> np.ndarray:
+    """(H, W, 4) uint8 straight RGBA of a picture."""
+    alpha = np.ones(picture.rgb.shape[:2], np.float32) if picture.alpha is None else picture.alpha
+    return np.rint(np.dstack([picture.rgb, alpha]) * 255.0).astype(np.uint8)
+
+
+def _with_alpha(pixels: np.ndarray) -> np.ndarray:
+    if pixels.shape[2] == 4:
+        return pixels
+    return np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
+
+
+def _delta_e(first: np.ndarray, second: np.ndarray) -> float:
+    """The mean over the picture, a strip at a time."""
+    height, width = first.shape[:2]
+    rows = max(1, _STRIP_PIXELS // width)
+    strips = [slice(top, min(height, top + rows)) for top in range(0, height, rows)]
+    return sum(mean_delta_e(first[s], second[s]) * (s.stop - s.start) for s in strips) / height
+
+
+def _of(name: str, first: np.ndarray, second: np.ndarray) -> float | None:
+    """MS-SSIM or LPIPS of two (H, W, 3) uint8 pictures; None where they are too small."""
+    least = LEAST_MS_SSIM if name == "ms-ssim" else LEAST_LPIPS
+    if min(first.shape[:2]) < least:
+        return None
+    import torch
+
+    tensors = [torch.from_numpy(p).permute(2, 0, 1)[None].float() / 255.0 for p in (second, first)]
+    with torch.no_grad():
+        return float(_network()(*tensors) if name == "lpips" else _ms_ssim(*tensors))
+
+
+def _ms_ssim(candidate: Any, reference: Any) -> Any:
+    library = _library("torchmetrics.functional.image", "ms-ssim")
+    return library.multiscale_structural_similarity_index_measure(candidate, reference, data_range=1.0)
+
+
+@lru_cache(maxsize=1)
+def _network() -> Any:
+    """LPIPS with AlexNet (Zhang et al. 2018), of pictures in [0, 1]."""
+    library = _library("torchmetrics.image.lpip", "lpips")
+    try:
+        return library.LearnedPerceptualImagePatchSimilarity(net_type="alex", normalize=True).eval()
+    except ModuleNotFoundError as error:
+        raise EngineError(f"lpips needs torchvision ({one_line(error)}); pip install 'cubicsplat[measures]'") from error
+    except (URLError, OSError, RuntimeError) as error:
+        import torch
+
+        folder = f"{torch.hub.get_dir()}/checkpoints"
+        raise EngineError(
+            f"lpips: the weights of its network cannot be had ({one_line(error)}); put alexnet-owt-7be5be79.pth of "
+            f"download.pytorch.org/models into {folder}, or leave lpips out"
+        ) from error
+
+
+def _library(module: str, name: str) -> ModuleType:
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise EngineError(f"{name} needs torchmetrics ({error}); pip install 'cubicsplat[measures]'") from error
+    except RuntimeError as error:
+        # torchvision says so itself, in its own words, where it was built for another torch.
+        raise EngineError(
+            f"{name}: the torchvision that is installed does not belong to this torch ({one_line(error)}); "
+            "install both from the same place"
+        ) from error
