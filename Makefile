@@ -3,6 +3,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 PHOTO ?= samples/chelsea.png
+DRAWING ?= samples/logo.png
 DEMO_OPTIONS ?=
 PYTEST_OPTIONS ?=
 TESTS ?= tests
@@ -45,9 +46,8 @@ TEST_STAMP := $(VENV)/.stamp-test
 .DEFAULT_GOAL := demo
 
 demo: $(PACKAGE_STAMP)
-	@mkdir -p build
-	$(BIN)/cubicsplat vectorize $(PHOTO) -o build/demo.svg --force $(DEMO_OPTIONS)
-	@echo "The SVG is $(CURDIR)/build/demo.svg (open it in a browser); its picture is build/demo.png."
+	$(BIN)/cubicsplat vectorize $(PHOTO) $(DRAWING) -o build/demo/ --report --force $(DEMO_OPTIONS)
+	@echo "Open this in a browser: $(CURDIR)/build/demo/index.html"
 
 install: $(PACKAGE_STAMP)
 
