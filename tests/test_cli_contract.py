@@ -69,6 +69,27 @@ def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
     assert declared <= in_help, "the help was not understood"
 
 
+def test_the_help_of_vectorize_is_in_groups_and_in_the_words_of_people(run_cli, monkeypatch):
+    for columns in ("80", "40"):
+        monkeypatch.setenv("COLUMNS", columns)
+        text = run_cli("vectorize", "--help").stdout.decode()
+        groups = re.findall(r"^(\w[\w ]*):$", text, re.MULTILINE)
+        assert groups == ["Arguments", "Most used", "Quality", "Files and output", "Expert"]
+        common = text.split("Most used:")[1].split("Quality:")[0]
+        assert {"--output", "--curves", "--style", "--preset", "--force", "--help"} <= set(OPTION.findall(common))
+        assert re.search(r"^  --mode closed\|open", text, re.MULTILINE)
+        assert "--time-limit SECONDS" in text
+        assert not re.search(r"[<{]", text), "the parser's names of types"
+        assert max(map(len, text.splitlines())) <= int(columns) + 10
+
+
+@pytest.mark.parametrize("command", ["eval", "render", "bench step"])
+def test_other_commands_have_one_group(command, run_cli):
+    text = run_cli(*command.split(), "--help").stdout.decode()
+    assert re.findall(r"^(\w[\w ]*):$", text, re.MULTILINE)[-1] == "Options"
+    assert not re.search(r"[<{]", text)
+
+
 def option_rows(text: str) -> dict[str, tuple[str, str]]:
     """First two cells, option and default, of the tables' rows by the option's name; "/" stands for an escaped bar."""
     rows = {}

@@ -36,7 +36,8 @@ class Setting:
     """What the command line shows of a field, and the values it may have.
 
     kind: a whole number in [least, most], a number in [least, most], one of `choices`, a yes or no, or a background.
-    metavar: how the help calls the value. optional: None is a value too, and means that there is none.
+    metavar: how the help calls the value. optional: None is a value too, and means that there is none. group: where
+    the help shows it, "Most used", "Quality" or "Expert".
     """
 
     kind: Kind
@@ -46,6 +47,7 @@ class Setting:
     choices: tuple[str, ...] = ()
     metavar: str = "N"
     optional: bool = False
+    group: str = "Expert"
 
     def check(self, name: str, value: Any) -> None:
         """Raise UsageError, naming the setting, for a value that makes no sense."""
@@ -121,7 +123,7 @@ class Recipe:
     finish: float = 0.15  # fraction of the steps with exact coverage
     # start
     opacity_logit: float = 0.0
-    opaque: bool = setting(False, "flag", "Curves without transparency.")
+    opaque: bool = setting(False, "flag", "Curves without transparency.", group="Quality")
     start_size: float = 0.14  # radius
     # capacity
     prune: bool = setting(True, "flag", "Replace curves of little use.")
@@ -203,17 +205,24 @@ class FitSettings:
     seconds that the fit may take: its schedule runs by the clock where the steps take longer. recipe: the preset's.
     """
 
-    curves: int = setting(AUTO, "count", "Number of curves.  [default: auto]", least=1, most=1_000_000, optional=True)
+    curves: int = setting(
+        AUTO, "count", "Number of curves.  [default: auto]", least=1, most=1_000_000, optional=True, group="Most used"
+    )
     mode: Mode = setting(
-        Mode.CLOSED, "choice", "Filled shapes (closed) or strokes (open).", choices=tuple(m.value for m in Mode)
+        Mode.CLOSED,
+        "choice",
+        "Filled shapes (closed) or strokes (open).",
+        choices=tuple(m.value for m in Mode),
+        group="Quality",
     )
     preset: str = setting(
         "standard",
         "choice",
         "Effort of the fit; options given explicitly win over it, in any order.",
         choices=tuple(PRESETS),
+        group="Most used",
     )
-    steps: int = setting(FROM_PRESET, "count", "Optimisation steps.", least=1, most=10_000_000)
+    steps: int = setting(FROM_PRESET, "count", "Optimisation steps.", least=1, most=10_000_000, group="Quality")
     time_limit: float | None = setting(
         None,
         "number",
@@ -222,6 +231,7 @@ class FitSettings:
         most=1e7,
         metavar="SECONDS",
         optional=True,
+        group="Quality",
     )
     segments: int = setting(FROM_PRESET, "count", "Cubic segments of a curve.", least=1, most=16)
     samples: int = setting(FROM_PRESET, "count", "Most edges of a segment during the fit.", least=4, most=64)
@@ -233,7 +243,9 @@ class FitSettings:
         None, "count", "CPU threads in all.  [default: one per core]", least=1, most=1024, optional=True
     )
     seed: int = setting(0, "count", "Seed of all random choices.", most=2**31 - 1)
-    background: str = setting(FROM_PRESET, "colour", "auto, none (transparent), #rrggbb or a name.", metavar="COLOUR")
+    background: str = setting(
+        FROM_PRESET, "colour", "auto, none (transparent), #rrggbb or a name.", metavar="COLOUR", group="Quality"
+    )
     recipe: Recipe = FROM_PRESET
 
     def __post_init__(self) -> None:

@@ -22,14 +22,19 @@ class ArtworkSettings:
     """
 
     colors: int | None = setting(
-        None, "count", "Artwork: at most so many inks.", least=1, most=MOST_COLORS, optional=True
+        None, "count", "Artwork: at most so many inks.", least=1, most=MOST_COLORS, optional=True, group="Quality"
     )
     palette: tuple[tuple[int, int, int], ...] = ()
     min_area: float = setting(
-        0.0, "number", "Artwork: regions smaller than this join a neighbour.", most=1e9, metavar="PX"
+        0.0, "number", "Artwork: regions smaller than this join a neighbour.", most=1e9, metavar="PX", group="Quality"
     )
     detail: float = setting(
-        1.0, "number", "Artwork: more follows the picture more closely, less has fewer pieces.", least=0.01, most=100.0
+        1.0,
+        "number",
+        "Artwork: more follows the picture more closely, less has fewer pieces.",
+        least=0.01,
+        most=100.0,
+        group="Quality",
     )
     curves: int | None = None
 

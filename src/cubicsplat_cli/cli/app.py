@@ -12,6 +12,7 @@ from cubicsplat_cli._version import __version__
 from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.cli.doctor import doctor
 from cubicsplat_cli.cli.eval import evaluate
+from cubicsplat_cli.cli.help import Command, GroupedCommand
 from cubicsplat_cli.cli.render import render
 from cubicsplat_cli.cli.vectorize import vectorize
 
@@ -46,10 +47,10 @@ def _all_commands(
     pass
 
 
-app.command("vectorize")(vectorize)
-app.command("eval")(evaluate)
-app.command("render")(render)
-app.command("doctor")(doctor)
+app.command("vectorize", cls=GroupedCommand)(vectorize)
+app.command("eval", cls=Command)(evaluate)
+app.command("render", cls=Command)(render)
+app.command("doctor", cls=Command)(doctor)
 app.add_typer(bench, name="bench")
 
 

@@ -22,6 +22,7 @@ from cubicsplat_cli.cli.bench_options import (
     write_csv,
 )
 from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.help import Command
 from cubicsplat_cli.cli.options import Json, Quiet, fit_settings, takes_fit_options
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.settings import FitSettings, Mode, listed
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.bench.runs import Runs
 
 bench = typer.Typer(no_args_is_help=True, help="Measure speed, quality and the parts of the method.")
-bench.command("artwork")(artwork)
+bench.command("artwork", cls=Command)(artwork)
 
 _MOST_SIDE = 16_384
 _SHEET_PICTURES = 4
@@ -44,7 +45,7 @@ Cache = Annotated[
 ]
 
 
-@bench.command("step")
+@bench.command("step", cls=Command)
 @takes_fit_options("curves", "mode", "preset", "seed", "device", "threads")
 def step(
     image: Annotated[
@@ -84,7 +85,7 @@ def step(
     typer.echo(to_json(report) if json else step_lines(report), nl=False)
 
 
-@bench.command("quality")
+@bench.command("quality", cls=Command)
 @takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
 def quality(
     folder: Folder,
@@ -126,7 +127,7 @@ def quality(
     end_with(runs.failed)
 
 
-@bench.command("ablation")
+@bench.command("ablation", cls=Command)
 @takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
 def ablation(
     folder: Folder,

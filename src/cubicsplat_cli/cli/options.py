@@ -10,13 +10,17 @@ from typing import Annotated, Any, Literal, get_type_hints
 from typer import Argument, Option
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.cli.help import FILES
 from cubicsplat_cli.settings import FitSettings, Recipe, Setting, settings_of
 
 Renderer = Annotated[
     Literal["auto", "cairosvg", "resvg"],
     Option("--renderer", case_sensitive=False, help="What draws an SVG; auto is cairosvg where it works."),
 ]
-MaxPixels = Annotated[int, Option("--max-pixels", metavar="N", help="Refuse pictures with more pixels than this.")]
+MaxPixels = Annotated[
+    int,
+    Option("--max-pixels", metavar="N", help="Refuse pictures with more pixels than this.", rich_help_panel=FILES),
+]
 Json = Annotated[bool, Option("--json", help="Print everything as JSON.")]
 Quiet = Annotated[bool, Option("--quiet", "-q", help="Print results and errors only.")]
 Pictures = Annotated[
@@ -83,7 +87,9 @@ def _annotation(name: str, known: Setting, default: Any, *, from_preset: bool) -
     else:
         kind, extra = _KINDS[known.kind], {} if known.kind == "flag" else {"metavar": known.metavar}
     declared = f"{option}/--no-{option[2:]}" if known.kind == "flag" else option
-    return Annotated[kind | None if default is None else kind, Option(declared, help=text, **extra)]
+    return Annotated[
+        kind | None if default is None else kind, Option(declared, help=text, rich_help_panel=known.group, **extra)
+    ]
 
 
 def wanted_renderer(chosen: str) -> str | None:

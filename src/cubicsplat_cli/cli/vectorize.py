@@ -11,6 +11,7 @@ import typer
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings, parse_palette
 from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.help import COMMON, EXPERT, FILES, QUALITY
 from cubicsplat_cli.cli.options import ARTWORK_OPTIONS, MaxPixels, Pictures, fit_settings, takes_fit_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.jobs.plan import plan
@@ -28,49 +29,92 @@ Output = Annotated[
         help="SVG to write, a folder for it, or - for standard output; PNG and JSON lie beside it."
         "  [default: the input's name with .svg]",
         show_default=False,
+        rich_help_panel=COMMON,
     ),
 ]
-Recursive = Annotated[bool, typer.Option("--recursive", "-r", help="Search folders at any depth.")]
+Recursive = Annotated[
+    bool, typer.Option("--recursive", "-r", help="Search folders at any depth.", rich_help_panel=COMMON)
+]
 Jobs = Annotated[
     int | None,
-    typer.Option("--jobs", "-j", metavar="N", help="Pictures at once, each in a process.  [default: 1]"),
+    typer.Option(
+        "--jobs", "-j", metavar="N", help="Pictures at once, each in a process.  [default: 1]", rich_help_panel=COMMON
+    ),
 ]
 Cluster = Annotated[
-    str | None, typer.Option("--cluster", metavar="ADDRESS", help="Run on the Ray cluster there: host:port, or auto.")
+    str | None,
+    typer.Option(
+        "--cluster", metavar="ADDRESS", help="Run on the Ray cluster there: host:port, or auto.", rich_help_panel=EXPERT
+    ),
 ]
-Style = Annotated[Literal["auto", "photo", "artwork"], typer.Option("--style", case_sensitive=False, help=STYLE.help)]
+Style = Annotated[
+    Literal["auto", "photo", "artwork"],
+    typer.Option("--style", case_sensitive=False, help=STYLE.help, rich_help_panel=COMMON),
+]
 Palette = Annotated[
-    str | None, typer.Option("--palette", metavar="COLOUR,...", help="Artwork: the inks to use, and no others.")
+    str | None,
+    typer.Option(
+        "--palette", metavar="COLOUR,...", help="Artwork: the inks to use, and no others.", rich_help_panel=QUALITY
+    ),
 ]
 Precision = Annotated[
     int | None,
     typer.Option(
-        "--precision", metavar="N", help="Decimals of the coordinates in px.  [default: 2; of artwork by its size]"
+        "--precision",
+        metavar="N",
+        help="Decimals of the coordinates in px.  [default: 2; of artwork by its size]",
+        rich_help_panel=QUALITY,
     ),
 ]
 MaxSize = Annotated[
-    int | None, typer.Option("--max-size", metavar="PX", help="Fit a copy scaled down to this longer side.")
+    int | None,
+    typer.Option(
+        "--max-size", metavar="PX", help="Fit a copy scaled down to this longer side.", rich_help_panel=QUALITY
+    ),
 ]
-Png = Annotated[bool, typer.Option("--png/--no-png", help="Also write the SVG as a rendered PNG.")]
+Png = Annotated[
+    bool, typer.Option("--png/--no-png", help="Also write the SVG as a rendered PNG.", rich_help_panel=FILES)
+]
 Measure = Annotated[
-    bool, typer.Option("--measure/--no-measure", help="Draw and measure the SVG; without, there is no PNG either.")
+    bool,
+    typer.Option(
+        "--measure/--no-measure",
+        help="Draw and measure the SVG; without, there is no PNG either.",
+        rich_help_panel=FILES,
+    ),
 ]
 Page = Annotated[
     bool,
-    typer.Option("--report", help="Also write OUT.html, a page that shows the SVG; of several pictures an index too."),
+    typer.Option(
+        "--report",
+        help="Also write OUT.html, a page that shows the SVG; of several pictures an index too.",
+        rich_help_panel=COMMON,
+    ),
 ]
 Animation = Annotated[
     Path | None,
-    typer.Option("--animation", metavar="FILE", help="Also write the fit as it develops: .webp or .gif."),
+    typer.Option(
+        "--animation", metavar="FILE", help="Also write the fit as it develops: .webp or .gif.", rich_help_panel=FILES
+    ),
 ]
-Svgz = Annotated[bool, typer.Option("--svgz", help="Write the SVG compressed, as OUT.svgz.")]
+Svgz = Annotated[bool, typer.Option("--svgz", help="Write the SVG compressed, as OUT.svgz.", rich_help_panel=FILES)]
 Force = Annotated[
-    bool, typer.Option("--force", help="Make everything anew, and replace files that cubicsplat did not write.")
+    bool,
+    typer.Option(
+        "--force", help="Make everything anew, and replace files that cubicsplat did not write.", rich_help_panel=COMMON
+    ),
 ]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Only say what would be made.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the figures on standard output, one JSON line a picture.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print settings and plain progress too.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Only say what would be made.", rich_help_panel=FILES)]
+Json = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="Print the figures on standard output, one JSON line a picture.", rich_help_panel=FILES
+    ),
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=FILES)]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Print settings and plain progress too.", rich_help_panel=FILES)
+]
 
 
 @takes_fit_options()
