@@ -47,7 +47,7 @@ from scenes import (
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.engine import Rates, Training
-from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.raster.settings import Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
 
 every_engine = pytest.mark.parametrize("engine", ENGINES, indirect=True)
@@ -197,6 +197,74 @@ def test_a_gradient_and_a_target_together(engine, importance):
     assert close(got.pop("importance"), judged["importance"], 1e-5)
     for name, value in got.items():
         assert close(value, moved[name], 1e-4), name
+
+
+PENALTIES = [Penalty(), Penalty(0.5, 1.0, 0.1), Penalty(0.0, 40.0, 2e-3)]
+
+
+@every_engine
+@pytest.mark.parametrize("penalty", PENALTIES, ids=["squares", "mixed", "absolute"])
+@pytest.mark.parametrize(("mode", "background"), CASES, ids=CASE_NAMES)
+def test_weighted_penalties_have_the_gradients_and_importances_of_the_reference(engine, mode, background, penalty):
+    loss, gradients, importances, (scene, target, weights) = weighted(mode, background, penalty)
+    here, target, weights = packed(scene, engine.device), target.to(engine.device), weights.to(engine.device)
+    for kind, want in importances.items():
+        got_loss, got = engine.gradients(
+            here, SETTINGS[1], target=target, weights=weights, penalty=penalty, importance=kind
+        )
+        assert got_loss == pytest.approx(loss, rel=2e-4)
+        assert close(got["importance"], want, 2e-3), kind
+    for name in compared(scene):
+        assert close(got[name], gradients[name], GRADIENT_TOLERANCE, 0.02), name
+
+
+@cache
+def weighted(mode, background, penalty):
+    """Loss, gradients and importances by the reference, and what they are of; a third of the pixels counts nothing."""
+    scene = random_scene(mode, 12, 3, 41, 35, 6, background=background)
+    target = random_target(scene, 6)
+    weights = (3.0 * torch.rand(35, 41, generator=torch.Generator().manual_seed(1)) - 1.0).clamp(min=0.0)
+    leaves = in_double(scene, requires_grad=True)
+    tensors, keywords = as_arguments(leaves)
+    image = reference.render(*tensors, **keywords, settings=SETTINGS[1])
+    loss = reference.image_loss(image, target.double(), weights, penalty)
+    loss.backward()
+    told = {"settings": SETTINGS[1], "target": target.double(), "weights": weights, "penalty": penalty}
+    importances = {
+        kind: reference.importance(*(t.detach() for t in tensors), **keywords, **told, kind=kind)
+        for kind in ("loo", "visibility")
+    }
+    gradients = {name: getattr(leaves, name).grad for name in compared(scene)}
+    return float(loss.detach()), gradients, importances, (scene, target, weights)
+
+
+@every_engine
+def test_a_step_follows_weights_and_a_given_gradient(engine):
+    """A step by a picture's gradient is one by the penalty that has it; what counts nothing pulls nothing."""
+    start = untrained(Mode.CLOSED)
+    target = random_target(random_scene(Mode.CLOSED, 1, 3, 21, 18, background=PAPER), 7).to(engine.device)
+    weights = torch.zeros(18, 21, device=engine.device)
+    weights[:, :10] = 2.0
+    moved = []
+    gradient = 2.0 * weights.unsqueeze(-1) * (engine.render(packed(start, engine.device), SETTINGS[1]) - target)
+    for extra in ({"weights": weights}, {"image_gradient": gradient.contiguous()}):
+        here = packed(start, engine.device)
+        training = Training(target, state_for(here), RATES, **extra)
+        loss = float(engine.step(here, SETTINGS[1], training))
+        moved.append(here.points)
+        assert loss == pytest.approx(
+            float(
+                engine.gradients(
+                    packed(start, engine.device), SETTINGS[1], target=target, weights=extra.get("weights")
+                )[0]
+            ),
+            rel=1e-5,
+        )
+    assert close(moved[0], moved[1].cpu(), 1e-4)
+    still = packed(start, engine.device)
+    training = Training(target, state_for(still), RATES, weights=torch.zeros_like(weights))
+    assert float(engine.step(still, SETTINGS[1], training)) == 0.0
+    assert torch.equal(still.points.cpu(), start.points)
 
 
 STEPS = 3

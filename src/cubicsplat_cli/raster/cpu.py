@@ -19,10 +19,10 @@ from torch import Tensor
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.machine import cores
 from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, SceneTensors, Training, values_per_curve
-from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
 
-ABI_VERSION = 4
+ABI_VERSION = 5
 
 
 class _Scene(ctypes.Structure):
@@ -37,12 +37,12 @@ class _Scene(ctypes.Structure):
 class _Settings(ctypes.Structure):
     _fields_ = [
         ("exact", c_int32), ("samples", c_int32), ("tolerance", c_float), ("subdivide", c_int32),
-        ("edge_width", c_float), ("importance", c_int32),
+        ("edge_width", c_float), ("importance", c_int32), ("squares", c_float), ("robust", c_float), ("knee", c_float),
     ]  # fmt: skip
 
 
 class _Images(ctypes.Structure):
-    _fields_ = [("target", c_void_p), ("gradient", c_void_p), ("image", c_void_p), ("loss", c_void_p)]
+    _fields_ = [(name, c_void_p) for name in ("target", "weights", "gradient", "image", "loss")]
 
 
 class _Gradients(ctypes.Structure):
@@ -173,21 +173,29 @@ class CpuEngine(Engine):
         )  # fmt: skip
 
     def _images(
-        self, scene: SceneTensors, target: Tensor | None, gradient: Tensor | None, image: Tensor | None
+        self,
+        scene: SceneTensors,
+        *,
+        target: Tensor | None = None,
+        weights: Tensor | None = None,
+        gradient: Tensor | None = None,
+        image: Tensor | None = None,
     ) -> tuple[_Images, c_double]:
         shape = (scene.height, scene.width, scene.channels)
         loss = c_double(0.0)
         return _Images(
-            _pointer(target, "target", shape), _pointer(gradient, "gradient", shape), _pointer(image, "image", shape),
+            _pointer(target, "target", shape), _pointer(weights, "weights", shape[:2]),
+            _pointer(gradient, "gradient", shape), _pointer(image, "image", shape),
             ctypes.addressof(loss),
         ), loss  # fmt: skip
 
     @staticmethod
-    def _settings(settings: RasterSettings, importance: str | None) -> _Settings:
+    def _settings(settings: RasterSettings, importance: str | None, penalty: Penalty = SQUARED) -> _Settings:
         exact = settings.coverage == "exact"
         return _Settings(
-            exact, settings.samples, settings.tolerance, settings.subdivide, settings.edge_width, IMPORTANCE[importance]
-        )
+            exact, settings.samples, settings.tolerance, settings.subdivide, settings.edge_width,
+            IMPORTANCE[importance], *penalty,
+        )  # fmt: skip
 
     def _pointers(self, scene: SceneTensors, tensors: dict[str, Tensor]) -> _Gradients:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
@@ -203,22 +211,26 @@ class CpuEngine(Engine):
 
     def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:
         image = torch.empty(scene.height, scene.width, scene.channels)
-        images, _ = self._images(scene, None, None, image)
+        images, _ = self._images(scene, image=image)
         s, t = self._scene(scene), self._settings(settings, None)
         self._check(self._library.cs_render(self._handle, s, t, images))
         return image
 
     def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
-        images, loss = self._images(scene, wanted.target, wanted.gradient, None)
-        s, t, g = self._scene(scene), self._settings(settings, wanted.importance), self._pointers(scene, wanted.out)
+        images, loss = self._images(scene, target=wanted.target, weights=wanted.weights, gradient=wanted.gradient)
+        s, t = self._scene(scene), self._settings(settings, wanted.importance, wanted.penalty)
+        g = self._pointers(scene, wanted.out)
         self._check(self._library.cs_gradients(self._handle, s, t, images, g))
         return loss.value
 
     def step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
-        images, loss = self._images(scene, training.target, None, training.image)
+        images, loss = self._images(
+            scene, target=training.target, weights=training.weights, gradient=training.image_gradient,
+            image=training.image,
+        )  # fmt: skip
         g = self._pointers(scene, {} if training.importance is None else {"importance": training.importance})
-        s, t = self._scene(scene), self._settings(settings, training.wanted_importance)
+        s, t = self._scene(scene), self._settings(settings, training.wanted_importance, training.penalty)
         state, rates = training.state, training.rates
         update = _Training(
             s.points, s.colours, s.opacities, s.half_widths, s.edge_widths,

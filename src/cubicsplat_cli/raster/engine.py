@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
 
 if TYPE_CHECKING:
@@ -128,6 +128,8 @@ class Backward:
 
     gradient: Tensor | None
     target: Tensor | None
+    weights: Tensor | None
+    penalty: Penalty
     importance: str | None
     out: dict[str, Tensor]
 
@@ -136,9 +138,11 @@ class Backward:
 class Training:
     """What training steps learn from, how, and what else they write or add. Made once for a fit and changed in place.
 
-    target (H, W, C): the picture. Filled where given: image (H, W, C) and, of importance_kind ("visibility" or "loo"),
-    importance (N,). Read where given: points_gradient (N, K, 2), that of a further loss term, added to the picture's;
-    rate_scale (N, 5), each curve's factors of the step sizes, in the order of `Rates`.
+    target (H, W, C): the picture; penalty: what its pixels' errors cost. Filled where given: image (H, W, C) and, of
+    importance_kind ("visibility" or "loo"), importance (N,). Read where given: weights (H, W), at least 0, factors of
+    the pixels' losses and importances; image_gradient (H, W, C), dL/dF of another loss, which the step follows in place
+    of the target's; points_gradient (N, K, 2), that of a further loss term, added to the picture's; rate_scale (N, 5),
+    each curve's factors of the step sizes, in the order of `Rates`.
     """
 
     target: Tensor
@@ -147,6 +151,9 @@ class Training:
     image: Tensor | None = None
     importance: Tensor | None = None
     importance_kind: str | None = None
+    weights: Tensor | None = None
+    penalty: Penalty = SQUARED
+    image_gradient: Tensor | None = None
     points_gradient: Tensor | None = None
     rate_scale: Tensor | None = None
 
@@ -197,10 +204,13 @@ class Engine(ABC):
         gradient: Tensor | None = None,
         target: Tensor | None = None,
         importance: str | None = None,
+        weights: Tensor | None = None,
+        penalty: Penalty = SQUARED,
     ) -> tuple[float, dict[str, Tensor]]:
-        """Gradients of every parameter as given, for an incoming dL/dF (`gradient`) or for the squared error against
-        `target`, both (H, W, C). Returns the loss (0 without a target) and points, colours, opacities, half_widths,
-        background, edge_widths where the scene has them and, if asked for ("visibility" or "loo"), importance (N,).
+        """Gradients of every parameter as given, for an incoming dL/dF (`gradient`) or for the penalty of the error
+        against `target`, both (H, W, C), by default squared. weights (H, W): factors, at least 0, of the pixels' losses
+        and importances. Returns the loss (0 without a target) and points, colours, opacities, half_widths, background,
+        edge_widths where the scene has them and, if asked for ("visibility" or "loo"), importance (N,).
         Raises EngineError without either, and for leave-one-out importance without a target.
         """
         if gradient is None and target is None:
@@ -217,7 +227,7 @@ class Engine(ABC):
         if importance:
             shapes["importance"] = (n,)
         out = {name: torch.zeros(shape, device=self.device) for name, shape in shapes.items()}
-        return self._gradients(scene, settings, Backward(gradient, target, importance, out)), out
+        return self._gradients(scene, settings, Backward(gradient, target, weights, penalty, importance, out)), out
 
     @abstractmethod
     def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
@@ -225,7 +235,7 @@ class Engine(ABC):
 
     @abstractmethod
     def step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float | Tensor:
-        """One fused training step: forward, squared error, backward and Adan on the scene's own tensors, in place.
+        """One fused training step: forward, error, backward and Adan on the scene's own tensors, in place.
 
         Returns the loss (sum over the pixels) before the update. A parameter whose rate is 0 is not written. Raises
         EngineError.

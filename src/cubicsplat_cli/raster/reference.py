@@ -25,6 +25,8 @@ from cubicsplat_cli.raster.settings import (
     HALF_SUPPORT,
     MAX_ALPHA,
     MIN_TRANSMITTANCE,
+    SQUARED,
+    Penalty,
     RasterSettings,
 )
 from cubicsplat_cli.scene import Scene, segments_from_points
@@ -374,11 +376,18 @@ def render(
     return composite(_alphas(scene, settings), *channel_colours(colours, background))
 
 
-def image_loss(image: Tensor, target: Tensor) -> Tensor:
-    """Sum over the pixels of the squared error, a scalar: image and target (H, W, C), C = 3 or 4.
+def penalty_of(error: Tensor, penalty: Penalty) -> Tensor:
+    """What each error costs; see `Penalty`."""
+    bent = error.abs().clamp(max=penalty.knee)
+    return penalty.squares * error.square() + penalty.robust * bent * (2.0 * error.abs() - bent)
 
-    3 channels: sum_c e_c^2. 4 channels, premultiplied: the mean of the squared errors over black and over
-    white, that is sum over r, g, b of (e_c^2 + (e_c - e_a)^2) / 2. Raises InputError for other shapes.
+
+def image_loss(image: Tensor, target: Tensor, weights: Tensor | None = None, penalty: Penalty = SQUARED) -> Tensor:
+    """Sum over the pixels of what their error costs, a scalar: image and target (H, W, C), C = 3 or 4.
+
+    3 channels: sum_c p(e_c), by default the square. 4 channels, premultiplied: the mean of those over black and over
+    white, that is sum over r, g, b of (p(e_c) + p(e_c - e_a)) / 2. weights (H, W): factors of the pixels. Raises
+    InputError for other shapes.
     """
     if image.shape != target.shape or image.shape[-1] not in (3, 4):
         raise InputError(
@@ -386,10 +395,12 @@ def image_loss(image: Tensor, target: Tensor) -> Tensor:
             f"{tuple(target.shape)}"
         )
     error = image - target.to(image.dtype)
-    if image.shape[-1] == 3:
-        return error.square().sum()
-    over_black, over_white = error[..., :3], error[..., :3] - error[..., 3:]
-    return 0.5 * (over_black.square() + over_white.square()).sum()
+    if weights is not None and weights.shape != image.shape[:2]:
+        raise InputError(f"weights must have shape {tuple(image.shape[:2])}, not {tuple(weights.shape)}")
+    costs = penalty_of(error[..., :3], penalty)
+    if image.shape[-1] == 4:
+        costs = 0.5 * (costs + penalty_of(error[..., :3] - error[..., 3:], penalty))
+    return costs.sum() if weights is None else (costs * weights.to(costs.dtype).unsqueeze(-1)).sum()
 
 
 def importance(
@@ -406,13 +417,15 @@ def importance(
     ring_ends: Tensor | None = None,
     target: Tensor | None = None,
     kind: str = "loo",
+    weights: Tensor | None = None,
+    penalty: Penalty = SQUARED,
 ) -> Tensor:
     """How much each primitive matters, (N,) float64; no gradient.
 
-    "visibility": sum over the pixels of T alpha, px^2. "loo" (leave one out): how much `image_loss` against
-    target (H, W, C) would rise without the primitive; negative when it does harm. The picture without it is
-    acc_before + (F - acc_after) / (1 - alpha), which is exact except where a pixel stopped early: what lies
-    behind the primitive that stopped it was never composited, and counts as background.
+    weights (H, W): factors of the pixels. "visibility": sum over the pixels of T alpha, px^2. "loo" (leave one out):
+    how much `image_loss` against target (H, W, C) would rise without the primitive; negative when it does harm. The
+    picture without it is acc_before + (F - acc_after) / (1 - alpha), which is exact except where a pixel stopped
+    early: what lies behind the primitive that stopped it was never composited, and counts as background.
 
     Raises InputError as `Scene.validate` and `image_loss` do, UsageError for another kind or no target.
     """
@@ -426,10 +439,11 @@ def importance(
         alphas = _alphas(scene, settings)
         channels, behind = channel_colours(colours, background)
         if kind == "visibility" or target is None:
-            return torch.stack([(x.transmittance * x.alpha).sum() for x in front_to_back(alphas, channels)])
+            factor = 1.0 if weights is None else weights.to(alphas.dtype)
+            return torch.stack([(factor * x.transmittance * x.alpha).sum() for x in front_to_back(alphas, channels)])
         image = composite(alphas, channels, behind)
-        loss = image_loss(image, target)
+        loss = image_loss(image, target, weights, penalty)
         without = (
             x.before + (image - x.after) / (1.0 - x.alpha).unsqueeze(-1) for x in front_to_back(alphas, channels)
         )
-        return torch.stack([image_loss(picture, target) - loss for picture in without])
+        return torch.stack([image_loss(picture, target, weights, penalty) - loss for picture in without])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from cubicsplat_cli.errors import UsageError
 
@@ -14,6 +15,21 @@ MIN_TRANSMITTANCE = 5.1e-4
 EXACT_SUBSAMPLES = 4
 # Half of the relaxed edge's support, in edge widths (the smoothstep of slope 1/w has support 1.5 w).
 HALF_SUPPORT = 0.75
+
+
+class Penalty(NamedTuple):
+    """What an error e of one channel costs: squares e^2 + robust m (2 |e| - m), where m = min(|e|, knee).
+
+    The second part is e^2 up to the knee and a straight line of slope 2 knee from there on: a Huber loss, and with a
+    tiny knee the absolute error. All are at least 0.
+    """
+
+    squares: float = 1.0
+    robust: float = 0.0
+    knee: float = 0.0
+
+
+SQUARED = Penalty()
 
 
 @dataclass(frozen=True)

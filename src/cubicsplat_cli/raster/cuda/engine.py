@@ -44,7 +44,6 @@ from cubicsplat_cli.raster.engine import (
     RATED,
     Backward,
     Engine,
-    OptimiserState,
     SceneTensors,
     Training,
     values_per_curve,
@@ -114,17 +113,15 @@ class CudaEngine(Engine):
 
     def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
         target, importance, out = wanted.target, wanted.importance, wanted.out
-        if importance == "loo" and wanted.gradient is not None:
-            # The kernels know a pixel's error from its gradient, so it has to be the squared error's.
-            out["importance"] = self.gradients(scene, settings, target=target, importance="loo")[1]["importance"]
-            importance = None
-        values = step_values(scene, settings, importance)
+        values = step_values(scene, settings, importance, penalty=wanted.penalty)
         values.background_gradient = out["background"].data_ptr()
         if importance:
             values.importance = out["importance"].data_ptr()
         parameters = {f"out_{name}": t for name, t in out.items() if name not in ("background", "importance")}
-        pictures = {"target": target, "gradient": wanted.gradient}
+        pictures = {"target": target, "gradient": wanted.gradient, "weights": wanted.weights}
         with self._driver.active():
+            image = self._picture_for(scene, importance)
+            values.image = None if image is None else image.data_ptr()
             loss = torch.zeros((), dtype=torch.float64, device=self.device)
             values.loss = loss.data_ptr()
             self._run(scene, settings, values, backward=True, **pictures, outputs=parameters)
@@ -135,10 +132,13 @@ class CudaEngine(Engine):
 
         A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
         """
-        frame = self._training_frame(scene, settings, training.target, training.state)
+        frame = self._training_frame(scene, settings, training)
         values = self._training_values(scene, settings, training)
+        pictures = (training.target, training.weights, training.image_gradient)
         with self._driver.active():
-            plan = self._plan(frame, scene, settings, (scene, training.target, training.state))
+            plan = self._plan(frame, scene, settings, (scene, *pictures, training.state))
+            if training.image is None and (image := self._picture_for(scene, training.wanted_importance)) is not None:
+                values.image = image.data_ptr()
             loss = torch.empty((), dtype=torch.float64, device=self.device)
             values.loss = loss.data_ptr()
             self._set_step(plan.kernels, values, plan.step)
@@ -210,6 +210,7 @@ class CudaEngine(Engine):
         backward: bool,
         target: Tensor | None = None,
         gradient: Tensor | None = None,
+        weights: Tensor | None = None,
         outputs: dict[str, Tensor] | None = None,
     ) -> None:
         """One call without a graph, in buffers of its own, so that calls on several streams do not meet."""
@@ -218,6 +219,7 @@ class CudaEngine(Engine):
         shape = (scene.height, scene.width, scene.channels)
         frame.target = pointer(target, "target", shape, self.device)
         frame.gradient = pointer(gradient, "gradient", shape, self.device)
+        frame.weights = pointer(weights, "weights", shape[:2], self.device)
         kernels = self._load(Program(scene.mode, scene.channels))
         step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
         workspace = Workspace(sizes, self._allocate)
@@ -225,13 +227,20 @@ class CudaEngine(Engine):
         self._set_step(kernels, values, step)
         self._launch(kernels, frame)
 
-    def _training_frame(
-        self, scene: SceneTensors, settings: RasterSettings, target: Tensor, state: OptimiserState
-    ) -> Frame:
+    def _picture_for(self, scene: SceneTensors, importance: str | None) -> Tensor | None:
+        """Where the kernels keep the picture that leave-one-out importance is reckoned from."""
+        if importance != "loo":
+            return None
+        return self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
+
+    def _training_frame(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> Frame:
+        state, shape = training.state, (scene.height, scene.width, scene.channels)
         sizes = Sizes.of(scene, settings, True, self.most_looks)
         n, k = sizes.curves, sizes.points_per_curve
         frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
-        frame.target = pointer(target, "target", (scene.height, scene.width, scene.channels), self.device)
+        frame.target = pointer(training.target, "target", shape, self.device)
+        frame.gradient = pointer(training.image_gradient, "image_gradient", shape, self.device)
+        frame.weights = pointer(training.weights, "weights", shape[:2], self.device)
         frame.moments = pointer(state.moments, "moments", (n, values_per_curve(k), 4), self.device)
         frame.edge_moments = pointer(state.edge_moments, "edge_moments", (n, 4), self.device)
         frame.ages = pointer(state.ages, "ages", (n,), self.device, torch.int32)
@@ -239,7 +248,7 @@ class CudaEngine(Engine):
 
     def _training_values(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> StepValues:
         n, k, channels = int(scene.points.shape[0]), int(scene.points.shape[1]), scene.channels
-        values = step_values(scene, settings, training.wanted_importance, self._number)
+        values = step_values(scene, settings, training.wanted_importance, self._number, training.penalty)
         set_rates(values, training.rates)
         further = training.points_gradient
         values.image = pointer(training.image, "image", (scene.height, scene.width, channels), self.device)

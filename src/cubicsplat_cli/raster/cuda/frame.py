@@ -14,7 +14,7 @@ from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.engine import IMPORTANCE, Rates, SceneTensors
-from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
 
 # Twins of the constants in frame.cuh.
@@ -51,7 +51,7 @@ class StepValues(ctypes.Structure):
 
     _fields_ = [
         ("edge_width", c_float), ("tolerance", c_float), ("background", c_float * 4),
-        ("rates", c_float * 9), ("importance_kind", c_int), ("number", c_int),
+        ("rates", c_float * 9), ("penalty", c_float * 3), ("importance_kind", c_int), ("number", c_int),
         ("image", c_void_p), ("importance", c_void_p), ("background_gradient", c_void_p), ("points_gradient", c_void_p),
         ("rate_scale", c_void_p),
         ("loss", c_void_p),
@@ -73,7 +73,7 @@ class Frame(ctypes.Structure):
         for name in (
             "points", "colours", "opacities", "half_widths", "edge_widths", "ring_ends",
             "bounds", "edges", "inverses", "attributes", "super_masks",
-            "target", "gradient", "vertex_gradients", "sums", "tile_sums", "order",
+            "target", "gradient", "weights", "vertex_gradients", "sums", "tile_sums", "order",
             "out_points", "out_colours", "out_opacities", "out_half_widths", "out_edge_widths",
             "moments", "edge_moments", "ages", "status", "step",
         )
@@ -258,11 +258,18 @@ def attach(frame: Frame, tensors: dict[str, Tensor]) -> None:
         setattr(frame, name, tensor.data_ptr())
 
 
-def step_values(scene: SceneTensors, settings: RasterSettings, importance: str | None, number: int = 0) -> StepValues:
+def step_values(
+    scene: SceneTensors,
+    settings: RasterSettings,
+    importance: str | None,
+    number: int = 0,
+    penalty: Penalty = SQUARED,
+) -> StepValues:
     """The values of one call, without rates and outputs."""
     return StepValues(
         edge_width=settings.edge_width, tolerance=settings.tolerance,
         background=(c_float * 4)(*(scene.background or ()), 0.0), importance_kind=IMPORTANCE[importance], number=number,
+        penalty=(c_float * 3)(*penalty),
     )  # fmt: skip
 
 

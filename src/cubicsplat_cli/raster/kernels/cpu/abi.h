@@ -33,12 +33,14 @@ struct CsSettings {
   int32_t subdivide;  // 1: adaptive de Casteljau subdivision to the tolerance instead of uniform parameters
   float edge_width;   // px
   int32_t importance;  // 0 none, 1 visibility, 2 leave-one-out
+  float squares, robust, knee;  // of the loss: see Penalty in pixel.h
 };
 
 // What the raster stage reads and writes beside the scene. Null pointers are skipped.
 struct CsImages {
-  const float* target;    // H x W x C: fused squared-error step
-  const float* gradient;  // H x W x C: incoming dL/dF of any loss (instead of target)
+  const float* target;    // H x W x C: fused step, whose loss is a penalty of each pixel's error
+  const float* weights;   // H x W, at least 0, or null for 1: factors of the pixels' losses and importances
+  const float* gradient;  // H x W x C: incoming dL/dF of any loss (instead of the target's)
   float* image;           // H x W x C
   double* loss;           // 1: sum over the pixels
 };

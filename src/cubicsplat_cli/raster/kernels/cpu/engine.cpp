@@ -260,7 +260,7 @@ int32_t guarded(CsEngine* e, const CsScene* scene, const CsSettings* settings, c
 
 }  // namespace
 
-int32_t cs_abi_version() { return 4; }
+int32_t cs_abi_version() { return 5; }
 
 const char* cs_isa_names() {
   static const std::string names = [] {

@@ -46,6 +46,14 @@ struct Window {
     for (int c = 0; c < C; c++) planes[c] = Lanes::load(values[c]);
   }
 
+  // Of a picture of one channel, 0 outside.
+  Lanes plane(const float* values, int channels) const {
+    float lanes[kLanes] = {};
+    for (int y = 0; y < rows; y++)
+      for (int x = 0; x < columns; x++) lanes[y * kBlock + x] = values[(first + y * stride) / channels + x];
+    return Lanes::load(lanes);
+  }
+
   template <int C>
   CS_INLINE void store(float* image, const Lanes* planes) const {
     float values[C][kLanes];

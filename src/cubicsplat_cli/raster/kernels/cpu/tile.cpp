@@ -14,12 +14,12 @@ namespace cs {
 namespace CS_ISA {
 namespace {
 
-// Final colour F of a block's pixels, its error against the target, and dL/dF.
+// Final colour F of a block's pixels, its error against the target, dL/dF, and the pixels' factors in the loss.
 template <int C>
 struct Finished {
-  Lanes colour[C], error[C], gradient[C];
+  Lanes colour[C], error[C], gradient[C], factor;
 
-  Finished() {
+  Finished() : factor(1.0f) {
     for (int c = 0; c < C; c++) colour[c] = error[c] = gradient[c] = Lanes(0.0f);
   }
 };
@@ -52,6 +52,8 @@ class BlockWork {
   uint32_t visited_;  // pairs, in the order of the visible ones, before every pixel was finished
 
   bool mixed(const Outline& o) const { return o.mixed >> block_.number & 1; }
+
+  Penalty penalty() const { return {task_.settings->squares, task_.settings->robust, task_.settings->knee}; }
 
   void start() {
     transmittance_ = window_.inside();
@@ -97,8 +99,12 @@ class BlockWork {
     window_.template load<C>(images.target, target);
     const Lanes inside = window_.inside();
     for (int c = 0; c < C; c++) done.error[c] = (done.colour[c] - target[c]) * inside;
-    if (!images.gradient) pixel_loss_gradient<C>(done.error, done.gradient);
-    return sum(pixel_loss<C>(done.error));
+    if (images.weights) done.factor = window_.plane(images.weights, C);
+    if (!images.gradient) {
+      pixel_loss_gradient<C>(done.error, penalty(), done.gradient);
+      for (int c = 0; c < C; c++) done.gradient[c] = done.gradient[c] * done.factor;
+    }
+    return sum(pixel_loss<C>(done.error, penalty()) * done.factor);
   }
 
   void backward(const Finished<C>& done) {
@@ -130,8 +136,8 @@ class BlockWork {
   }
 
   CS_INLINE Lanes importance(Lanes alpha, Lanes weight, const Primitive& q, const Finished<C>& done) {
-    if (task_.settings->importance == 1) return weight;
-    return leave_one_out<C>(alpha, weight, q.colour, done.colour, done.error, accumulated_);
+    if (task_.settings->importance == 1) return weight * done.factor;
+    return leave_one_out<C>(alpha, weight, q.colour, done.colour, done.error, penalty(), accumulated_) * done.factor;
   }
 };
 

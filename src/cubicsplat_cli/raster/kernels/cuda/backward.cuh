@@ -51,19 +51,23 @@ struct Seeing {
 // Alpha below one. A coverage or opacity that is not a number stays none and shows in the loss.
 CS_INLINE float limited(float raw) { return raw > kMaxAlpha ? kMaxAlpha : raw; }
 
-// The error e = F - target whose squared loss has the gradient g: pixel_loss_gradient() solved for e.
-CS_INLINE void error_of_gradient(const float* g, float* e) {
-  const float alpha = kChannels == 3 ? 0.0f : (2.0f * g[kChannels - 1] + g[0] + g[1] + g[2]) * (1.0f / 3.0f);
-  for (int c = 0; c < 3; c++) e[c] = 0.5f * (g[c] + alpha);
-  if (kChannels == 4) e[kChannels - 1] = alpha;
+// The factor of a pixel's loss and importance.
+CS_INLINE float factor_of(const Frame& f, const Place& p) {
+  return f.weights && p.inside(f) ? f.weights[p.index(f) / kChannels] : 1.0f;
 }
 
-// Counted from F, so that F itself is not needed: acc - F in place of acc, and 0 in place of F.
-CS_INLINE float importance_of(float alpha, float weight, const float* colour, Pixel& pixel) {
-  const float zero[kChannels] = {};
+// What the curve is worth in the pixel. Counted from F, so that F itself is not needed: acc - F in place of acc, and 0 in
+// place of F. The error is read again from the pictures: in the few steps that ask for it this costs less than registers
+// in all others.
+CS_INLINE float importance_of(const Frame& f, const Place& p, int kind, float alpha, float weight, const float* colour,
+                              Pixel& pixel) {
+  if (!p.inside(f)) return 0.0f;
+  const float factor = factor_of(f, p);
+  if (kind == 1) return weight * factor;
+  const float *image = f.step->image + p.index(f), *target = f.target + p.index(f), zero[kChannels] = {};
   float error[kChannels];
-  error_of_gradient(pixel.gradient, error);
-  return leave_one_out<kChannels>(alpha, weight, colour, zero, error, pixel.colour);
+  for (int c = 0; c < kChannels; c++) error[c] = image[c] - target[c];
+  return leave_one_out<kChannels>(alpha, weight, colour, zero, error, f.step->penalty, pixel.colour) * factor;
 }
 
 // Gradient of the loss with respect to the nearest point of the outline.
@@ -137,10 +141,9 @@ CS_INLINE void return_pair(const Frame& f, const Lists& s, const Place& p, int p
   for (int c = 0; c < 3; c++) values[c] = weight * pixel.gradient[c];
   values[kSumOpacity] = d_alpha * seeing.cover.coverage;
   values[kSumHalfWidth] = d_coverage * seeing.cover.widening;
-  values[kSumImportance] = kind == 1 ? weight : 0.0f;
+  values[kSumImportance] = kind == 0 ? 0.0f : importance_of(f, p, kind, alpha, weight, attributes, pixel);
   values[kSumEdgeWidth] = d_coverage * seeing.cover.softening;
   values[7] = 0.0f;
-  if (kind == 2) values[kSumImportance] = importance_of(alpha, weight, attributes, pixel);
   // Colour and opacity come first; a fill of common edge width has no more when nobody asks for its importance.
   store_sums(s, pair, p, values, kClosed && kind == 0 && !f.edge_widths);
   if (!outline) return;

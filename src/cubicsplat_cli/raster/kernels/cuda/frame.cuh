@@ -47,9 +47,10 @@ struct Step {
   float edge_width, tolerance;  // px
   float background[4];
   AdanRates rates;
+  Penalty penalty;      // of a pixel's error
   int importance_kind;  // 0 none, 1 visibility, 2 leave-one-out
   int number;           // of the step, for messages
-  float* image;         // H x W x C, or null
+  float* image;         // H x W x C, or null; needed for leave-one-out importance
   float* importance;    // N, or null
   float* background_gradient;  // C, or null
   const float* points_gradient;  // N x K x 2, or null: of a further loss term
@@ -81,6 +82,7 @@ struct Frame {
   unsigned* super_masks;  // super-tiles x words, or null where every tile looks at all curves
   // pictures
   const float *target, *gradient;  // H x W x C; see cuda.py
+  const float* weights;  // H x W, or null for 1: factors of the pixels' losses and importances
   // gradients on their way
   float* vertex_gradients;  // N x (edge_stride + 1) x 2
   float* sums;              // N x 8

@@ -122,8 +122,10 @@ CS_INLINE void finish(const Frame& f, const Lists& s, const Place& p, Pixel& pix
     pixel.gradient[c] = 0.0f;
   }
   if (!f.tile_sums) return;
-  float sums[8] = {f.target ? pixel_loss<kChannels>(error) : 0.0f};
-  if (f.target) pixel_loss_gradient<kChannels>(error, pixel.gradient);
+  const float factor = factor_of(f, p);
+  float sums[8] = {f.target ? pixel_loss<kChannels>(error, step.penalty) * factor : 0.0f};
+  if (f.target) pixel_loss_gradient<kChannels>(error, step.penalty, pixel.gradient);
+  for (int c = 0; c < kChannels; c++) pixel.gradient[c] *= factor;
   if (f.gradient)
     for (int c = 0; c < kChannels; c++) pixel.gradient[c] = inside ? f.gradient[at + c] : 0.0f;
   for (int c = 0; c < kChannels; c++) sums[1 + c] = pixel.state.transmittance * pixel.gradient[c];

@@ -124,34 +124,47 @@ CS_INLINE F box_stroke(F squared, float half_width) {
   return minimum(maximum(outer, F(0.0f)), F(1.0f)) - minimum(maximum(inner, F(0.0f)), F(1.0f));
 }
 
-// Loss of one pixel from its error e = F - target, and the gradient dL/dF. Three channels: squared error. Four
-// (premultiplied RGBA): mean of the squared errors over black and over white, since over white the error is e_c - e_a.
+// What an error e of one channel costs: squares e^2 + robust m (2 |e| - m) with m = min(|e|, knee), whose second part is
+// a square up to the knee and a straight line from there on. Mirrored in cpu.py and frame.py.
+struct Penalty {
+  float squares, robust, knee;
+};
+
+template <class F>
+CS_INLINE F penalty_of(F e, const Penalty& p) {
+  F size = maximum(e, F(0.0f) - e), bent = minimum(size, F(p.knee));
+  return fused(F(p.robust) * bent, size + size - bent, F(p.squares) * e * e);
+}
+
+template <class F>
+CS_INLINE F penalty_slope(F e, const Penalty& p) {
+  F bent = maximum(minimum(e, F(p.knee)), F(-p.knee)), half = fused(F(p.squares), e, F(p.robust) * bent);
+  return half + half;
+}
+
+// Loss of one pixel from its error e = F - target, and the gradient dL/dF. Three channels: the sum of their penalties.
+// Four (premultiplied RGBA): the mean of those over black and over white, since over white the error is e_c - e_a.
 template <int C, class F>
-CS_INLINE F pixel_loss(const F* e) {
+CS_INLINE F pixel_loss(const F* e, const Penalty& p) {
   F sum = F(0.0f);
-  if (C == 3) {
-    for (int c = 0; c < 3; c++) sum = fused(e[c], e[c], sum);
-    return sum;
-  }
   for (int c = 0; c < 3; c++) {
-    F white = e[c] - e[C - 1];
-    sum = sum + fused(e[c], e[c], white * white);
+    sum = sum + penalty_of(e[c], p);
+    if (C == 4) sum = sum + penalty_of(e[c] - e[C - 1], p);
   }
-  return sum * F(0.5f);
+  return C == 4 ? sum * F(0.5f) : sum;
 }
 
 template <int C, class F>
-CS_INLINE void pixel_loss_gradient(const F* e, F* g) {
-  if (C == 3) {
-    for (int c = 0; c < 3; c++) g[c] = e[c] + e[c];
-    return;
-  }
-  F alpha = F(3.0f) * e[C - 1];
+CS_INLINE void pixel_loss_gradient(const F* e, const Penalty& p, F* g) {
+  F alpha = F(0.0f);
   for (int c = 0; c < 3; c++) {
-    g[c] = e[c] + e[c] - e[C - 1];
-    alpha = alpha - e[c];
+    g[c] = penalty_slope(e[c], p);
+    if (C == 3) continue;
+    F white = F(0.5f) * penalty_slope(e[c] - e[C - 1], p);
+    g[c] = fused(F(0.5f), g[c], white);
+    alpha = alpha - white;
   }
-  g[C - 1] = alpha;
+  if (C == 4) g[C - 1] = alpha;
 }
 
 // Colour channel c of a curve; the fourth channel of a premultiplied picture is the coverage itself.
@@ -191,7 +204,8 @@ CS_INLINE F composite_backward(F alpha, const float* colour, const F* g, Backwar
 // Leave-one-out importance: the rise of the pixel's loss if the curve were deleted now. The picture without it is
 // acc_{i-1} + (F - acc_i) / (1 - alpha). `before` is acc_{i-1} and becomes acc_i; e = F - target.
 template <int C, class F>
-CS_INLINE F leave_one_out(F alpha, F weight, const float* colour, const F* final_colour, const F* e, F* before) {
+CS_INLINE F leave_one_out(F alpha, F weight, const float* colour, const F* final_colour, const F* e, const Penalty& p,
+                          F* before) {
   F inverse = quotient(F(1.0f), F(1.0f) - select(weight > F(0.0f), alpha, F(0.0f)));
   F without[C];
   for (int c = 0; c < C; c++) {
@@ -199,7 +213,7 @@ CS_INLINE F leave_one_out(F alpha, F weight, const float* colour, const F* final
     without[c] = before[c] + (final_colour[c] - after) * inverse - final_colour[c] + e[c];
     before[c] = after;
   }
-  return pixel_loss<C>(without) - pixel_loss<C>(e);
+  return pixel_loss<C>(without, p) - pixel_loss<C>(e, p);
 }
 
 }  // namespace cs
