@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
 from cubicsplat_cli import pipeline, vectorize
+from cubicsplat_cli.evaluate import measurable
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
@@ -52,6 +56,33 @@ def test_the_svg_keeps_the_size_of_a_picture_that_was_scaled_down():
     assert 'viewBox="0 0 48 40"' in done.svg
     assert (done.scene.width, done.scene.height) == (48, 40)
     assert done.report.quality.svg.psnr_db > 20
+
+
+def test_a_time_limit_is_one_of_everything():
+    """12 megapixels, of which measuring alone once took ten times as long."""
+    pixels = np.random.default_rng(3).integers(0, 255, (3000, 4000, 3), dtype=np.uint8)
+    endless = FitSettings(curves=20, steps=10**6, threads=2, time_limit=3.0)
+    report = vectorize_picture(as_picture(pixels), Request(endless, style="photo", max_size=200)).report
+    # Wide: the machine may be busy with other things.
+    assert report.timing.total_s < 9
+    assert report.timing.steps > 10
+    assert report.settings["time_limit"] == 3.0
+    assert report.quality is not None
+
+
+@pytest.mark.parametrize(("limit", "smaller"), [(1.0, True), (1000.0, False)])
+def test_what_is_left_of_a_time_limit_decides_what_is_measured(limit, smaller, monkeypatch):
+    """Of a picture whose reading took 100 seconds."""
+    monkeypatch.setattr(measurable, "_LEAST_PIXELS", 500)
+    stages = Stages(started=time.perf_counter() - 100)
+    settings = FitSettings(curves=4, steps=10**6 if smaller else 20, threads=1, time_limit=limit)
+    done = vectorize_picture(as_picture(flat_picture()), Request(settings, style="photo"), stages=stages)
+    assert done.report.timing.total_s >= 100
+    noted = [note for note in done.report.notes if "quality measured at" in note]
+    assert (len(noted) == 1) == smaller
+    assert (done.pixels.shape[0] < 40) == smaller
+    assert 0 < done.report.timing.steps < 10**5
+    assert done.report.timing.fit_s < 5
 
 
 def test_nothing_but_transparency_gives_no_shape():

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 
 from cubicsplat_cli.errors import CubicSplatError, UsageError
+from cubicsplat_cli.progress import COMMAND_BEGAN
 from cubicsplat_cli.words import one_line
 
 # Messages quote names from files, which may be of any length.
@@ -15,8 +17,12 @@ EXIT_USAGE, EXIT_INTERRUPTED = 2, 130
 
 def main() -> None:
     """Run the command line; never returns (SystemExit carries the exit code: 0, 1, 2 or 130)."""
-    _open_streams()
-    _end(_run(sys.argv[1:]))
+    began = COMMAND_BEGAN.set(time.perf_counter())
+    try:
+        _open_streams()
+        _end(_run(sys.argv[1:]))
+    finally:
+        COMMAND_BEGAN.reset(began)
 
 
 def _run(arguments: list[str]) -> int:

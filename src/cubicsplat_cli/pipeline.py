@@ -6,6 +6,7 @@ Writes no files but by `Result.save`: the library and the jobs of the command sa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from cubicsplat_cli.artwork.plain import only_ink, plain_drawing
 from cubicsplat_cli.artwork.shapes import Drawing, Ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
 from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
-from cubicsplat_cli.evaluate.measurable import measurable
+from cubicsplat_cli.evaluate.measurable import measurable, seconds_to_measure
 from cubicsplat_cli.evaluate.metrics import measure, psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.atomic import write_atomically
@@ -31,11 +32,13 @@ from cubicsplat_cli.progress import Progress, Stages, nothing
 from cubicsplat_cli.report import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_drawing, write_svg
 
 ARTWORK_SAMPLES = 48  # edges per cubic of the engine's own picture
 # A drawing that is further from the picture has lost something that people see.
 LEAST_ARTWORK_DB = 28.0
+_LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +79,33 @@ class Made:
     facts: dict[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """One picture and what is asked for. target: what is fitted, the picture or a smaller copy."""
+
+    picture: Picture
+    target: Picture
+    request: Request
+    stages: Stages
+    on_progress: Callable[[Progress], None] | None
+    film: Film | None
+
+    def seconds_left(self) -> float:
+        """Until the time limit, infinite without one; below 0 beyond it."""
+        limit = self.request.settings.time_limit
+        return math.inf if limit is None else limit - self.stages.total()
+
+    def settings(self) -> FitSettings:
+        """Of a fit that leaves time for what comes after it, where there is a limit."""
+        settings, left = self.request.settings, self.seconds_left()
+        if settings.time_limit is None:
+            return settings
+        after = seconds_to_measure(self.picture) if self.request.measure else 0.0
+        # Not less than a share of what was asked for, and of what is left: a fit is what it was asked for.
+        most = max(left - after, _LEAST_FITTED * settings.time_limit, 0.5 * left, 1e-3)
+        return settings.with_(time_limit=min(most, settings.time_limit))
+
+
 def vectorize_picture(
     picture: Picture,
     request: Request | None = None,
@@ -96,8 +126,9 @@ def vectorize_picture(
     request, stages = request or Request(), stages or Stages()
     with stages("read"):
         target = picture if request.max_size is None else resize_picture(picture, request.max_size)
+    task = _Task(picture, target, request, stages, on_progress, film)
     with stages("fit"):
-        style, made = _styled(target, picture, request, on_progress, film)
+        style, made = _styled(task)
         if film is not None and made.scene is not None and (style.name == ARTWORK or made.paths == 0):
             from cubicsplat_cli.artwork.film import film_shapes
 
@@ -108,25 +139,20 @@ def vectorize_picture(
         result = Result(svg, made.scene, _report(picture, target, style, made, svg, request, stages))
         on_svg(result)
     if request.measure:
-        result = _measured(result, picture, made.samples, request.settings.threads, stages)
-    return replace(result, report=replace(result.report, timing=_timing(stages, result.report.timing)))
+        result = _measured(result, task, made.samples)
+    return replace(result, report=timed(result.report, stages))
 
 
-def _styled(
-    target: Picture,
-    picture: Picture,
-    request: Request,
-    on_progress: Callable[[Progress], None] | None,
-    film: Film | None,
-) -> tuple[Style, Made]:
+def _styled(task: _Task) -> tuple[Style, Made]:
     """What the style asked for made of the picture; or the one that suits it, unless a drawing is too far from it."""
-    ink = only_ink(picture)
+    request, target = task.request, task.target
+    ink = only_ink(task.picture)
     if ink is not None:
-        return _plain(ink, picture, request)
+        return _plain(ink, task)
     if request.style != "auto":
-        return Style(request.style, "asked for"), _STYLES[request.style](target, picture, request, on_progress, film)
+        return Style(request.style, "asked for"), _STYLES[request.style](task)
     style = choose_style(target.target())
-    made = _STYLES[style.name](target, picture, request, on_progress, film)
+    made = _STYLES[style.name](task)
     if style.name == PHOTO:
         return style, made
     threads = request.settings.threads
@@ -134,21 +160,16 @@ def _styled(
     if level is None or level >= LEAST_ARTWORK_DB:
         return style, made
     reason = f"{style.reason}, but drawn as artwork it has only {level:.1f} dB"
-    return Style(PHOTO, reason), _photo(target, picture, request, on_progress, film)
+    return Style(PHOTO, reason), _photo(task)
 
 
-def _photo(
-    target: Picture,
-    picture: Picture,
-    request: Request,
-    on_progress: Callable[[Progress], None] | None,
-    film: Film | None,
-) -> Made:
+def _photo(task: _Task) -> Made:
     """Curves that blend, fitted to the picture."""
     from cubicsplat_cli.photo import fit
 
-    fitted = fit(target.target(), request.settings, on_progress, film)
-    scene = scaled_scene(fitted.scene, *picture.size)
+    request = task.request
+    fitted = fit(task.target.target(), task.settings(), task.on_progress, task.film)
+    scene = scaled_scene(fitted.scene, *task.picture.size)
     precision = PHOTO_PRECISION if request.precision is None else request.precision
     return Made(
         scene,
@@ -167,24 +188,19 @@ def _photo(
     )
 
 
-def _artwork(
-    target: Picture,
-    picture: Picture,
-    request: Request,
-    on_progress: Callable[[Progress], None] | None,
-    _film: Film | None,
-) -> Made:
+def _artwork(task: _Task) -> Made:
     """Few opaque shapes with exact outlines."""
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import draw
 
-    chosen = replace(request.artwork, curves=request.settings.curves)
-    return _drawn(scaled_drawing(draw(target.target(), chosen), *picture.size), request)
+    chosen = replace(task.request.artwork, curves=task.request.settings.curves)
+    return _drawn(scaled_drawing(draw(task.target.target(), chosen), *task.picture.size), task.request)
 
 
-def _plain(ink: Ink, picture: Picture, request: Request) -> tuple[Style, Made]:
+def _plain(ink: Ink, task: _Task) -> tuple[Style, Made]:
     """A picture of one colour: its ground and no curve, in either style."""
-    drawing = plain_drawing(ink, *picture.size)
+    request = task.request
+    drawing = plain_drawing(ink, *task.picture.size)
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
     if style.name == ARTWORK:
         if request.artwork.palette:
@@ -235,9 +251,11 @@ def _report(
     )
 
 
-def _measured(result: Result, picture: Picture, samples: int, threads: int | None, stages: Stages) -> Result:
+def _measured(result: Result, task: _Task, samples: int) -> Result:
     """Draw the SVG's bytes with an independent renderer, and compare that and the engine's picture with the input."""
-    reference = measurable(picture)
+    stages, threads = task.stages, task.request.settings.threads
+    with stages("measure"):
+        reference = measurable(task.picture, task.seconds_left())
     with stages("draw"):
         drawn = rerender(result.svg.encode(), reference.width, reference.height)
     with stages("measure"):
@@ -250,19 +268,21 @@ def _measured(result: Result, picture: Picture, samples: int, threads: int | Non
             gap_db(file, surrogate),
         )
     notes = [] if drawn.note is None else [drawn.note]
-    if (reference.width, reference.height) != picture.size:
+    if (reference.width, reference.height) != task.picture.size:
         notes.append(f"quality measured at {reference.width} x {reference.height} pixels")
     report = replace(result.report, quality=quality, notes=[*result.report.notes, *notes])
     return replace(result, report=report, pixels=drawn.pixels)
 
 
-def _timing(stages: Stages, timing: Timing) -> Timing:
+def timed(report: Report, stages: Stages) -> Report:
+    """The report with the seconds of the stages so far."""
     seconds = stages.seconds
-    return replace(
-        timing,
+    timing = replace(
+        report.timing,
         total_s=stages.total(),
         read_s=seconds.get("read"),
         write_s=seconds.get("write"),
         draw_s=seconds.get("draw"),
         measure_s=seconds.get("measure"),
     )
+    return replace(report, timing=timing)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 
 
@@ -27,13 +28,22 @@ def nothing(*_: object) -> None:
     """A callback that ignores what it is told."""
 
 
+# When the command began that this process is; None in a worker, and in other programs.
+COMMAND_BEGAN: ContextVar[float | None] = ContextVar("COMMAND_BEGAN", default=None)
+
+
+def _began() -> float:
+    began = COMMAND_BEGAN.get()
+    return time.perf_counter() if began is None else began
+
+
 @dataclass
 class Stages:
     """The stages of the work ("read", "fit", "write", "draw", "measure"): the seconds of each; whom to tell of them."""
 
     begin: Callable[[str], None] = nothing
     seconds: dict[str, float] = field(default_factory=dict)
-    started: float = field(default_factory=time.perf_counter)
+    started: float = field(default_factory=_began)
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
@@ -46,5 +56,5 @@ class Stages:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - before
 
     def total(self) -> float:
-        """Seconds since the first stage could begin."""
+        """Seconds since the work began: the command's own, where it has one picture to do."""
         return time.perf_counter() - self.started

@@ -202,7 +202,8 @@ class FitSettings:
     samples: the most edges per cubic while fitting, of which a curve gets as many as its flatness needs;
     finish_samples: those of the exact finish (S*), the preset's or `samples` where that is more. background: "auto"
     (the picture's mean colour), "none" (transparent) or a colour, for pictures without transparency. time_limit:
-    seconds that the fit may take: its schedule runs by the clock where the steps take longer. recipe: the preset's.
+    seconds that a fit may take, and with `vectorize` all of it: the schedule runs by the clock where the steps take
+    longer. recipe: the preset's.
     """
 
     curves: int = setting(
@@ -226,7 +227,7 @@ class FitSettings:
     time_limit: float | None = setting(
         None,
         "number",
-        "End the fit after so many seconds; its schedule is shortened to match.",
+        "Seconds that a picture may take in all; the fit is shortened to match.",
         least=1e-3,
         most=1e7,
         metavar="SECONDS",

@@ -103,7 +103,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     # torch takes seconds to import: what is wrong with the picture is said before.
     from cubicsplat_cli.files.png import encode_png
     from cubicsplat_cli.files.read import packed
-    from cubicsplat_cli.pipeline import vectorize_picture
+    from cubicsplat_cli.pipeline import timed, vectorize_picture
 
     svg = b""
 
@@ -130,9 +130,11 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         return Outcome(job, INTERRUPTED)
     for note in result.report.notes[len(picture.notes) :]:
         events.note(job.name, f"{picture.source}: {note}")
-    png = encode_png(result.pixels) if job.outputs.png is not None and result.pixels is not None else None
-    if png is not None:
-        sink.put("png", png)
+    png = None
+    if job.outputs.png is not None and result.pixels is not None:
+        with stages("draw"):
+            png = encode_png(result.pixels)
+            sink.put("png", png)
     report = replace(result.report, input=replace(result.report.input, path=job.name))
     report = report.written(svg, _text(job.outputs.svg), png, _text(job.outputs.png))
     if film is not None and job.outputs.animation is not None and result.scene is not None:
@@ -149,6 +151,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         events.stage(job.name, "report")
         subject = subject_of(picture, job.source(), result.svg.encode(), report)
         sink.put("page", page(subject, request.settings.threads))
+    report = timed(report, stages)
     sink.put("report", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
 

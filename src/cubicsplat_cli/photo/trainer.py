@@ -33,6 +33,7 @@ REPORT_SECONDS = 0.1
 HISTORY_ENTRIES = 50
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
 FLATNESS = 0.5  # px, of de Casteljau subdivision
+AFTER_STEPS = 3  # what comes after the last step takes about as long as so many
 CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
 
 
@@ -198,7 +199,9 @@ class Trainer:
         share = self.step / self.settings.steps
         if self.settings.time_limit is None:
             return share
-        return max(share, (time.perf_counter() - self.started) / self.settings.time_limit)
+        elapsed = time.perf_counter() - self.started
+        after = AFTER_STEPS * elapsed / max(self.step, 1)
+        return max(share, elapsed / max(self.settings.time_limit - after, 1e-9)) if self.step else 0.0
 
     def advance(self) -> None:
         """One step, with the reallocation that the schedule may ask for after it."""
