@@ -125,7 +125,8 @@ def test_render_refuses(drawing, photo, run_cli):
         (["--scale", 1e6], 1, "smaller scale"),
         (["-o", "x.jpg"], 2, ".png"),
         (["-o", photo], 2, "--force"),
-        (["-o", drawing.parent / "none" / "x.png"], 1, "does not exist"),
+        (["--width", 0], 2, "--width must be a whole number from 1 to 32767, not 0"),
+        (["--width", 9, "--scale", 2], 2, "give one of them"),
         (["--renderer", "inkscape"], 2, "--renderer"),
     ):
         done = run_cli("render", drawing, *arguments)
@@ -136,3 +137,98 @@ def test_render_refuses(drawing, photo, run_cli):
     assert {path.name for path in drawing.parent.iterdir()} == {"drawing.svg", "photo.png"}
     with Image.open(photo) as image:
         assert (np.asarray(image) == smooth_pixels(40, 28)).all()
+
+
+UNSIZED = RED.replace('width="40" height="28"', "", 1)
+
+
+@pytest.mark.parametrize(
+    ("root", "arguments", "size"),
+    [
+        ('width="40" height="28"', ["--width", 20], (20, 14)),
+        ('width="40" height="28"', ["--height", 56], (80, 56)),
+        ('width="40" height="28"', ["--width", 30, "--height", 30], (30, 30)),
+        ('width="25.4mm" height="0.5in" viewBox="0 0 40 28"', [], (96, 48)),
+        ('width="3cm" height="30pt"', ["--scale", 2], (227, 80)),
+        ('width="100%" viewBox="0 0 40 28"', [], (40, 28)),
+        ('width="100%" height="100%"', ["--width", 40, "--height", 28], (40, 28)),
+        ("", ["--width", 40, "--height", 28], (40, 28)),
+    ],
+)
+def test_render_at_the_size_asked_for_whatever_the_file_says(root, arguments, size, tmp_path, run_cli):
+    path = tmp_path / "x.svg"
+    path.write_text(RED.replace('width="40" height="28"', root, 1))
+    for renderer in ("cairosvg", "resvg"):
+        done = run_cli("render", path, *arguments, "--renderer", renderer)
+        assert done.returncode == 0, done.stderr
+        with Image.open(path.with_suffix(".png")) as image:
+            assert image.size == size
+            shown = np.asarray(image.convert("RGBA"))
+        assert shown[size[1] // 2, size[0] // 4].tolist() == [255, 0, 0, 255], renderer
+    done = run_cli("render", path.with_suffix(".png").with_name("none.svg"))
+    assert done.returncode == 1
+
+
+def test_an_svg_without_a_size_is_told_how_to_get_one(tmp_path, run_cli):
+    path = tmp_path / "x.svg"
+    path.write_text(UNSIZED)
+    done = run_cli("render", path)
+    assert done.returncode == 1
+    assert b"says no size" in done.stderr
+
+
+def test_render_of_folders_and_several_files(drawing, tmp_path, run_cli):
+    folder = tmp_path / "more"
+    folder.mkdir()
+    (folder / "a.svg").write_text(RED)
+    (folder / "b.svg").write_text("broken")
+    (folder / "notes.txt").write_text("x")
+    done = run_cli("render", drawing, folder, "-o", tmp_path / "new" / "out")
+    assert done.returncode == 1
+    assert {path.name for path in (tmp_path / "new" / "out").iterdir()} == {"drawing.png", "a.png"}
+    assert done.stderr.decode().count("cubicsplat: error: ") == 1
+    assert b"b.svg" in done.stderr
+    assert run_cli("render", folder / "a.svg", drawing).returncode == 0
+    assert (folder / "a.png").is_file()
+    assert drawing.with_suffix(".png").is_file()
+
+
+def test_render_refuses_what_several_files_cannot_mean(drawing, tmp_path, run_cli):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "same").mkdir()
+    (tmp_path / "same" / "drawing.svg").write_text(RED)
+    for arguments, code, said in (
+        ([drawing, tmp_path / "same", "-o", "one.png"], 2, "give a folder"),
+        ([drawing, tmp_path / "same", "-o", "-"], 2, "give a folder"),
+        ([drawing, "-"], 2, "only be the one input"),
+        ([tmp_path / "empty"], 1, "a folder without SVGs"),
+        ([drawing, tmp_path / "same", "-o", tmp_path / "out"], 2, "would both give"),
+    ):
+        done = run_cli("render", *arguments)
+        assert done.returncode == code, arguments
+        assert said in done.stderr.decode(), arguments
+    assert not (tmp_path / "out").exists()
+
+
+def test_eval_takes_standard_input_as_the_candidate(photo, run_cli):
+    done = run_cli("eval", photo, "-", "--json", data=RED.encode())
+    assert figures(done)["candidate"]["path"] == "stdin"
+    assert run_cli("eval", photo, "-", data=photo.read_bytes()).stdout.decode() == "stdin  identical  SSIM 1.0000\n"
+    done = run_cli("eval", photo, "-", data=b"")
+    assert done.returncode == 1
+    assert done.stderr.startswith(b"cubicsplat: error: stdin")
+    done = run_cli("eval", photo.parent, "-", data=b"")
+    assert done.returncode == 2
+
+
+def test_failures_of_eval_over_folders_read_like_other_errors(photo, tmp_path, run_cli):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        for picture in ("a.png", "b.png"):
+            (tmp_path / name / picture).write_bytes(photo.read_bytes())
+    (tmp_path / "two" / "b.png").write_text("broken")
+    done = run_cli("eval", tmp_path / "one", tmp_path / "two")
+    assert done.returncode == 1
+    (line,) = done.stderr.decode().splitlines()
+    assert line.startswith("cubicsplat: error: ")
+    assert "b.png" in line

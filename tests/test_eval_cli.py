@@ -54,7 +54,7 @@ def test_folders_are_judged_pair_by_pair_and_failures_come_last(folders):
     assert second == f"{folders[1] / 'b.png'}  identical  SSIM 1.0000"
     assert mean.startswith("mean of 2  ")
     assert "without a reference: stray.svg" in done.stderr
-    assert done.stderr.splitlines()[-1].startswith(f"cubicsplat: failed: {folders[0] / 'c.png'}: ")
+    assert done.stderr.splitlines()[-1].startswith(f"cubicsplat: error: {folders[0] / 'c.png'}: ")
 
 
 def test_json_and_csv_of_folders_hold_every_pair_and_the_means(folders, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +14,7 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.eval_pages import planned_pages, write_pages
 from cubicsplat_cli.cli.options import MaxPixels, Renderer, wanted_renderer
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
+from cubicsplat_cli.files.names import STDIO
 from cubicsplat_cli.measures import USUAL, chosen_measures, figures_text
 from cubicsplat_cli.report import head, plain, to_json
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
@@ -50,8 +52,8 @@ def evaluate(
         Path,
         typer.Argument(
             metavar="CANDIDATE",
-            help="SVG (drawn at the reference's size) or picture to judge, or a folder whose files are"
-            " matched with the references by name.",
+            help="SVG (drawn at the reference's size) or picture to judge, - for standard input, or a folder whose"
+            " files are matched with the references by name.",
         ),
     ],
     renderer: Renderer = "auto",
@@ -105,24 +107,24 @@ def evaluate(
         reporter.summary(f"to look at: {write_pages(pages, pairs.compared, pairs.failed, threads)}")
     if json:
         typer.echo(to_json(found), nl=False)
+    for path, error in pairs.failed:
+        reporter.error(error if str(path) in error else f"{path}: {error}")
     if pairs.failed:
-        for path, error in pairs.failed:
-            typer.echo(f"cubicsplat: failed: {path}: {error}", err=True)
         raise typer.Exit(1)
 
 
 def _compare(reference: Path, candidate: Path, options: Options, reporter: Reporter) -> Comparison:
     from cubicsplat_cli.evaluate.comparison import compare_with
     from cubicsplat_cli.files.load import load_picture
-    from cubicsplat_cli.files.read import looks_like_svg, read_file
+    from cubicsplat_cli.files.read import looks_like_svg, read_file, unpacked
 
     target = load_picture(reference, max_pixels=options.max_pixels)
-    data = read_file(candidate)
+    data = unpacked(sys.stdin.buffer.read(), "stdin") if str(candidate) == STDIO else read_file(candidate)
     comparison = compare_with(
         target,
         str(reference),
         data,
-        str(candidate),
+        "stdin" if str(candidate) == STDIO else str(candidate),
         is_svg=looks_like_svg(candidate, data),
         renderer=options.renderer,
         max_pixels=options.max_pixels,

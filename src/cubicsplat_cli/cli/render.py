@@ -1,8 +1,9 @@
-"""`cubicsplat render`: an SVG becomes a PNG, drawn by an independent renderer."""
+"""`cubicsplat render`: SVGs become PNGs, drawn by an independent renderer."""
 
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -10,72 +11,169 @@ import typer
 
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Renderer, wanted_renderer
-from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.names import STDIO, drawn_name
-from cubicsplat_cli.files.ownership import check_outputs
-from cubicsplat_cli.files.paths import same_file
+from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
+from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_folder
+from cubicsplat_cli.files.ownership import check_ownership
+from cubicsplat_cli.files.paths import is_folder, is_there, make_folder_of, same_file
 from cubicsplat_cli.files.stdout import write_stdout
+from cubicsplat_cli.settings import Setting
+from cubicsplat_cli.words import one_line, printable
+
+_SIDE = Setting("count", "", least=1, most=32_767, optional=True)
+
+
+@dataclass(frozen=True)
+class _Size:
+    """How large to draw: a factor, or one side or both in px."""
+
+    scale: float
+    width: int | None
+    height: int | None
 
 
 def render(
-    source: Annotated[str, typer.Argument(metavar="IN", help="SVG to draw, or - for standard input.")],
+    sources: Annotated[
+        list[str],
+        typer.Argument(metavar="IN...", help="SVGs to draw, folders of them, or - for standard input."),
+    ],
     output: Annotated[
         str | None,
         typer.Option(
             "--output",
             "-o",
             metavar="OUT",
-            help="PNG to write, or - for standard output.  [default: the input's name with .png, or -]",
+            help="PNG to write, a folder for it, or - for standard output.  [default: the input's name with .png,"
+            " or -]",
             show_default=False,
         ),
     ] = None,
     scale: Annotated[
         float, typer.Option("--scale", metavar="FACTOR", help="Pixels per unit of the SVG; above 0.")
     ] = 1.0,
+    width: Annotated[
+        int | None,
+        typer.Option("--width", metavar="PX", help="Draw so wide; as high as its shape asks, without --height."),
+    ] = None,
+    height: Annotated[
+        int | None,
+        typer.Option("--height", metavar="PX", help="Draw so high; as wide as its shape asks, without --width."),
+    ] = None,
     renderer: Renderer = "auto",
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace an existing file that cubicsplat did not write.")
     ] = False,
 ) -> None:
-    """Draw an SVG as a PNG, its transparency kept. Files it refers to are never fetched."""
-    given = None if source == STDIO else Path(source)
-    path = _place(given, output)
+    """Draw SVGs as PNGs, their transparency kept. Files they refer to are never fetched."""
+    for name, value in (("width", width), ("height", height)):
+        _SIDE.check(name, value)
+    if scale != 1.0 and (width or height):
+        raise UsageError("--scale and --width or --height both say how large to draw; give one of them")
+    size, reporter = _Size(scale, width, height), Reporter(quiet=quiet)
+    places = _plan(sources, output)
+    failed = 0
+    for source, path in places:
+        try:
+            _draw(source, path, size, renderer, reporter, force=force and output is not None)
+        except CubicSplatError as error:
+            if len(places) == 1:
+                raise
+            failed += 1
+            text = one_line(error)
+            reporter.error(text if str(source) in text else f"{source}: {text}")
+    if failed:
+        raise typer.Exit(1)
+
+
+def _plan(sources: list[str], output: str | None) -> list[tuple[Path | None, Path | None]]:
+    """Each SVG, None for standard input, with the PNG that it becomes, None for standard output."""
+    if STDIO in sources and len(sources) > 1:
+        raise UsageError("standard input (-) can only be the one input; name files and folders in another run")
+    several = len(sources) > 1 or is_folder(Path(sources[0]))
+    if several and output is not None and not _may_hold_several(output):
+        raise UsageError(f"-o {output} names one PNG, but there may be several; give a folder")
+    inside = several or (output is not None and output != STDIO and names_a_folder(output))
+    places: list[tuple[Path | None, Path | None]] = []
+    taken: dict[Path, Path] = {}
+    for source in _files(sources):
+        path = _place(source, output, inside=inside)
+        places.append((source, path))
+        if source is not None and path is not None and (other := taken.setdefault(path, source)) != source:
+            raise UsageError(f"{other} and {source} would both give {path}; use two runs with different folders")
+    return places
+
+
+def _may_hold_several(output: str) -> bool:
+    path = Path(output)
+    return output != STDIO and (is_folder(path) or (not is_there(path) and path.suffix.lower() != ".png"))
+
+
+def _files(sources: list[str]) -> list[Path | None]:
+    """The files named, and of folders the SVGs in them; each once."""
+    found: dict[Path | None, None] = {}
+    for name in sources:
+        folder = Path(name)
+        if name == STDIO or not is_folder(folder):
+            found[None if name == STDIO else folder] = None
+            continue
+        try:
+            inside = sorted(path for path in folder.iterdir() if path.suffix.lower() in SVG_SUFFIXES)
+        except OSError as error:
+            raise InputError(
+                f"{printable(name)}: folder cannot be read ({error.strerror}); check its permissions"
+            ) from error
+        if not inside:
+            raise InputError(f"{printable(name)}: is a folder without SVGs; give one with .svg files")
+        found.update(dict.fromkeys(inside))
+    return list(found)
+
+
+def _place(source: Path | None, output: str | None, *, inside: bool) -> Path | None:
+    """Where the PNG goes; None: standard output. inside: whether `output` is a folder for it."""
+    if output == STDIO or (output is None and source is None):
+        return None
+    if output is None:
+        assert source is not None
+        if not source.name:
+            raise InputError(f"{source}: is no file; give an SVG")
+        return drawn_name(source)
+    if inside:
+        return Path(output) / f"{'stdin' if source is None else source.stem}.png"
+    return Path(output)
+
+
+def _draw(
+    source: Path | None, path: Path | None, size: _Size, renderer: str, reporter: Reporter, *, force: bool
+) -> None:
+    """Draw one SVG. force: not for a name that nobody chose, which is never worth a picture of the user's."""
     if path is not None:
         if path.suffix.lower() != ".png":
             raise UsageError(f"the output must end in .png, but is {path}; choose another with -o")
-        if given is not None and same_file(path, given):
+        if source is not None and same_file(path, source):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
-        # A name that nobody chose is never worth a picture of the user's.
-        check_outputs([path], force=force and output is not None)
+        check_ownership([path], force=force)
 
     from cubicsplat_cli.evaluate import rerender_untrusted
     from cubicsplat_cli.files.atomic import write_atomically
     from cubicsplat_cli.files.png import encode_png
     from cubicsplat_cli.files.read import read_file, unpacked
 
-    svg = unpacked(sys.stdin.buffer.read(), "stdin") if given is None else read_file(given)
-    name = "stdin" if given is None else source
-    rendered, _ = rerender_untrusted(svg, source=name, scale=scale, renderer=wanted_renderer(renderer))
+    svg = unpacked(sys.stdin.buffer.read(), "stdin") if source is None else read_file(source)
+    rendered, _ = rerender_untrusted(
+        svg,
+        source="stdin" if source is None else str(source),
+        width=size.width,
+        height=size.height,
+        scale=size.scale,
+        renderer=wanted_renderer(renderer),
+    )
     data = encode_png(rendered.pixels)
-    reporter = Reporter(quiet=quiet)
     if rendered.note is not None:
         reporter.note(rendered.note)
     if path is None:
         write_stdout(data)
         return
+    make_folder_of(path)
     write_atomically(path, data)
     height, width = rendered.pixels.shape[:2]
     reporter.summary(f"{path}  {width} x {height} px  {rendered.renderer}")
-
-
-def _place(source: Path | None, output: str | None) -> Path | None:
-    """Where the PNG goes; None: standard output."""
-    if output == STDIO or (output is None and source is None):
-        return None
-    if output is not None:
-        return Path(output)
-    assert source is not None
-    if not source.name:
-        raise InputError(f"{source}: is no file; give an SVG")
-    return drawn_name(source)

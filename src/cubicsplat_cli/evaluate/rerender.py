@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate import cairo
-from cubicsplat_cli.evaluate.untrusted import SvgSize, check_untrusted
+from cubicsplat_cli.evaluate.untrusted import SvgSize, check_untrusted, with_size
 from cubicsplat_cli.words import one_line
 
 # cairo's image surfaces end at 32767 px a side; the area bounds the memory (4 bytes a pixel, with resvg more).
@@ -94,19 +94,26 @@ def rerender_untrusted(
     scale: float = 1.0,
     renderer: str | None = None,
 ) -> tuple[Rendered, SvgSize]:
-    """Draw an SVG of unknown origin after `check_untrusted`, at width x height or at its own size times
-    `scale`.
+    """Draw an SVG of unknown origin after `check_untrusted`, at width x height, at one of these and the other by its
+    shape, or at its own size times `scale`.
 
-    Returns the picture and the natural size. An SVG of another shape than width x height is centred, as
-    viewers do.
-    Raises what `check_untrusted` and `rerender` raise; UsageError for a scale that is not positive and
-    finite.
+    Returns the picture and the natural size: of an SVG that says none width x height, where both are given. An SVG of
+    another shape than width x height is centred, as viewers do. Raises what `check_untrusted` and `rerender` raise;
+    UsageError for a scale that is not positive and finite.
     """
     if not (math.isfinite(scale) and scale > 0):
-        raise UsageError(f"scale must be a positive number, not {scale}")
-    size = check_untrusted(svg, source)
-    if width is None or height is None:
+        raise UsageError(f"must be a positive number, not {scale:g}", "scale")
+    asked = SvgSize(width, height) if width and height else None
+    size = check_untrusted(svg, source, otherwise=asked)
+    if size is asked:
+        svg = with_size(svg, size)
+    if width is None and height is None:
         width, height = max(1, round(size.width * scale)), max(1, round(size.height * scale))
+    elif width is None:
+        width = max(1, round(size.width * (height or 0) / size.height))
+    elif height is None:
+        height = max(1, round(size.height * width / size.width))
+    assert width is not None and height is not None
     return rerender(svg, width, height, renderer=renderer), size
 
 
@@ -178,7 +185,8 @@ def _draw_cairosvg(module: ModuleType, svg: bytes, width: int, height: int) -> n
 def _draw_resvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:
     # Our own files hold no text; finding the system's fonts would take longer than drawing.
     fonts = b"<text" not in svg
-    png = module.svg_to_bytes(svg_string=svg.decode("utf-8"), width=width, height=height, skip_system_fonts=fonts)
+    text = svg.decode("utf-8")
+    png = module.svg_to_bytes(svg_string=text, width=width, height=height, skip_system_fonts=fonts, dpi=96)
     return decode_png(bytes(png))
 
 

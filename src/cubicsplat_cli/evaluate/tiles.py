@@ -89,7 +89,7 @@ def _tile_resvg(
     text = crop(svg, size, width, height, Tile(*(scale * v for v in (tile.left, tile.top, tile.width, tile.height))))
     fonts = "<text" not in text
     png = module.svg_to_bytes(
-        svg_string=text, width=tile.width * scale, height=tile.height * scale, skip_system_fonts=fonts
+        svg_string=text, width=tile.width * scale, height=tile.height * scale, skip_system_fonts=fonts, dpi=96
     )
     straight = decode_png(bytes(png))
     # In eighths of the tile's rows: the float copy of a whole tile would be four times the tile.

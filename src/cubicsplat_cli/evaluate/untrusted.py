@@ -21,7 +21,11 @@ MAX_DEPTH = 256
 
 _PICTURES = {"image", "feImage", "foreignObject"}
 _OUTSIDE = re.compile(r"@import|url\(\s*['\"]?\s*(?!#)[^\s'\"#)]", re.IGNORECASE)
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(px)?\s*")
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(px|in|cm|mm|Q|pt|pc)?\s*")
+# px in a unit of CSS, which has 96 of them to the inch.
+_UNITS = {"px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "Q": 24 / 25.4, "pt": 96 / 72, "pc": 16.0}
+_ROOT = re.compile(rb"""<(?:[\w.-]+:)?svg(?=[\s/>])(?:[^>"']|"[^"]*"|'[^']*')*>""")
+_SIZES = re.compile(rb"""\s(?:width|height)\s*=\s*(?:"[^"]*"|'[^']*')""")
 
 
 @dataclass(frozen=True)
@@ -32,10 +36,11 @@ class SvgSize:
     height: float
 
 
-def check_untrusted(data: bytes, source: str) -> SvgSize:
+def check_untrusted(data: bytes, source: str, *, otherwise: SvgSize | None = None) -> SvgSize:
     """Refuse an SVG that no renderer should be given; return its natural size.
 
-    data: the file's bytes. source: its name for messages. Raises InputError with what is wrong.
+    data: the file's bytes. source: its name for messages. otherwise: the size of a file that says none. Raises
+    InputError with what is wrong.
     """
     if not data.strip():
         raise InputError(f"{source}: is empty; give an SVG file")
@@ -56,7 +61,18 @@ def check_untrusted(data: bytes, source: str) -> SvgSize:
         raise InputError(f"{source}: is not well-formed XML ({error}); export it again") from error
     except (LookupError, ValueError) as error:
         raise InputError(f"{source}: has an encoding that cannot be read ({error}); save it as UTF-8") from error
-    return scan.size()
+    return scan.size(otherwise)
+
+
+def with_size(data: bytes, size: SvgSize) -> bytes:
+    """The bytes of an SVG in UTF-8 that says no size, saying this one: renderers know no other way of being told."""
+
+    def said(match: re.Match[bytes]) -> bytes:
+        tag = _SIZES.sub(b"", match[0])
+        end = len(tag) - (2 if tag.endswith(b"/>") else 1)
+        return tag[:end] + f' width="{size.width:g}" height="{size.height:g}"'.encode() + tag[end:]
+
+    return _ROOT.sub(said, data, count=1)
 
 
 class _Scan:
@@ -118,21 +134,23 @@ class _Scan:
             f"{self.source}: refers to something outside the file ({where}), never fetched here; remove it"
         )
 
-    def size(self) -> SvgSize:
-        """From width and height in px, else from the viewBox; InputError when neither says it."""
+    def size(self, otherwise: SvgSize | None) -> SvgSize:
+        """From width and height, else from the viewBox; InputError when neither says it, and nobody else does."""
         width, height = _pixels(self.root.get("width")), _pixels(self.root.get("height"))
         if width is None or height is None:
             box = [_pixels(part) for part in re.split(r"[\s,]+", self.root.get("viewBox", "").strip())]
             if len(box) == 4 and box[2] and box[3]:
                 width, height = box[2], box[3]
-        if not width or not height or width < 0 or height < 0:
-            raise InputError(f"{self.source}: says no size in px; give it a width and height or a viewBox")
-        return SvgSize(width, height)
+        if width and height and width > 0 and height > 0:
+            return SvgSize(width, height)
+        if otherwise is None:
+            raise InputError(f"{self.source}: says no size; give it a width and height, or a viewBox")
+        return otherwise
 
 
 def _pixels(text: str | None) -> float | None:
     match = _NUMBER.fullmatch(text) if text is not None else None
     if match is None:
         return None
-    value = float(match.group(1))
+    value = float(match[1]) * _UNITS[match[2] or "px"]
     return value if math.isfinite(value) else None

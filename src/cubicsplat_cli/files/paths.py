@@ -7,6 +7,8 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
+from cubicsplat_cli.errors import InputError
+
 
 def is_folder(path: Path) -> bool:
     """Whether there is a folder, links followed."""
@@ -30,6 +32,15 @@ def same_file(first: Path, second: Path) -> bool:
     except (OSError, ValueError):
         # One of them does not exist (or cannot be looked at), so writing the one cannot harm the other.
         return False
+
+
+def make_folder_of(path: Path) -> None:
+    """Make the folder that a file is to lie in, where it is missing. Raises InputError where that cannot be done."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"{path.parent}: folder cannot be created ({reason}); choose another with -o") from error
 
 
 def _kind(path: Path) -> int:

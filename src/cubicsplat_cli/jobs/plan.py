@@ -12,7 +12,7 @@ from pathlib import Path
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import COMPRESSED, PAGE, PLAIN, STDIO, Outputs, beside, plan_outputs
 from cubicsplat_cli.files.ownership import is_svg
-from cubicsplat_cli.files.paths import is_folder, is_there
+from cubicsplat_cli.files.paths import is_folder, is_there, make_folder_of
 from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.words import printable
@@ -143,9 +143,5 @@ def _key(path: Path) -> str:
 
 def make_folders(job: Job) -> None:
     """Make the folders of a job's files. Raises InputError where that cannot be done."""
-    for folder in {path.parent for path in job.outputs.files()}:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise InputError(f"{folder}: folder cannot be created ({reason}); choose another with -o") from error
+    for path in job.outputs.files():
+        make_folder_of(path)
