@@ -18,6 +18,7 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.focus import Focus
 from cubicsplat_cli.pipeline import vectorize_picture
 from cubicsplat_cli.report import Quality, Report
 from cubicsplat_cli.request import Request
@@ -197,6 +198,7 @@ REQUESTS = [
     Request(FitSettings.from_preset("draft", time_limit=2.5, prune=False, geometric_reg=0.25, samples=40)),
     Request(artwork=ArtworkSettings(colors=3, palette=((1, 2, 3), (255, 0, 9)), detail=2.5), style="artwork"),
     Request(precision=4, max_size=300),
+    Request(focus=Focus(1, 2, 5.5, 4, 3)),
 ]
 
 

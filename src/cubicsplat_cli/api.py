@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,8 @@ from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.read import looks_like_svg, read_file
+from cubicsplat_cli.files.weights import load_mask
+from cubicsplat_cli.focus import parse_focus
 from cubicsplat_cli.pipeline import Result, vectorize_picture
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.report import Quality
@@ -27,6 +29,8 @@ def vectorize(
     preset: str = "standard",
     precision: int | None = None,
     max_size: int | None = None,
+    weights: PictureLike | None = None,
+    focus: str | Sequence[float] | None = None,
     title: str | None = None,
     measure: bool = True,
     on_progress: Callable[[Progress], None] | None = None,
@@ -42,8 +46,11 @@ def vectorize(
     `FitSettings` and of its recipe, such as seed, time_limit, background or opaque; for artwork colors, palette (8-bit
     triples), min_area and detail, see `ArtworkSettings`. precision: decimals of the coordinates, 0..6 (None: 2, and
     for artwork by its size). max_size: fit a copy of at most so many pixels a side; the SVG keeps the picture's size.
-    title: of the SVG. measure: draw the SVG by an independent renderer, for `report.quality` and `pixels`. on_progress:
-    called about ten times a second; a KeyboardInterrupt that it raises ends the fit early with the best SVG so far.
+    weights: a picture of the same shape that says how much each pixel of a photo matters to the fit, from black, not at
+    all, to white. focus: (x, y, width, height) in px of the picture, or with a factor behind them: a rectangle that
+    matters 4 times as much as the rest, or so many times. title: of the SVG. measure: draw the SVG by an independent
+    renderer, for `report.quality` and `pixels`. on_progress: called about ten times a second; a KeyboardInterrupt that
+    it raises ends the fit early with the best SVG so far.
 
     Raises InputError for what is no picture, UsageError for senseless settings, EngineError where no engine runs.
     """
@@ -55,6 +62,8 @@ def vectorize(
         precision=precision,
         max_size=max_size,
         measure=measure,
+        weights=None if weights is None else load_mask(weights),
+        focus=None if focus is None else parse_focus(focus),
     )
     return vectorize_picture(as_picture(picture, max_size=max_size), request, title=title, on_progress=on_progress)
 

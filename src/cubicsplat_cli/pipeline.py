@@ -20,19 +20,20 @@ from cubicsplat_cli.artwork.shapes import Drawing, Ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
 from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
 from cubicsplat_cli.evaluate.measurable import measurable, seconds_to_measure
-from cubicsplat_cli.evaluate.metrics import measure, psnr_db
+from cubicsplat_cli.evaluate.metrics import measure, psnr_db, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.marks import provenance_comment, sha256_of
 from cubicsplat_cli.files.names import is_compressed_name
 from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.files.weights import pixel_weights
 from cubicsplat_cli.film import Film
 from cubicsplat_cli.progress import Progress, Stages, nothing
 from cubicsplat_cli.report import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.settings import FitSettings, listed
 from cubicsplat_cli.svg import write_drawing, write_svg
 
 ARTWORK_SAMPLES = 48  # edges per cubic of the engine's own picture
@@ -105,6 +106,10 @@ class _Task:
         most = max(left - after, _LEAST_FITTED * settings.time_limit, 0.5 * left, 1e-3)
         return settings.with_(time_limit=min(most, settings.time_limit))
 
+    def weights(self, copy: Picture) -> np.ndarray | None:
+        """How much each pixel of the picture, or of a smaller copy of it, matters; None: all alike."""
+        return pixel_weights(copy, self.request.weights, self.request.focus, self.picture.size)
+
 
 def vectorize_picture(
     picture: Picture,
@@ -149,6 +154,8 @@ def _styled(task: _Task) -> tuple[Style, Made]:
     ink = only_ink(task.picture)
     if ink is not None:
         return _plain(ink, task)
+    if request.style == "auto" and (asked := request.of_photos()):
+        return Style(PHOTO, f"asked for by {listed(asked)}"), _photo(task)
     if request.style != "auto":
         return Style(request.style, "asked for"), _STYLES[request.style](task)
     style = choose_style(target.target())
@@ -165,10 +172,11 @@ def _styled(task: _Task) -> tuple[Style, Made]:
 
 def _photo(task: _Task) -> Made:
     """Curves that blend, fitted to the picture."""
-    from cubicsplat_cli.photo import fit
+    from cubicsplat_cli.photo import Guide, fit
 
     request = task.request
-    fitted = fit(task.target.target(), task.settings(), task.on_progress, task.film)
+    guide = Guide(task.weights(task.target))
+    fitted = fit(task.target.target(), task.settings(), task.on_progress, task.film, guide)
     scene = scaled_scene(fitted.scene, *task.picture.size)
     precision = PHOTO_PRECISION if request.precision is None else request.precision
     return Made(
@@ -267,6 +275,10 @@ def _measured(result: Result, task: _Task, samples: int) -> Result:
             agreement,
             gap_db(file, surrogate),
         )
+        weights = task.weights(reference)
+        if weights is not None:
+            level = weighted_psnr_db(reference, of_pixels(drawn.pixels), weights)
+            quality = replace(quality, weighted_psnr_db=level)
     notes = [] if drawn.note is None else [drawn.note]
     if (reference.width, reference.height) != task.picture.size:
         notes.append(f"quality measured at {reference.width} x {reference.height} pixels")

@@ -20,6 +20,7 @@ SCHEMA = 1
 # Decimals of the measured figures; more would only suggest a precision that no measure has.
 DECIMALS = {
     "psnr_db": 4,
+    "weighted_psnr_db": 4,
     "ssim": 5,
     "agreement_db": 4,
     "gap_db": 4,
@@ -106,12 +107,16 @@ class OwnQuality(Quality):
 
 @dataclass(frozen=True)
 class Qualities:
-    """agreement_db: PSNR between the two pictures (None: no value differs). gap_db: how much better the engine's is."""
+    """agreement_db: PSNR between the two pictures (None: no value differs). gap_db: how much better the engine's is.
+
+    weighted_psnr_db: of the SVG, its pixels weighted as they were in the fit (None: they were not).
+    """
 
     svg: FileQuality
     surrogate: OwnQuality
     agreement_db: float | None
     gap_db: float | None
+    weighted_psnr_db: float | None = None
 
 
 @dataclass(frozen=True)

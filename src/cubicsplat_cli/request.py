@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.files.ownership import MOVING
+from cubicsplat_cli.focus import Focus
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Setting
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.files.weights import Mask
 
 STYLE = Setting(
     "choice",
@@ -33,7 +37,8 @@ class Request:
     settings: of a photo; artwork: of flat artwork; style: "auto", "photo" or "artwork". precision: decimals of the
     coordinates (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side.
     max_pixels: larger pictures are refused. png, page, animation (a file, or None), compress, force: of the files.
-    measure: whether the SVG is drawn by an independent renderer and measured.
+    measure: whether the SVG is drawn by an independent renderer and measured. weights, focus: how much the pixels
+    matter to the fit of a photo; where either is given, the style is "photo".
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -45,6 +50,8 @@ class Request:
     png: bool = True
     page: bool = False
     animation: Path | None = None
+    weights: Mask | None = None
+    focus: Focus | None = None
     compress: bool = False
     force: bool = False
     measure: bool = True
@@ -53,8 +60,14 @@ class Request:
         for name, known in _CHECKS.items():
             if name != "precision" or self.precision is not None:
                 known.check(name, getattr(self, name))
+        if self.style == "artwork" and self.of_photos():
+            raise UsageError("is for photos; use style photo, or leave it out for artwork", self.of_photos()[0])
         if self.animation is not None and self.animation.suffix.lower() not in MOVING:
             raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
+
+    def of_photos(self) -> list[str]:
+        """What is asked for that only the fit of a photo can do."""
+        return [name for name in ("weights", "focus") if getattr(self, name) is not None]
 
     def with_threads(self, threads: int | None) -> Request:
         """The same with so many threads; None: as asked for."""
@@ -68,6 +81,8 @@ class Request:
             "artwork": self.artwork.public(),
             "precision": self.precision,
             "max_size": self.max_size,
+            "weights": None if self.weights is None else {"name": self.weights.name, "sha256": self.weights.sha256},
+            "focus": None if self.focus is None else [float(value) for value in astuple(self.focus)],
         }
 
     def describe(self) -> str:
@@ -77,4 +92,5 @@ class Request:
 
     def digest(self) -> str:
         """The settings hash that the files will carry."""
-        return settings_hash(self.deciding())
+        # A mask is the same under any name.
+        return settings_hash({**self.deciding(), "weights": self.weights and self.weights.sha256})

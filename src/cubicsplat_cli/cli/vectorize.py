@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -14,9 +14,16 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.help import COMMON, EXPERT, FILES, QUALITY
 from cubicsplat_cli.cli.options import ARTWORK_OPTIONS, MaxPixels, Pictures, fit_settings, takes_fit_options
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.focus import parse_focus
 from cubicsplat_cli.jobs.plan import plan
 from cubicsplat_cli.request import STYLE, Request
 from cubicsplat_cli.settings import MAX_PIXELS, Setting
+
+if TYPE_CHECKING:
+    pass
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.files.weights import Mask
 
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 
@@ -97,6 +104,24 @@ Animation = Annotated[
         "--animation", metavar="FILE", help="Also write the fit as it develops: .webp or .gif.", rich_help_panel=FILES
     ),
 ]
+Weights = Annotated[
+    str | None,
+    typer.Option(
+        "--weights",
+        metavar="MASK",
+        help="A picture that says what matters: black not at all, white fully.",
+        rich_help_panel=QUALITY,
+    ),
+]
+FocusOn = Annotated[
+    str | None,
+    typer.Option(
+        "--focus",
+        metavar="X,Y,W,H",
+        help="A rectangle in px that matters 4 times as much as the rest, or X,Y,W,H,FACTOR.",
+        rich_help_panel=QUALITY,
+    ),
+]
 Svgz = Annotated[bool, typer.Option("--svgz", help="Write the SVG compressed, as OUT.svgz.", rich_help_panel=FILES)]
 Force = Annotated[
     bool,
@@ -117,6 +142,12 @@ Verbose = Annotated[
 ]
 
 
+def _mask(path: str, max_pixels: int) -> Mask:
+    from cubicsplat_cli.files.weights import load_mask
+
+    return load_mask(path, max_pixels=max_pixels)
+
+
 @takes_fit_options()
 def vectorize(
     inputs: Pictures,
@@ -128,6 +159,8 @@ def vectorize(
     palette: Palette = None,
     precision: Precision = None,
     max_size: MaxSize = None,
+    weights: Weights = None,
+    focus: FocusOn = None,
     max_pixels: MaxPixels = MAX_PIXELS,
     png: Png = True,
     measure: Measure = True,
@@ -166,6 +199,8 @@ def vectorize(
         compress=svgz,
         force=force,
         measure=measure,
+        weights=None if weights is None else _mask(weights, max_pixels),
+        focus=None if focus is None else parse_focus(focus),
     )
     from cubicsplat_cli.cli.run import Run, check_stdout
     from cubicsplat_cli.jobs.execute import Means

@@ -84,6 +84,23 @@ def psnr_db(reference: Picture, candidate: Layer, threads: int | None = None) ->
     return _worst_psnr([ground[0] for ground in found])
 
 
+def weighted_psnr_db(reference: Picture, candidate: Layer, weights: np.ndarray) -> float | None:
+    """PSNR from the mean of the squared errors weighted by weights (H, W), at least 0 and not all 0; the worse one over
+    black and over white. None where no value that matters differs.
+    """
+    layer = of_picture(reference)
+    total = _CHANNELS * float(weights.sum(dtype=np.float64))
+    means = []
+    for ground in (0.0, 1.0) if layer.transparent or candidate.transparent else (0.0,):
+        squares = 0.0
+        for top, bottom in _strips(layer):
+            error = _planes(layer.rows(top, bottom), ground) - _planes(candidate.rows(top, bottom), ground)
+            squares += float((np.square(error).sum(0) * weights[top:bottom]).sum(dtype=np.float64))
+        means.append(squares / total)
+    worst = max(means)
+    return None if worst <= IDENTICAL_TOLERANCE**2 else -10.0 * math.log10(worst)
+
+
 @dataclass
 class _Sums:
     """Of two pictures on one ground: values, their squared differences and the largest of these; windows of SSIM."""

@@ -35,11 +35,14 @@ class Blobs:
     colour_logits: Tensor
 
 
-def find_blobs(seeds: Tensor, image: Tensor, target: Tensor, sigma: float, generator: torch.Generator) -> Blobs:
+def find_blobs(
+    seeds: Tensor, image: Tensor, target: Tensor, sigma: float, generator: torch.Generator,
+    weights_of_pixels: Tensor | None = None,
+) -> Blobs:  # fmt: skip
     """Patches around seeds (n, 2) px where image and target (H, W, C) differ as they do at the seed.
 
     A pixel counts by how much its residual points the way of the seed's, squared, times a Gaussian window of about
-    `sigma` px. Colours are the target's mean over the patch.
+    `sigma` px, times its own weight (H, W). Colours are the target's mean over the patch.
     """
     height, width = target.shape[:2]
     spread = torch.exp(SIZE_SPREAD * torch.randn(len(seeds), generator=generator)).to(seeds.device)
@@ -53,6 +56,8 @@ def find_blobs(seeds: Tensor, image: Tensor, target: Tensor, sigma: float, gener
     residual = _blurred(target - image)
     likeness = _likeness(residual[y, x], residual[seeds[:, 1].long(), seeds[:, 0].long()])
     window = on_canvas * torch.exp(-0.5 * offsets.square().sum(-1))
+    if weights_of_pixels is not None:
+        window = window * (weights_of_pixels[y, x] + 1e-6)  # a seed drawn beside all that matters keeps its patch
     weights = window * likeness.square()
     # A seed drawn beside an error, in its blur, has no residual of its own: then the window is the patch.
     weights = torch.where(weights.sum(1, keepdim=True) > 1e-3, weights, window)

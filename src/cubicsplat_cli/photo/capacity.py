@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.photo.blobs import blob_points, find_blobs
+from cubicsplat_cli.photo.guide import spread_of
 from cubicsplat_cli.photo.initial import colours_at, control_points, draw_pixels, new_curves
 from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.photo.smoothing import box_mean
@@ -24,13 +25,13 @@ def gini(importance: Tensor) -> float:
     return float((2 * ranks - n - 1) @ values) / (n * total)
 
 
-def error_density(image: Tensor, target: Tensor, blur: int, power: float) -> Tensor:
-    """Where new curves are wanted: the squared error, blurred by a box of `blur` px, to a power; (H, W)."""
+def error_density(image: Tensor, target: Tensor, blur: int, power: float, weights: Tensor | None = None) -> Tensor:
+    """Where new curves are wanted: the squared error, weighted, blurred by a box of `blur` px, to a power; (H, W)."""
     difference = image - target
     error = torch.zeros_like(difference[..., 0])
     for channel in difference.unbind(-1):  # torch's sum over an axis of three takes longer
         error.addcmul_(channel, channel)
-    return box_mean(error, blur) ** power
+    return box_mean(error if weights is None else error.mul_(weights), blur) ** power
 
 
 def reallocate(
@@ -42,23 +43,25 @@ def reallocate(
     fraction: float,
     settings: FitSettings,
     generator: torch.Generator,
+    weights: Tensor | None = None,
 ) -> tuple[Parameters, OptimiserState, int]:
     """Replaces the least important `fraction` of the curves; new ones go to the front, their optimiser state is empty.
 
     All tensors are on one device, where the work is done; the random numbers are drawn on the CPU, to be the same for
-    every device. Returns the new parameters and state, and how many curves were replaced.
+    every device. weights (H, W): of the pixels. Returns the new parameters and state, and how many were
+    replaced.
     """
     count = int(parameters.curves * fraction)
     if count == 0:
         return parameters, state, 0
     recipe = settings.recipe
     keep = importance.argsort()[count:].sort().values
-    centres = draw_pixels(error_density(image, target, recipe.seed_blur, recipe.seed_power), count, generator)
+    centres = draw_pixels(error_density(image, target, recipe.seed_blur, recipe.seed_power, weights), count, generator)
     height, width, _ = target.shape
-    unit = recipe.unit(width, height, parameters.curves)
+    unit = recipe.unit(width, height, parameters.curves) * spread_of(weights) ** 0.5
     size = recipe.seed_size * unit
     if recipe.seeding == "blobs":
-        blobs = find_blobs(centres, image, target, size, generator)
+        blobs = find_blobs(centres, image, target, size, generator, weights)
         points, colour_logits = blob_points(blobs, settings, generator), blobs.colour_logits
     else:
         points, colour_logits = control_points(centres, size, settings, generator), colours_at(centres, target)

@@ -65,11 +65,12 @@ def colour_to_logits(colours: Tensor) -> Tensor:
     return torch.logit(colours.clamp(COLOUR_MARGIN, 1 - COLOUR_MARGIN))
 
 
-def random_centres(count: int, target: Tensor, generator: torch.Generator) -> Tensor:
-    """Random places (n, 2) px; in a picture with transparency, only where there is something."""
+def random_centres(count: int, target: Tensor, generator: torch.Generator, weights: Tensor | None = None) -> Tensor:
+    """Random places (n, 2) px, by the pixels' weights; where there is transparency, only where there is something."""
     height, width, channels = target.shape
-    if channels == 4:
-        return draw_pixels(target[..., 3].clamp(min=1e-6), count, generator)
+    if channels == 4 or weights is not None:
+        there = target[..., 3].clamp(min=1e-6) if channels == 4 else torch.ones_like(target[..., 0])
+        return draw_pixels(there if weights is None else there * weights, count, generator)
     return torch.rand(count, 2, generator=generator) * torch.tensor([width, height], dtype=torch.float32)
 
 

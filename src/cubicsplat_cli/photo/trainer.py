@@ -17,6 +17,7 @@ from cubicsplat_cli.film import Film
 from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.capacity import gini, reallocate
 from cubicsplat_cli.photo.geometric import crossing_gradient
+from cubicsplat_cli.photo.guide import UNGUIDED, Guide, spread_of
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
 from cubicsplat_cli.photo.parameters import Background, Parameters
 from cubicsplat_cli.photo.schedule import Phase, Schedule
@@ -69,10 +70,11 @@ def fit(
     settings: FitSettings,
     on_progress: Callable[[Progress], None] | None = None,
     film: Film | None = None,
+    guide: Guide = UNGUIDED,
 ) -> FitResult:
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
-    film: keeps scenes on the way.
+    film: keeps scenes on the way. guide: what else the fit is told.
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
     form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
@@ -83,17 +85,25 @@ def fit(
     if not np.isfinite(target).all():
         raise InputError("the picture has values that are not finite")
     picture = torch.from_numpy(np.ascontiguousarray(target, dtype=np.float32))
-    return Trainer(picture, settings, on_progress, film).run()
+    weights = guide.weights
+    if weights is not None and (
+        weights.shape != target.shape[:2] or not np.isfinite(weights).all() or weights.min() < 0 or not weights.any()
+    ):
+        raise InputError(f"weights must be at least 0, not all 0, and of shape {target.shape[:2]}")
+    return Trainer(picture, settings, on_progress, film, guide).run()
 
 
-def choose_background(target: Tensor, settings: FitSettings) -> Background:
-    """The colour behind the curves: the picture's mean, the given one, or none for a picture with transparency."""
+def choose_background(target: Tensor, settings: FitSettings, weights: Tensor | None = None) -> Background:
+    """The colour behind the curves: the picture's (weighted) mean, the given one, or none for a picture with
+    transparency.
+    """
     if target.shape[2] == 4:
         return None
     given = settings.background_colour
     if given is not None:
         return given
-    mean = [round(float(v) * 255) / 255 for v in target.mean((0, 1))]
+    middle = target.mean((0, 1)) if weights is None else (target * weights.unsqueeze(-1)).sum((0, 1)) / weights.sum()
+    mean = [round(float(v) * 255) / 255 for v in middle]
     return mean[0], mean[1], mean[2]
 
 
@@ -105,6 +115,7 @@ class Trainer:
     settings: FitSettings
     on_progress: Callable[[Progress], None] | None = None
     film: Film | None = None
+    guide: Guide = UNGUIDED
     history: list[dict[str, float]] = field(default_factory=list)
     replaced: int = 0
     inequality: float | None = None
@@ -119,7 +130,8 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(self.settings.seed)
         self.recipe = self.settings.recipe
         self.settings = self.settings.for_size(self.width, self.height)
-        self.unit = self.recipe.unit(self.width, self.height, self.settings.curves)
+        weights = None if self.guide.weights is None else torch.from_numpy(np.ascontiguousarray(self.guide.weights))
+        self.unit = self.recipe.unit(self.width, self.height, self.settings.curves) * spread_of(weights) ** 0.5
         self.schedule = Schedule(self.recipe, self.settings.steps)
         self.engine: Engine = open_engine(
             self.settings.device,
@@ -130,9 +142,10 @@ class Trainer:
         )
         device = self.engine.device
         self.goal = self.target.to(device)  # the target where the engine is
-        self.background = choose_background(self.target, self.settings)
+        self.weights = None if weights is None else weights.to(device)
+        self.background = choose_background(self.target, self.settings, weights)
         self.image = torch.empty(self.height, self.width, channels, device=device)
-        centres = random_centres(self.settings.curves, self.target, self.generator)
+        centres = random_centres(self.settings.curves, self.target, self.generator, weights)
         radius = self.recipe.start_size * self.unit
         points = control_points(centres, radius, self.settings, self.generator)
         half_width = self.recipe.half_width_size * self.unit
@@ -142,8 +155,9 @@ class Trainer:
         # What the engine trains on, for the whole fit: the parameters' own tensors, which keep their places.
         self.curves = self._tensors(self.parameters)
         self.training = Training(
-            self.goal, self.state, self._rates(self.schedule.phase(0.0)), importance_kind=self.recipe.importance
-        )
+            self.goal, self.state, self._rates(self.schedule.phase(0.0)), importance_kind=self.recipe.importance,
+            weights=self.weights,
+        )  # fmt: skip
         self.best = Best()
         self.saved: tuple[int, Parameters] | None = (
             None  # of a GPU's fit, what the host has: the step and the parameters
@@ -189,6 +203,7 @@ class Trainer:
         channels = int(self.target.shape[2])
         self.engine = open_engine("cpu", self.settings.threads, mode=self.settings.mode, channels=channels)
         self.goal, self.best = self.target, Best()
+        self.weights = None if self.weights is None else self.weights.cpu()
         unfinished = "" if self.schedule.phase(step / self.settings.steps).exact else ", without the exact finish"
         self.rescued = (
             f"{error}; the result is what the fit had come to by step {step} of {self.settings.steps}{unfinished}"
@@ -271,8 +286,9 @@ class Trainer:
         self.inequality = gini(self.importance.cpu())
         fraction = self.schedule.reallocation(progress, self.inequality)
         parameters, state, count = reallocate(
-            self.parameters, self.state, self.importance, self.image, self.goal, fraction, self.settings, self.generator
-        )
+            self.parameters, self.state, self.importance, self.image, self.goal, fraction, self.settings,
+            self.generator, self.weights,
+        )  # fmt: skip
         self.parameters.overwrite(parameters)
         self.state.overwrite(state)
         self.replaced += count
@@ -281,12 +297,20 @@ class Trainer:
         return RasterSettings("exact", 1.0, self.settings.finish_samples)
 
     def _exact_loss(self, parameters: Parameters) -> float:
-        return self.engine.gradients(self._tensors(parameters), self._exact(), target=self.goal)[0]
+        return self._judged(parameters, self._exact())[0]
+
+    def _judged(
+        self, parameters: Parameters, settings: RasterSettings, importance: str | None = None
+    ) -> tuple[float, dict[str, Tensor]]:
+        """Loss, and with it the importance of each curve."""
+        return self.engine.gradients(
+            self._tensors(parameters), settings, target=self.goal, weights=self.weights, importance=importance
+        )
 
     def _drop_invisible(self) -> int:
         """Takes the best parameters, less the curves whose leave-one-out importance is not positive."""
         loss, parameters = self.best.loss, self.best.parameters
-        _, out = self.engine.gradients(self._tensors(parameters), self._exact(), target=self.goal, importance="loo")
+        _, out = self._judged(parameters, self._exact(), "loo")
         keep = out["importance"] > 0
         # A scene has at least one curve.
         keep[out["importance"].argmax()] = True
@@ -303,7 +327,7 @@ class Trainer:
         if self.recipe.edges != "soft":
             return notes
         relaxed = RasterSettings("relaxed", 1.0, self.settings.samples)
-        soft = self.engine.gradients(self._tensors(self.parameters), relaxed, target=self.goal)[0]
+        soft = self._judged(self.parameters, relaxed)[0]
         crisp = self._exact_loss(self.parameters)
         return [
             *notes,

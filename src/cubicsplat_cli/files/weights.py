@@ -1,0 +1,85 @@
+"""How much each pixel of a picture matters: a mask in grey, and a rectangle in focus."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.convert import PictureLike, as_picture
+from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.focus import Focus
+from cubicsplat_cli.settings import MAX_PIXELS
+
+GREY = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of the channels in a mask's brightness
+ASPECT_TOLERANCE = 0.01  # sides of pictures scaled down are rounded to whole pixels
+
+
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """Brightness (H, W) float32 in [0, 1] of a picture that says how much each pixel of another matters; not all 0."""
+
+    grey: np.ndarray
+    name: str
+    sha256: str
+
+
+def load_mask(source: PictureLike, *, max_pixels: int = MAX_PIXELS) -> Mask:
+    """A mask from any picture; what is transparent counts as black. Raises InputError where there is none in it."""
+    picture = as_picture(source, max_pixels=max_pixels)
+    grey = np.ascontiguousarray(picture.premultiplied()[..., :3] @ GREY)
+    if not grey.max() > 0.0:
+        raise InputError(f"{picture.source}: the mask is all black; paint white what matters")
+    return Mask(grey, picture.source, picture.sha256)
+
+
+def pixel_weights(picture: Picture, mask: Mask | None, focus: Focus | None, full: tuple[int, int]) -> np.ndarray | None:
+    """Weights (H, W) float32 of a picture's pixels, of mean 1; None where all matter alike.
+
+    full: width and height, in px, of the picture that this one may be a smaller copy of, in which the focus counts. A
+    mask is scaled to the picture.
+    Raises InputError for a mask of another shape, a focus outside, or where the two leave nothing that matters.
+    """
+    if mask is None and focus is None:
+        return None
+    weights = np.ones((picture.height, picture.width), np.float32)
+    if mask is not None:
+        weights *= _scaled(mask, picture, full)
+    if focus is not None:
+        weights *= 1.0 + (focus.factor - 1.0) * _inside(focus, picture, full)
+    mean = float(weights.mean(dtype=np.float64))
+    if not mean > 0.0:
+        raise InputError(f"{picture.source}: the mask leaves nothing of the picture that matters")
+    return weights / np.float32(mean)
+
+
+def _scaled(mask: Mask, picture: Picture, full: tuple[int, int]) -> np.ndarray:
+    height, width = mask.grey.shape
+    if abs(width * picture.height / (height * picture.width) - 1.0) > ASPECT_TOLERANCE:
+        raise InputError(
+            f"{picture.source}: has {full[0]} x {full[1]} pixels, which the mask {mask.name} with "
+            f"{width} x {height} does not fit; give one of the same shape"
+        )
+    if (width, height) == (picture.width, picture.height):
+        return mask.grey
+    image = Image.fromarray(mask.grey).resize((picture.width, picture.height), Image.Resampling.BILINEAR)
+    return np.clip(np.asarray(image), 0.0, 1.0)
+
+
+def _inside(focus: Focus, picture: Picture, full: tuple[int, int]) -> np.ndarray:
+    """How much of each pixel lies in the rectangle."""
+    across = _covered(focus.left, focus.width, full[0], picture.width)
+    down = _covered(focus.top, focus.height, full[1], picture.height)
+    if not (across.any() and down.any()):
+        raise InputError(f"{picture.source}: the focus lies outside of its {full[0]} x {full[1]} pixels")
+    return down[:, None] * across
+
+
+def _covered(start: float, length: float, full: int, pixels: int) -> np.ndarray:
+    """The share of each of the pixels of one axis that lies in a span, which is given in pixels of the full size."""
+    scale = pixels / full
+    left = np.arange(pixels)
+    overlap = np.minimum(left + 1, (start + length) * scale) - np.maximum(left, start * scale)
+    return np.clip(overlap, 0.0, 1.0).astype(np.float32)

@@ -1,0 +1,26 @@
+"""What a fit is told beside its picture and its settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from torch import Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """weights: (H, W) float32, at least 0 and not all 0: how much each pixel matters; None: all alike."""
+
+    weights: np.ndarray | None = None
+
+
+UNGUIDED = Guide()
+
+
+def spread_of(weights: Tensor | None) -> float:
+    """Share of the picture over which curves will spread: 1 for even weights, that of the region where only one counts.
+
+    It is the square of the weights' mean over the mean of their squares.
+    """
+    return 1.0 if weights is None else float(weights.double().mean() ** 2 / weights.double().square().mean())
