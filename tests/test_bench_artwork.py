@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from cubicsplat_cli.bench.artwork import tools
+from cubicsplat_cli.bench import tools
 from cubicsplat_cli.bench.artwork.counts import count, minified
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.edges import edge_displacement

@@ -11,38 +11,39 @@ import typer
 
 from cubicsplat_cli.cli.bench_artwork import artwork
 from cubicsplat_cli.cli.bench_options import (
+    Cache,
     Csv,
+    CurvesList,
+    Folder,
     Limit,
     Markdown,
     check_csv,
-    check_limit,
     check_sheet,
+    counts_of,
     end_with,
     parts_of,
+    pictures_of,
+    run_fits,
     write_csv,
 )
+from cubicsplat_cli.cli.bench_peers import peers
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.help import Command
 from cubicsplat_cli.cli.options import Json, Quiet, fit_settings, takes_fit_options
-from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.settings import FitSettings, Mode, listed
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.settings import Mode, listed
 
 if TYPE_CHECKING:
     from cubicsplat_cli.bench.runs import Runs
 
 bench = typer.Typer(no_args_is_help=True, help="Measure speed, quality and the parts of the method.")
 bench.command("artwork", cls=Command)(artwork)
+bench.command("peers", cls=Command)(peers)
 
 _MOST_SIDE = 16_384
 _SHEET_PICTURES = 4
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of pictures.", show_default=False)]
-CurvesList = Annotated[str, typer.Option("--curves", metavar="N,...", help="Numbers of curves.")]
 ModeList = Annotated[str, typer.Option("--mode", metavar="MODE,...", help="closed, open or both.")]
-Cache = Annotated[
-    Path | None,
-    typer.Option("--cache", metavar="DIR", help="Keep each result here, and take it from here the next time."),
-]
 
 
 @bench.command("step", cls=Command)
@@ -108,14 +109,14 @@ def quality(
     **fit: Any,
 ) -> None:
     """PSNR, SSIM, agreement, time and size of the SVG files of a folder of pictures, and their means."""
-    counts, modes = _counts(curves), _modes(mode)
+    counts, modes = counts_of(curves), _modes(mode)
     check_csv(csv)
     check_sheet(sheet)
-    pictures = _pictures(folder, limit)
+    pictures = pictures_of(folder, limit)
     from cubicsplat_cli.bench import quality as benchmark
 
     jobs = benchmark.quality_jobs(pictures, modes, counts, fit)
-    runs = _run(jobs, cache, Reporter(quiet=quiet))
+    runs = run_fits(jobs, cache, Reporter(quiet=quiet))
     names = [benchmark.configuration_name(m, c) for m in modes for c in counts]
     if json:
         _print_json(benchmark.quality_report(runs, names))
@@ -145,14 +146,14 @@ def ablation(
     **fit: Any,
 ) -> None:
     """What each part of the method is worth: the same fits with one thing changed at a time."""
-    counts, modes = _counts(curves), _modes(mode)
+    counts, modes = counts_of(curves), _modes(mode)
     check_csv(csv)
-    pictures = _pictures(folder, limit)
+    pictures = pictures_of(folder, limit)
     from cubicsplat_cli.bench import ablation as benchmark
 
     chosen = benchmark.chosen_rows(None if rows is None else parts_of(rows))
     jobs = benchmark.ablation_jobs(pictures, chosen, modes, counts, fit)
-    runs = _run(jobs, cache, Reporter(quiet=quiet))
+    runs = run_fits(jobs, cache, Reporter(quiet=quiet))
     if json:
         _print_json(benchmark.ablation_report(runs, chosen, modes, counts))
     else:
@@ -161,39 +162,12 @@ def ablation(
     end_with(runs.failed)
 
 
-def _counts(text: str) -> list[int]:
-    """The value of --curves: whole numbers with commas between them, each once."""
-    parts = parts_of(text)
-    if not parts or not all(part.isdecimal() for part in parts):
-        raise UsageError(f"must be whole numbers with commas between them, not {text!r}", "curves")
-    counts = [int(part) for part in dict.fromkeys(parts)]
-    for count in counts:
-        FitSettings(curves=count)
-    return counts
-
-
 def _modes(text: str) -> list[str]:
     modes = list(dict.fromkeys(parts_of(text)))
     known = [mode.value for mode in Mode]
     if not modes or not all(mode in known for mode in modes):
         raise UsageError(f"must be {listed(known)}, or both with a comma, not {text!r}", "mode")
     return modes
-
-
-def _pictures(folder: Path, limit: int | None) -> list[Path]:
-    from cubicsplat_cli.evaluate.folders import pictures_in
-
-    check_limit(limit)
-    return pictures_in(folder)[:limit]
-
-
-def _run(jobs: list[Any], cache: Path | None, reporter: Reporter) -> Runs:
-    from cubicsplat_cli.bench.runs import run_all
-
-    runs = run_all(jobs, cache, reporter.progress, reporter.summary)
-    if not runs.done:
-        raise InputError(f"no picture could be fitted: {runs.failed[0][0]}: {runs.failed[0][2]}")
-    return runs
 
 
 def _print_json(report: dict[str, Any]) -> None:

@@ -31,7 +31,9 @@ _SIZE = Setting("count", "", least=16, most=2048)
 
 def artwork(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)],
-    tools: Annotated[str, typer.Option("--tools", metavar="TOOL,...", help="Of ours, photo and vtracer.")] = "ours",
+    tools: Annotated[
+        str, typer.Option("--tools", metavar="TOOL,...", help="Of ours, photo, vtracer, potrace and diffvg.")
+    ] = "ours",
     size: Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")] = 512,
     only: Annotated[
         str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")
@@ -59,7 +61,7 @@ def artwork(
     check_sheet(sheet)
     from cubicsplat_cli.bench.artwork.runs import drawings_in, run_all
     from cubicsplat_cli.bench.artwork.tables import artwork_report, artwork_tables
-    from cubicsplat_cli.bench.artwork.tools import chosen_tools
+    from cubicsplat_cli.bench.tools import chosen_tools
     from cubicsplat_cli.report import to_json
 
     chosen = chosen_tools(parts_of(tools))

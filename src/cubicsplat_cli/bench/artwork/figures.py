@@ -12,7 +12,7 @@ from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.edges import edge_displacement
 from cubicsplat_cli.bench.artwork.inks import exact_inks
 from cubicsplat_cli.bench.artwork.seams import Opaque, opaque_inside, seam_areas
-from cubicsplat_cli.bench.artwork.tools import Tool
+from cubicsplat_cli.bench.tools import Tool
 from cubicsplat_cli.evaluate.colour import mean_delta_e, psnr
 
 

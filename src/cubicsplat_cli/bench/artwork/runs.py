@@ -8,7 +8,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from cubicsplat_cli.bench.artwork.figures import Figures, Truth, measure, run_tool
-from cubicsplat_cli.bench.artwork.tools import Tool
+from cubicsplat_cli.bench.tools import Tool
 from cubicsplat_cli.errors import CubicSplatError, InputError
 from cubicsplat_cli.words import one_line
 
