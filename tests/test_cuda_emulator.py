@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -332,11 +333,12 @@ def test_no_access_outside_of_buffers():
     if not Path(library).is_absolute():
         pytest.skip("the compiler has no AddressSanitizer")
     here = Path(__file__).parent
-    program = ASAN_PROGRAM.format(paths=[str(here), str(here.parent / "src")])
+    program = ASAN_PROGRAM.format(paths=[str(here)])
     environment = os.environ | {"LD_PRELOAD": library, "ASAN_OPTIONS": "detect_leaks=0:detect_stack_use_after_return=0"}
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False, env=environment, timeout=1500
     )
     assert "clean" in done.stdout, done.stderr[-3000:]
     assert "not found" not in done.stdout
-    assert "AddressSanitizer: heap-buffer-overflow" in done.stderr, done.stderr[-6000:]
+    # What lies behind the buffer may have been freed.
+    assert re.search("AddressSanitizer: heap-(buffer-overflow|use-after-free)", done.stderr), done.stderr[-6000:]

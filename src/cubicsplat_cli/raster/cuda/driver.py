@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any, Protocol
+from weakref import WeakSet
 
 import torch
 from torch import Tensor
@@ -93,6 +94,10 @@ class LateCopy:
         self._source, self._copy, self._event = source, copy, event
         self._asked = False
 
+    def keep_forever(self) -> None:
+        """After the device's failure: to free its pinned memory torch would ask the device, and end the process."""
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self))
+
     def poll(self) -> list[int] | None:
         """The values at the time of an earlier call, None while they are on their way; and asks for the next."""
         if self._asked and self._event is not None and not self._event.query():
@@ -162,6 +167,7 @@ class CudaDriver(Driver):
         except (RuntimeError, AssertionError) as error:  # a wrong number, no memory for a context, a broken device
             name = "the current GPU" if index is None else f"cuda:{index}"
             raise EngineError(f"{name} cannot be used: {one_line(error)}") from error
+        self._late_copies: WeakSet[LateCopy] = WeakSet()
         self.name = properties.name
         self.capability = (properties.major, properties.minor)
         self.memory = properties.total_memory
@@ -217,11 +223,21 @@ class CudaDriver(Driver):
                 finally:
                     if entered:
                         self.library.pop()
+        except DeviceError:
+            self._give_up()
+            raise
         except RuntimeError as error:  # of torch: an earlier kernel's failure, a lost device, also on the way out
+            self._give_up()
             raise DeviceError(f"the GPU failed: {one_line(error)}; try again, or use --device cpu") from error
 
+    def _give_up(self) -> None:
+        for copy in self._late_copies:
+            copy.keep_forever()
+
     def late_copy(self, source: Tensor) -> LateCopy:
-        return LateCopy(source, torch.empty_like(source, device="cpu", pin_memory=True), torch.cuda.Event())
+        copy = LateCopy(source, torch.empty_like(source, device="cpu", pin_memory=True), torch.cuda.Event())
+        self._late_copies.add(copy)
+        return copy
 
     def describe(self) -> dict[str, object]:
         return {

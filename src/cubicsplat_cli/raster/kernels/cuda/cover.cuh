@@ -162,9 +162,15 @@ struct Ends {
   float ax, ay, bx, by, vx, vy;
 };
 
-// Area of the fill in each pixel of the strip. Where the near edges form a single arc, the signed area is the area up to
-// its sign, exact in x and y: an arc's sides differ by one in their winding numbers, and if neither is outside, the signed
-// area is at least one everywhere.
+// Does the box of the edge touch the pixel?
+CS_INLINE bool touches_pixel(const float4& e, float px, float py) {
+  return fminf(e.x, e.z) <= px + 0.5f && fmaxf(e.x, e.z) >= px - 0.5f && fminf(e.y, e.w) <= py + 0.5f &&
+         fmaxf(e.y, e.w) >= py - 0.5f;
+}
+
+// Area of the fill in each pixel of the strip. Where the edges in a pixel form a single arc, the signed area is the area
+// up to its sign, exact in x and y: an arc's sides differ by one in their winding numbers, and if neither is outside, the
+// signed area is at least one everywhere. The other pixels are sampled.
 CS_INLINE float exact_fill(const Outlined& o, const Strip& strip, float px, float py) {
   const float top = py - 0.5f;
   ArcTest test;
@@ -172,15 +178,18 @@ CS_INLINE float exact_fill(const Outlined& o, const Strip& strip, float px, floa
   each_edge(o.masks, o.words, [&](int number) {
     const float4 e = o.edges[number];
     const Ends ends{e.x, e.y, e.z, e.w, e.z - e.x, e.w - e.y};
-    test.add(ends);
+    if (touches_pixel(e, px, py)) test.add(ends);
     const Span<float> span = span_in_row(e.y, e.w, top);
     add_area(area, e.x, e.y, slope_of(ends.vx, ends.vy), span, top, px + 0.5f);
     if (e.x < strip.middle) area += float(e.y <= py) - (1.0f - span.start);
     if (e.z < strip.middle) area += (1.0f - span.end) - float(e.w <= py);
   });
-  if (!test.passed()) return sampled_fill(o, strip);
   area = fabsf(area);
-  return area > 1.0f ? 1.0f : area;  // not fminf(): what is not a number stays none
+  if (area > 1.0f) area = 1.0f;  // not fminf(): what is not a number stays none
+  const bool exact = test.none() || test.passed();
+  if (all(exact)) return area;
+  const float sampled = sampled_fill(o, strip);  // the whole warp's work
+  return exact ? area : sampled;
 }
 
 // Area of the stroke in each pixel, from sub-samples filtered by a box of their own size. Nearer to the middle line

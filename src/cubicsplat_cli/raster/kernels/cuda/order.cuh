@@ -42,7 +42,7 @@ CS_INLINE int ordered_tile(const Frame& f) {
 }
 
 // Notes the time of a tile; one thread's work.
-CS_INLINE void note_cost(const Frame& f, int tile, long long clocks) {
+CS_INLINE void note_cost(const Frame& f, int tile, unsigned clocks) {
   const Order now(f, f.step->number & 1);
   const int cost = least(most(int(2.0f * log2f(float(clocks))) - kCheapest, 0), kCosts - 1);
   const int rank = atomicAdd(now.counts + cost, 1);

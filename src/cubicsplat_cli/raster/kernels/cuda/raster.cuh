@@ -156,10 +156,10 @@ CS_INLINE void draw_tile(const Frame& f, const Lists& s, const Place& p) {
 
 template <bool Exact>
 CS_INLINE void raster_tile(const Frame& f, unsigned char* memory) {
-  const long long start = clock64();
+  const unsigned start = unsigned(clock64());
   const Place p = place(f);
   draw_tile<Exact>(f, {memory}, p);
-  if (f.order && threadIdx.x == 0) note_cost(f, p.tile, clock64() - start);
+  if (f.order && threadIdx.x == 0) note_cost(f, p.tile, unsigned(clock64()) - start);
 }
 
 }  // namespace cs

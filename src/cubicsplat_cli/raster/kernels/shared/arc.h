@@ -22,6 +22,7 @@ class ArcTest {
     turn({e.vx, e.vy});
   }
 
+  CS_INLINE bool none() const { return !any_; }
   CS_INLINE bool failed() const { return !within_ || gaps_ > 1; }
   CS_INLINE bool passed() const { return within_ && gaps_ + (end_x_ != start_x_ || end_y_ != start_y_) == 1; }
 
