@@ -111,7 +111,7 @@ def test_documented_defaults_and_choices_are_the_real_ones():
     checked = 0
     for parameter in COMMANDS["vectorize"].params:
         name = parameter.opts[0]
-        if name in rows and parameter.default not in (None, False, True):
+        if name in rows and parameter.default not in (None, False, True, ""):
             default = getattr(parameter.default, "value", parameter.default)
             assert rows[name][1] == str(default), name
             checked += 1

@@ -136,7 +136,7 @@ def test_beside_the_inputs_own_drawings_are_left_out_and_endings_kept_apart(tmp_
     pattern = run_cli("vectorize", tmp_path / "*.jpg", "--dry-run", *SHORT)
     planned = sorted(Path(line.split(" -> ")[1]).name for line in pattern.stdout.decode().splitlines())
     assert planned == ["a.svg", "b.svg"], "without a.png among the inputs, a.jpg needs no longer name"
-    job = plan_jobs([Source(tmp_path / "a.jpg")], None, png=True, compress=False)[0]
+    job = plan_jobs([Source(tmp_path / "a.jpg")], None, Request())[0]
     assert job.outputs.png.name == "a.rendered.png", "a by-product never replaces somebody's picture"
 
 

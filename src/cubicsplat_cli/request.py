@@ -36,9 +36,10 @@ class Request:
 
     settings: of a photo; artwork: of flat artwork; style: "auto", "photo" or "artwork". precision: decimals of the
     coordinates (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side.
-    max_pixels: larger pictures are refused. png, page, animation (a file, or None), compress, force: of the files.
-    measure: whether the SVG is drawn by an independent renderer and measured. weights, focus: how much the pixels
-    matter to the fit of a photo; where either is given, the style is "photo".
+    max_pixels: larger pictures are refused. png, report, page, animation (a file, or None), compress, force: of the
+    files. suffix: what names made of the picture's get at their end. skip_existing: leave pictures alone that have an
+    SVG, whatever made it. measure: whether the SVG is drawn by an independent renderer and measured. weights, focus:
+    how much the pixels matter to the fit of a photo; where either is given, the style is "photo".
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -48,12 +49,15 @@ class Request:
     max_size: int | None = None
     max_pixels: int = MAX_PIXELS
     png: bool = True
+    report: bool = True
     page: bool = False
     animation: Path | None = None
     weights: Mask | None = None
     focus: Focus | None = None
     compress: bool = False
+    suffix: str = ""
     force: bool = False
+    skip_existing: bool = False
     measure: bool = True
 
     def __post_init__(self) -> None:
@@ -64,6 +68,10 @@ class Request:
             raise UsageError("is for photos; use style photo, or leave it out for artwork", self.of_photos()[0])
         if self.animation is not None and self.animation.suffix.lower() not in MOVING:
             raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
+        if set(self.suffix) & set("/\\\0"):
+            raise UsageError(f"must be the end of a file's name, not {self.suffix!r}", "suffix")
+        if self.force and self.skip_existing:
+            raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
 
     def of_photos(self) -> list[str]:
         """What is asked for that only the fit of a photo can do."""

@@ -83,6 +83,8 @@ class Run(Events):
             if outcome.report.interrupted and self.plan.pictures == 1:
                 self.reporter.note(f"interrupted at step {outcome.report.timing.steps}: the best SVG so far is written")
             self.reporter.summary(summary_line(outcome.report, outcome.status))
+        elif outcome.status == UNCHANGED:
+            self.reporter.summary(f"{outcome.job.outputs.svg}  unchanged")
         if outcome.status != PLANNED:
             self.tally.add(outcome)
             if self.plan.index is not None:

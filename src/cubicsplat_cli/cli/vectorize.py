@@ -122,6 +122,26 @@ FocusOn = Annotated[
         rich_help_panel=QUALITY,
     ),
 ]
+NoJson = Annotated[bool, typer.Option("--no-json", help="Write no OUT.json.", rich_help_panel=FILES)]
+SvgOnly = Annotated[
+    bool, typer.Option("--svg-only", help="Write the SVG and nothing else: --no-png --no-json.", rich_help_panel=FILES)
+]
+Suffix = Annotated[
+    str,
+    typer.Option(
+        "--suffix",
+        metavar="TEXT",
+        help="Add this to names made of the picture's: -small gives photo-small.svg.",
+        show_default=False,
+        rich_help_panel=FILES,
+    ),
+]
+SkipExisting = Annotated[
+    bool,
+    typer.Option(
+        "--skip-existing", help="Leave pictures alone that have an SVG, whatever made it.", rich_help_panel=FILES
+    ),
+]
 Svgz = Annotated[bool, typer.Option("--svgz", help="Write the SVG compressed, as OUT.svgz.", rich_help_panel=FILES)]
 Force = Annotated[
     bool,
@@ -163,6 +183,10 @@ def vectorize(
     focus: FocusOn = None,
     max_pixels: MaxPixels = MAX_PIXELS,
     png: Png = True,
+    no_json: NoJson = False,
+    svg_only: SvgOnly = False,
+    suffix: Suffix = "",
+    skip_existing: SkipExisting = False,
     measure: Measure = True,
     report: Page = False,
     animation: Animation = None,
@@ -193,11 +217,14 @@ def vectorize(
         precision=precision,
         max_size=max_size,
         max_pixels=max_pixels,
-        png=png and measure,
+        png=png and measure and not svg_only,
+        report=not (no_json or svg_only),
         page=report,
         animation=animation,
         compress=svgz,
+        suffix=suffix,
         force=force,
+        skip_existing=skip_existing,
         measure=measure,
         weights=None if weights is None else _mask(weights, max_pixels),
         focus=None if focus is None else parse_focus(focus),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.ownership import is_ours
+from cubicsplat_cli.files.ownership import is_ours, picture_of
 from cubicsplat_cli.files.paths import is_folder, is_there, same_file
 
 STDIO = "-"
@@ -51,8 +51,17 @@ def is_compressed_name(path: Path | None) -> bool:
     return path is not None and path.suffix.lower() == COMPRESSED
 
 
-def plan_outputs(source: Path | None, output: str | None, *, png: bool, compress: bool = False) -> Outputs:
-    """The files for the picture at `source` (None: standard input) and the value of `-o` (None: not given).
+def plan_outputs(
+    source: Path | None,
+    output: str | None,
+    *,
+    png: bool,
+    report: bool = True,
+    compress: bool = False,
+    ending: str = "",
+) -> Outputs:
+    """The files for the picture at `source` (None: standard input) and the value of `-o` (None: not given). ending:
+    what a name that is made of the picture's gets at its end.
 
     `-o` is an SVG file, a folder for it (one that exists, or a name that ends with a slash), or "-" for standard
     output, which is also the default for standard input. Raises UsageError when the SVG would not end in .svg (or
@@ -63,14 +72,18 @@ def plan_outputs(source: Path | None, output: str | None, *, png: bool, compress
     suffix = COMPRESSED if compress else PLAIN
     if output is None:
         assert source is not None
-        svg = source.with_suffix(suffix)
+        svg = place_for(source, source.parent, f"{ending}{suffix}")
+    elif names_a_folder(output):
+        svg = Path(output) / f"stdin{ending}{suffix}"
+        if source is not None:
+            svg = place_for(source, Path(output), f"{ending}{suffix}")
     else:
         svg = Path(output)
-        if names_a_folder(output):
-            svg = svg / f"{source.stem if source is not None else 'stdin'}{suffix}"
+        if ending:
+            raise UsageError(f"--suffix is of names made of the picture's, but -o {output} is one; leave out either")
     if svg.suffix.lower() not in ((COMPRESSED,) if compress else SVG_SUFFIXES):
         raise UsageError(f"the output must end in {suffix}, but -o is {output}; {_instead(svg)}")
-    outputs = beside(svg, png=png, source=source)
+    outputs = beside(svg, png=png, report=report, source=source)
     for path in outputs.files():
         if source is not None and same_file(path, source):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
@@ -83,7 +96,20 @@ def _instead(svg: Path) -> str:
     return "use -o - for standard output"
 
 
-def beside(svg: Path, *, png: bool, source: Path | None = None) -> Outputs:
+def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) -> Path:
+    """Where the SVG of a picture goes by default: to the picture's name without its ending, and a suffix.
+
+    Where another picture has that name, as a.jpg and a.png do, the ending stays (a.png.svg): with `shared` there is one
+    now, and there was one where the SVG is there already and the picture that it says it was made of still is.
+    Whoever came first keeps the short name, so that no earlier results are replaced or left behind.
+    """
+    short = folder / f"{source.stem}{suffix}"
+    first = picture_of(short)
+    taken = shared if first is None else first != source.name and (shared or is_there(source.parent / first))
+    return folder / f"{source.name}{suffix}" if taken else short
+
+
+def beside(svg: Path, *, png: bool, report: bool = True, source: Path | None = None) -> Outputs:
     """The SVG's companions: its picture and its figures.
 
     `photo.png` gives `photo.svg`, whose picture must not be `photo.png`; nor may it be any other picture that is
@@ -92,7 +118,7 @@ def beside(svg: Path, *, png: bool, source: Path | None = None) -> Outputs:
     picture = drawn_name(svg)
     if source is not None and same_file(picture, source):
         picture = svg.with_suffix(_RENDERED)
-    return Outputs(svg, picture if png else None, svg.with_suffix(".json"))
+    return Outputs(svg, picture if png else None, svg.with_suffix(".json") if report else None)
 
 
 def drawn_name(svg: Path) -> Path:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import re
 import zlib
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, svg_is_ours
 from cubicsplat_cli.files.paths import is_file, is_there
 
 MOVING = (".webp", ".gif")
+_TITLE = re.compile(rb"<title>(.*?)</title>", re.DOTALL)
 _REPORT = f'{{\n  "schema": 1,\n  "program": "{PROGRAM}"'.encode()  # how every report of ours begins
 
 
@@ -55,6 +58,16 @@ def is_ours(path: Path) -> bool:
         # A report that was cut short is ours too.
         return f'"program": "{PROGRAM}"'.encode() in head or _REPORT.startswith(head)
     return svg_is_ours(head)
+
+
+def picture_of(path: Path) -> str | None:
+    """The name of the picture that an SVG of ours was made of, which is its title; None where there is no such file."""
+    try:
+        head = read_head(path) if is_file(path) else b""
+    except OSError:
+        return None
+    title = _TITLE.search(head) if svg_is_ours(head) else None
+    return None if title is None else html.unescape(title[1].decode(errors="replace"))
 
 
 def is_svg(path: Path) -> bool:

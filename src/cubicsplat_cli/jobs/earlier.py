@@ -6,7 +6,8 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import hashes_in, sha256_of
-from cubicsplat_cli.files.ownership import check_outputs, check_ownership, read_ends, read_head
+from cubicsplat_cli.files.names import beside
+from cubicsplat_cli.files.ownership import check_outputs, check_ownership, is_ours, read_ends, read_head
 from cubicsplat_cli.files.paths import is_file, same_file
 from cubicsplat_cli.files.read import unpacked
 from cubicsplat_cli.jobs.plan import Job, make_folders
@@ -36,6 +37,11 @@ def check_may_write(job: Job, *, force: bool) -> None:
         return
     for path in edited(job):
         raise UsageError(f"{path} was edited since it was made; --force replaces it, -o chooses another output")
+    if job.outputs.report is None and job.outputs.svg is not None and _unknown(job, job.outputs.svg):
+        raise UsageError(
+            f"{job.outputs.svg} exists, and without its JSON nobody can tell whether it was edited since it was made; "
+            "--force replaces it, --skip-existing keeps it"
+        )
 
 
 def edited(job: Job) -> list[Path]:
@@ -46,6 +52,11 @@ def edited(job: Job) -> list[Path]:
     wanted = ((job.outputs.svg, report.output.svg_sha256), (job.outputs.png, report.output.png_sha256))
     found = [(path, digest, path.read_bytes()) for path, digest in wanted if path is not None and is_file(path)]
     return [path for path, digest, data in found if digest and sha256_of(data) != digest and _is_whole(path, data)]
+
+
+def _unknown(job: Job, svg: Path) -> bool:
+    """Whether a whole SVG is there that no report tells of."""
+    return is_file(svg) and earlier_report(job) is None and _is_whole(svg, svg.read_bytes())
 
 
 def _is_whole(path: Path, data: bytes) -> bool:
@@ -60,13 +71,20 @@ def _is_whole(path: Path, data: bytes) -> bool:
 
 def forget(job: Job) -> None:
     """Remove the report of an earlier run, which says what the files were: they are about to become others."""
-    if job.outputs.report is not None:
-        job.outputs.report.unlink(missing_ok=True)
+    path = _report_of(job)
+    if path is not None and is_ours(path):
+        path.unlink(missing_ok=True)
+
+
+def _report_of(job: Job) -> Path | None:
+    """Where a report lies if there is one, wanted or not."""
+    svg = job.outputs.svg
+    return job.outputs.report or (None if svg is None else beside(svg, png=False).report)
 
 
 def earlier_report(job: Job) -> Report | None:
     """What the report beside the SVG says; None where there is none as this version writes it, or not a whole one."""
-    path = job.outputs.report
+    path = _report_of(job)
     if path is None or not is_file(path):
         return None
     try:
@@ -103,8 +121,10 @@ def finished(job: Job, digest: str) -> Report | None:
 
 def is_finished(job: Job) -> bool:
     """Whether there is a finished SVG of any settings, which an interrupted one must not replace."""
-    report = earlier_report(job)
-    return report is not None and not report.interrupted and job.outputs.svg is not None and _size(job.outputs.svg) > 0
+    report, svg = earlier_report(job), job.outputs.svg
+    if svg is None or _size(svg) == 0:
+        return False
+    return job.outputs.report is None if report is None else not report.interrupted
 
 
 def _size(path: Path) -> int:

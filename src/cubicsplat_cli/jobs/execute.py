@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from cubicsplat_cli.errors import CubicSplatError
-from cubicsplat_cli.jobs.earlier import check_may_write, finished, prepare
+from cubicsplat_cli.files.paths import is_file
+from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare
 from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.pages import with_page
 from cubicsplat_cli.jobs.plan import Job, Plan
@@ -43,6 +44,9 @@ def execute(
 
 def look(job: Job, request: Request) -> Outcome:
     """What would become of a job; changes nothing on the disk."""
+    svg = job.outputs.svg
+    if request.skip_existing and svg is not None and is_file(svg) and svg.stat().st_size > 0:
+        return Outcome(job, UNCHANGED, earlier_report(job))
     try:
         report = None if request.force else finished(job, request.digest())
         if report is None:

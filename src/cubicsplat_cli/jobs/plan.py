@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.names import COMPRESSED, PAGE, PLAIN, STDIO, Outputs, beside, plan_outputs
+from cubicsplat_cli.files.names import COMPRESSED, PAGE, PLAIN, STDIO, Outputs, beside, place_for, plan_outputs
 from cubicsplat_cli.files.ownership import is_svg
 from cubicsplat_cli.files.paths import is_folder, is_there, make_folder_of
 from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
@@ -66,14 +66,16 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
         if request.animation is not None:
             raise UsageError("--animation is of one picture, and there may be several; give one")
         found = find_sources(arguments, recursive=recursive)
-        jobs = plan_jobs(found.sources, output, png=request.png, compress=request.compress)
+        jobs = plan_jobs(found.sources, output, request)
         made = Plan(jobs, list(found.problems), found.left_out)
         return with_pages(made, output) if request.page else made
     name = arguments[0]
     path = None if name == STDIO else Path(name)
     if path is not None and is_svg(path):
         raise InputError(f"{printable(name)}: is an SVG or XML file, already vector; give a raster picture")
-    outputs = plan_outputs(path, output, png=request.png, compress=request.compress)
+    outputs = plan_outputs(
+        path, output, png=request.png, report=request.report, compress=request.compress, ending=request.suffix
+    )
     made = Plan([Job(name, path, replace(outputs, animation=request.animation))])
     return with_pages(made, output) if request.page else made
 
@@ -97,26 +99,25 @@ def with_pages(made: Plan, output: str | None) -> Plan:
     return replace(made, jobs=jobs, index=next(path for path in names if path not in pages))
 
 
-def plan_jobs(sources: list[Source], output: str | None, *, png: bool, compress: bool) -> list[Job]:
+def plan_jobs(sources: list[Source], output: str | None, request: Request) -> list[Job]:
     """A job for each picture: its files lie beside it, or in a mirror of its folders below `output`.
 
     Pictures that differ in their ending alone (`a.png` and `a.jpg`) would give the same files; those get it into
-    their names (`a.png.svg`, `a.jpg.svg`). Raises UsageError where two pictures still meet, or where `output` cannot
-    be a folder.
+    their names (`a.png.svg`, `a.jpg.svg`), but for one that has the short name from an earlier run. Raises UsageError
+    where two pictures still meet, or where `output` cannot be a folder.
     """
     _check_folder(output, len(sources))
-    suffix = COMPRESSED if compress else PLAIN
-    stems = [_folder_of(source, output) / source.path.stem for source in sources]
-    shared = {key for key, count in Counter(_key(stem) for stem in stems).items() if count > 1}
+    suffix = request.suffix + (COMPRESSED if request.compress else PLAIN)
+    stems = [_key(_folder_of(source, output) / source.path.stem) for source in sources]
+    shared = {key for key, count in Counter(stems).items() if count > 1}
     claimed: dict[str, Path] = {}
     jobs = []
     for source, stem in zip(sources, stems, strict=True):
-        base = stem.parent / (source.path.name if _key(stem) in shared else stem.name)
-        svg = base.parent / f"{base.name}{suffix}"
+        svg = place_for(source.path, _folder_of(source, output), suffix, shared=stem in shared)
         if (other := claimed.setdefault(_key(svg), source.path)) is not source.path:
             raise UsageError(f"{other} and {source.path} would both give {svg}; use two runs with different folders")
-        jobs.append((source, svg))
-    return [Job(str(source.path), source.path, beside(svg, png=png)) for source, svg in jobs]
+        jobs.append(Job(str(source.path), source.path, beside(svg, png=request.png, report=request.report)))
+    return jobs
 
 
 def _check_folder(output: str | None, pictures: int) -> None:

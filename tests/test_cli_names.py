@@ -1,0 +1,126 @@
+"""Which files a run writes, under which names, and which it leaves alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cli_runs import SHORT, json_lines, save_pictures, strict_json
+from conftest import smooth_pixels
+from PIL import Image
+
+QUICK = (*SHORT, "--no-measure")
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def ended(done) -> dict[str, str]:
+    """How each picture ended."""
+    return {name: line["status"] for name, line in json_lines(done.stdout).items()}
+
+
+def test_a_second_picture_of_the_same_stem_leaves_the_first_one_its_files(tmp_path, run_cli):
+    save_pictures(tmp_path, ["a.jpg", "b & c.png"])
+    assert run_cli("vectorize", tmp_path, *QUICK).returncode == 0
+    save_pictures(tmp_path, ["a.png", "b & c.bmp", "d.jpg", "d.png"])
+    Image.fromarray(smooth_pixels(30, 22)).save(tmp_path / "a.png")
+    before = {name: (tmp_path / name).read_bytes() for name in ("a.svg", "b & c.svg")}
+    done = run_cli("vectorize", tmp_path, *QUICK, "--json")
+    assert done.returncode == 0, done.stderr
+    assert ended(done) == {
+        "a.jpg": "unchanged", "b & c.png": "unchanged",
+        "a.png": "done", "b & c.bmp": "done", "d.jpg": "done", "d.png": "done",
+    }  # fmt: skip
+    drawn = {name for name in names(tmp_path) if name.endswith(".svg")}
+    assert drawn == {"a.svg", "a.png.svg", "b & c.svg", "b & c.bmp.svg", "d.jpg.svg", "d.png.svg"}
+    assert all((tmp_path / name).read_bytes() == data for name, data in before.items())
+    assert set(ended(run_cli("vectorize", tmp_path, *QUICK, "--json")).values()) == {"unchanged"}
+
+
+def test_so_does_one_that_is_vectorised_alone(tmp_path, run_cli):
+    save_pictures(tmp_path, ["a.jpg", "a.png"])
+    assert run_cli("vectorize", tmp_path / "a.jpg", *QUICK).returncode == 0
+    first = (tmp_path / "a.svg").read_bytes()
+    for output in ([], ["-o", f"{tmp_path}/"]):
+        assert run_cli("vectorize", tmp_path / "a.png", *QUICK, *output).returncode == 0
+    assert {name for name in names(tmp_path) if name.endswith(".svg")} == {"a.svg", "a.png.svg"}
+    assert (tmp_path / "a.svg").read_bytes() == first
+    (tmp_path / "a.jpg").unlink()
+    (tmp_path / "a.png.svg").unlink()
+    assert run_cli("vectorize", tmp_path / "a.png", *QUICK).returncode == 0
+    assert (tmp_path / "a.svg").read_bytes() != first, "nobody's any more"
+
+
+def test_svg_only_and_no_json(photo, run_cli):
+    done = run_cli("vectorize", photo, *SHORT, "--no-json")
+    assert done.returncode == 0, done.stderr
+    assert names(photo.parent) == {"photo.png", "photo.svg", "photo.rendered.png"}
+    (photo.parent / "photo.rendered.png").unlink()
+    (photo.parent / "photo.svg").unlink()
+    done = run_cli("vectorize", photo, *QUICK, "--svg-only")
+    assert done.returncode == 0, done.stderr
+    assert names(photo.parent) == {"photo.png", "photo.svg"}
+
+
+def test_an_svg_without_its_json_is_kept(photo, run_cli):
+    svg = photo.with_suffix(".svg")
+    assert run_cli("vectorize", photo, *QUICK, "--svg-only").returncode == 0
+    svg.write_text(svg.read_text().replace("</svg>", "<!-- mine --></svg>"))
+    for options in ([], ["--seed", 2]):
+        done = run_cli("vectorize", photo, *QUICK, "--svg-only", *options)
+        assert done.returncode == 2
+        assert b"--skip-existing keeps it" in done.stderr
+    assert run_cli("vectorize", photo, *QUICK, "--svg-only", "--skip-existing").returncode == 0
+    assert "mine" in svg.read_text()
+    assert run_cli("vectorize", photo, *QUICK, "--svg-only", "--force").returncode == 0
+    assert "mine" not in svg.read_text()
+
+
+def test_without_json_an_earlier_one_is_used_and_does_not_outlive_its_svg(photo, run_cli):
+    assert run_cli("vectorize", photo, *QUICK).returncode == 0
+    done = run_cli("vectorize", photo, *QUICK, "--svg-only")
+    assert b"unchanged" in done.stderr
+    assert run_cli("vectorize", photo, *QUICK, "--svg-only", "--seed", 2).returncode == 0
+    assert names(photo.parent) == {"photo.png", "photo.svg"}
+
+
+def test_existing_svgs_are_skipped_whatever_made_them(tmp_path, run_cli):
+    save_pictures(tmp_path, ["a.png", "b.png", "c.png"])
+    assert run_cli("vectorize", tmp_path / "a.png", *QUICK).returncode == 0
+    (tmp_path / "b.svg").write_text("<svg>by hand</svg>")
+    (tmp_path / "c.svg").touch()
+    done = run_cli("vectorize", tmp_path, *QUICK, "--skip-existing", "--seed", 5, "--json")
+    assert done.returncode == 0, done.stderr
+    assert ended(done) == {"a.png": "unchanged", "b.png": "unchanged", "c.png": "done"}
+    assert strict_json((tmp_path / "a.json").read_bytes())["settings"]["seed"] == 0
+    assert (tmp_path / "b.svg").read_text() == "<svg>by hand</svg>"
+    assert b"b.svg  unchanged" in done.stderr
+
+
+def test_a_suffix_of_the_names(photo, tmp_path, run_cli):
+    done = run_cli("vectorize", photo, *QUICK, "--suffix", "-small", "--svgz")
+    assert done.returncode == 0, done.stderr
+    assert names(tmp_path) == {"photo.png", "photo-small.svgz", "photo-small.json"}
+    assert (
+        run_cli("vectorize", photo, *QUICK, "--suffix", ".min", "-o", f"{tmp_path}/out/", "--svg-only").returncode == 0
+    )
+    assert names(tmp_path / "out") == {"photo.min.svg"}
+    assert run_cli("vectorize", tmp_path, *QUICK, "--suffix", "-2", "-o", tmp_path / "many").returncode == 0
+    assert names(tmp_path / "many") == {"photo-2.svg", "photo-2.json"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--suffix", "/x"], "--suffix must be the end of a file's name"),
+        (["--suffix", "-x", "-o", "y.svg"], "--suffix is of names made of the picture's"),
+        (["--force", "--skip-existing"], "give one of them"),
+    ],
+)
+def test_wrong_usage(arguments, said, photo, run_cli):
+    done = run_cli("vectorize", photo, *QUICK, *arguments)
+    assert done.returncode == 2
+    assert said in done.stderr.decode()
+    assert names(photo.parent) == {"photo.png"}
