@@ -26,6 +26,7 @@ from cubicsplat_cli.cli.bench_options import (
     run_fits,
     write_csv,
 )
+from cubicsplat_cli.cli.bench_paper import paper
 from cubicsplat_cli.cli.bench_peers import peers
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.help import Command
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 bench = typer.Typer(no_args_is_help=True, help="Measure speed, quality and the parts of the method.")
 bench.command("artwork", cls=Command)(artwork)
 bench.command("peers", cls=Command)(peers)
+bench.command("paper", cls=Command)(paper)
 
 _MOST_SIDE = 16_384
 _SHEET_PICTURES = 4

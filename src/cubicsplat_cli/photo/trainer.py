@@ -229,7 +229,7 @@ class Trainer:
         training = self.training
         training.rates, training.points_gradient = self._rates(phase), self._regulariser()
         training.image, training.importance = (self.image, self.importance) if due else (None, None)
-        loss = self.engine.step(self.curves, self._raster(phase), training)
+        loss = self.engine.step(self.curves, self.raster(phase), training)
         # A GPU's loss would have to be waited for; it is finite where the engine has found no fault.
         if isinstance(loss, float) and not math.isfinite(loss):
             self._broke_down(f"the loss is {loss}")
@@ -256,7 +256,8 @@ class Trainer:
         soft = self.recipe.edges == "soft"
         return parameters.for_engine(self.settings.mode, self.width, self.height, self.background, soft=soft)
 
-    def _raster(self, phase: Phase) -> RasterSettings:
+    def raster(self, phase: Phase) -> RasterSettings:
+        """How a step of this phase is drawn."""
         coverage = "exact" if phase.exact else "relaxed"
         samples = self.settings.finish_samples if phase.exact else self.settings.samples
         if self.recipe.flatten == "de-casteljau":
