@@ -35,6 +35,7 @@ HISTORY_ENTRIES = 50
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
 FLATNESS = 0.5  # px, of de Casteljau subdivision
 AFTER_STEPS = 3  # what comes after the last step takes about as long as so many
+FINISH_TOLERANCE = 0.1  # px: cairo's own, so that the file is drawn no finer than it was fitted
 CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
 
 
@@ -262,7 +263,7 @@ class Trainer:
         samples = self.settings.finish_samples if phase.exact else self.settings.samples
         if self.recipe.flatten == "de-casteljau":
             return RasterSettings(coverage, phase.edge_width, 64, FLATNESS, subdivide=True)
-        tolerance = self.recipe.tolerance * (0.25 if phase.exact else 1.0)
+        tolerance = FINISH_TOLERANCE if phase.exact and self.recipe.tolerance > 0.0 else self.recipe.tolerance
         return RasterSettings(coverage, phase.edge_width, samples, tolerance)
 
     def _rates(self, phase: Phase) -> Rates:

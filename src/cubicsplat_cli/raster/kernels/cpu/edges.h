@@ -12,7 +12,7 @@ struct TileEdge : Edge {
   float bx, by;
 };
 
-// Sixteen edges, or as many as the last group has; the rest is near no block.
+// Sixteen edges of a pair, of which the last group may have fewer; the rest is near no block.
 struct EdgeGroup {
   float ax[kLanes], ay[kLanes], bx[kLanes], by[kLanes];
   float vx[kLanes], vy[kLanes], ux[kLanes], uy[kLanes];  // as in Edge
@@ -23,12 +23,14 @@ struct EdgeGroup {
 
   TileEdge edge(unsigned i) const { return {{ax[i], ay[i], vx[i], vy[i], ux[i], uy[i]}, bx[i], by[i]}; }
 
-  void clear() {
-    const Lanes zero(0.0f);
-    zero.store(ax);
-    zero.store(ay);
-    zero.store(bx);
-    zero.store(by);
+  // Takes sixteen lines to the coordinates of a tile whose corner is (x, y).
+  void fetch(const Line* lines, float x, float y) {
+    Lanes ends[4];
+    load_pixels<4>(&lines->ax, 4 * kBlock, ends);
+    (ends[0] - Lanes(x)).store(ax);
+    (ends[1] - Lanes(y)).store(ay);
+    (ends[2] - Lanes(x)).store(bx);
+    (ends[3] - Lanes(y)).store(by);
     for (uint16_t& n : near) n = 0;
   }
 

@@ -166,8 +166,6 @@ struct CsEngine {
     task.pairs = f.tile_pairs.data() + begin;
     task.pair_count = end - begin;
     task.primitives = f.primitives.data();
-    task.vertices = f.vertices.data();
-    task.vertex_stride = f.vertex_stride;
     task.chunks = f.views.data();
     task.chunk_size = cs::kChunk;
     task.loss = &f.tile_loss[index];

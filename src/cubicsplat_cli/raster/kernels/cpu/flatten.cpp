@@ -16,7 +16,7 @@ void Chunk::clear() {
 }
 
 ChunkView Chunk::view() {
-  return {edges.data(), edge_gradients.data()};
+  return {lines.data(), edge_gradients.data()};
 }
 
 void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const CsImages& images, bool backward) {
@@ -31,6 +31,7 @@ void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const C
   f.vertex_stride = scene.segments * settings.samples + f.scene.rings;
   f.primitives.resize(scene.curves);
   f.vertices.resize(size_t(scene.curves) * f.vertex_stride * 2);
+  f.cubic_samples.resize(size_t(scene.curves) * scene.segments);
   f.chunks.resize(f.chunk_count());
   f.views.resize(f.chunk_count());
   if (settings.subdivide) f.parameters.resize(size_t(scene.curves) * f.vertex_stride);
@@ -59,36 +60,29 @@ void activate(const CsScene& scene, float edge_width, int p, Primitive& q) {
   q.edge_width = scene.edge_widths ? scene.edge_widths[p] : edge_width;
 }
 
-int choose_samples(const Frame& f, const Rings& rings, const float* points) {
-  const CsSettings& s = f.settings;
+// Edges of one cubic.
+int choose_samples(const CsSettings& s, const float* a, const float* b, const float* c, const float* d) {
   if (!(s.tolerance > 0.0f)) return s.samples;
-  float worst = 0.0f;
-  for (int r = 0; r < rings.count; r++)
-    for (int m = rings.begin(r); m < rings.end(r); m++)
-      for (int j = 0; j < 2; j++) {
-        const float *a = points + 2 * (3 * m + j), *b = a + 2;
-        const float* c = j == 0 ? b + 2 : points + 2 * rings.end_point(r, m, f.scene.closed);
-        worst = std::max(worst, bend(a, b, c));
-      }
-  return samples_for(worst, s.tolerance, s.samples);
+  return samples_for(std::max(bend(a, b, c), bend(b, c, d)), s.tolerance, s.samples);
 }
 
-// Vertices of one ring but the last, at uniform parameters; returns where the last one goes.
-float* evaluate_ring(const Frame& f, const Rings& rings, int r, const float* points, int samples, float* out) {
-  const float* weights = f.weights(samples);
+// Vertices of one ring but the last, at uniform parameters of each cubic; returns where the last one goes. Notes how many
+// edges each cubic has.
+float* evaluate_ring(const Frame& f, const Rings& rings, int r, const float* points, uint8_t* samples, float* out) {
   for (int m = rings.begin(r); m < rings.end(r); m++) {
     const float *p0 = points + 6 * m, *p3 = points + 2 * rings.end_point(r, m, f.scene.closed);
-    for (int s = 0; s < samples; s++, out += 2) {
-      const float* w = weights + 4 * s;
+    const int count = choose_samples(f.settings, p0, p0 + 2, p0 + 4, p3);
+    const float* w = f.weights(count);
+    samples[m] = uint8_t(count);
+    for (const float* end = w + 4 * count; w < end; w += 4, out += 2)
       for (int c = 0; c < 2; c++) out[c] = w[0] * p0[c] + w[1] * p0[2 + c] + w[2] * p0[4 + c] + w[3] * p3[c];
-    }
   }
   return out;
 }
 
 // The polyline of a primitive: its rings one after the other, each with a last vertex, which is its first one again where
 // it is closed. Returns the number of vertices.
-int evaluate_polyline(const Frame& f, const Rings& rings, const float* points, int samples, float* out,
+int evaluate_polyline(const Frame& f, const Rings& rings, const float* points, uint8_t* samples, float* out,
                       std::vector<uint32_t>& ring_starts) {
   float* const begin = out;
   for (int r = 0; r < rings.count; r++) {
@@ -194,6 +188,14 @@ int cell(float x, int most) {
   return c < float(most) ? int(c) : most;
 }
 
+struct Columns {
+  int begin, end;
+};
+
+struct PixelRows {
+  int begin, end;
+};
+
 // Works on one primitive: its polyline and the lists it adds to the chunk.
 struct Flattener {
   Frame& f;
@@ -213,7 +215,8 @@ struct Flattener {
       for (int e = int(starts[0]); e + 1 < int(starts[1]); e++) visit(e);
   }
 
-  // First pixel row whose centre lies at y or below it.
+  // First pixel row whose centre lies at y or below it. An edge owns the rows from that of its upper end to that of its
+  // lower one: half-open in y, min(y) <= centre < max(y).
   int row_at(float y, int low, int high) const {
     float r = y - 0.5f;
     if (!(r > float(low))) return low;
@@ -233,53 +236,55 @@ struct Flattener {
   int width() const { return tile_x1 - tile_x0; }
   size_t tile(int tx, int ty) const { return size_t(ty - tile_y0) * width() + (tx - tile_x0); }
 
-  // An edge of tile row ty adds to the winding numbers of the tiles from column tx on, which have it on their left: noted
-  // in the first of them. Half-open in y: an edge owns the rows min(y) <= centre < max(y).
-  void pass(int e, int tx, int ty) {
-    if (!f.scene.closed || tx >= tile_x1) return;
-    const float ya = start(e)[1], yb = end(e)[1];
-    const int top = ty * kTile, bottom = top + kTile;
-    const int r0 = row_at(std::min(ya, yb), top, bottom), r1 = row_at(std::max(ya, yb), r0, bottom);
-    int16_t* rows = chunk.windings.data() + tile(tx, ty) * kTile - top;
-    for (int r = r0; r < r1; r++) rows[r] += yb > ya ? 1 : -1;
+  // Tile columns that an edge between two x comes within reach of. It is left of the columns from the end on.
+  Columns columns(float ax, float bx) const {
+    const float low = std::min(ax, bx) - q.reach, high = std::max(ax, bx) + q.reach;
+    if (low > float(tile_x1 * kTile)) return {tile_x1, tile_x1};
+    const int begin = std::max(cell(low, tile_x1), tile_x0);
+    if (high < float(tile_x0 * kTile)) return {begin, begin};
+    return {begin, std::min(cell(high, tile_x1 - 1) + 1, tile_x1)};
   }
 
-  // Tile columns [x0, x1) of one tile row that an edge comes within reach of; a long edge is clipped to the row first.
-  // It is left of the columns from x1 on.
-  void columns(int e, int ty, int& x0, int& x1) const {
+  // The same for the part of an edge within reach of one tile row.
+  Columns columns_in_row(const float* a, const float* b, int ty) const {
+    const float top = float(ty * kTile) - q.reach, bottom = float((ty + 1) * kTile) + q.reach;
+    const float slope = (b[0] - a[0]) / (b[1] - a[1]);
+    return columns(a[0] + (limit(a[1], top, bottom) - a[1]) * slope, a[0] + (limit(b[1], top, bottom) - a[1]) * slope);
+  }
+
+  // The part in tile row ty of an edge that goes down (1) or up (-1) through pixel rows adds to the winding numbers of the
+  // tiles from column tx on, which have it on their left: noted in the first of them.
+  void pass(const PixelRows& rows, int direction, int tx, int ty) {
+    if (tx >= tile_x1) return;
+    const int top = ty * kTile, end = std::min(rows.end, top + kTile);
+    int16_t* windings = chunk.windings.data() + tile(tx, ty) * kTile - top;
+    for (int r = std::max(rows.begin, top); r < end; r++) windings[r] = int16_t(windings[r] + direction);
+  }
+
+  // Where an edge is near, and how it winds around what is right of it.
+  void list_edge(int e) {
     const float *a = start(e), *b = end(e);
-    float top = float(ty * kTile) - q.reach, bottom = float((ty + 1) * kTile) + q.reach;
-    float ax = a[0], bx = b[0], ay = a[1], by = b[1];
-    x0 = x1 = tile_x1;
-    if (std::max(ay, by) < top || std::min(ay, by) > bottom) return;
-    if (std::fabs(by - ay) > float(kTile)) {
-      float slope = (bx - ax) / (by - ay);
-      float xa = ax + (limit(ay, top, bottom) - ay) * slope, xb = ax + (limit(by, top, bottom) - ay) * slope;
-      ax = xa;
-      bx = xb;
+    const float low = std::min(a[1], b[1]), high = std::max(a[1], b[1]);
+    if (high + q.reach < float(tile_y0 * kTile) || low - q.reach > float(tile_y1 * kTile)) return;
+    const int y0 = std::max(cell(low - q.reach, tile_y1), tile_y0);
+    const int y1 = std::min(cell(high + q.reach, tile_y1 - 1) + 1, tile_y1);
+    const int first = row_at(low, tile_y0 * kTile, tile_y1 * kTile);
+    const PixelRows rows{first, row_at(high, first, tile_y1 * kTile)};
+    const bool tall = high - low > float(kTile);
+    Columns near = columns(a[0], b[0]);
+    for (int ty = y0; ty < y1; ty++) {
+      if (tall) near = columns_in_row(a, b, ty);
+      if (f.scene.closed) pass(rows, b[1] > a[1] ? 1 : -1, near.end, ty);
+      if (near.begin < near.end) chunk.spans.push_back({e, ty, near.begin, near.end});
+      for (int tx = near.begin; tx < near.end; tx++) chunk.cursor[tile(tx, ty)]++;
     }
-    float low = std::min(ax, bx) - q.reach, high = std::max(ax, bx) + q.reach;
-    if (low > float(tile_x1 * kTile)) return;
-    x0 = std::max(cell(low, tile_x1), tile_x0);
-    x1 = high < float(tile_x0 * kTile) ? x0 : std::min(cell(high, tile_x1 - 1) + 1, tile_x1);
   }
 
-  // Where each edge is near, and how it winds around what is right of it.
   void list_spans() {
-    chunk.cursor.assign(size_t(tile_x1 - tile_x0) * (tile_y1 - tile_y0), 0);
+    chunk.cursor.assign(size_t(width()) * (tile_y1 - tile_y0), 0);
     chunk.spans.clear();
     if (f.scene.closed) chunk.windings.assign(chunk.cursor.size() * kTile, 0);
-    each_edge([&](int e) {
-      float low = std::min(start(e)[1], end(e)[1]) - q.reach, high = std::max(start(e)[1], end(e)[1]) + q.reach;
-      int y0 = std::max(cell(low, tile_y1), tile_y0), y1 = std::min(cell(high, tile_y1 - 1) + 1, tile_y1);
-      for (int ty = y0; ty < y1; ty++) {
-        int x0, x1;
-        columns(e, ty, x0, x1);
-        pass(e, x1, ty);
-        if (x0 < x1) chunk.spans.insert(chunk.spans.end(), {e, ty, x0, x1});
-        for (int tx = x0; tx < x1; tx++) chunk.cursor[tile(tx, ty)]++;
-      }
-    });
+    each_edge([&](int e) { list_edge(e); });
   }
 
   // Adds the pair of a tile, or counts it as skipped. backdrop: the winding numbers at its left side.
@@ -316,10 +321,13 @@ struct Flattener {
       }
     }
     chunk.edges.resize(total);
-    const auto& spans = chunk.spans;
-    for (size_t i = 0; i < spans.size(); i += 4)
-      for (int tx = spans[i + 2]; tx < spans[i + 3]; tx++)
-        chunk.edges[chunk.cursor[tile(tx, spans[i + 1])]++] = uint16_t(spans[i]);
+    if (chunk.lines.size() < total + kSpareLines) chunk.lines.resize(total + kSpareLines);
+    for (const Span& s : chunk.spans)
+      for (int tx = s.begin; tx < s.end; tx++) {
+        const uint32_t place = chunk.cursor[tile(tx, s.row)]++;
+        chunk.edges[place] = uint16_t(s.edge);
+        std::memcpy(&chunk.lines[place], start(s.edge), sizeof(Line));
+      }
   }
 
   void run() {
@@ -357,14 +365,14 @@ void flatten(Frame& f, int index) {
       float* parameters = f.parameters.data() + size_t(p) * f.vertex_stride;
       q.edges = Subdivider{f, points, v, parameters}.run(rings, chunk.ring_starts);
     } else {
-      q.samples = choose_samples(f, rings, points);
-      q.edges = evaluate_polyline(f, rings, points, q.samples, v, chunk.ring_starts);
+      uint8_t* samples = f.cubic_samples.data() + size_t(p) * f.scene.segments;
+      q.edges = evaluate_polyline(f, rings, points, samples, v, chunk.ring_starts);
     }
     chunk.ring_starts.push_back(uint32_t(q.edges));
     q.reach = reach_of(q.half_width, q.edge_width, f.settings.exact);
     Flattener{f, chunk, q, v, p}.run();
   }
-  if (f.backward) chunk.edge_gradients.assign(chunk.edges.size(), EdgeGradient{});
+  if (f.backward) chunk.edge_gradients.resize(chunk.edges.size());
 }
 
 void bin(Frame& f) {

@@ -11,14 +11,20 @@ namespace cs {
 constexpr int kChunk = 16;       // primitives per unit of parallel work; fixed, so that results do not depend on threads
 constexpr int kMaxSamples = 64;  // edges per cubic
 
+// The tile columns [begin, end) of a tile row that an edge is near.
+struct Span {
+  int edge, row, begin, end;
+};
+
 // Lists of the primitives [index * kChunk, ...): written by one task, so their order never depends on threads.
 struct Chunk {
   std::vector<Pair> pairs;
-  std::vector<uint16_t> edges;
+  std::vector<uint16_t> edges;  // of the pairs, and for each of them:
+  std::vector<Line> lines;      // and kSpareLines more
   std::vector<EdgeGradient> edge_gradients;
   std::vector<uint32_t> ring_starts;  // first vertex of each ring of a primitive, then the number of its vertices
   std::vector<uint32_t> cursor;  // scratch of the counting sorts
-  std::vector<int> spans;        // scratch: tile ranges per edge and tile row
+  std::vector<Span> spans;       // scratch: where each edge is near
   std::vector<int16_t> windings;  // scratch: for each tile of a primitive and each of its rows
   int64_t skipped;
 
@@ -34,6 +40,7 @@ struct Frame {
   bool backward = false;
   std::vector<Primitive> primitives;
   std::vector<float> vertices;  // N x vertex_stride x 2
+  std::vector<uint8_t> cubic_samples;  // N x segments: edges of each cubic, where they are at uniform parameters
   std::vector<float> parameters;  // N x vertex_stride: segment + t of each vertex, only after subdivision
   std::vector<float> basis;     // for each number of samples S: S x 4 Bernstein weights, at 4 * S (S - 1) / 2
   std::vector<Chunk> chunks;

@@ -100,28 +100,20 @@ class Gatherer {
     o.crossings = crossings_;
     o.group_count = groups_for(pair.edge_count);
     o.groups = arena_.take<EdgeGroup>(o.group_count);
-    fetch(pair, chunk.edges + pair.edge_begin, o);
+    fetch(chunk.lines + pair.edge_begin, o);
     if (task_.scene->closed)
       look_from_fill(o);
     else
       look_from_stroke(o);
   }
 
-  void fetch(const Pair& pair, const uint16_t* numbers, Outline& o) const {
-    const float* v = task_.vertices + size_t(pair.primitive) * task_.vertex_stride * 2;
+  void fetch(const Line* lines, Outline& o) const {
     for (uint32_t g = 0; g < o.group_count; g++) {
-      EdgeGroup& group = o.groups[g];
-      group.clear();
-      const uint32_t left = pair.edge_count - g * kLanes, count = left < kLanes ? left : kLanes;
-      for (uint32_t i = 0; i < count; i++) {
-        const float* a = v + 2 * size_t(numbers[g * kLanes + i]);
-        group.ax[i] = a[0] - x0_;
-        group.ay[i] = a[1] - y0_;
-        group.bx[i] = a[2] - x0_;
-        group.by[i] = a[3] - y0_;
-      }
-      group.derive(o.primitive->reach);
+      o.groups[g].fetch(lines + g * kLanes, x0_, y0_);
+      o.groups[g].derive(o.primitive->reach);
     }
+    if (!o.gradients) return;
+    for (uint32_t n = 0; n < o.pair->edge_count; n++) o.gradients[n] = EdgeGradient{};
   }
 
   // Calls visit(group, i) for every edge.

@@ -13,6 +13,13 @@ namespace cs {
 
 constexpr int kTile = 16;  // pixels per side
 
+// The two ends of an edge, px.
+struct Line {
+  float ax, ay, bx, by;
+};
+
+constexpr int kSpareLines = 16;  // lie behind every list of lines, so that it can be read by whole vectors
+
 // Gradient of the loss with respect to the two ends of an edge.
 struct EdgeGradient {
   float start_x, start_y, end_x, end_y;
@@ -29,7 +36,7 @@ enum class PairKind : int32_t { inside, boundary };
 struct Pair {
   int32_t primitive, tile;
   PairKind kind;
-  uint32_t edge_begin, edge_count;  // into the chunk's edges and edge_gradients
+  uint32_t edge_begin, edge_count;  // into the chunk's lists of edges
   // Fills: winding number at the tile's left side, at the centre of each of its rows, from the edges left of the tile
   // that are not listed.
   int16_t backdrop[kTile];
@@ -39,7 +46,6 @@ struct Pair {
 // The flattened form of one primitive.
 struct Primitive {
   int32_t edges;                // vertices of its rings: edge e goes to vertex e + 1, a ring's last vertex begins none
-  int32_t samples;              // edges per cubic, where they are uniform
   uint32_t ring_index;          // into ring_starts, of its first ring
   float colour[3], opacity, half_width;
   float edge_width;   // px, of the relaxed edge
@@ -50,7 +56,7 @@ struct Primitive {
 
 // Where the lists of a chunk of primitives lie.
 struct ChunkView {
-  const uint16_t* edges;
+  const Line* lines;
   EdgeGradient* edge_gradients;
 };
 
@@ -63,8 +69,6 @@ struct TileTask {
   Pair* const* pairs;  // front to back
   uint32_t pair_count;
   const Primitive* primitives;
-  const float* vertices;  // N x vertex_stride x 2
-  int vertex_stride;
   const ChunkView* chunks;
   int chunk_size;
   double* loss;

@@ -52,11 +52,12 @@ void spread_vertex(const float* w, const float* v, float* p0, float* p3) {
 }
 
 // Transpose of the Bernstein weights of the vertices of one ring but the last; returns that one's gradient.
-const float* pull_back_ring(const Frame& f, const Rings& rings, int r, int samples, const float* v, float* points) {
-  const float* weights = f.weights(samples);
+const float* pull_back_ring(const Frame& f, const Rings& rings, int r, const uint8_t* samples, const float* v,
+                            float* points) {
   for (int m = rings.begin(r); m < rings.end(r); m++) {
     float *p0 = points + 6 * m, *p3 = points + 2 * rings.end_point(r, m, f.scene.closed);
-    for (int s = 0; s < samples; s++, v += 2) spread_vertex(weights + 4 * s, v, p0, p3);
+    const float* w = f.weights(samples[m]);
+    for (const float* end = w + 4 * samples[m]; w < end; w += 4, v += 2) spread_vertex(w, v, p0, p3);
   }
   return v;
 }
@@ -79,12 +80,13 @@ const float* pull_back_subdivided(const Frame& f, int p, int r, uint32_t first, 
 void pull_back(const Frame& f, const Chunk& chunk, const Primitive& q, int p, Gathered& g) {
   const Rings rings = f.rings(p);
   const uint32_t* starts = chunk.ring_starts.data() + q.ring_index;
+  const uint8_t* samples = f.cubic_samples.data() + size_t(p) * f.scene.segments;
   g.points.assign(size_t(f.points_per_curve) * 2, 0.0f);
   for (int r = 0; r < rings.count; r++) {
     if (rings.begin(r) == rings.end(r)) continue;
     const float* v = g.vertices.data() + 2 * starts[0];
     v = f.settings.subdivide ? pull_back_subdivided(f, p, r, starts[0], starts[1], v, g.points.data())
-                             : pull_back_ring(f, rings, r, q.samples, v, g.points.data());
+                             : pull_back_ring(f, rings, r, samples, v, g.points.data());
     if (!f.scene.closed)
       for (int c = 0; c < 2; c++) g.points[6 * size_t(rings.end(r)) + c] += v[c];
     starts++;
