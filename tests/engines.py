@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from emulated import EmulatedDriver, compiler
+from emulated_arm import ArmEngine, missing
 from scenes import DEGENERATE, PAPER, TENSORS, as_arguments, in_double
 from torch import Tensor
 
@@ -37,6 +38,7 @@ FIRST, *OTHERS = instruction_sets()
 MARKS = {
     "emulated": pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler"),
     "gpu": pytest.mark.gpu,
+    "arm": [pytest.mark.slow, pytest.mark.skipif(bool(missing()), reason=f"needs {', '.join(missing())}")],
 }
 
 
@@ -45,20 +47,20 @@ def _case(kind: str, *values: object, name: str = "") -> object:
 
 
 CUDA = [_case("emulated"), _case("gpu")]
-ENGINES = [_case(kind) for kind in (FIRST, *OTHERS)] + CUDA
+ENGINES = [_case(kind) for kind in (FIRST, *OTHERS, "arm")] + CUDA
 
 
 def _representative(kind: str) -> list[RasterSettings]:
-    """All settings on the best CPU engine and on a GPU; of the others, whose code is the same, one that tells most.
+    """All settings on the best CPU engines and on a GPU; of the others, whose code is the same, one that tells most.
 
     The emulated GPU has a kernel for either coverage.
     """
-    if kind in (FIRST, "gpu"):
+    if kind in (FIRST, "arm", "gpu"):
         return SETTINGS
     return SETTINGS[1:] if kind == "emulated" else SETTINGS[2:]
 
 
-KINDS = (FIRST, *OTHERS, "emulated", "gpu")
+KINDS = (FIRST, *OTHERS, "arm", "emulated", "gpu")
 WITH_SETTINGS = [_case(k, s, name=NAMES[SETTINGS.index(s)]) for k in KINDS for s in _representative(k)]
 
 
@@ -89,7 +91,9 @@ def open_cuda(kind: str, **options) -> CudaEngine:
 
 
 def open_kind(kind: str) -> Engine:
-    """The engine of a name: an instruction set, "emulated" or "gpu"."""
+    """The engine of a name: an instruction set, "arm" (emulated), "emulated" (a GPU) or "gpu"."""
+    if kind == "arm":
+        return ArmEngine(2, "neon")
     return open_cuda(kind) if kind in MARKS else CpuEngine(2, kind)
 
 

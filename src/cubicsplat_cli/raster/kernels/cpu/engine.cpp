@@ -29,6 +29,9 @@ CS_DECLARE_ISA(avx2)
 #ifdef CS_HAVE_AVX512
 CS_DECLARE_ISA(avx512)
 #endif
+#ifdef CS_HAVE_NEON
+CS_DECLARE_ISA(neon)
+#endif
 
 namespace {
 
@@ -49,6 +52,9 @@ std::vector<Isa> available() {
 #ifdef CS_HAVE_AVX2
   if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
     list.push_back({"avx2", avx2::tile_scratch, avx2::raster_tile});
+#endif
+#ifdef CS_HAVE_NEON
+  list.push_back({"neon", neon::tile_scratch, neon::raster_tile});  // part of every 64-bit ARM
 #endif
   list.push_back({"generic", generic::tile_scratch, generic::raster_tile});
   return list;

@@ -1,4 +1,4 @@
-// 16 floats as one value, for the CPU: AVX-512, AVX2 or portable loops, chosen by how the file is compiled.
+// 16 floats as one value, for the CPU: AVX-512, AVX2, NEON or portable loops, chosen by how the file is compiled.
 // Numbers of edges are kept as floats (exact below 2^24), so one type is enough.
 #pragma once
 
@@ -10,6 +10,8 @@
 
 #if defined(__AVX512F__) || defined(__AVX2__)
 #include <immintrin.h>
+#elif defined(CS_NEON)
+#include <arm_neon.h>
 #endif
 
 namespace cs {
@@ -185,6 +187,94 @@ CS_INLINE Four sum_of_four(Lanes x, Lanes y, Lanes z, Lanes w) {
   __m256 s = _mm256_add_ps(_mm256_shuffle_ps(ab, cd, 0x44), _mm256_shuffle_ps(ab, cd, 0xee));
   Four r;
   _mm_storeu_ps(r.v, _mm_add_ps(_mm256_castps256_ps128(s), _mm256_extractf128_ps(s, 1)));
+  return r;
+}
+
+#elif defined(CS_NEON)
+
+struct Mask {
+  uint32x4_t m[4];
+};
+struct Lanes {
+  float32x4_t v[4];
+  Lanes() = default;
+  CS_INLINE Lanes(float32x4_t a, float32x4_t b, float32x4_t c, float32x4_t d) : v{a, b, c, d} {}
+  CS_INLINE explicit Lanes(float x) : v{vdupq_n_f32(x), vdupq_n_f32(x), vdupq_n_f32(x), vdupq_n_f32(x)} {}
+  CS_INLINE static Lanes load(const float* p) {
+    return {vld1q_f32(p), vld1q_f32(p + 4), vld1q_f32(p + 8), vld1q_f32(p + 12)};
+  }
+  CS_INLINE void store(float* p) const {
+    for (int i = 0; i < 4; i++) vst1q_f32(p + 4 * i, v[i]);
+  }
+};
+// One instruction for each quarter.
+#define CS_QUARTERS(Result, field, expression)                      \
+  Result r;                                                         \
+  for (int i = 0; i < 4; i++) r.field[i] = (expression);            \
+  return r
+CS_INLINE Lanes operator+(Lanes a, Lanes b) { CS_QUARTERS(Lanes, v, vaddq_f32(a.v[i], b.v[i])); }
+CS_INLINE Lanes operator-(Lanes a, Lanes b) { CS_QUARTERS(Lanes, v, vsubq_f32(a.v[i], b.v[i])); }
+CS_INLINE Lanes operator*(Lanes a, Lanes b) { CS_QUARTERS(Lanes, v, vmulq_f32(a.v[i], b.v[i])); }
+CS_INLINE Lanes operator/(Lanes a, Lanes b) { CS_QUARTERS(Lanes, v, vdivq_f32(a.v[i], b.v[i])); }
+CS_INLINE Lanes fused(Lanes a, Lanes b, Lanes c) { CS_QUARTERS(Lanes, v, vfmaq_f32(c.v[i], a.v[i], b.v[i])); }
+CS_INLINE Lanes minimum(Lanes a, Lanes b) { CS_QUARTERS(Lanes, v, vminq_f32(a.v[i], b.v[i])); }
+CS_INLINE Lanes maximum(Lanes a, Lanes b) { CS_QUARTERS(Lanes, v, vmaxq_f32(a.v[i], b.v[i])); }
+CS_INLINE Lanes absolute(Lanes a) { CS_QUARTERS(Lanes, v, vabsq_f32(a.v[i])); }
+CS_INLINE Lanes square_root(Lanes a) { CS_QUARTERS(Lanes, v, vsqrtq_f32(a.v[i])); }
+CS_INLINE Mask operator<(Lanes a, Lanes b) { CS_QUARTERS(Mask, m, vcltq_f32(a.v[i], b.v[i])); }
+CS_INLINE Mask operator>(Lanes a, Lanes b) { CS_QUARTERS(Mask, m, vcgtq_f32(a.v[i], b.v[i])); }
+CS_INLINE Mask operator<=(Lanes a, Lanes b) { CS_QUARTERS(Mask, m, vcleq_f32(a.v[i], b.v[i])); }
+CS_INLINE Mask operator>=(Lanes a, Lanes b) { CS_QUARTERS(Mask, m, vcgeq_f32(a.v[i], b.v[i])); }
+CS_INLINE Mask operator==(Lanes a, Lanes b) { CS_QUARTERS(Mask, m, vceqq_f32(a.v[i], b.v[i])); }
+CS_INLINE Mask operator!=(Lanes a, Lanes b) { CS_QUARTERS(Mask, m, vmvnq_u32(vceqq_f32(a.v[i], b.v[i]))); }
+CS_INLINE Mask operator&(Mask a, Mask b) { CS_QUARTERS(Mask, m, vandq_u32(a.m[i], b.m[i])); }
+CS_INLINE Mask operator|(Mask a, Mask b) { CS_QUARTERS(Mask, m, vorrq_u32(a.m[i], b.m[i])); }
+CS_INLINE Mask without(Mask a, Mask b) { CS_QUARTERS(Mask, m, vbicq_u32(a.m[i], b.m[i])); }
+CS_INLINE Lanes select(Mask m, Lanes a, Lanes b) { CS_QUARTERS(Lanes, v, vbslq_f32(m.m[i], a.v[i], b.v[i])); }
+#undef CS_QUARTERS
+CS_INLINE Lanes add_where(Mask m, Lanes a, Lanes b) { return select(m, a + b, a); }
+CS_INLINE unsigned having_bit(const uint16_t* words, int bit) {
+  static const uint16_t places[8] = {1, 2, 4, 8, 16, 32, 64, 128};
+  const uint16x8_t wanted = vdupq_n_u16(uint16_t(1u << bit)), place = vld1q_u16(places);
+  const unsigned low = vaddvq_u16(vandq_u16(vtstq_u16(vld1q_u16(words), wanted), place));
+  return low | unsigned(vaddvq_u16(vandq_u16(vtstq_u16(vld1q_u16(words + 8), wanted), place))) << 8;
+}
+CS_INLINE unsigned bits(Mask m) {
+  static const uint32_t places[4] = {1, 2, 4, 8};
+  uint32x4_t place = vld1q_u32(places), all = vandq_u32(m.m[0], place);
+  for (int i = 1; i < 4; i++) {
+    place = vshlq_n_u32(place, 4);
+    all = vorrq_u32(all, vandq_u32(m.m[i], place));
+  }
+  return vaddvq_u32(all);
+}
+CS_INLINE float first(Lanes a) { return vgetq_lane_f32(a.v[0], 0); }
+CS_INLINE float32x4_t sum_of_quarters(Lanes a) {
+  return vaddq_f32(vaddq_f32(a.v[0], a.v[1]), vaddq_f32(a.v[2], a.v[3]));
+}
+CS_INLINE float sum(Lanes a) { return vaddvq_f32(sum_of_quarters(a)); }
+CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
+  return {vdupq_n_f32(a), vdupq_n_f32(b), vdupq_n_f32(c), vdupq_n_f32(d)};
+}
+CS_INLINE void load_row(const float* p, int row, Lanes (&planes)[3]) {
+  const float32x4x3_t r = vld3q_f32(p);
+  for (int c = 0; c < 3; c++) planes[c].v[row] = r.val[c];
+}
+CS_INLINE void load_row(const float* p, int row, Lanes (&planes)[4]) {
+  const float32x4x4_t r = vld4q_f32(p);
+  for (int c = 0; c < 4; c++) planes[c].v[row] = r.val[c];
+}
+// Four rows of four pixels, C values each: one vector for each of the C.
+template <int C>
+CS_INLINE void load_pixels(const float* first, size_t stride, Lanes* planes) {
+  Lanes loaded[C];
+  for (int i = 0; i < 4; i++) load_row(first + i * stride, i, loaded);
+  for (int c = 0; c < C; c++) planes[c] = loaded[c];
+}
+CS_INLINE Four sum_of_four(Lanes a, Lanes b, Lanes c, Lanes d) {
+  const float32x4_t ab = vpaddq_f32(sum_of_quarters(a), sum_of_quarters(b));
+  Four r;
+  vst1q_f32(r.v, vpaddq_f32(ab, vpaddq_f32(sum_of_quarters(c), sum_of_quarters(d))));
   return r;
 }
 
