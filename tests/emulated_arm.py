@@ -1,6 +1,6 @@
 """The CPU engine as 64-bit ARM machines run it: compiled by Debian's cross compiler, run by qemu, called from here.
 
-The engine runs in a process of its own, tests/arm/driver.cpp, which gets each call with all that its structures point to.
+The engine runs in a process of its own, tests/arm/driver.cpp, which gets each call with all that it points to.
 """
 
 from __future__ import annotations
@@ -120,13 +120,14 @@ class _Library:
 
 def _sizes(scene: Any) -> dict[str, int]:
     """Bytes behind the pointers of the C interface, which mean the same in every structure."""
-    n, k = scene.curves, 3 * scene.segments + (0 if scene.closed else 1)
-    picture = 4 * scene.width * scene.height * scene.channels
+    n, k, pixels = scene.curves, 3 * scene.segments + (0 if scene.closed else 1), scene.width * scene.height
+    picture = 4 * pixels * scene.channels
     return {
         "ring_ends": 4 * n * scene.rings, "points": 8 * n * k, "colours": 12 * n, "opacities": 4 * n,
-        "half_widths": 4 * n, "edge_widths": 4 * n, "target": picture, "gradient": picture, "image": picture, "loss": 8,
-        "importance": 4 * n, "background": 4 * scene.channels, "moments": 16 * n * (2 * k + 5), "edge_moments": 16 * n,
-        "ages": 4 * n, "points_gradient": 8 * n * k, "rate_scale": 20 * n,
+        "half_widths": 4 * n, "edge_widths": 4 * n, "target": picture, "weights": 4 * pixels, "gradient": picture,
+        "image": picture, "loss": 8, "importance": 4 * n, "background": 4 * scene.channels,
+        "moments": 16 * n * (2 * k + 5), "edge_moments": 16 * n, "ages": 4 * n, "points_gradient": 8 * n * k,
+        "rate_scale": 20 * n,
     }  # fmt: skip
 
 

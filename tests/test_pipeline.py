@@ -10,6 +10,7 @@ import pytest
 from cubicsplat_cli import pipeline, vectorize
 from cubicsplat_cli.evaluate import measurable
 from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.photo import fit
 from cubicsplat_cli.pipeline import vectorize_picture
 from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.request import Request
@@ -56,6 +57,28 @@ def test_the_svg_keeps_the_size_of_a_picture_that_was_scaled_down():
     assert 'viewBox="0 0 48 40"' in done.svg
     assert (done.scene.width, done.scene.height) == (48, 40)
     assert done.report.quality.svg.psnr_db > 20
+
+
+@pytest.mark.parametrize(("curves", "size"), [(6, (31, 26)), (600, (48, 40))])
+def test_a_large_picture_is_fitted_on_a_copy_with_enough_pixels_for_its_curves(curves, size, monkeypatch):
+    monkeypatch.setattr(pipeline, "LEAST_FITTED_PIXELS", 800)
+    monkeypatch.setattr(pipeline, "FITTED_PIXELS_PER_CURVE", 100)
+    fitted = []
+    monkeypatch.setattr("cubicsplat_cli.photo.fit", lambda target, *rest: fitted.append(target) or fit(target, *rest))
+    picture = as_picture(flat_picture())
+    request = Request(SETTINGS.with_(curves=curves), style="photo", measure=False)
+    done = vectorize_picture(picture, request)
+    assert fitted[0].shape[1::-1] == size
+    assert (done.scene.width, done.scene.height) == picture.size
+    assert done.report.notes == ([] if size == picture.size else ["fitted on a copy of 31 x 26 pixels"])
+
+
+def test_a_published_recipe_is_fitted_on_the_picture_itself(monkeypatch):
+    monkeypatch.setattr(pipeline, "LEAST_FITTED_PIXELS", 800)
+    monkeypatch.setattr(pipeline, "FITTED_PIXELS_PER_CURVE", 100)
+    settings = FitSettings(preset="paper", curves=6, steps=2, threads=1)
+    done = vectorize_picture(as_picture(flat_picture()), Request(settings, style="photo", measure=False))
+    assert not [note for note in done.report.notes if "copy" in note]
 
 
 def test_a_time_limit_is_one_of_everything():

@@ -39,6 +39,9 @@ from cubicsplat_cli.svg import write_drawing, write_svg
 ARTWORK_SAMPLES = 48  # edges per cubic of the engine's own picture
 # A drawing that is further from the picture has lost something that people see.
 LEAST_ARTWORK_DB = 28.0
+# A fit reaches at most 0.1 dB more with more pixels than these a curve; see docs/performance.md.
+FITTED_PIXELS_PER_CURVE = 2304
+LEAST_FITTED_PIXELS = 512 * FITTED_PIXELS_PER_CURVE
 _LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
 
 
@@ -174,9 +177,10 @@ def _photo(task: _Task) -> Made:
     """Curves that blend, fitted to the picture."""
     from cubicsplat_cli.photo import Guide, fit
 
-    request = task.request
-    guide = Guide(task.weights(task.target))
-    fitted = fit(task.target.target(), task.settings(), task.on_progress, task.film, guide)
+    request, settings = task.request, task.settings().for_size(*task.target.size)
+    target = _with_enough_pixels(task.target, settings)
+    fitted = fit(target.target(), settings, task.on_progress, task.film, Guide(task.weights(target)))
+    notes = [] if target is task.target else [f"fitted on a copy of {target.width} x {target.height} pixels"]
     scene = scaled_scene(fitted.scene, *task.picture.size)
     precision = PHOTO_PRECISION if request.precision is None else request.precision
     return Made(
@@ -184,7 +188,7 @@ def _photo(task: _Task) -> Made:
         lambda title, comment: write_svg(scene, precision=precision, title=title, comment=comment),
         fitted.samples,
         scene.curves,
-        fitted.notes,
+        [*notes, *fitted.notes],
         {
             "device": fitted.device,
             "replaced": fitted.replaced,
@@ -194,6 +198,18 @@ def _photo(task: _Task) -> Made:
             "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
         },
     )
+
+
+def _with_enough_pixels(picture: Picture, settings: FitSettings) -> Picture:
+    """The picture, or of a large one a copy with as many pixels as its curves have use for.
+
+    A recipe in fractions of the canvas is a published one, and works on the picture itself.
+    """
+    enough = max(LEAST_FITTED_PIXELS, FITTED_PIXELS_PER_CURVE * settings.curves)
+    pixels = picture.width * picture.height
+    if pixels <= enough or settings.recipe.length_unit == "canvas":
+        return picture
+    return resize_picture(picture, max(1, round(max(picture.size) * math.sqrt(enough / pixels))))
 
 
 def _artwork(task: _Task) -> Made:

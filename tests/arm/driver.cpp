@@ -1,4 +1,4 @@
-// Carries out calls of the engine's C interface for a process of another architecture: reads each from stdin, with all that
+// Carries out calls of the C interface for a process of another architecture: reads each from stdin, with all that
 // its structures point to, and writes back what has become of that. See tests/arm/emulated_arm.py for the other side.
 
 #include <cstdio>
