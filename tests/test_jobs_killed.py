@@ -19,7 +19,7 @@ OPTIONS = ("--curves", 24, "--steps", 900, "--threads", 2, "-j", 2, "--json")
 
 
 def children(process_id: int) -> list[int]:
-    """Process ids of the worker processes of a command: its children, less multiprocessing's own."""
+    """Process ids of the worker processes of a command: spawned by it, or forked from a process that it started."""
     found = []
     for status in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -27,9 +27,21 @@ def children(process_id: int) -> list[int]:
             command = (status.parent / "cmdline").read_bytes()
         except OSError:  # it has ended meanwhile
             continue
-        if int(fields[1]) == process_id and fields[0] != "Z" and b"spawn_main" in command:
-            found.append(int(status.parent.name))
+        if int(fields[1]) == process_id and fields[0] != "Z":
+            if b"forkserver" in command:
+                found += forked(int(status.parent.name))
+            elif b"spawn_main" in command:
+                found.append(int(status.parent.name))
     return found
+
+
+def forked(process_id: int) -> list[int]:
+    """The living children of a process."""
+    try:
+        ids = Path(f"/proc/{process_id}/task/{process_id}/children").read_text().split()
+    except OSError:
+        return []
+    return [int(child) for child in ids if not gone(int(child))]
 
 
 def gone(process_id: int) -> bool:

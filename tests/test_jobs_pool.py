@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.jobs import pool
@@ -82,6 +83,24 @@ def test_workers_that_never_start_end_with_an_error_each(monkeypatch):
 
 def test_once_stopped_nothing_is_begun(monkeypatch):
     assert run(["a", "b"], monkeypatch, stopping=lambda: True) == ([], [])
+
+
+def test_no_more_pictures_at_once_than_cores_and_that_is_said(tmp_path, run_cli, monkeypatch):
+    """More would wait for each other, and each would have to be started."""
+    asked = []
+
+    def note_workers(jobs, request, *, workers, **options):
+        asked.append(workers)
+        return iter(())
+
+    monkeypatch.setattr("cubicsplat_cli.jobs.pool.run_in_workers", note_workers)
+    monkeypatch.setattr("cubicsplat_cli.jobs.execute.cores", lambda: 2)
+    for name in "abc":
+        Image.new("RGB", (4, 4)).save(tmp_path / f"{name}.png")
+    assert b"note: --jobs 9: 2 cores, so 2 pictures at once" in run_cli("vectorize", tmp_path, "-j", 9).stderr
+    assert b"--jobs" not in run_cli("vectorize", tmp_path, "-j", 2).stderr
+    assert b"--jobs" not in run_cli("vectorize", tmp_path).stderr
+    assert asked == [2, 2, 1]
 
 
 @pytest.mark.parametrize(

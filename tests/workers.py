@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from cubicsplat_cli.jobs import pool
+
 # What a worker would spend seconds on, the test runner's own start included.
 IMPORTED = ["cubicsplat_cli.pipeline", "cairosvg", "pytest"]
 
@@ -17,8 +19,8 @@ IMPORTED = ["cubicsplat_cli.pipeline", "cairosvg", "pytest"]
 def forked_from_a_warm_process() -> Iterator[None]:
     """Within, a process that would be spawned is forked from one that has imported torch and has done nothing else.
 
-    It is a process like any other, and nothing of the parent's is in it; only its start is quick. What users get,
-    spawned workers, is tested by the tests that start the command in a process of its own.
+    It is a process like any other, and nothing of the parent's is in it; only its start is quick. The workers of the
+    command are forked from it too, as they are from one of their own where users start it.
     """
     if "forkserver" not in multiprocessing.get_all_start_methods():  # Windows
         yield
@@ -27,6 +29,7 @@ def forked_from_a_warm_process() -> Iterator[None]:
     for name in IMPORTED:  # a name that is none would be passed over in silence
         assert importlib.util.find_spec(name) is not None, name
     warm.set_forkserver_preload(IMPORTED)
+    pool.PRELOADED[:] = IMPORTED
 
     def get_context(method: str | None = None) -> Any:
         return warm if method == "spawn" else real(method)

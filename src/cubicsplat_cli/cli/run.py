@@ -25,7 +25,7 @@ from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, PLANNED, UNCHANGED, Out
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.report import plain
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.words import printable
+from cubicsplat_cli.words import counted, printable
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 
@@ -111,10 +111,17 @@ class Run(Events):
     def _work(self) -> None:
         if self.plan.pictures > 1:
             self.reporter.detail(self.request.describe())
+            self._tell_of_cores()
         with self.reporter.showing(self.plan.pictures) as self.display, self._interrupts():
             for outcome in execute(self.plan, self.request, self.means, self, lambda: self.stopped):
                 self.settle(outcome)
         self.display = Display()
+
+    def _tell_of_cores(self) -> None:
+        """That more jobs than there are cores would be of no use, where they were asked for."""
+        asked, at_once = self.means.workers, self.means.at_once()
+        if asked is not None and self.means.cluster is None and min(asked, self.plan.pictures) > at_once:
+            self.reporter.note(f"--jobs {asked}: {counted(at_once, 'core')}, so {counted(at_once, 'picture')} at once")
 
     def _close(self) -> None:
         """The table, the page to look at, and after it what failed."""

@@ -12,6 +12,7 @@ from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.pages import with_page
 from cubicsplat_cli.jobs.plan import Job, Plan
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure
+from cubicsplat_cli.machine import cores
 from cubicsplat_cli.request import Request
 
 
@@ -24,6 +25,10 @@ class Means:
     workers: int | None = None
     cluster: str | None = None
     inline: bool = False
+
+    def at_once(self) -> int:
+        """Pictures at once on this machine: more than there are cores would only wait for each other."""
+        return min(self.workers or 1, cores())
 
 
 def execute(
@@ -72,7 +77,7 @@ def _carried_out(
     else:
         from cubicsplat_cli.jobs.pool import run_in_workers
 
-        workers = max(1, min(means.workers or 1, count))
+        workers = min(means.at_once(), count)
         yield from run_in_workers(jobs, request, workers=workers, events=events, stopping=stopping)
 
 
