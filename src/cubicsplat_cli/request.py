@@ -75,7 +75,8 @@ class Request:
 
     def of_photos(self) -> list[str]:
         """What is asked for that only the fit of a photo can do."""
-        return [name for name in ("weights", "focus") if getattr(self, name) is not None]
+        asked = [name for name in ("weights", "focus") if getattr(self, name) is not None]
+        return asked if self.settings.loss == FitSettings.loss else [*asked, "loss"]
 
     def with_threads(self, threads: int | None) -> Request:
         """The same with so many threads; None: as asked for."""

@@ -14,8 +14,9 @@ from enum import Enum
 from typing import Any, Literal
 
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.losses import loss_text, parse_loss
 
-Kind = Literal["count", "number", "choice", "flag", "colour"]
+Kind = Literal["count", "number", "choice", "flag", "colour", "text"]
 # The default of a field whose value the preset says, or the picture. Resolved before anybody computes with it, hence
 # not in the field's type.
 FROM_PRESET: Any = None
@@ -35,9 +36,9 @@ class Mode(str, Enum):
 class Setting:
     """What the command line shows of a field, and the values it may have.
 
-    kind: a whole number in [least, most], a number in [least, most], one of `choices`, a yes or no, or a background.
-    metavar: how the help calls the value. optional: None is a value too, and means that there is none. group: where
-    the help shows it, "Most used", "Quality" or "Expert".
+    kind: a whole number in [least, most], a number in [least, most], one of `choices`, a yes or no, a background or
+    a text. metavar: how the help calls the value. optional: None is a value too, and means that there is none. group:
+    where the help shows it, "Most used", "Quality" or "Expert".
     """
 
     kind: Kind
@@ -199,7 +200,8 @@ class FitSettings:
     """What to fit, and how long; what is not given is as the preset says. Raises UsageError on senseless values.
 
     curves: None (auto) until the picture is known, see `for_size`.
-    samples: the most edges per cubic while fitting, of which a curve gets as many as its flatness needs;
+    loss: see `losses.parse_loss`. samples: the most edges per cubic while fitting, of which a curve gets as many as its
+    flatness needs;
     finish_samples: those of the exact finish (S*), the preset's or `samples` where that is more. background: "auto"
     (the picture's mean colour), "none" (transparent) or a colour, for pictures without transparency. time_limit:
     seconds that a fit may take, and with `vectorize` all of it: the schedule runs by the clock where the steps take
@@ -237,6 +239,13 @@ class FitSettings:
     segments: int = setting(FROM_PRESET, "count", "Cubic segments of a curve.", least=1, most=16)
     samples: int = setting(FROM_PRESET, "count", "Most edges of a segment during the fit.", least=4, most=64)
     finish_samples: int = FROM_PRESET
+    loss: str = setting(
+        "l2",
+        "text",
+        "What to minimise: l2, l1, huber, ms-ssim, or a mixture such as l2:0.7,ms-ssim:0.3.",
+        metavar="LOSS",
+        group="Quality",
+    )
     device: str = setting(
         "auto", "choice", "Where to compute; auto takes a GPU that works.", choices=("auto", "cpu", "cuda")
     )
@@ -260,6 +269,7 @@ class FitSettings:
         for name in ("steps", "segments", "samples"):
             if getattr(self, name) is None:
                 self._set(name, base[name])
+        self._set("loss", loss_text(parse_loss(self.loss)))
         given = self.background
         self._set("background", parse_background(base.get("background", "auto") if given is None else given))
         for each, known in settings_of(FitSettings):

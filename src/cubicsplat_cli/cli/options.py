@@ -33,7 +33,7 @@ Pictures = Annotated[
 ]
 
 ARTWORK_OPTIONS = tuple(field.name for field, _ in settings_of(ArtworkSettings))
-_KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "colour": str}
+_KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "colour": str, "text": str}
 
 
 def takes_fit_options(*names: str, after: int = 2) -> Callable[[Callable[..., None]], Callable[..., None]]:

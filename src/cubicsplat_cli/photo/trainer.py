@@ -19,6 +19,7 @@ from cubicsplat_cli.photo.capacity import gini, reallocate
 from cubicsplat_cli.photo.geometric import crossing_gradient
 from cubicsplat_cli.photo.guide import UNGUIDED, Guide, spread_of
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
+from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.parameters import Background, Parameters
 from cubicsplat_cli.photo.schedule import Phase, Schedule
 from cubicsplat_cli.photo.snap import snapped
@@ -26,6 +27,7 @@ from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors, Training
 from cubicsplat_cli.raster.engines import open_engine
+from cubicsplat_cli.raster.reference import image_loss
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
@@ -144,6 +146,7 @@ class Trainer:
         device = self.engine.device
         self.goal = self.target.to(device)  # the target where the engine is
         self.weights = None if weights is None else weights.to(device)
+        self.objective = Objective(self.settings.loss, self.goal, self.weights)
         self.background = choose_background(self.target, self.settings, weights)
         self.image = torch.empty(self.height, self.width, channels, device=device)
         centres = random_centres(self.settings.curves, self.target, self.generator, weights)
@@ -157,8 +160,10 @@ class Trainer:
         self.curves = self._tensors(self.parameters)
         self.training = Training(
             self.goal, self.state, self._rates(self.schedule.phase(0.0)), importance_kind=self.recipe.importance,
-            weights=self.weights,
+            weights=self.weights, penalty=self.objective.judged_by,
         )  # fmt: skip
+        if not self.objective.pixelwise:
+            self.training.image_gradient = torch.empty_like(self.image)
         self.best = Best()
         self.saved: tuple[int, Parameters] | None = (
             None  # of a GPU's fit, what the host has: the step and the parameters
@@ -205,6 +210,7 @@ class Trainer:
         self.engine = open_engine("cpu", self.settings.threads, mode=self.settings.mode, channels=channels)
         self.goal, self.best = self.target, Best()
         self.weights = None if self.weights is None else self.weights.cpu()
+        self.objective = Objective(self.settings.loss, self.goal, self.weights)
         unfinished = "" if self.schedule.phase(step / self.settings.steps).exact else ", without the exact finish"
         self.rescued = (
             f"{error}; the result is what the fit had come to by step {step} of {self.settings.steps}{unfinished}"
@@ -230,7 +236,9 @@ class Trainer:
         training = self.training
         training.rates, training.points_gradient = self._rates(phase), self._regulariser()
         training.image, training.importance = (self.image, self.importance) if due else (None, None)
-        loss = self.engine.step(self.curves, self.raster(phase), training)
+        if not self.objective.squared:
+            training.image = self.image
+        loss = self._stepped(self.raster(phase))
         # A GPU's loss would have to be waited for; it is finite where the engine has found no fault.
         if isinstance(loss, float) and not math.isfinite(loss):
             self._broke_down(f"the loss is {loss}")
@@ -239,9 +247,19 @@ class Trainer:
         if due:
             self._reallocate(progress)
         if self.film is not None and self._looks():
-            self._put_on_film(self.film, psnr(float(loss), self.values))
+            self._put_on_film(self.film, self._level(loss))
         self.step += 1
         self._report(loss)
+
+    def _stepped(self, raster: RasterSettings) -> float | Tensor:
+        """A step of the engine; the loss before it."""
+        training = self.training
+        if training.image_gradient is None:
+            return self.engine.step(self.curves, raster, training)
+        loss, gradient = self.objective.gradient(self.engine.render(self.curves, raster))
+        training.image_gradient.copy_(gradient)
+        self.engine.step(self.curves, raster, training)
+        return float(loss) if self.engine.device.type == "cpu" else loss
 
     def _scene(self) -> Scene:
         """What the parameters are now."""
@@ -299,20 +317,26 @@ class Trainer:
         return RasterSettings("exact", 1.0, self.settings.finish_samples)
 
     def _exact_loss(self, parameters: Parameters) -> float:
-        return self._judged(parameters, self._exact())[0]
-
-    def _judged(
-        self, parameters: Parameters, settings: RasterSettings, importance: str | None = None
-    ) -> tuple[float, dict[str, Tensor]]:
-        """Loss, and with it the importance of each curve."""
+        if not self.objective.pixelwise:
+            return float(self.objective.of(self.engine.render(self._tensors(parameters), self._exact())))
         return self.engine.gradients(
-            self._tensors(parameters), settings, target=self.goal, weights=self.weights, importance=importance
-        )
+            self._tensors(parameters), self._exact(), target=self.goal, weights=self.weights,
+            penalty=self.objective.penalty,
+        )[0]  # fmt: skip
+
+    def _level(self, loss: float | Tensor) -> float:
+        """dB of the last step's picture, whose loss is known."""
+        if self.objective.squared:
+            return psnr(float(loss), self.values)
+        return psnr(float(image_loss(self.image, self.goal, self.weights)), self.values)
 
     def _drop_invisible(self) -> int:
         """Takes the best parameters, less the curves whose leave-one-out importance is not positive."""
         loss, parameters = self.best.loss, self.best.parameters
-        _, out = self._judged(parameters, self._exact(), "loo")
+        _, out = self.engine.gradients(
+            self._tensors(parameters), self._exact(), target=self.goal, weights=self.weights,
+            penalty=self.objective.judged_by, importance="loo",
+        )  # fmt: skip
         keep = out["importance"] > 0
         # A scene has at least one curve.
         keep[out["importance"].argmax()] = True
@@ -329,8 +353,10 @@ class Trainer:
         if self.recipe.edges != "soft":
             return notes
         relaxed = RasterSettings("relaxed", 1.0, self.settings.samples)
-        soft = self._judged(self.parameters, relaxed)[0]
-        crisp = self._exact_loss(self.parameters)
+        soft, crisp = (
+            self.engine.gradients(self._tensors(self.parameters), raster, target=self.goal)[0]
+            for raster in (relaxed, self._exact())
+        )
         return [
             *notes,
             f"no SVG can show soft edges: with them the fit has {psnr(soft, self.values):.2f} dB, "
@@ -362,7 +388,7 @@ class Trainer:
         now = time.perf_counter()
         progress = self.progress()
         if progress * HISTORY_ENTRIES >= len(self.history) + 1 or progress >= 1.0:
-            level, seconds = round(psnr(float(loss), self.values), 3), round(now - self.started, 3)
+            level, seconds = round(self._level(loss), 3), round(now - self.started, 3)
             entry = {"step": self.step, "psnr_db": level, "seconds": seconds, "replaced": self.replaced}
             self.history.append(entry if self.inequality is None else {**entry, "gini": round(self.inequality, 4)})
             if self.engine.name == "cuda":  # which has just been waited for
@@ -371,7 +397,7 @@ class Trainer:
             self.reported = now
             elapsed = now - self.started
             left = elapsed / max(progress, 1e-9) * max(0.0, 1.0 - progress)
-            level, per_step = psnr(float(loss), self.values), 1e3 * elapsed / self.step
+            level, per_step = self._level(loss), 1e3 * elapsed / self.step
             self.on_progress(
                 Progress(min(progress, 1.0), self.step, self.settings.steps, level, per_step, self.replaced, left)
             )
