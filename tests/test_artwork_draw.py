@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.finish import begin
+from cubicsplat_cli.artwork.finish import begin, goal_of
 from cubicsplat_cli.artwork.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
@@ -104,7 +104,7 @@ def test_a_ring_beneath_a_band_keeps_its_hole_open():
     picture = painted(80, 80, (ring, RED), (box(4.0, 52.25, 77.0, 60.5), BLUE))
     drawing = draw(picture)
     target = np.asarray(picture, dtype=float)
-    image = begin(drawing, target).image
+    image = begin(drawing, goal_of(target)).image
     assert np.abs(image - target).mean() < 2e-3
 
 

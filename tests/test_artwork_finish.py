@@ -3,8 +3,8 @@ import pytest
 
 from cubicsplat_cli.artwork.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.fine import fine_ring
-from cubicsplat_cli.artwork.finish import begin, drawn, settle
-from cubicsplat_cli.artwork.freedom import freedom_of
+from cubicsplat_cli.artwork.finish import begin, drawn, goal_of, settle
+from cubicsplat_cli.artwork.freedom import Held, freedom_of
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
@@ -12,7 +12,7 @@ RED, BLUE = (255, 0, 0, 255), (0, 0, 255, 255)
 
 
 def finish(drawing, target):
-    return drawn(drawing, settle(begin(drawing, target), target))
+    return drawn(drawing, settle(begin(drawing, goal_of(target)), goal_of(target)))
 
 
 def covered(outline, height, width):
@@ -64,7 +64,7 @@ def test_a_fine_rounded_rectangle_has_round_corners():
     ],
 )
 def test_jacobians_match_finite_differences(outline):
-    freedom = freedom_of(outline, 64, 64)
+    freedom = freedom_of(outline, Held(64, 64))
     jacobian = freedom.jacobian.toarray()
     for i in range(jacobian.shape[1]):
         step = np.zeros(jacobian.shape[1])

@@ -5,7 +5,7 @@ import pytest
 
 from cubicsplat_cli.artwork.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.edits import cornered, curved, divided, rounded
-from cubicsplat_cli.artwork.finish import begin
+from cubicsplat_cli.artwork.finish import begin, goal_of
 from cubicsplat_cli.artwork.outlines import Circle, flattened, polygon, signed_area
 from cubicsplat_cli.artwork.polish import polish
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -50,7 +50,7 @@ def test_the_polish_bends_a_line_that_should_be_an_arc():
     target = share[..., None] * (np.array(RED) / 255.0)
     start = Drawing(48, 48, (Shape(RED, (square,), "red"),))
     done = polish(start, target)
-    assert begin(done, target).value < 0.02 * begin(start, target).value
+    assert begin(done, goal_of(target)).value < 0.02 * begin(start, goal_of(target)).value
     assert done.segments == 4
 
 

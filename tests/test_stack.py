@@ -46,7 +46,7 @@ def test_a_grid_samples_each_pixel_at_its_middles():
     away = np.hypot(x - circle.cx, y - circle.cy) - circle.r
     # The circle's polyline runs up to 0.001 px within it.
     least, most = ((away < off).reshape(HEIGHT, 4, WIDTH, 4).mean(axis=(1, 3)) for off in (-0.0015, 0.0005))
-    share = draw_stack(stack_of((circle,)), goal_of(), grid=4)[0][..., 3]
+    share = draw_stack(stack_of((circle,)), replace(goal_of(), grid=4))[0][..., 3]
     assert (share > least - 1e-6).all() and (share < most + 1e-6).all()
     assert (most - least).sum() < 0.5
 

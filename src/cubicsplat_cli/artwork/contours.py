@@ -22,6 +22,8 @@ PURE_SHARE = 0.02
 CLEAN_RESIDUAL = 10.0
 # Standard errors in px: of drawing programs with 4x4 samples a pixel; beside a third ink; without a clean walk.
 FLOOR, NEAR_THIRD, GUESS = 0.04, 0.3, 0.5
+# Of what ends with the canvas; and levels by which a pixel there must differ from its ink for an edge to be sought.
+RIM_SIGMA, RIM_LEVELS = 0.02, 4.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,53 @@ def _level(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray
     y, x = np.nonzero(regions.labels[1:] != regions.labels[:-1])
     if len(y):
         at[y + 1, x], sigma[y + 1, x] = _heights(levels, regions, y + 1, x)
+    depth, sigma[0] = _rim(levels, regions)
+    at[0] = depth
+    depth, sigma[-1] = _rim(levels[::-1], Regions(regions.labels[::-1], regions.inks, regions.ink_of))
+    at[-1] = height - depth
     return at, sigma
+
+
+def _rim(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
+    """How deep below the canvas's upper border, px, the topmost regions begin, (W,), and the standard errors.
+
+    An edge may run within the first row: what is beyond it, nothing or another ink, shows in its pixels only.
+    """
+    labels = regions.labels
+    own = labels[0]
+    base = regions.inks[own]
+    depth, sigma = np.zeros(len(own)), np.full(len(own), RIM_SIGMA)
+    mixed = np.abs(levels[0] - base).max(axis=1) > RIM_LEVELS
+    if not mixed.any():
+        return depth, sigma
+    beside = (own != np.roll(own, 1)) | (own != np.roll(own, -1))
+    x = np.flatnonzero(mixed)
+    span, rest = _beyond(levels[0, x], base[x], regions)
+    walked, ended = np.zeros(len(x)), np.zeros(len(x), dtype=bool)
+    for row in range(min(WALK, len(labels))):
+        here = (labels[row, x] == own[x]) & ~ended
+        share, _ = _share(levels[row, x], base[x], span)
+        walked += np.where(here, share, 0.0)
+        ended |= here & (share <= PURE_SHARE)
+    clean = ended & (rest <= CLEAN_RESIDUAL) & ~beside[x]
+    depth[x] = np.where(clean, walked, 0.0)
+    contrast = np.sqrt((span * span).sum(axis=1))
+    sigma[x] = np.where(clean, np.hypot(FLOOR, 0.8 / np.maximum(contrast, 1.0)), NEAR_THIRD)
+    return depth, sigma
+
+
+def _beyond(values: np.ndarray, base: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
+    """From their own inks (n, 4) to what values (n, 4) blend with, (n, 4), and the residuals (n,): nothing, or the ink
+    that explains clearly more.
+    """
+    span = -base
+    rest = _share(values, base, span)[1]
+    for ink in np.unique(regions.inks, axis=0):
+        other = ink - base
+        residual = _share(values, base, other)[1]
+        better = residual + RIM_LEVELS < rest
+        span[better], rest[better] = other[better], residual[better]
+    return span, rest
 
 
 def _heights(levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

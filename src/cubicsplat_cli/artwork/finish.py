@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from cubicsplat_cli.artwork.freedom import Freedom, freedom_of
+from cubicsplat_cli.artwork.freedom import NO_PINS, Freedom, Held, Pins, freedom_of
 from cubicsplat_cli.artwork.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack, normal_equations
@@ -54,7 +54,7 @@ class State:
     marks: np.ndarray
 
     @classmethod
-    def of(cls, layers: list[Layer], target: np.ndarray) -> State:
+    def of(cls, layers: list[Layer], goal: Goal) -> State:
         outlines = [o for layer in layers for o in layer.outlines]
         sizes = [len(o.lines) for o in outlines]
         pieces = np.cumsum([0, *sizes])
@@ -67,7 +67,7 @@ class State:
             signs,
             np.array([layer.ink for layer in layers]),
         )
-        image, misfit, crossings = draw_stack(stack, goal_of(target))
+        image, misfit, crossings = draw_stack(stack, goal)
         marks = np.searchsorted(crossings.piece, pieces)
         return cls(layers, image, misfit.ravel(), crossings, pieces, marks)
 
@@ -80,23 +80,26 @@ class State:
         return self.crossings.pixel[self.marks[number] : self.marks[number + 1]]
 
 
-def goal_of(target: np.ndarray) -> Goal:
-    """What a stack is compared with: a picture (H, W, 4)."""
-    return Goal(np.ascontiguousarray(target, dtype=np.float64), WHITE.tolist(), HUBER)
+def goal_of(target: np.ndarray, grid: int = 0) -> Goal:
+    """What a drawing is fitted to: a picture (H, W, 4) premultiplied in [0, 1], drawn with grid x grid samples a pixel,
+    or (0) with true areas.
+    """
+    return Goal(np.ascontiguousarray(target, dtype=np.float64), WHITE.tolist(), HUBER, grid)
 
 
-def begin(drawing: Drawing, target: np.ndarray) -> State:
-    """The state of a drawing against a picture (H, W, 4) premultiplied in [0, 1]."""
-    return State.of([_layer(shape, drawing) for shape in drawing.shapes], target)
+def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
+    """The state of a drawing against its picture; what is pinned stays where it is."""
+    held = Held(drawing.width, drawing.height, pins)
+    return State.of([_layer(shape, held) for shape in drawing.shapes], goal)
 
 
-def settle(state: State, target: np.ndarray, rounds: int = ROUNDS) -> State:
+def settle(state: State, goal: Goal, rounds: int = ROUNDS) -> State:
     """The nearest state to the picture that has the same pieces."""
     damping = np.full(sum(len(layer.outlines) for layer in state.layers), START)
     for _ in range(rounds):
-        following = _improved(state, target, damping)
+        following = _improved(state, goal, damping)
         gain = state.value - following.value
-        state = _trimmed(following, target)
+        state = _trimmed(following, goal)
         if gain < ENOUGH * state.value and not ((damping > RELAXED) & (damping < HOPELESS)).any():
             break
     return state
@@ -108,16 +111,16 @@ def drawn(drawing: Drawing, state: State) -> Drawing:
     return replace(drawing, shapes=tuple(shapes))
 
 
-def _improved(state: State, target: np.ndarray, damping: np.ndarray) -> State:
+def _improved(state: State, goal: Goal, damping: np.ndarray) -> State:
     """The state after a step, without the outlines that fit their own pixels worse by it; `damping` is brought up to
     date in place.
 
     What one outline spoils is held against its neighbours too, so the worst ones are taken back first.
     """
-    layers = _stepped(state.layers, *_normal_equations(state, target), damping)
+    layers = _stepped(state.layers, *_normal_equations(state, goal), damping)
     refused = np.zeros(len(damping), dtype=bool)
     for left in reversed(range(TAKEN_BACK + 1)):
-        trial = State.of(kept(state.layers, layers, refused), target)
+        trial = State.of(kept(state.layers, layers, refused), goal)
         loss = np.where(refused, 0.0, _losses(state, trial))
         if left == 0 or not (loss > SAME).any():
             break
@@ -129,12 +132,12 @@ def _improved(state: State, target: np.ndarray, damping: np.ndarray) -> State:
     return state
 
 
-def _trimmed(state: State, target: np.ndarray) -> State:
+def _trimmed(state: State, goal: Goal) -> State:
     """The state without pieces that have become too short to matter."""
     layers = [replace(layer, outlines=[o.trimmed() for o in layer.outlines]) for layer in state.layers]
     kept = [o for layer in state.layers for o in layer.outlines]
     same = all(a is b for a, b in zip(kept, (o for layer in layers for o in layer.outlines), strict=True))
-    return state if same else State.of(layers, target)
+    return state if same else State.of(layers, goal)
 
 
 def _losses(old: State, new: State) -> np.ndarray:
@@ -156,9 +159,9 @@ def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
     ]
 
 
-def _layer(shape: Shape, drawing: Drawing) -> Layer:
+def _layer(shape: Shape, held: Held) -> Layer:
     r, g, b, a = (v / 255.0 for v in shape.ink)
-    outlines = [freedom_of(outline, drawing.width, drawing.height) for outline in shape.outlines]
+    outlines = [freedom_of(outline, held) for outline in shape.outlines]
     signs = []
     for i, outline in enumerate(outlines):
         ring = Ring(outline.cubics[:, 0], outline.cubics[:, 1:3], outline.lines, outline.lines)
@@ -166,12 +169,12 @@ def _layer(shape: Shape, drawing: Drawing) -> Layer:
     return Layer(shape, np.array([r * a, g * a, b * a, a]), outlines, signs)
 
 
-def _normal_equations(state: State, target: np.ndarray) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
+def _normal_equations(state: State, goal: Goal) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
     """Gram matrix, gradient, and the first variable of each outline, the number of variables last."""
     parts = [o.jacobian for layer in state.layers for o in layer.outlines]
     starts = np.cumsum([0] + [part.shape[1] for part in parts]).tolist()
     jacobian = sparse.block_diag(parts, format="csr")
-    gram, gradient = normal_equations(goal_of(target), state.image, state.crossings, int(state.pieces[-1]))
+    gram, gradient = normal_equations(goal, state.image, state.crossings, int(state.pieces[-1]))
     return (jacobian.T @ (gram.tocsr() @ jacobian)).tocsc(), jacobian.T @ gradient, starts
 
 

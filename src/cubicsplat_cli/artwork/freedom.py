@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
+from dataclasses import astuple, dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -39,18 +39,58 @@ class Freedom(Protocol):
     def outline(self) -> Outline: ...
 
 
-def freedom_of(outline: Outline, width: int, height: int) -> Freedom:
-    """The freedom of an outline on a canvas: what lies on its border stays there."""
+@dataclass(frozen=True)
+class Pins:
+    """Numbers that are known: the x and y of edges and middles, and radii."""
+
+    x: tuple[float, ...] = ()
+    y: tuple[float, ...] = ()
+    lengths: tuple[float, ...] = ()
+
+    def hold(self, axis: int, value: float) -> bool:
+        """Whether a number is pinned; axis: 0 for x, 1 for y, 2 for lengths."""
+        return any(abs(value - pin) < FINEST_TURN for pin in (self.x, self.y, self.lengths)[axis])
+
+
+NO_PINS = Pins()
+
+
+@dataclass(frozen=True)
+class Held:
+    """What stays where it is: all that lies on the border of a canvas of width x height px, and what is pinned."""
+
+    width: int
+    height: int
+    pins: Pins = NO_PINS
+
+
+def freedom_of(outline: Outline, held: Held) -> Freedom:
+    """The freedom of an outline."""
     if isinstance(outline, Ring):
-        return RingFreedom(_pieces(without_specks(outline), width, height), (width, height))
-    if isinstance(outline, Rectangle) and _on_border(outline, width, height):
-        return RingFreedom(_pieces(outline.ring(), width, height), (width, height), outline)
-    return PrimitiveFreedom(outline)
+        return RingFreedom(_pieces(without_specks(outline), held), held)
+    if isinstance(outline, Rectangle) and _on_border(outline, held):
+        return RingFreedom(_pieces(outline.ring(), held), held, outline)
+    return PrimitiveFreedom(outline, _pinned(outline, held.pins))
 
 
-def _on_border(box: Rectangle, width: int, height: int) -> bool:
-    ends = np.array([box.x, box.y, box.x + box.width - width, box.y + box.height - height])
-    return box.angle == 0.0 and box.radius == 0.0 and bool((np.abs(ends) < ON_BORDER).any())
+def _on_border(box: Rectangle, held: Held) -> bool:
+    """Whether a rectangle with sharp corners has a side that stays where it is."""
+    x, y = (box.x, box.x + box.width), (box.y, box.y + box.height)
+    ends = np.array([x[0], y[0], x[1] - held.width, y[1] - held.height])
+    pinned = any(held.pins.hold(0, v) for v in x) or any(held.pins.hold(1, v) for v in y)
+    return box.angle == 0.0 and box.radius == 0.0 and (pinned or bool((np.abs(ends) < ON_BORDER).any()))
+
+
+def _pinned(shape: Circle | Ellipse | Rectangle, pins: Pins) -> np.ndarray:
+    """(numbers,) bool: which numbers of a primitive are pinned; a side is where both of its ends are."""
+    values = astuple(shape)
+    if isinstance(shape, Rectangle):
+        starts = [pins.hold(axis, values[axis]) for axis in (0, 1)]
+        ends = [pins.hold(axis, values[axis] + values[axis + 2]) for axis in (0, 1)]
+        sides = [start and end for start, end in zip(starts, ends, strict=True)]
+        return np.array([*starts, *sides, pins.hold(2, shape.radius), False])
+    held = [pins.hold(axis, value) for axis, value in zip((0, 1, 2, 2), values, strict=False)]
+    return np.array(held[: len(values)] + [False] * (len(values) - len(held)))
 
 
 def without_specks(ring: Ring) -> Ring:
@@ -78,8 +118,8 @@ def without_specks(ring: Ring) -> Ring:
 class RingFreedom:
     """A ring: its anchors, the directions of smooth joints, handle lengths, and handles at corners."""
 
-    def __init__(self, pieces: Pieces, canvas: tuple[int, int], origin: Rectangle | None = None) -> None:
-        self.pieces, self.canvas, self.origin = pieces, canvas, origin
+    def __init__(self, pieces: Pieces, held: Held, origin: Rectangle | None = None) -> None:
+        self.pieces, self.held, self.origin = pieces, held, origin
         self.cubics, self.lines = pieces.cubics, pieces.lines
         self._variables = Variables(pieces)
 
@@ -88,12 +128,12 @@ class RingFreedom:
         return self._variables.jacobian()
 
     def moved(self, step: np.ndarray) -> RingFreedom:
-        return RingFreedom(self._variables.moved(np.append(step, 0.0)), self.canvas, self.origin)
+        return RingFreedom(self._variables.moved(np.append(step, 0.0)), self.held, self.origin)
 
     def trimmed(self) -> RingFreedom:
         ring = self._ring()
         shorter = ring if self.origin is not None else without_specks(ring)
-        return self if shorter is ring else RingFreedom(_pieces(shorter, *self.canvas), self.canvas)
+        return self if shorter is ring else RingFreedom(_pieces(shorter, self.held), self.held)
 
     def _ring(self) -> Ring:
         p = self.pieces
@@ -107,14 +147,17 @@ class RingFreedom:
         return self._ring()
 
 
-def _pieces(ring: Ring, width: int, height: int) -> Pieces:
+def _pieces(ring: Ring, held: Held) -> Pieces:
     anchors = ring.anchors.copy()
-    borders = np.array([[0.0, 0.0], [float(width), float(height)]])
+    borders = np.array([[0.0, 0.0], [float(held.width), float(held.height)]])
     fixed = np.zeros(anchors.shape, dtype=bool)
     for border in borders:
         near = np.abs(anchors - border) < ON_BORDER
         anchors[near] = np.broadcast_to(border, anchors.shape)[near]
         fixed |= near
+    for axis, known in enumerate((held.pins.x, held.pins.y)):
+        for pin in known:
+            fixed[:, axis] |= np.abs(anchors[:, axis] - pin) < FINEST_TURN
     outgoing = ring.controls[:, 0] - ring.anchors
     incoming = np.roll(ring.controls[:, 1] - np.roll(ring.anchors, -1, axis=0), 1, axis=0)
     along = np.abs(np.concatenate([outgoing, incoming], axis=1))
@@ -150,26 +193,27 @@ def _tied(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) -> np.ndarr
 class PrimitiveFreedom:
     """A circle, ellipse or rectangle: its own numbers; a rounded one keeps its corners round, a level one level."""
 
-    def __init__(self, shape: Circle | Ellipse | Rectangle) -> None:
-        self.shape = shape
+    def __init__(self, shape: Circle | Ellipse | Rectangle, pinned: np.ndarray) -> None:
+        self.shape, self.pinned = shape, pinned
         self.values = np.array(astuple(shape), dtype=float)
         self.free = np.ones(len(self.values), dtype=bool)
         if isinstance(shape, Rectangle):
             self.free[4] = shape.radius > 0.0
         if not isinstance(shape, Circle):
             self.free[-1] = shape.angle != 0.0
+        self.free &= ~pinned
         ring = fine_ring(shape)
         self.cubics, self.lines = ring.cubics, ring.lines
 
     @cached_property
     def jacobian(self) -> sparse.csr_matrix:
-        columns = [change.ravel() for change in changes(self.shape)]
-        return sparse.csr_matrix(np.stack([c for c, free in zip(columns, self.free, strict=True) if free], axis=1))
+        columns = np.stack([change.ravel() for change in changes(self.shape)], axis=1)
+        return sparse.csr_matrix(columns[:, self.free])
 
     def moved(self, step: np.ndarray) -> PrimitiveFreedom:
         values = self.values.copy()
         values[self.free] += np.clip(step, -2.0, 2.0)
-        return PrimitiveFreedom(self._at(values))
+        return PrimitiveFreedom(self._at(values), self.pinned)
 
     def _at(self, values: np.ndarray) -> Circle | Ellipse | Rectangle:
         v = values.tolist()

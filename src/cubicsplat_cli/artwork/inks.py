@@ -17,6 +17,8 @@ SAME = 3.5
 GRADIENT_RANGE = 14.0
 BAND = 12.0
 LEAST_FLAT = 0.02  # share of the pixels, below which a picture has no interiors
+# Squares of 2 x 2 px that span at most so many levels show an ink, if enough have its colour; so many such inks.
+SQUARE_RANGE, FEWEST_SQUARES, MOST_SMALL = 1.0, 3, 16
 CLEAR = 2.0  # levels of opacity below which nothing is drawn
 
 
@@ -48,7 +50,25 @@ def picture_inks(levels: np.ndarray, most: int | None = None) -> np.ndarray:
         colours, sizes = _component_inks(values[order[start:end]])
         inks.extend(colours)
         weights.extend(sizes)
+    for colour, size in _small_inks(levels, flat):
+        inks.append(colour)
+        weights.append(size)
     return _limited(np.array(inks), np.array(weights), most)
+
+
+def _small_inks(levels: np.ndarray, flat: np.ndarray) -> list[tuple[np.ndarray, float]]:
+    """Inks, and their px, of shapes too small for a flat pixel: blends on edges hardly ever fill a square of 2 x 2 px
+    with one colour.
+    """
+    near = ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool))
+    corners = [levels[y : levels.shape[0] - 1 + y, x : levels.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
+    free = ~np.logical_or.reduce(
+        [near[y : near.shape[0] - 1 + y, x : near.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
+    )
+    even = free & (np.ptp(np.stack(corners), axis=0).max(axis=-1) <= SQUARE_RANGE)
+    colours, counts = np.unique(np.rint(corners[0][even]), axis=0, return_counts=True)
+    common = np.argsort(-counts, kind="stable")[:MOST_SMALL]
+    return [(colours[i].astype(float), float(counts[i])) for i in common if counts[i] >= FEWEST_SQUARES]
 
 
 def _component_inks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

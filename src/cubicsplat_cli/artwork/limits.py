@@ -16,7 +16,7 @@ MOST_PIXELS = 2_000_000
 # Of so many regions on, a picture is noise or a photo; each takes some hundredth of a second.
 MOST_REGIONS = 600
 # Beyond so many shapes the polish would take minutes.
-MOST_POLISHED = 200
+MOST_POLISHED = 800
 
 _log = logging.getLogger("cubicsplat")
 

@@ -12,14 +12,14 @@ import numpy as np
 
 from cubicsplat_cli.artwork.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish import WHITE, Layer, State
-from cubicsplat_cli.artwork.freedom import Freedom, freedom_of
+from cubicsplat_cli.artwork.freedom import Freedom, Held, freedom_of
 from cubicsplat_cli.artwork.outlines import Ring
 
 # Coverages are known to this much: drawing programs take 4x4 samples a pixel.
 SHARE_SIGMA = 0.04
-PRICE = 8.0  # nats a parameter
+PRICE = 4.0  # nats a parameter
 # Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
-WORTH, MOST_CHI = 25.0, 60.0
+WORTH, MOST_CHI = 12.0, 60.0
 UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
 NEAR = 2.5  # px: misfit within this of a joint is the joint's
 CONCENTRATED = 0.5
@@ -37,7 +37,7 @@ class Complaint:
     end: float
 
 
-def with_moves(state: State, canvas: tuple[int, int], detail: float) -> tuple[list[Layer], np.ndarray]:
+def with_moves(state: State, held: Held, detail: float) -> tuple[list[Layer], np.ndarray]:
     """Layers with a piece more wherever the pixels ask for one, and which outlines have changed (outlines,) bool."""
     layers, changed = [], []
     found = complaints(state)
@@ -47,7 +47,7 @@ def with_moves(state: State, canvas: tuple[int, int], detail: float) -> tuple[li
         for outline in layer.outlines:
             own = {i - first: c for i, c in found.items() if first <= i < first + len(outline.lines)}
             first += len(outline.lines)
-            better = _edited(outline, {i: c for i, c in own.items() if c.chi * detail > WORTH}, canvas)
+            better = _edited(outline, {i: c for i, c in own.items() if c.chi * detail > WORTH}, held)
             outlines.append(better or outline)
             changed.append(better is not None)
         layers.append(replace(layer, outlines=outlines))
@@ -81,7 +81,7 @@ def _floor(slope: np.ndarray) -> np.ndarray:
     return SHARE_SIGMA**2 * ((slope * WHITE) ** 2).sum(axis=1)
 
 
-def _edited(outline: Freedom, found: dict[int, Complaint], canvas: tuple[int, int]) -> Freedom | None:
+def _edited(outline: Freedom, found: dict[int, Complaint], held: Held) -> Freedom | None:
     """The outline with the moves that its complaints suggest, from the last piece on; None without any."""
     ring = outline.outline().ring()
     if not found or not isinstance(outline.outline(), Ring):
@@ -90,7 +90,7 @@ def _edited(outline: Freedom, found: dict[int, Complaint], canvas: tuple[int, in
     joints: set[int] = set()
     for i in sorted(found, reverse=True):
         done = _move(done, i, found[i], joints)
-    return None if done is ring else freedom_of(done, *canvas)
+    return None if done is ring else freedom_of(done, held)
 
 
 def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:

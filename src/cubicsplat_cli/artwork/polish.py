@@ -4,37 +4,48 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish import ROUNDS, State, begin, drawn, kept, settle
+from cubicsplat_cli.artwork.finish import ROUNDS, State, begin, drawn, goal_of, kept, settle
+from cubicsplat_cli.artwork.freedom import NO_PINS, Held
 from cubicsplat_cli.artwork.moves import shorter, with_moves
+from cubicsplat_cli.artwork.regular import regular
 from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.raster.stack import Goal
 
 # Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
 PASSES, CROWDED, FULL = 3, 400, 1500
 TRIAL_ROUNDS = 6
 
 
-def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0) -> Drawing:
-    """The drawing fitted to a picture (H, W, 4) premultiplied in [0, 1]; detail as in ArtworkSettings."""
+def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0, grid: int = 0) -> Drawing:
+    """The drawing fitted to a picture (H, W, 4) premultiplied in [0, 1]; detail as in ArtworkSettings.
+
+    grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas.
+    """
     if not drawing.shapes:
         return drawing
     pieces = drawing.segments
-    state = settle(begin(drawing, target), target, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
+    goal, held = goal_of(target), Held(drawing.width, drawing.height)
+    state = settle(begin(drawing, goal), goal, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
     for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
-        following = _moved(state, target, (drawing.width, drawing.height), detail)
+        following = _moved(state, goal, held, detail)
         if following is state:
             break
         state = following
-    return drawn(drawing, state)
+    done, pins = regular(drawn(drawing, state), state, 1.0 / grid if grid else 0.0)
+    if pins == NO_PINS:
+        return done
+    goal = goal_of(target, grid)
+    return drawn(done, settle(begin(done, goal, pins), goal, TRIAL_ROUNDS))
 
 
-def _moved(state: State, target: np.ndarray, canvas: tuple[int, int], detail: float) -> State:
+def _moved(state: State, goal: Goal, held: Held, detail: float) -> State:
     """The state after one pass of moves, the same where none paid."""
-    layers, changed = with_moves(state, canvas, detail)
+    layers, changed = with_moves(state, held, detail)
     if not changed.any():
         return state
-    trial = settle(State.of(layers, target), target, TRIAL_ROUNDS)
+    trial = settle(State.of(layers, goal), goal, TRIAL_ROUNDS)
     refused = shorter(state, trial, changed, detail)
     if refused.any():
-        trial = State.of(kept(state.layers, trial.layers, refused), target)
-        trial = settle(trial, target, 2)
+        trial = State.of(kept(state.layers, trial.layers, refused), goal)
+        trial = settle(trial, goal, 2)
     return trial if not refused[changed].all() else state

@@ -19,7 +19,7 @@ ROUNDS = 8
 ENOUGH = 0.01  # relative gain of a round below which the fit has converged
 LARGEST_STEP = 3.0  # px
 STIFFNESS = 0.3  # 1/px^2, against steps that the points do not call for
-MOST_DENSE = 200  # variables
+MOST_DENSE = 64  # variables
 PAIR = np.array([0, 1])
 LONGEST_HANDLE = 1.2  # of the distance between its piece's ends; longer ones do not grow
 

@@ -17,6 +17,8 @@ REACH = 3
 CANDIDATES = 4
 MOST_PALETTE = 64  # inks, beyond which a picture has gradients and textures rather than lines in more inks
 CHUNK = 4096  # colours at a time
+# A region below SPECK px must have a pixel that is its ink by MOSTLY.
+SPECK, MOSTLY = 9, 0.8
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0)
     palette, pure = _with_inks_of_lines(levels, palette)
     inks = _blends_shared_out(levels, palette, pure)
     labels = _components(inks)
-    labels = _without_specks(labels, inks, pure >= 0, max(min_area, 3.0))
+    sure = _sure(levels, palette, labels, inks, pure)
+    labels = _without_specks(labels, sure, max(min_area, 3.0))
     labels = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
     ink_of = _majority(labels, inks)
     return Regions(labels, palette[ink_of], ink_of)
@@ -210,13 +213,39 @@ def _components(inks: np.ndarray) -> np.ndarray:
     return out
 
 
-def _without_specks(labels: np.ndarray, inks: np.ndarray, pure: np.ndarray, area: float) -> np.ndarray:
-    """Components below `area` px, or without a pixel of their pure ink, go to the neighbour that they touch most."""
+def _sure(
+    levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, inks: np.ndarray, pure: np.ndarray
+) -> np.ndarray:
+    """(H, W) bool: pixels that are their ink, or for the most part their ink rather than that of the region which their
+    own touches most.
+    """
+    sure = pure >= 0
+    count = int(labels.max()) + 1
+    lacking = (np.bincount(labels.ravel(), sure.ravel(), count) == 0) & (
+        np.bincount(labels.ravel(), None, count) < SPECK
+    )
+    if not lacking.any():
+        return sure
+    beside = _most_touched(labels, count, lacking)
+    ink_of = _majority(labels, inks)
+    y, x = np.nonzero(lacking[labels])
+    base = palette[ink_of[beside[labels[y, x]]]]
+    span = palette[inks[y, x]] - base
+    share = ((levels[y, x] - base) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
+    sure = sure.copy()
+    sure[y, x] = share >= MOSTLY
+    return sure
+
+
+def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.ndarray:
+    """Components below `area` px, and small ones without a pixel that is surely theirs, go to the neighbour that they
+    touch most.
+    """
     for _ in range(8):
         count = labels.max() + 1
         sizes = np.bincount(labels.ravel(), minlength=count)
-        has_pure = np.bincount(labels.ravel(), pure.ravel(), count) > 0
-        doomed = (sizes < area) | (~has_pure & (sizes < 9))
+        has_sure = np.bincount(labels.ravel(), sure.ravel(), count) > 0
+        doomed = (sizes < area) | (~has_sure & (sizes < SPECK))
         doomed[sizes == 0] = False
         if not doomed.any() or doomed.all():
             break

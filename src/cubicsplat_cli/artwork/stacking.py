@@ -74,6 +74,11 @@ class _Facts:
         for outer, held in self.inside.items():
             for i in held:
                 self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED
+        # The regions that each one lies above.
+        self.beneath: dict[int, set[int]] = {}
+        for above, below in self.votes:
+            if self.vote(above, below) > 0.0:
+                self.beneath.setdefault(above, set()).add(below)
 
     def _enclosures(self) -> dict[int, set[int]]:
         """For each region the regions within its holes."""
@@ -181,7 +186,8 @@ def _continues(facts: _Facts, members: np.ndarray) -> bool:
     own = np.isin(view, members)
     between = hull_mask(own) & ~own
     names, sizes = np.unique(view[between], return_counts=True)
-    shut = [facts.clear[n] or any(facts.vote(int(m), int(n)) > 0 for m in members) for n in names]
+    below = set().union(*(facts.beneath.get(int(m), set()) for m in members))
+    shut = [bool(facts.clear[n]) or int(n) in below for n in names]
     exposed = int(sizes[np.array(shut, dtype=bool)].sum()) if len(names) else 0
     # Outlines are only known to a pixel here, so a rim of the hull may be exposed.
     return exposed <= EXPOSED * own.size + 0.02 * between.sum()

@@ -15,6 +15,8 @@ from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_r
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.polish import polish
 from cubicsplat_cli.artwork.regions import Regions
+from cubicsplat_cli.artwork.sampling import samples_across
+from cubicsplat_cli.artwork.seams import without_seams
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.stacking import Stack, stack
@@ -44,7 +46,7 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing
         shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height)))
     drawing = Drawing(width, height, tuple(shapes))
     if len(shapes) <= MOST_POLISHED:
-        drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail)
+        drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail, samples_across(levels, regions))
     return enlarged(in_palette(drawing, settings.palette), factor, full_width, full_height)
 
 
@@ -55,6 +57,7 @@ def _planned(
     min_area = settings.min_area / factor**2
     while True:
         soft, regions = _regions(levels, settings, min_area)
+        soft = without_seams(soft, regions)
         layers = stack(regions)
         parts = list(extents(regions, layers, crossings(soft, regions)))
         if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:

@@ -48,11 +48,12 @@ class _Equations(ctypes.Structure):
 @dataclass(frozen=True)
 class Goal:
     """What a stack is compared with. target: (H, W, 4); channels: the weights of the four; bound: of a pixel's weighted
-    residual, beyond which it counts linearly."""
+    residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel."""
 
     target: np.ndarray
     channels: Sequence[float]
     bound: float
+    grid: int = 0
 
     def _pointers(self) -> _Fit:
         return _Fit(_at(self.target, np.float64, self.target.shape), (c_double * 4)(*self.channels), self.bound)
@@ -84,15 +85,14 @@ class Crossings:
     slope: np.ndarray
 
 
-def draw_stack(pieces: StackPieces, goal: Goal, grid: int = 0) -> tuple[np.ndarray, np.ndarray, Crossings]:
-    """The picture (H, W, 4) of a stack, the misfit (H, W) of its pixels, and its crossings.
-
-    grid: 0 for exact areas, g for g x g samples a pixel; crossings are exact in any case.
+def draw_stack(pieces: StackPieces, goal: Goal) -> tuple[np.ndarray, np.ndarray, Crossings]:
+    """The picture (H, W, 4) of a stack, the misfit (H, W) of its pixels, and its crossings, whose changes are those of
+    exact areas in any case.
     """
     height, width, _ = goal.target.shape
     count = len(pieces.cubics)
     stack = _Stack(
-        width, height, len(pieces.ends), grid,
+        width, height, len(pieces.ends), goal.grid,
         _at(pieces.ends, np.int32, (len(pieces.inks),)), _at(pieces.cubics, np.float64, (count, 4, 2)),
         _at(pieces.lines, np.bool_, (count,)), _at(pieces.signs, np.float64, (count,)),
         _at(pieces.inks, np.float64, (len(pieces.ends), 4)),

@@ -1,0 +1,70 @@
+"""What the picture itself blurs: edges sampled to a quarter of a pixel, on the canvas's rim, and in seams."""
+
+import numpy as np
+import pytest
+from test_artwork_draw import BLUE, RED, WHITE, box, disc, painted
+
+from cubicsplat_cli.artwork.regions import find_regions
+from cubicsplat_cli.artwork.sampling import samples_across
+from cubicsplat_cli.artwork.seams import without_seams
+from cubicsplat_cli.artwork.vectorize import as_levels, draw
+
+UNIT = 128 / 18  # px
+
+
+def regions_of(levels, *inks):
+    return find_regions(levels, np.array(inks, dtype=float) * 255.0)
+
+
+@pytest.mark.parametrize(("fine", "expected"), [(4, 4), (16, 0)])
+def test_the_samples_of_a_picture_are_told_from_its_blends(fine, expected):
+    levels = as_levels(painted(64, 64, (disc(30.3, 32.6, 20.25), RED), ground=WHITE, fine=fine))
+    assert samples_across(levels, regions_of(levels, RED, WHITE)) == expected
+
+
+def units(*numbers):
+    return [number * UNIT for number in numbers]
+
+
+def test_edges_sampled_to_a_quarter_of_a_pixel_are_brought_onto_the_artists_grid():
+    shapes = ((box(*units(2, 3, 11, 7)), RED), (box(*units(4, 9, 15, 16)), BLUE), (disc(*units(13, 5, 1.5)), BLUE))
+    drawing = draw(painted(128, 128, *shapes, ground=WHITE, fine=4))
+    boxes = {shape.outlines[0].y: shape.outlines[0] for shape in drawing.shapes[1:] if hasattr(shape.outlines[0], "x")}
+    assert sorted(boxes) == pytest.approx(units(3, 9), abs=1e-9)
+    first, second = (boxes[y] for y in sorted(boxes))
+    assert [first.x, first.width, first.height] == pytest.approx(units(2, 9, 4), abs=1e-9)
+    assert [second.x, second.width, second.height] == pytest.approx(units(4, 11, 7), abs=1e-9)
+
+
+def test_edges_off_any_grid_stay_where_they_are():
+    edges = (17.31, 23.87, 61.13, 52.71)
+    rectangle = draw(painted(128, 96, (box(*edges), RED), ground=WHITE, fine=16)).shapes[1].outlines[0]
+    found = (rectangle.x, rectangle.y, rectangle.x + rectangle.width, rectangle.y + rectangle.height)
+    assert found == pytest.approx(edges, abs=0.04)
+
+
+@pytest.mark.parametrize("ground", [WHITE, (0.0, 0.0, 0.0, 0.0)])
+def test_an_edge_within_the_last_row_is_found_there(ground):
+    drawing = draw(painted(64, 64, (box(10.0, 20.0, 50.0, 63.6), RED), ground=ground, fine=10))
+    (red,) = (shape.outlines[0] for shape in drawing.shapes if shape.ink == (255, 0, 0, 255))
+    assert red.y + red.height == pytest.approx(63.6, abs=0.03)
+
+
+def test_a_seam_between_shapes_that_abut_is_mended():
+    picture = np.zeros((40, 40, 4))
+    picture[:, :20] = RED
+    picture[:, 21:] = BLUE
+    # Red covers 0.3 of the column, blue in front of it the other 0.7.
+    picture[:, 20] = 0.3 * np.array(RED) * 0.3 + 0.7 * np.array(BLUE)
+    levels = as_levels(picture.astype(np.float32))
+    mended = without_seams(levels, regions_of(levels, RED, BLUE))
+    assert mended[:, 20] == pytest.approx(
+        np.tile(255.0 * (0.3 * np.array(RED) + 0.7 * np.array(BLUE)), (40, 1)), abs=6.0
+    )
+    assert (np.delete(mended, 20, axis=1) == np.delete(levels, 20, axis=1)).all()
+
+
+def test_a_clean_picture_has_no_seams():
+    levels = as_levels(painted(64, 64, (disc(30.3, 32.6, 20.25), RED), ground=WHITE))
+    regions = regions_of(levels, RED, WHITE)
+    assert without_seams(levels, regions) is levels
