@@ -17,7 +17,7 @@ FEW = 120  # points suffice for the first fit
 # Area over the root of the determinant of the second moments: 12 for rectangles, 4 pi for ellipses, less for the rest.
 LEAST_FULLNESS = 11.7
 MOST_HIDDEN = 0.03  # share of the loop's length above which its area tells nothing
-SHARP_REACH = 1.5  # px from a sharp corner in which points are biased
+SHARP_REACH, SHARP_SIGMA = 1.5, 0.3  # px from a sharp corner in which points are biased, and by how much
 MOST_BACK = 0.25  # share of the way around a primitive's middle that a loop may run against its own sense
 
 Signed = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -129,14 +129,15 @@ def _box(start: list[float], rest: tuple[float, float], free: str) -> _Candidate
 
 def _fitted(candidate: _Candidate, p: np.ndarray, w: np.ndarray) -> tuple[Outline, float, float] | None:
     """The outline, chi^2 and mean squared residual in sigmas; None when it is far off."""
+    sure = w
     if candidate.sharp is not None:
-        w = w * ~candidate.sharp(candidate.start, p)
+        w = np.where(candidate.sharp(candidate.start, p), np.minimum(sure, SHARP_SIGMA**-2), sure)
     few = np.unique(np.linspace(0, len(p) - 1, FEW).astype(int))
     value, misfit = _least_squares(candidate.distance, candidate.start, p[few], w[few])
     if misfit > 2.0 * WORST_MISFIT * len(few):
         return None
     if candidate.sharp is not None:
-        w = w * ~candidate.sharp(value, p)
+        w = np.where(candidate.sharp(value, p), np.minimum(sure, SHARP_SIGMA**-2), sure)
     value, misfit = _least_squares(candidate.distance, value, p, w)
     mean = misfit / max(int((w > 0.0).sum()), 1)
     outline = candidate.outline(value)
