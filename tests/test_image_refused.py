@@ -15,6 +15,7 @@ from PIL import Image
 import cubicsplat_cli.files.load as load_module
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.files.read import MAX_FILE_BYTES
 
 SUPPORTED = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
 
@@ -107,7 +108,7 @@ def test_null_byte_and_control_characters_in_the_name(tmp_path):
 def test_too_many_bytes_is_found_before_reading(tmp_path, monkeypatch):
     path = tmp_path / "huge.png"
     with path.open("wb") as file:
-        file.truncate(load_module.MAX_FILE_BYTES + 1)  # a sparse file: takes no space
+        file.truncate(MAX_FILE_BYTES + 1)  # a sparse file: takes no space
     monkeypatch.setattr(Path, "read_bytes", lambda self: pytest.fail("it was read"))
     refuse(path, "MiB", "limit")
 
@@ -167,7 +168,7 @@ def test_damaged_bytes_never_raise_anything_else(file_format):
 def test_bomb_is_refused_before_it_is_decoded(monkeypatch):
     data = png_of(60_000, 60_000, 8, 2, b"\0" * 1000)
     assert len(data) < 1000
-    monkeypatch.setattr(load_module, "decode", lambda *args: pytest.fail("it was decoded"))
+    monkeypatch.setattr(load_module, "decode", lambda *_, **__: pytest.fail("it was decoded"))
     refuse(data, "60000 x 60000", "3600.0 megapixels", "100")
 
 
@@ -185,7 +186,7 @@ def test_max_pixels_above_pillows_own_limit(monkeypatch):
 
 
 def test_bomb_error_of_pillow_is_an_input_error(monkeypatch):
-    def explode(*args):
+    def explode(*_, **__):
         raise Image.DecompressionBombError("too large")
 
     monkeypatch.setattr(load_module, "decode", explode)

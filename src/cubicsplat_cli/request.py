@@ -27,6 +27,7 @@ _CHECKS = {
     "precision": PRECISION,
     "max_size": Setting("count", "", least=1, most=1_000_000, optional=True),
     "max_pixels": Setting("count", "", least=1),
+    "frame": Setting("count", "", least=1, most=1_000_000, optional=True),
 }
 
 
@@ -36,10 +37,11 @@ class Request:
 
     settings: of a photo; artwork: of flat artwork; style: "auto", "photo" or "artwork". precision: decimals of the
     coordinates (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side.
-    max_pixels: larger pictures are refused. png, report, page, animation (a file, or None), compress, force: of the
-    files. suffix: what names made of the picture's get at their end. skip_existing: leave pictures alone that have an
-    SVG, whatever made it. measure: whether the SVG is drawn by an independent renderer and measured. weights, focus:
-    how much the pixels matter to the fit of a photo; where either is given, the style is "photo".
+    max_pixels: larger pictures are refused. frame: of files with several, from 1. png, report, page, animation (a file,
+    or None), compress, force: of the files. suffix: what names made of the picture's get at their end. skip_existing:
+    leave pictures alone that have an SVG, whatever made it. measure: whether the SVG is drawn by an independent
+    renderer and measured. weights, focus: how much the pixels matter to the fit of a photo; where either is given, the
+    style is "photo".
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -48,6 +50,7 @@ class Request:
     precision: int | None = None
     max_size: int | None = None
     max_pixels: int = MAX_PIXELS
+    frame: int | None = None
     png: bool = True
     report: bool = True
     page: bool = False
@@ -90,6 +93,7 @@ class Request:
             "artwork": self.artwork.public(),
             "precision": self.precision,
             "max_size": self.max_size,
+            "frame": self.frame,
             "weights": None if self.weights is None else {"name": self.weights.name, "sha256": self.weights.sha256},
             "focus": None if self.focus is None else [float(value) for value in astuple(self.focus)],
         }

@@ -67,21 +67,22 @@ def write_pages(
 
 
 def _page(comparison: Comparison, threads: int | None) -> bytes:
-    from cubicsplat_cli.files.load import load_picture, read_picture_file
+    from cubicsplat_cli.files.load import load_picture
+    from cubicsplat_cli.files.read import read_whole
     from cubicsplat_cli.show.page import Subject, page
 
     candidate = comparison.candidate
     path = Path(candidate.path)
     subject = Subject(
         comparison.reference,
-        read_picture_file(Path(comparison.reference_path)),
+        read_whole(Path(comparison.reference_path)),
         path.name,
         candidate.data,
         comparison.quality,
         candidate.renderer,
         _made_with(path, candidate.data),
         sha256_of(candidate.data),
-        path.stat().st_size,
+        path.stat().st_size if is_file(path) else len(candidate.data),
         raster=None if candidate.kind == "svg" else load_picture(candidate.data, name=candidate.path),
         notes=tuple(comparison.notes),
     )

@@ -79,6 +79,15 @@ MaxSize = Annotated[
         "--max-size", metavar="PX", help="Fit a copy scaled down to this longer side.", rich_help_panel=QUALITY
     ),
 ]
+Frame = Annotated[
+    int | None,
+    typer.Option(
+        "--frame",
+        metavar="N",
+        help="Which picture of a GIF, TIFF or other file with several.  [default: 1]",
+        rich_help_panel=FILES,
+    ),
+]
 Png = Annotated[
     bool, typer.Option("--png/--no-png", help="Also write the SVG as a rendered PNG.", rich_help_panel=FILES)
 ]
@@ -182,6 +191,7 @@ def vectorize(
     weights: Weights = None,
     focus: FocusOn = None,
     max_pixels: MaxPixels = MAX_PIXELS,
+    frame: Frame = None,
     png: Png = True,
     no_json: NoJson = False,
     svg_only: SvgOnly = False,
@@ -217,6 +227,7 @@ def vectorize(
         precision=precision,
         max_size=max_size,
         max_pixels=max_pixels,
+        frame=frame,
         png=png and measure and not svg_only,
         report=not (no_json or svg_only),
         page=report,

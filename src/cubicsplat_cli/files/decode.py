@@ -36,17 +36,17 @@ class Decoded:
     notes: tuple[str, ...]
 
 
-def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1) -> Decoded:
-    """Decode the first frame of `image`, whose file bytes are `data`; `shown` is its name for messages.
+def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chosen: bool = False) -> Decoded:
+    """Decode the frame at which `image` is, whose file bytes are `data`; `shown` is its name for messages.
 
-    factor: by how much its sides are to become shorter.
+    factor: by how much its sides are to become shorter. chosen: whether somebody has said which frame.
 
     Raises `InputError` for colour modes and value ranges with no defined meaning; whatever Pillow raises for
     broken bytes passes through.
     """
     notes: list[str] = []
-    if getattr(image, "is_animated", False):
-        notes.append("several frames: only the first one is used")
+    if not chosen and getattr(image, "is_animated", False):
+        notes.append("several frames: only the first one is used; --frame chooses another")
     if _reduced_from_16_bits(image, data):
         notes.append("16 bits per channel: read with 8")
     image.load()

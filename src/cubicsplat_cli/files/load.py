@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import stat
 import tempfile
 import threading
 import warnings
@@ -24,15 +23,12 @@ from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.decode import Decoded, decode
+from cubicsplat_cli.files.formats import FORMATS_TEXT, formats_of
+from cubicsplat_cli.files.read import check_size, read_whole
 from cubicsplat_cli.files.shrink import MAX_DECODED_PIXELS, draft, factor_for
 from cubicsplat_cli.settings import MAX_PIXELS
-from cubicsplat_cli.words import one_line, printable
+from cubicsplat_cli.words import counted, one_line, printable
 
-FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
-
-MAX_FILE_BYTES = 1 << 30
-
-_FORMATS_TEXT = ", ".join(FORMATS)
 _pillow_lock = threading.Lock()
 
 
@@ -83,15 +79,17 @@ def load_picture(
     name: str | None = None,
     max_pixels: int = MAX_PIXELS,
     max_size: int | None = None,
+    frame: int | None = None,
     smaller: str = "scale the picture down first",
 ) -> Picture:
     """Read a picture from a path, or from the bytes of a file (standard input, a network answer).
 
     `name` replaces the path in messages and in `Picture.source`; for bytes it defaults to "<bytes>". `max_size`: a very
     large picture (`READ_WHOLE_PIXELS`) may be read smaller, its longer side still of so many pixels at least; it then
-    needs `max_pixels` pixels at most. `smaller`: what a refusal advises.
-    Raises `InputError` for anything that cannot be read as a picture of at most `max_pixels` pixels in one of
-    `FORMATS`, and `UsageError` for a senseless `max_pixels`.
+    needs `max_pixels` pixels at most. `frame`: which one of a file with several, from 1; by default the first, and a
+    note. `smaller`: what a refusal advises.
+    Raises `InputError` for anything that cannot be read as a picture of at most `max_pixels` pixels in one of the
+    formats of `formats_of`, and `UsageError` for a senseless `max_pixels`.
     """
     if max_pixels < 1:
         raise UsageError(f"max_pixels is {max_pixels}, it must be at least 1")
@@ -100,9 +98,11 @@ def load_picture(
         data = source
     else:
         shown = printable(name or str(source))
-        data = read_picture_file(Path(source), shown)
-    _check_bytes(len(data), shown)
-    decoded, size = _open_and_decode(data, shown, max_pixels, max_size, smaller)
+        data = read_whole(Path(source), shown)
+    check_size(len(data), shown)
+    if not data:
+        raise InputError(f"{shown}: is empty (0 bytes); give a picture")
+    decoded, size = _open_and_decode(data, shown, max_pixels, max_size, smaller, frame)
     height, width = decoded.rgb.shape[:2]
     # A picture that was turned upright has its sides exchanged.
     if (width - height) * (size[0] - size[1]) < 0:
@@ -111,37 +111,6 @@ def load_picture(
     if size != (width, height):
         full, notes = size, (*notes, f"read at {width} x {height} of its {size[0]} x {size[1]} pixels")
     return Picture(decoded.rgb, decoded.alpha, shown, hashlib.sha256(data).hexdigest(), notes, full)
-
-
-def read_picture_file(path: Path, name: str | None = None) -> bytes:
-    """The bytes of a regular file of at most 1 GiB; never opens anything else.
-
-    `name` replaces the path in messages. Raises `InputError` that says what is in the way.
-    """
-    shown = printable(name or str(path))
-    try:
-        status = path.stat()
-        if stat.S_ISDIR(status.st_mode):
-            raise InputError(f"{shown}: is a folder, not a picture; give a file in it")
-        if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{shown}: is a pipe, socket or device; give a regular file")
-        _check_bytes(status.st_size, shown)
-        return path.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(f"{shown}: no such file; check the path") from error
-    except PermissionError as error:
-        raise InputError(f"{shown}: no permission to read it; change its permissions") from error
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{shown}: cannot be read ({reason}); check the path and the disk") from error
-
-
-def _check_bytes(size: int, shown: str) -> None:
-    if size == 0:
-        raise InputError(f"{shown}: is empty (0 bytes); give a picture")
-    if size > MAX_FILE_BYTES:
-        limit = MAX_FILE_BYTES >> 20
-        raise InputError(f"{shown}: is {size >> 20} MiB, the limit is {limit} MiB; give a smaller file")
 
 
 @contextmanager
@@ -198,15 +167,17 @@ def _pillow_settings() -> Iterator[list[str]]:
 
 
 def _open_and_decode(
-    data: bytes, shown: str, max_pixels: int, max_size: int | None, smaller: str
+    data: bytes, shown: str, max_pixels: int, max_size: int | None, smaller: str, frame: int | None
 ) -> tuple[Decoded, tuple[int, int]]:
     """The picture, and its size in the file."""
     try:
         with (
             _pillow_settings() as notes,
             _libtiff_listened_to(data) as lines,
-            Image.open(io.BytesIO(data), formats=FORMATS) as image,
+            Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image,
         ):
+            if frame is not None:
+                _go_to(image, frame, shown)
             size, factor = image.size, factor_for(image.size, max_size)
             _check_pixels(size, shown, max_pixels, factor, smaller)
             rest = draft(image, factor)
@@ -215,7 +186,7 @@ def _open_and_decode(
                     f"{shown}: is {size[0]} x {size[1]} = {size[0] * size[1] / 1e6:.1f} megapixels, a file of its kind "
                     f"is read up to {MAX_DECODED_PIXELS / 1e6:.0f}; scale the picture down first"
                 )
-            decoded = decode(image, data, shown, rest)
+            decoded = decode(image, data, shown, rest, chosen=frame is not None)
         heard = [f"the decoder says: {line}" for line in lines[:1]]
         return replace(decoded, notes=(*decoded.notes, *notes, *heard)), size
     except InputError:
@@ -233,6 +204,14 @@ def _open_and_decode(
         raise InputError(f"{shown}: is damaged or truncated ({reason}); save or download it again") from error
 
 
+def _go_to(image: Image.Image, frame: int, shown: str) -> None:
+    """Make a frame, from 1, the one that is read. Raises InputError where there are fewer."""
+    count = getattr(image, "n_frames", 1)
+    if frame > count:
+        raise InputError(f"{shown}: has {counted(count, 'frame')}, and --frame is {frame}; give one that there is")
+    image.seek(frame - 1)
+
+
 def _check_pixels(size: tuple[int, int], shown: str, max_pixels: int, factor: int, smaller: str) -> None:
     """Raise InputError where a picture read smaller by `factor` has no pixels, or too many."""
     width, height = size
@@ -248,8 +227,8 @@ def _check_pixels(size: tuple[int, int], shown: str, max_pixels: int, factor: in
 def _not_a_picture(data: bytes, shown: str) -> str:
     head = data[:512].lstrip().lower()
     if head.startswith((b"<svg", b"<?xml")):
-        return f"{shown}: is an SVG or XML file, already vector; give a raster picture ({_FORMATS_TEXT})"
-    return f"{shown}: is not a picture in a supported format; give one of {_FORMATS_TEXT}"
+        return f"{shown}: is an SVG or XML file, already vector; give a raster picture ({FORMATS_TEXT})"
+    return f"{shown}: is not a picture in a supported format; give one of {FORMATS_TEXT}"
 
 
 def resize_picture(picture: Picture, max_size: int) -> Picture:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,10 @@ SVG_SUFFIXES = frozenset((PLAIN, COMPRESSED))
 _RENDERED = ".rendered.png"
 # In a folder, these are taken for pictures; a file that is named itself may be called anything.
 PICTURE_SUFFIXES = frozenset(
-    (".png", ".jpg", ".jpeg", ".jpe", ".webp", ".bmp", ".dib", ".tif", ".tiff", ".gif", ".ppm", ".pgm", ".pbm", ".pnm")
+    (
+        *(".png", ".jpg", ".jpeg", ".jpe", ".webp", ".avif", ".gif", ".tif", ".tiff"),
+        *(".bmp", ".dib", ".ppm", ".pgm", ".pbm", ".pnm"),
+    )
 )
 
 
@@ -44,6 +48,16 @@ class Outputs:
 def is_picture_name(path: Path) -> bool:
     """Whether a file in a folder is taken for a picture: by its suffix, and not hidden."""
     return path.suffix.lower() in PICTURE_SUFFIXES and not path.name.startswith(".")
+
+
+def is_heic_name(path: Path) -> bool:
+    """Whether a file is an HEIC picture by its name."""
+    return path.suffix.lower() in (".heic", ".heif") and not path.name.startswith(".")
+
+
+def reads_heic() -> bool:
+    """Whether HEIC pictures can be read here."""
+    return importlib.util.find_spec("pillow_heif") is not None
 
 
 def is_compressed_name(path: Path | None) -> bool:

@@ -9,29 +9,45 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
+from cubicsplat_cli.words import printable
 
 MAX_FILE_BYTES = 1 << 30
 MAX_UNPACKED_BYTES = 1 << 28
 
 
-def read_file(path: Path) -> bytes:
-    """The bytes of a regular file of at most 1 GiB, a compressed SVG (.svgz) unpacked.
+def read_whole(path: Path, name: str | None = None) -> bytes:
+    """The bytes of a regular file of at most 1 GiB; nothing else is ever opened.
 
-    Raises InputError, naming the file, for anything else.
+    name: replaces the path in messages. Raises InputError that says what is in the way.
     """
+    shown = printable(name or str(path))
     try:
         status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise InputError(f"{shown}: is a folder; give a file in it")
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path}: is no regular file; give a file")
-        if status.st_size > MAX_FILE_BYTES:
-            raise InputError(f"{path}: has {status.st_size} bytes; files of at most {MAX_FILE_BYTES} bytes are read")
-        data = path.read_bytes()
+            raise InputError(f"{shown}: is a pipe, socket or device; give a regular file")
+        check_size(status.st_size, shown)
+        return path.read_bytes()
     except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; check the path") from error
+        raise InputError(f"{shown}: no such file; check the path") from error
+    except PermissionError as error:
+        raise InputError(f"{shown}: no permission to read it; change its permissions") from error
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: cannot be read ({reason}); check the path and its permissions") from error
-    return unpacked(data, str(path))
+        raise InputError(f"{shown}: cannot be read ({reason}); check the path and the disk") from error
+
+
+def check_size(size: int, shown: str) -> None:
+    """Raise InputError for a file of too many bytes."""
+    if size > MAX_FILE_BYTES:
+        limit = MAX_FILE_BYTES >> 20
+        raise InputError(f"{shown}: is {size >> 20} MiB, the limit is {limit} MiB; give a smaller file")
+
+
+def read_file(path: Path) -> bytes:
+    """`read_whole` of a file that may be a compressed SVG (.svgz), which is unpacked."""
+    return unpacked(read_whole(path), str(path))
 
 
 def unpacked(data: bytes, name: str) -> bytes:

@@ -126,7 +126,7 @@ def _submit(
     events: Events,
 ) -> Iterator[Outcome]:
     """Send out jobs while there is room; yields those whose picture cannot be read."""
-    from cubicsplat_cli.files.load import read_picture_file
+    from cubicsplat_cli.files.read import read_whole
 
     while len(running) < share.at_once:
         job = next(jobs, None)
@@ -134,7 +134,7 @@ def _submit(
             return
         assert job.path is not None  # the command refuses standard input here
         try:
-            data = read_picture_file(job.path)
+            data = read_whole(job.path)
         except CubicSplatError as error:
             yield failure(job, error)
             continue

@@ -132,6 +132,6 @@ def _size(path: Path) -> int:
 
 
 def _input_sha256(job: Job) -> str:
-    from cubicsplat_cli.files.load import read_picture_file
+    from cubicsplat_cli.files.read import read_whole
 
-    return sha256_of(job.data or b"" if job.path is None else read_picture_file(job.path))
+    return sha256_of(job.data or b"" if job.path is None else read_whole(job.path))

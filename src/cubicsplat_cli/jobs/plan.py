@@ -33,9 +33,9 @@ class Job:
         """The bytes of the picture's file. Raises InputError where they cannot be read."""
         if self.path is None or self.data is not None:
             return self.data or b""
-        from cubicsplat_cli.files.load import read_picture_file
+        from cubicsplat_cli.files.read import read_whole
 
-        return read_picture_file(self.path)
+        return read_whole(self.path)
 
     @property
     def title(self) -> str:

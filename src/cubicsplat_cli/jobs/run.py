@@ -177,6 +177,7 @@ def load_job(job: Job, request: Request) -> Picture:
         name="stdin" if job.path is None else job.name,
         max_pixels=request.max_pixels,
         max_size=request.max_size,
+        frame=request.frame,
         smaller="fit a smaller copy with --max-size",
     )
 

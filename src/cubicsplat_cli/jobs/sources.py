@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.names import STDIO, is_picture_name
+from cubicsplat_cli.files.names import STDIO, is_heic_name, is_picture_name, reads_heic
 from cubicsplat_cli.files.ownership import is_ours
 from cubicsplat_cli.files.paths import is_folder
 
@@ -100,9 +100,11 @@ def _take_folder(folder: Path, recursive: bool, found: Found) -> None:
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
             path = Path(place, name)
-            if is_picture_name(path):
+            if is_picture_name(path) or (is_heic_name(path) and reads_heic()):
                 count += 1
                 _take_file(Source(path, Path(place).relative_to(folder)), found)
+            elif is_heic_name(path):
+                found.leave_out(path, "HEIC, which pip install pillow-heif has read")
             elif not name.startswith(".") and not is_ours(path):
                 found.leave_out(path, "not a picture by its name")
         if not recursive:

@@ -1,0 +1,121 @@
+"""Formats that only some installations read, and files that hold several pictures."""
+
+from __future__ import annotations
+
+import sys
+import types
+from io import BytesIO
+
+import numpy as np
+import pytest
+from cli_runs import SHORT, strict_json
+from conftest import smooth_pixels
+from image_files import encode
+from PIL import Image, features
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files import formats, names
+from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.jobs.sources import find_sources
+
+HEIC = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(200)
+COLOURS = [(250, 10, 10), (10, 250, 10), (10, 10, 250)]
+
+
+@pytest.fixture
+def several():
+    """Bytes of a file with three pictures, each of one colour, the second larger than the first in a TIFF."""
+
+    def make(kind: str) -> bytes:
+        sizes = [(24, 20), (30, 26) if kind == "TIFF" else (24, 20), (24, 20)]
+        pictures = [Image.new("RGB", size, colour) for size, colour in zip(sizes, COLOURS, strict=True)]
+        return encode(pictures[0], kind, save_all=True, append_images=pictures[1:])
+
+    return make
+
+
+@pytest.mark.parametrize("kind", ["GIF", "TIFF", "WEBP", "PNG"])
+def test_the_frame_asked_for(kind, several):
+    data = several(kind)
+    first = load_picture(data)
+    assert any("several frames" in note for note in first.notes)
+    for number, colour in enumerate(COLOURS, 1):
+        picture = load_picture(data, frame=number)
+        assert np.abs(255 * picture.rgb.reshape(-1, 3).mean(0) - colour).max() < 6
+        assert picture.notes == ()
+    assert (load_picture(data, frame=2).width == 30) == (kind == "TIFF")
+    with pytest.raises(InputError, match="has 3 frames, and --frame is 4"):
+        load_picture(data, frame=4)
+
+
+def test_the_frame_is_an_option_and_decides_what_is_made(tmp_path, several, run_cli):
+    path = tmp_path / "x.gif"
+    path.write_bytes(several("GIF"))
+    quick = (*SHORT, "--no-measure", "--no-png")
+    assert run_cli("vectorize", path, *quick).returncode == 0
+    first = path.with_suffix(".svg").read_bytes()
+    assert run_cli("vectorize", path, *quick, "--frame", 2).returncode == 0
+    assert path.with_suffix(".svg").read_bytes() != first
+    assert strict_json(path.with_suffix(".json").read_bytes())["settings"]["frame"] == 2
+    for frame, code, said in ((9, 1, "x.gif: has 3 frames"), (0, 2, "--frame must be a whole number")):
+        done = run_cli("vectorize", path, *quick, "--frame", frame)
+        assert done.returncode == code
+        assert said in done.stderr.decode()
+
+
+@pytest.mark.skipif(not features.check("avif"), reason="this Pillow was built without AVIF")
+def test_avif_is_read(tmp_path):
+    pixels = smooth_pixels(40, 28, alpha=True)
+    path = tmp_path / "x.avif"
+    path.write_bytes(encode(Image.fromarray(pixels), "AVIF", quality=100, subsampling="4:4:4"))
+    picture = load_picture(path)
+    assert (picture.width, picture.height) == (40, 28)
+    seen = pixels[..., 3] == 255
+    assert np.abs(255 * picture.rgb - pixels[..., :3])[seen].mean() < 6
+    assert picture.alpha is not None
+    assert [source.path for source in find_sources([str(tmp_path)], recursive=False).sources] == [path]
+
+
+def test_avif_without_a_pillow_that_reads_it_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(formats.Image, "OPEN", {"PNG": None})
+    monkeypatch.setattr(formats.Image, "init", lambda: None)
+    with pytest.raises(InputError, match=r"is an AVIF picture; pip install -U 'Pillow>=11\.3'"):
+        load_picture(b"\0\0\0\x14ftypavif\0\0\0\0avif" + bytes(99))
+
+
+def test_heic_says_what_to_install(tmp_path, monkeypatch, run_cli):
+    monkeypatch.setattr(formats, "reads_heic", lambda: False)
+    path = tmp_path / "x.jpg"
+    path.write_bytes(HEIC)
+    done = run_cli("vectorize", path)
+    assert done.returncode == 1
+    assert done.stderr.decode() == (
+        f"cubicsplat: error: {path}: is an HEIC picture; pip install pillow-heif to have it read, or save it as JPEG\n"
+    )
+
+
+def test_heic_is_read_by_its_plugin_where_that_is_installed(tmp_path, monkeypatch):
+    """With a plugin of the test's, which takes the file for another."""
+    plugin = types.ModuleType("pillow_heif")
+    plugin.register_heif_opener = lambda: Image.register_open(
+        "HEIF",
+        lambda file, name: Image.open(BytesIO(encode(Image.new("RGB", (9, 7)))), formats=("PNG",)),
+        lambda _: True,
+    )
+    monkeypatch.setitem(sys.modules, "pillow_heif", plugin)
+    monkeypatch.setattr(formats, "reads_heic", lambda: True)
+    monkeypatch.setattr("cubicsplat_cli.jobs.sources.reads_heic", lambda: True)
+    Image.init()  # what it knows by itself must not go with the copies
+    monkeypatch.setattr(formats.Image, "OPEN", dict(Image.OPEN))
+    monkeypatch.setattr(formats.Image, "ID", list(Image.ID))
+    path = tmp_path / "x.heic"
+    path.write_bytes(HEIC)
+    assert load_picture(path).width == 9
+    assert [source.path for source in find_sources([str(tmp_path)], recursive=False).sources] == [path]
+
+
+def test_whether_heic_is_read_depends_on_what_is_installed(monkeypatch):
+    monkeypatch.setattr(names.importlib.util, "find_spec", lambda name: None if name == "pillow_heif" else ...)
+    assert not names.reads_heic()
+    monkeypatch.setattr(names.importlib.util, "find_spec", lambda name: ...)
+    assert names.reads_heic()
