@@ -45,7 +45,9 @@ def _run(arguments: list[str]) -> int:
     except OSError as error:
         if error.filename is not None:
             raise
-        # Printing failed: a full disk, or a reader that has gone.
+        # Printing failed: a full disk, or a reader that has gone, which is no news to whoever cut the pipe.
+        if isinstance(error, BrokenPipeError):
+            return 1
         _say(f"standard output: cannot be written ({error.strerror or error}); free some space")
         return 1
     except Exception as error:

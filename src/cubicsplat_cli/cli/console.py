@@ -56,7 +56,7 @@ class Reporter:
             with LiveDisplay(pictures) as display:
                 yield from self._with(display)
         else:
-            yield from self._with(PlainDisplay(self.detail))
+            yield from self._with(PlainDisplay(self.detail, pictures))
 
     @contextmanager
     def progress(self, name: str) -> Iterator[Callable[[Progress], None]]:

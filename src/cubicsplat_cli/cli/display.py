@@ -20,11 +20,21 @@ if TYPE_CHECKING:
 # Plain lines: the first report, then one per tenth of the fit or five seconds.
 _PLAIN_SHARE = 0.1
 _PLAIN_SECONDS = 5.0
+# Of one picture: before so much is done, nobody can tell how long the rest will take.
+_LEAST_DONE = 0.05
 _BAR = 24  # columns
 _NAME = 24
 # In a terminal narrower than this there is no bar, and in one narrower than that no picture's name is shown in full.
 _WIDE, _NARROW = 72, 48
-_DOING = {"read": "reading", "fit": "fitting", "write": "writing", "draw": "drawing", "measure": "measuring"}
+_DOING = {
+    "read": "reading",
+    "fit": "fitting",
+    "write": "writing",
+    "draw": "drawing",
+    "measure": "measuring",
+    "animation": "writing the animation",
+    "report": "writing the page",
+}
 
 
 class Display(Events):
@@ -38,22 +48,68 @@ class Display(Events):
         return False
 
 
+class Whole:
+    """How far all pictures are together; of those that had nothing to do, nobody learns how long the others take."""
+
+    def __init__(self, pictures: int) -> None:
+        self.pictures = pictures
+        self.ended = 0
+        self._done = 0  # of those that were begun
+        self._shares: dict[str, float] = {}  # of those under way
+        self._started: float | None = None
+
+    def begin(self, job: str) -> None:
+        """A picture is begun, perhaps again."""
+        self._started = self._started or time.monotonic()
+        self._shares[job] = 0.0
+
+    def step(self, job: str, share: float) -> None:
+        """How far its fit is, 0 to 1."""
+        if job in self._shares:
+            self._shares[job] = share
+
+    def end(self, job: str) -> None:
+        """It has ended."""
+        self.ended += 1
+        self._done += self._shares.pop(job, None) is not None
+
+    def text(self) -> str:
+        """`3/12 pictures`."""
+        return f"{self.ended}/{self.pictures} pictures"
+
+    def left(self) -> str:
+        """`2 min 05 s left`, from what was done so far; empty while nobody can tell, and at the end."""
+        under_way = sum(self._shares.values())
+        done, rest = self._done + under_way, self.pictures - self.ended - under_way
+        if self._started is None or done < _LEAST_DONE or rest <= 0:
+            return ""
+        return f"{duration((time.monotonic() - self._started) * rest / done)} left"
+
+
 class PlainDisplay(Display):
     """A line now and then, for `-v` where no bar can be drawn."""
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, tell: Callable[[str], None], pictures: int) -> None:
         self._tell = tell
+        self._whole = Whole(pictures)
         self._told: dict[str, tuple[float, float]] = {}  # share and time of the last line of each fit
 
     def begin(self, job: str) -> None:
+        self._whole.begin(job)
         self._told[job] = (-1.0, -math.inf)
         self._tell(f"{job}: begun")
 
     def stage(self, job: str, stage: str) -> None:
-        if stage in ("draw", "measure"):
+        if stage not in ("read", "fit", "write"):  # the first step says it, or nobody would see it
             self._tell(f"{job}: {_DOING[stage]}")
 
+    def end(self, job: str) -> None:
+        self._whole.end(job)
+        if self._whole.pictures > 1:
+            self._tell("  ".join(filter(None, (self._whole.text(), self._whole.left()))))
+
     def step(self, job: str, progress: Progress) -> None:
+        self._whole.step(job, progress.share)
         share, at = self._told.get(job, (-1.0, -math.inf))
         now = time.monotonic()
         if progress.share >= share + _PLAIN_SHARE or progress.share >= 1.0 or now - at >= _PLAIN_SECONDS:
@@ -76,11 +132,9 @@ class LiveDisplay(Display):
         self._bars = Progress(
             *columns, console=self._console, transient=True, redirect_stdout=False, redirect_stderr=False
         )
-        self._pictures = pictures
-        self._ended = 0
-        self._started = time.monotonic()
+        self._whole = Whole(pictures)
         self._shown: dict[str, TaskID] = {}
-        self._all = self._bars.add_task(f"0/{pictures} pictures", total=pictures, text="") if pictures > 1 else None
+        self._all = self._bars.add_task(self._whole.text(), total=pictures, text="") if pictures > 1 else None
 
     def __enter__(self) -> LiveDisplay:
         self._bars.start()
@@ -93,9 +147,10 @@ class LiveDisplay(Display):
 
     def begin(self, job: str) -> None:
         self._drop(job)
+        self._whole.begin(job)
         # Its folders would leave no room for the rest.
         name = printable(Path(job).name or job)
-        most = _NAME if self._console.width >= _NARROW else self._console.width // 3
+        most = self._name_width()
         shown = name if len(name) <= most else f"{name[: most - 3]}..."
         self._shown[job] = self._bars.add_task(shown, total=1.0, text="starting")
 
@@ -105,19 +160,25 @@ class LiveDisplay(Display):
 
     def step(self, job: str, progress: Progress) -> None:
         if job in self._shown:
-            room = self._console.width - _NAME - (_BAR if self._console.width >= _WIDE else 0) - 4
+            room = self._console.width - self._name_width() - (_BAR if self._console.width >= _WIDE else 0) - 4
             text = progress_text(progress, room)
             self._bars.update(self._shown[job], completed=progress.share, text=text)
+            self._whole.step(job, progress.share)
+            self._show_whole()
 
     def end(self, job: str) -> None:
         self._drop(job)
-        self._ended += 1
+        self._whole.end(job)
+        self._show_whole()
+
+    def _show_whole(self) -> None:
         if self._all is not None:
-            elapsed = time.monotonic() - self._started
-            left = elapsed / self._ended * (self._pictures - self._ended)
-            text = f"{duration(left)} left" if left else ""
-            name = f"{self._ended}/{self._pictures} pictures"
-            self._bars.update(self._all, completed=self._ended, description=name, text=text)
+            whole = self._whole
+            self._bars.update(self._all, completed=whole.ended, description=whole.text(), text=whole.left())
+
+    def _name_width(self) -> int:
+        """The most columns of a picture's name."""
+        return _NAME if self._console.width >= _NARROW else self._console.width // 3
 
     def print(self, text: str) -> bool:
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
