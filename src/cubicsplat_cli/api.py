@@ -18,6 +18,7 @@ from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.report import Quality
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.svg.beginning import load_beginning
 
 
 def vectorize(
@@ -31,6 +32,8 @@ def vectorize(
     max_size: int | None = None,
     weights: PictureLike | None = None,
     focus: str | Sequence[float] | None = None,
+    init: str | Path | bytes | Result | None = None,
+    freeze: bool = False,
     title: str | None = None,
     measure: bool = True,
     on_progress: Callable[[Progress], None] | None = None,
@@ -41,16 +44,18 @@ def vectorize(
     style: "photo" (curves that blend), "artwork" (few opaque shapes) or "auto", which measures what the picture is.
 
     picture: a path, the bytes of a file, an array (H, W), (H, W, 3) or (H, W, 4) of uint8 or of floats in [0, 1]
-    (straight alpha), or a Pillow image. curves: how many, of artwork at most so many (None: as many as the picture
-    asks for). mode ("closed" or "open"), preset ("draft", "standard", "high", "paper") and `settings`: fields of
+    (straight alpha), or a Pillow image. curves: how many, of artwork at most so many (None: as many as the picture asks
+    for). mode ("closed" or "open"), preset ("draft", "standard", "high", "paper") and `settings`: fields of
     `FitSettings` and of its recipe, such as seed, time_limit, background or opaque; for artwork colors, palette (8-bit
-    triples), min_area and detail, see `ArtworkSettings`. precision: decimals of the coordinates, 0..6 (None: 2, and
-    for artwork by its size). max_size: fit a copy of at most so many pixels a side; the SVG keeps the picture's size.
+    triples), min_area and detail, see `ArtworkSettings`. precision: decimals of the coordinates, 0..6 (None: 2, and for
+    artwork by its size). max_size: fit a copy of at most so many pixels a side; the SVG keeps the picture's size.
     weights: a picture of the same shape that says how much each pixel of a photo matters to the fit, from black, not at
     all, to white. focus: (x, y, width, height) in px of the picture, or with a factor behind them: a rectangle that
-    matters 4 times as much as the rest, or so many times. title: of the SVG. measure: draw the SVG by an independent
-    renderer, for `report.quality` and `pixels`. on_progress: called about ten times a second; a KeyboardInterrupt that
-    it raises ends the fit early with the best SVG so far.
+    matters 4 times as much as the rest, or so many times. init: an SVG of cubicsplat, or an earlier result, that the
+    fit of a photo begins with, of at most `curves` of its curves (None: all) and as many new ones as are missing;
+    freeze: its own stay as they are. title: of the SVG. measure: draw the SVG by an independent renderer, for
+    `report.quality` and `pixels`. on_progress: called about ten times a second; a KeyboardInterrupt that it raises ends
+    the fit early with the best SVG so far.
 
     Raises InputError for what is no picture, UsageError for senseless settings, EngineError where no engine runs.
     """
@@ -64,6 +69,8 @@ def vectorize(
         measure=measure,
         weights=None if weights is None else load_mask(weights),
         focus=None if focus is None else parse_focus(focus),
+        init=None if init is None else load_beginning(init.svg.encode() if isinstance(init, Result) else init),
+        freeze=freeze,
     )
     return vectorize_picture(as_picture(picture, max_size=max_size), request, title=title, on_progress=on_progress)
 

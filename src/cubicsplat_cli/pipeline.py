@@ -18,6 +18,7 @@ from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.plain import only_ink, plain_drawing
 from cubicsplat_cli.artwork.shapes import Drawing, Ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
+from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
 from cubicsplat_cli.evaluate.measurable import measurable, seconds_to_measure
 from cubicsplat_cli.evaluate.metrics import measure, psnr_db, weighted_psnr_db
@@ -177,9 +178,11 @@ def _photo(task: _Task) -> Made:
     """Curves that blend, fitted to the picture."""
     from cubicsplat_cli.photo import Guide, fit
 
-    request, settings = task.request, task.settings().for_size(*task.target.size)
+    request, settings = task.request, _with_curves(task)
     target = _with_enough_pixels(task.target, settings)
-    fitted = fit(target.target(), settings, task.on_progress, task.film, Guide(task.weights(target)))
+    start = None if request.init is None else request.init.scene
+    guide = Guide(task.weights(target), start, request.freeze)
+    fitted = fit(target.target(), settings, task.on_progress, task.film, guide)
     notes = [] if target is task.target else [f"fitted on a copy of {target.width} x {target.height} pixels"]
     scene = scaled_scene(fitted.scene, *task.picture.size)
     precision = PHOTO_PRECISION if request.precision is None else request.precision
@@ -198,6 +201,23 @@ def _photo(task: _Task) -> Made:
             "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
         },
     )
+
+
+def _with_curves(task: _Task) -> FitSettings:
+    """The settings with as many curves as were asked for, as the drawing has that the fit begins with, or as suit."""
+    settings, init = task.settings(), task.request.init
+    if init is None:
+        return settings.for_size(*task.target.size)
+    init.check_shape(*task.picture.size)
+    usual = settings.for_size(*task.target.size)
+    if task.request.freeze:
+        if usual.curves <= init.scene.curves:
+            raise UsageError(
+                f"the drawing's {init.scene.curves} curves are frozen, so that --curves {usual.curves} leaves "
+                "none to add; ask for more"
+            )
+        return usual
+    return usual if settings.curves is not None else settings.with_(curves=init.scene.curves)
 
 
 def _with_enough_pixels(picture: Picture, settings: FitSettings) -> Picture:

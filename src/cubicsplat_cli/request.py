@@ -15,6 +15,7 @@ from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Setting
 
 if TYPE_CHECKING:
     from cubicsplat_cli.files.weights import Mask
+    from cubicsplat_cli.svg.beginning import Beginning
 
 STYLE = Setting(
     "choice",
@@ -40,7 +41,8 @@ class Request:
     max_pixels: larger pictures are refused. frame: of files with several, from 1. png, report, page, animation (a file,
     or None), compress, force: of the files. suffix: what names made of the picture's get at their end. skip_existing:
     leave pictures alone that have an SVG, whatever made it. measure: whether the SVG is drawn by an independent
-    renderer and measured. weights, focus: how much the pixels matter to the fit of a photo; where either is given, the
+    renderer and measured. weights, focus: how much the pixels matter to the fit of a photo. init: the drawing
+    that it begins with; freeze: whose curves stay as they are. Where any of these is given, or a loss of its own, the
     style is "photo".
     """
 
@@ -57,6 +59,8 @@ class Request:
     animation: Path | None = None
     weights: Mask | None = None
     focus: Focus | None = None
+    init: Beginning | None = None
+    freeze: bool = False
     compress: bool = False
     suffix: str = ""
     force: bool = False
@@ -69,6 +73,8 @@ class Request:
                 known.check(name, getattr(self, name))
         if self.style == "artwork" and self.of_photos():
             raise UsageError("is for photos; use style photo, or leave it out for artwork", self.of_photos()[0])
+        if self.freeze and self.init is None:
+            raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
         if self.animation is not None and self.animation.suffix.lower() not in MOVING:
             raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
         if set(self.suffix) & set("/\\\0"):
@@ -78,7 +84,7 @@ class Request:
 
     def of_photos(self) -> list[str]:
         """What is asked for that only the fit of a photo can do."""
-        asked = [name for name in ("weights", "focus") if getattr(self, name) is not None]
+        asked = [name for name in ("weights", "focus", "init") if getattr(self, name) is not None]
         return asked if self.settings.loss == FitSettings.loss else [*asked, "loss"]
 
     def with_threads(self, threads: int | None) -> Request:
@@ -94,8 +100,10 @@ class Request:
             "precision": self.precision,
             "max_size": self.max_size,
             "frame": self.frame,
-            "weights": None if self.weights is None else {"name": self.weights.name, "sha256": self.weights.sha256},
+            "weights": _source(self.weights),
             "focus": None if self.focus is None else [float(value) for value in astuple(self.focus)],
+            "init": _source(self.init),
+            "freeze": self.freeze,
         }
 
     def describe(self) -> str:
@@ -105,5 +113,10 @@ class Request:
 
     def digest(self) -> str:
         """The settings hash that the files will carry."""
-        # A mask is the same under any name.
-        return settings_hash({**self.deciding(), "weights": self.weights and self.weights.sha256})
+        # Files are the same under any name.
+        named = {"weights": self.weights, "init": self.init}
+        return settings_hash({**self.deciding(), **{name: each and each.sha256 for name, each in named.items()}})
+
+
+def _source(given: Mask | Beginning | None) -> dict[str, str] | None:
+    return None if given is None else {"name": given.name, "sha256": given.sha256}

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 if TYPE_CHECKING:
     from cubicsplat_cli.files.weights import Mask
+    from cubicsplat_cli.svg.beginning import Beginning
 
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 
@@ -151,6 +152,16 @@ SkipExisting = Annotated[
         "--skip-existing", help="Leave pictures alone that have an SVG, whatever made it.", rich_help_panel=FILES
     ),
 ]
+Init = Annotated[
+    str | None,
+    typer.Option(
+        "--init", metavar="SVG", help="Begin with this drawing, to refine, grow or shrink it.", rich_help_panel=QUALITY
+    ),
+]
+Freeze = Annotated[
+    bool,
+    typer.Option("--freeze", help="Keep the curves of --init, and add to them.", rich_help_panel=QUALITY),
+]
 Svgz = Annotated[bool, typer.Option("--svgz", help="Write the SVG compressed, as OUT.svgz.", rich_help_panel=FILES)]
 Force = Annotated[
     bool,
@@ -169,6 +180,12 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.",
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="Print settings and plain progress too.", rich_help_panel=FILES)
 ]
+
+
+def _beginning(path: str) -> Beginning:
+    from cubicsplat_cli.svg.beginning import load_beginning
+
+    return load_beginning(path)
 
 
 def _mask(path: str, max_pixels: int) -> Mask:
@@ -190,6 +207,8 @@ def vectorize(
     max_size: MaxSize = None,
     weights: Weights = None,
     focus: FocusOn = None,
+    init: Init = None,
+    freeze: Freeze = False,
     max_pixels: MaxPixels = MAX_PIXELS,
     frame: Frame = None,
     png: Png = True,
@@ -239,6 +258,8 @@ def vectorize(
         measure=measure,
         weights=None if weights is None else _mask(weights, max_pixels),
         focus=None if focus is None else parse_focus(focus),
+        init=None if init is None else _beginning(init),
+        freeze=freeze,
     )
     from cubicsplat_cli.cli.run import Run, check_stdout
     from cubicsplat_cli.jobs.execute import Means

@@ -7,12 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from torch import Tensor
 
+from cubicsplat_cli.scene import Scene
+
 
 @dataclass(frozen=True, eq=False)
 class Guide:
-    """weights: (H, W) float32, at least 0 and not all 0: how much each pixel matters; None: all alike."""
+    """weights: (H, W) float32, at least 0 and not all 0: how much each pixel matters; None: all alike.
+
+    start: a scene, of any size, to begin with in place of discs; the fit gets as many curves as its settings say, by
+    seeding more or by leaving out those of the least use. frozen: its curves stay as they are.
+    """
 
     weights: np.ndarray | None = None
+    start: Scene | None = None
+    frozen: bool = False
 
 
 UNGUIDED = Guide()

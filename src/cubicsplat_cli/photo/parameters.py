@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -18,7 +18,7 @@ Background = tuple[float, float, float] | None
 class Parameters(CurveTensors):
     """points (N, K, 2) px, colour_logits (N, 3), opacity_logits (N,), half_widths (N,) px, edge_widths (N,) px.
 
-    Front to back. The edge widths count only where edges are soft.
+    Front to back. The edge widths count only where edges are soft. ring_ends (N, R) int32: as in `Scene`.
     """
 
     points: Tensor
@@ -26,6 +26,7 @@ class Parameters(CurveTensors):
     opacity_logits: Tensor
     half_widths: Tensor
     edge_widths: Tensor
+    ring_ends: Tensor | None = None
 
     @property
     def curves(self) -> int:
@@ -35,7 +36,7 @@ class Parameters(CurveTensors):
         """The same tensors (not copies) as the engine takes them; soft: with each curve's own edge width."""
         return SceneTensors(
             mode, width, height, self.points, self.colour_logits, self.opacity_logits, self.half_widths, background,
-            logits=True, edge_widths=self.edge_widths if soft else None,
+            logits=True, edge_widths=self.edge_widths if soft else None, ring_ends=self.ring_ends,
         )  # fmt: skip
 
     def scene(self, mode: Mode, width: int, height: int, background: Background, *, opaque: bool) -> Scene:
@@ -43,8 +44,19 @@ class Parameters(CurveTensors):
         half_widths = torch.zeros_like(self.half_widths) if mode is Mode.CLOSED else self.half_widths.clone()
         opacities = torch.ones_like(self.opacity_logits) if opaque else self.opacity_logits.sigmoid()
         return Scene(
-            mode, width, height, self.points.clone(), self.colour_logits.sigmoid(), opacities, half_widths, background
-        )
+            mode, width, height, self.points.clone(), self.colour_logits.sigmoid(), opacities, half_widths, background,
+            self.ring_ends,
+        )  # fmt: skip
+
+    def with_room(self, points: int, rings: int) -> Parameters:
+        """The same curves with room for so many points and rings each, as a table of rings."""
+        count, own = self.points.shape[:2]
+        ends = self.ring_ends
+        if ends is None:
+            ends = torch.full((count, 1), own // 3, dtype=torch.int32, device=self.points.device)
+        room = ends[:, -1:].expand(count, rings - ends.shape[1])
+        padded = torch.nn.functional.pad(self.points, (0, 0, 0, points - own))
+        return replace(self, points=padded.contiguous(), ring_ends=torch.cat((ends, room), 1).contiguous())
 
     def first_non_finite(self) -> tuple[int, str] | None:
         """(curve, parameter) of the first value that is not finite."""

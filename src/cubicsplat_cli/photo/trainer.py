@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from torch import Tensor
 from cubicsplat_cli.errors import DeviceError, EngineError, InputError
 from cubicsplat_cli.film import Film
 from cubicsplat_cli.photo.best import Best
-from cubicsplat_cli.photo.capacity import gini, reallocate
+from cubicsplat_cli.photo.capacity import gini, in_front, reallocate, seeded
 from cubicsplat_cli.photo.geometric import crossing_gradient
 from cubicsplat_cli.photo.guide import UNGUIDED, Guide, spread_of
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
@@ -23,13 +23,14 @@ from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.parameters import Background, Parameters
 from cubicsplat_cli.photo.schedule import Phase, Schedule
 from cubicsplat_cli.photo.snap import snapped
+from cubicsplat_cli.photo.start import parameters_of, warmed
 from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.progress import Progress
-from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors, Training
+from cubicsplat_cli.raster.engine import RATED, Engine, OptimiserState, Rates, SceneTensors, Training
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.reference import image_loss
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 
 REPORT_SECONDS = 0.1
@@ -124,6 +125,7 @@ class Trainer:
     inequality: float | None = None
     step: int = 0
     rescued: str | None = None  # what the user should know of a GPU that failed
+    kept_start: bool = False  # whether no step was better than the drawing to begin with
 
     def __post_init__(self) -> None:
         if self.target.shape[2] == 3 and self.settings.background == "none":
@@ -131,8 +133,13 @@ class Trainer:
         self.height, self.width, channels = (int(n) for n in self.target.shape)
         self.values = self.height * self.width * CHANNELS_COMPARED
         self.generator = torch.Generator().manual_seed(self.settings.seed)
-        self.recipe = self.settings.recipe
         self.settings = self.settings.for_size(self.width, self.height)
+        start = self.guide.start
+        self.frozen = start.curves if start is not None and self.guide.frozen else 0
+        if start is not None and not self.frozen:
+            share = min(1.0, start.curves / self.settings.curves)
+            self.settings = self.settings.with_(recipe=warmed(self.settings.recipe, share))
+        self.recipe = self.settings.recipe
         weights = None if self.guide.weights is None else torch.from_numpy(np.ascontiguousarray(self.guide.weights))
         self.unit = self.recipe.unit(self.width, self.height, self.settings.curves) * spread_of(weights) ** 0.5
         self.schedule = Schedule(self.recipe, self.settings.steps)
@@ -148,13 +155,12 @@ class Trainer:
         self.weights = None if weights is None else weights.to(device)
         self.objective = Objective(self.settings.loss, self.goal, self.weights)
         self.background = choose_background(self.target, self.settings, weights)
+        if start is not None and channels == 3 and self.settings.background == "auto" and start.background is not None:
+            self.background = start.background
         self.image = torch.empty(self.height, self.width, channels, device=device)
-        centres = random_centres(self.settings.curves, self.target, self.generator, weights)
-        radius = self.recipe.start_size * self.unit
-        points = control_points(centres, radius, self.settings, self.generator)
-        half_width = self.recipe.half_width_size * self.unit
-        self.parameters = new_curves(points, colours_at(centres, self.target), half_width, self.settings).to(device)
-        self.state = OptimiserState.zeros(self.settings.curves, int(self.parameters.points.shape[1])).to(device)
+        self.start_loss = math.inf  # of the drawing to begin with, where all of it is in the fit
+        self.parameters = (self._discs(weights) if start is None else self._begun(start)).to(device)
+        self.state = OptimiserState.zeros(*self.parameters.points.shape[:2]).to(device)
         self.importance = torch.zeros(self.parameters.curves, device=device)
         # What the engine trains on, for the whole fit: the parameters' own tensors, which keep their places.
         self.curves = self._tensors(self.parameters)
@@ -162,6 +168,10 @@ class Trainer:
             self.goal, self.state, self._rates(self.schedule.phase(0.0)), importance_kind=self.recipe.importance,
             weights=self.weights, penalty=self.objective.judged_by,
         )  # fmt: skip
+        if self.frozen:
+            scale = torch.ones(self.parameters.curves, RATED, device=device)
+            scale[-self.frozen :] = 0.0
+            self.training.rate_scale = scale
         if not self.objective.pixelwise:
             self.training.image_gradient = torch.empty_like(self.image)
         self.best = Best()
@@ -169,6 +179,29 @@ class Trainer:
             None  # of a GPU's fit, what the host has: the step and the parameters
         )
         self.started = self.reported = time.perf_counter()
+
+    def _discs(self, weights: Tensor | None) -> Parameters:
+        """The usual start."""
+        centres = random_centres(self.settings.curves, self.target, self.generator, weights)
+        radius, half_width = self.recipe.start_size * self.unit, self.recipe.half_width_size * self.unit
+        points = control_points(centres, radius, self.settings, self.generator)
+        return new_curves(points, colours_at(centres, self.target), half_width, self.settings)
+
+    def _begun(self, start: Scene) -> Parameters:
+        """A drawing's curves, without those of least use where there are too many, behind new ones where too few."""
+        parameters = parameters_of(start, self.settings, self.width, self.height).to(self.engine.device)
+        wanted = self.settings.curves
+        if parameters.curves > wanted:
+            keep = self._worth(parameters).argsort(descending=True)[:wanted].sort().values
+            return parameters.chosen(keep)
+        self.start_loss = self._exact_loss(parameters)
+        if parameters.curves == wanted:
+            return parameters.copy()
+        image = self.engine.render(self._tensors(parameters), self._exact())
+        fresh = seeded(
+            wanted - parameters.curves, image, self.goal, self.settings, self.generator, self.unit, self.weights
+        )
+        return in_front(fresh, parameters)
 
     def run(self) -> FitResult:
         """All steps, or as many as there is time for."""
@@ -184,10 +217,10 @@ class Trainer:
         self._check_finite(wait=True)
         self.best.consider(self._exact_loss(self.parameters), self.parameters)
         dropped = self._drop_invisible()
+        scene = self._finished()
         seconds = time.perf_counter() - self.started
-        scene = self._scene()
         return FitResult(
-            scene=snapped(scene),
+            scene=scene,
             steps=self.step,
             fit_s=seconds,
             ms_per_step=1e3 * seconds / max(self.step, 1),
@@ -200,6 +233,22 @@ class Trainer:
             settings=self.settings,
             notes=self._notes(),
         )
+
+    def _finished(self) -> Scene:
+        """The result: nothing worse than the drawing to begin with, and what was frozen of it as it was to the bit."""
+        scene, start = snapped(self._scene()), self.guide.start
+        if start is None:
+            return scene
+        sized = replace(scaled_scene(start, self.width, self.height), background=self.background)
+        if self.start_loss <= self._exact_loss(self.parameters):
+            self.kept_start = True
+            return sized
+        if self.frozen:
+            for name in ("points", "colours", "opacities", "half_widths"):
+                values = getattr(sized, name)
+                kept = getattr(scene, name)[-self.frozen :]
+                (kept[:, : values.shape[1]] if values.ndim == 3 else kept).copy_(values)
+        return scene
 
     def _rescue(self, error: DeviceError) -> None:
         """After a GPU's failure: the last parameters that the host has, on the CPU; `error` where it has none."""
@@ -307,7 +356,7 @@ class Trainer:
         fraction = self.schedule.reallocation(progress, self.inequality)
         parameters, state, count = reallocate(
             self.parameters, self.state, self.importance, self.image, self.goal, fraction, self.settings,
-            self.generator, self.weights,
+            self.generator, self.weights, self.frozen,
         )  # fmt: skip
         self.parameters.overwrite(parameters)
         self.state.overwrite(state)
@@ -324,6 +373,13 @@ class Trainer:
             penalty=self.objective.penalty,
         )[0]  # fmt: skip
 
+    def _worth(self, parameters: Parameters) -> Tensor:
+        """(N,): how much the loss of the exact picture would rise without each curve."""
+        return self.engine.gradients(
+            self._tensors(parameters), self._exact(), target=self.goal, weights=self.weights,
+            penalty=self.objective.judged_by, importance="loo",
+        )[1]["importance"]  # fmt: skip
+
     def _level(self, loss: float | Tensor) -> float:
         """dB of the last step's picture, whose loss is known."""
         if self.objective.squared:
@@ -333,13 +389,12 @@ class Trainer:
     def _drop_invisible(self) -> int:
         """Takes the best parameters, less the curves whose leave-one-out importance is not positive."""
         loss, parameters = self.best.loss, self.best.parameters
-        _, out = self.engine.gradients(
-            self._tensors(parameters), self._exact(), target=self.goal, weights=self.weights,
-            penalty=self.objective.judged_by, importance="loo",
-        )  # fmt: skip
-        keep = out["importance"] > 0
+        worth = self._worth(parameters)
+        keep = worth > 0
         # A scene has at least one curve.
-        keep[out["importance"].argmax()] = True
+        keep[worth.argmax()] = True
+        if self.frozen:
+            keep[-self.frozen :] = True
         if not self.recipe.prune or bool(keep.all()):
             self.parameters = parameters
             return 0
@@ -350,6 +405,8 @@ class Trainer:
 
     def _notes(self) -> list[str]:
         notes = [self.rescued] if self.rescued else []
+        if self.kept_start:
+            notes.append("no step came nearer to the picture than the drawing that the fit began with, which it stays")
         if self.recipe.edges != "soft":
             return notes
         relaxed = RasterSettings("relaxed", 1.0, self.settings.samples)

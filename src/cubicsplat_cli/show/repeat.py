@@ -24,8 +24,9 @@ def command(report: Report) -> str:
         parts += _option(name, value)
     for name in ("precision", "max_size"):
         parts += [] if settings.get(name) is None else _option(name, settings[name])
-    if settings.get("weights"):
-        parts += _option("weights", settings["weights"]["name"])
+    for name in ("weights", "init"):
+        parts += _option(name, settings[name]["name"]) if settings.get(name) else []
+    parts += ["--freeze"] if settings.get("freeze") else []
     if settings.get("focus"):
         parts += _option("focus", ",".join(f"{value:.12g}" for value in settings["focus"]))
     return shlex.join(parts)

@@ -1,0 +1,44 @@
+"""The drawing that a fit begins with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.files.read import read_file
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.svg.reader import read_svg
+from cubicsplat_cli.words import printable
+
+ASPECT_TOLERANCE = 0.01  # sides of canvases are whole pixels
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """A scene to begin a fit with, of any size; name and sha256: of where it comes from."""
+
+    scene: Scene
+    name: str
+    sha256: str
+
+    def check_shape(self, width: int, height: int) -> None:
+        """Raise InputError where a picture of width x height px has another shape."""
+        scene = self.scene
+        if abs(scene.width * height / (scene.height * width) - 1.0) > ASPECT_TOLERANCE:
+            raise InputError(
+                f"the drawing {self.name} has {scene.width} x {scene.height} px, another shape than the picture's "
+                f"{width} x {height}; begin with one of that picture"
+            )
+
+
+def load_beginning(source: str | Path | bytes) -> Beginning:
+    """A drawing that cubicsplat wrote, from its path or bytes; InputError, with its name, for any other file."""
+    data = source if isinstance(source, bytes) else read_file(Path(source))
+    name = "the SVG" if isinstance(source, bytes) else printable(str(source))
+    try:
+        scene = read_svg(data)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
+    return Beginning(scene, name, sha256_of(data))
