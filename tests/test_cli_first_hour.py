@@ -132,6 +132,30 @@ def test_what_is_written_is_named_when_measuring_fails(error, status, said, phot
     assert job.outputs.svg.read_bytes().rstrip().endswith(b"</svg>")
 
 
+@pytest.mark.parametrize("arguments", [[], ["bench"]])
+def test_a_command_alone_shows_its_help(arguments, run_cli):
+    done = run_cli(*arguments)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout == run_cli(*arguments, "--help").stdout
+    assert done.stdout.count(b"\n") > 8
+
+
+def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_path, run_cli):
+    badge = tmp_path / "badge.png"
+    image = Image.new("RGBA", (40, 30), (0, 0, 0, 0))
+    image.paste((200, 40, 40, 255), (10, 5, 30, 25))
+    image.save(badge)
+    for style, few in (("artwork", []), ("photo", ["--curves", 6, "--steps", 30, "--threads", 1])):
+        done = run_cli("vectorize", badge, "--background", "white", "--style", style, "--json", "--force", *few)
+        assert done.returncode == 0, done.stderr
+        with Image.open(tmp_path / "badge.rendered.png") as drawn:
+            assert drawn.mode == "RGB"
+            assert drawn.getpixel((0, 0))[1] > 230
+        found = strict_json(done.stdout)
+        assert found["input"]["alpha"] is True
+        assert found["quality"]["svg"]["psnr_db"] is None or found["quality"]["svg"]["psnr_db"] > 20
+
+
 # --- words -------------------------------------------------------------------------------------------------
 
 

@@ -24,7 +24,7 @@ from cubicsplat_cli.evaluate.measurable import measurable, seconds_to_measure
 from cubicsplat_cli.evaluate.metrics import measure, psnr_db, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.atomic import write_atomically
-from cubicsplat_cli.files.load import Picture, resize_picture
+from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
 from cubicsplat_cli.files.marks import provenance_comment, sha256_of
 from cubicsplat_cli.files.names import is_compressed_name
 from cubicsplat_cli.files.read import packed
@@ -134,8 +134,9 @@ def vectorize_picture(
     """
     request, stages = request or Request(), stages or Stages()
     with stages("read"):
-        target = picture if request.max_size is None else resize_picture(picture, request.max_size)
-    task = _Task(picture, target, request, stages, on_progress, film)
+        wanted = laid_over(picture, request.settings.background_colour)
+        target = wanted if request.max_size is None else resize_picture(wanted, request.max_size)
+    task = _Task(wanted, target, request, stages, on_progress, film)
     with stages("fit"):
         style, made = _styled(task)
         if film is not None and made.scene is not None and (style.name == ARTWORK or made.paths == 0):

@@ -203,7 +203,8 @@ class FitSettings:
     loss: see `losses.parse_loss`. samples: the most edges per cubic while fitting, of which a curve gets as many as its
     flatness needs;
     finish_samples: those of the exact finish (S*), the preset's or `samples` where that is more. background: "auto"
-    (the picture's mean colour), "none" (transparent) or a colour, for pictures without transparency. time_limit:
+    (the picture's mean colour), "none" (transparent) or a colour; `fit` uses it for pictures without transparency,
+    `vectorize` lays others over a colour. time_limit:
     seconds that a fit may take, and with `vectorize` all of it: the schedule runs by the clock where the steps take
     longer. recipe: the preset's.
     """

@@ -19,7 +19,6 @@ from cubicsplat_cli.cli.vectorize import vectorize
 app = typer.Typer(
     name="cubicsplat",
     help="Turn an image into an SVG of N cubic Bezier shapes, and report how good that SVG is.",
-    no_args_is_help=True,
     add_completion=True,
     # A traceback of a bug is for a bug report: plain, complete, and without the values of local variables.
     pretty_exceptions_enable=False,
@@ -55,12 +54,14 @@ app.add_typer(bench, name="bench")
 
 
 def meant(arguments: list[str]) -> list[str]:
-    """What was meant: `help` is --help, and a picture in place of a command is to be vectorised."""
+    """What was meant: `help` or nothing is --help, and a picture in place of a command is to be vectorised."""
     if not arguments:
-        return arguments
+        return ["--help"]
     first = arguments[0]
     if first == "help":
         return [*arguments[1:], "--help"]
+    if arguments == ["bench"]:
+        return ["bench", "--help"]
     if first in COMMANDS or first.startswith("-") or difflib.get_close_matches(first, COMMANDS):
         return arguments
     return ["vectorize", *arguments] if re.search(r"[./\\*?]", first) else arguments

@@ -37,7 +37,7 @@ from cubicsplat_cli.settings import Mode, listed
 if TYPE_CHECKING:
     from cubicsplat_cli.bench.runs import Runs
 
-bench = typer.Typer(no_args_is_help=True, help="Measure speed, quality and the parts of the method.")
+bench = typer.Typer(help="Measure speed, quality and the parts of the method.")
 bench.command("artwork", cls=Command)(artwork)
 bench.command("peers", cls=Command)(peers)
 bench.command("paper", cls=Command)(paper)

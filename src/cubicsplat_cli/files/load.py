@@ -231,6 +231,15 @@ def _not_a_picture(data: bytes, shown: str) -> str:
     return f"{shown}: is not a picture in a supported format; give one of {FORMATS_TEXT}"
 
 
+def laid_over(picture: Picture, colour: tuple[float, float, float] | None) -> Picture:
+    """The picture on a ground, sRGB in [0, 1], opaque; the same object where it is opaque already or there is none."""
+    if picture.alpha is None or colour is None:
+        return picture
+    alpha = picture.alpha[..., None]
+    rgb = picture.rgb * alpha + np.array(colour, np.float32) * (1 - alpha)
+    return replace(picture, rgb=rgb, alpha=None)
+
+
 def resize_picture(picture: Picture, max_size: int) -> Picture:
     """The picture scaled down so that its longer side is at most `max_size` px; the same object when it fits.
 
