@@ -139,6 +139,7 @@ def test_ctrl_c_ends_the_fits_under_way_and_keeps_what_they_have(clean, tmp_path
     assert len(found) == 2
     table = [line.split() for line in text.splitlines() if line.startswith(("interrupted  ", "not begun"))]
     assert [(row[0], row[-1] if row[0] == "not" else row[1]) for row in table] == [("interrupted", "2"), ("not", "2")]
+    assert len([line for line in text.splitlines() if line.endswith("  interrupted")]) == 2, "each line says so"
     for value in found.values():
         assert read_svg(Path(value["output"]["svg"]).read_bytes()).curves > 0
         assert value["interrupted"] is True

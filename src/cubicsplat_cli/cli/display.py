@@ -30,6 +30,7 @@ _DOING = {
     "read": "reading",
     "fit": "fitting",
     "write": "writing",
+    "start": "starting",
     "draw": "drawing",
     "measure": "measuring",
     "animation": "writing the animation",

@@ -19,6 +19,8 @@ def summary_line(report: Report, status: str = DONE) -> str:
         parts.append("unchanged")
     else:
         parts += [duration(report.timing.total_s), str(report.device["name"])]
+    if status == INTERRUPTED:
+        parts.append("interrupted")
     return "  ".join(parts)
 
 

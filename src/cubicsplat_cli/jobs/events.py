@@ -16,7 +16,7 @@ class Events:
         """Its work begins; or begins again."""
 
     def stage(self, job: str, stage: str) -> None:
-        """A stage of it begins: read, fit, write, draw, measure, animation or report."""
+        """A stage of it begins: read, start (the engine is loaded), fit, write, draw, measure, animation or report."""
 
     def step(self, job: str, progress: Progress) -> None:
         """How far its fit is."""

@@ -101,6 +101,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         events.note(job.name, f"{picture.source}: {note}")
     events.detail(job.name, f"{picture.source}: {picture.size[0]} x {picture.size[1]} px; {request.describe()}")
     # torch takes seconds to import: what is wrong with the picture is said before.
+    events.stage(job.name, "start")
     from cubicsplat_cli.files.png import encode_png
     from cubicsplat_cli.files.read import packed
     from cubicsplat_cli.pipeline import timed, vectorize_picture
