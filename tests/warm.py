@@ -78,7 +78,9 @@ def run_warm(*arguments: object, **options: Any) -> Done:
 
 
 def _begin(arguments: list[str], environment: dict[str, str], streams: list[Any], before: Any) -> None:
+    # As a terminal has it: the process that this one is forked from may have been started while Ctrl-C was held back.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     os.environ.clear()
     os.environ.update(environment)
     files = [stream.detach() for stream in streams]

@@ -89,7 +89,12 @@ def read_ends(path: Path) -> bytes:
 def read_head(path: Path) -> bytes:
     """The first bytes of a file, unpacked where it is compressed; marks of ours are in them."""
     with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
+        return head_of(file.read(HEAD_BYTES))
+
+
+def head_of(data: bytes) -> bytes:
+    """The same of a file's bytes."""
+    head = data[:HEAD_BYTES]
     if not head.startswith(GZIP):
         return head
     try:

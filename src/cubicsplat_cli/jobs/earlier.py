@@ -7,7 +7,7 @@ from pathlib import Path
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import hashes_in, sha256_of
 from cubicsplat_cli.files.names import beside
-from cubicsplat_cli.files.ownership import check_outputs, check_ownership, is_ours, read_ends, read_head
+from cubicsplat_cli.files.ownership import check_outputs, check_ownership, head_of, is_ours, read_ends
 from cubicsplat_cli.files.paths import is_file, same_file
 from cubicsplat_cli.files.read import unpacked
 from cubicsplat_cli.jobs.plan import Job, make_folders
@@ -106,10 +106,10 @@ def finished(job: Job, digest: str) -> Report | None:
     if report is None or report.interrupted or report.settings_hash != digest:
         return None
     try:
-        made_from = (report.settings_hash, report.input.sha256)
+        made_from, svg = (report.settings_hash, report.input.sha256), outputs.svg.read_bytes()
         complete = (
-            made_from == hashes_in(read_head(outputs.svg)) == (digest, _input_sha256(job))
-            and sha256_of(outputs.svg.read_bytes()) == report.output.svg_sha256
+            made_from == hashes_in(head_of(svg)) == (digest, _input_sha256(job))
+            and sha256_of(svg) == report.output.svg_sha256
             and (outputs.png is None or sha256_of(outputs.png.read_bytes()) == report.output.png_sha256)
             and (outputs.animation is None or report.output.svg_sha256.encode() in read_ends(outputs.animation))
         )
