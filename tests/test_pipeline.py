@@ -6,11 +6,14 @@ import time
 
 import numpy as np
 import pytest
+import torch
 
 from cubicsplat_cli import pipeline, vectorize
 from cubicsplat_cli.evaluate import measurable
 from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.photo import fit
+from cubicsplat_cli.photo.trainer import Trainer
 from cubicsplat_cli.pipeline import vectorize_picture
 from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.request import Request
@@ -59,26 +62,58 @@ def test_the_svg_keeps_the_size_of_a_picture_that_was_scaled_down():
     assert done.report.quality.svg.psnr_db > 20
 
 
-@pytest.mark.parametrize(("curves", "size"), [(6, (31, 26)), (600, (48, 40))])
-def test_a_large_picture_is_fitted_on_a_copy_with_enough_pixels_for_its_curves(curves, size, monkeypatch):
-    monkeypatch.setattr(pipeline, "LEAST_FITTED_PIXELS", 800)
-    monkeypatch.setattr(pipeline, "FITTED_PIXELS_PER_CURVE", 100)
-    fitted = []
-    monkeypatch.setattr("cubicsplat_cli.photo.fit", lambda target, *rest: fitted.append(target) or fit(target, *rest))
+@pytest.fixture
+def fitted(monkeypatch):
+    """Of each fit the sizes of its pictures: the one on which it ends, and the one on which it begins, if any.
+
+    Copies of 120 pixels, and 480 for the finish, are enough for up to 4 curves.
+    """
+    monkeypatch.setattr(pipeline, "USUAL_CURVES", 4)
+    monkeypatch.setattr(pipeline, "ROUGH_PIXELS_PER_CURVE", 30)
+    sizes = []
+
+    def noted(target, settings, on_progress, film, guide, rough=None):
+        sizes.append((target.shape[1::-1], None if rough is None else rough[0].shape[1::-1]))
+        return fit(target, settings, on_progress, film, guide, rough)
+
+    monkeypatch.setattr("cubicsplat_cli.photo.fit", noted)
+    return sizes
+
+
+def test_a_large_picture_is_fitted_on_copies_with_enough_pixels_for_its_curves(fitted):
     picture = as_picture(flat_picture())
-    request = Request(SETTINGS.with_(curves=curves), style="photo", measure=False)
-    done = vectorize_picture(picture, request)
-    assert fitted[0].shape[1::-1] == size
-    assert (done.scene.width, done.scene.height) == picture.size
-    assert done.report.notes == ([] if size == picture.size else ["fitted on a copy of 31 x 26 pixels"])
+    levels = {}
+    for curves in (6, 200):
+        settings = SETTINGS.with_(curves=curves, steps=60)
+        done = vectorize_picture(picture, Request(settings, style="photo"))
+        assert (done.scene.width, done.scene.height) == picture.size
+        levels[curves] = done.report.quality.svg.psnr_db, done.report.notes
+    assert fitted == [((29, 24), (15, 12)), ((48, 40), None)]
+    assert levels[6][1] == ["fitted on a copy of 15 x 12 pixels, with the exact finish at 29 x 24"]
+    assert levels[200][1] == []
+    assert levels[6][0] > 25.0
 
 
-def test_a_published_recipe_is_fitted_on_the_picture_itself(monkeypatch):
-    monkeypatch.setattr(pipeline, "LEAST_FITTED_PIXELS", 800)
-    monkeypatch.setattr(pipeline, "FITTED_PIXELS_PER_CURVE", 100)
-    settings = FitSettings(preset="paper", curves=6, steps=2, threads=1)
-    done = vectorize_picture(as_picture(flat_picture()), Request(settings, style="photo", measure=False))
-    assert not [note for note in done.report.notes if "copy" in note]
+def test_a_fit_that_goes_on_at_another_size_is_where_it_was():
+    y, x = np.mgrid[0:40, 0:48] + 0.5
+    waves = np.stack([np.sin(x / 9), np.cos(y / 8), np.sin((x + y) / 12)], -1)
+    picture = as_picture((127.5 + 120 * waves).astype(np.uint8))
+    small, large = (torch.from_numpy(resize_picture(picture, size).target()) for size in (24, 48))
+    settings = SETTINGS.with_(steps=60)
+    begun = Trainer(small, settings)
+    assert begun.relax()
+    before = begun._exact_loss(begun.parameters)
+    trainer = Trainer(large, settings)
+    trainer.go_on_from(begun)
+    assert trainer.step == begun.step == 51
+    assert trainer._exact_loss(trainer.parameters) == pytest.approx(4 * before, rel=0.3)
+    assert torch.allclose(trainer.parameters.points, 2 * begun.parameters.points)
+
+
+def test_a_published_recipe_is_fitted_on_the_picture_itself(fitted):
+    settings = FitSettings(preset="paper", curves=4, steps=2, threads=1)
+    vectorize_picture(as_picture(flat_picture()), Request(settings, style="photo", measure=False))
+    assert fitted == [((48, 40), None)]
 
 
 def test_a_time_limit_is_one_of_everything():

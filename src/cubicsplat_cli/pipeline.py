@@ -34,15 +34,16 @@ from cubicsplat_cli.progress import Progress, Stages, nothing
 from cubicsplat_cli.report import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.settings import FitSettings, listed
+from cubicsplat_cli.settings import USUAL_CURVES, FitSettings, listed
 from cubicsplat_cli.svg import write_drawing, write_svg
 
 ARTWORK_SAMPLES = 48  # edges per cubic of the engine's own picture
 # A drawing that is further from the picture has lost something that people see.
 LEAST_ARTWORK_DB = 28.0
-# A fit reaches at most 0.1 dB more with more pixels than these a curve; see docs/performance.md.
-FITTED_PIXELS_PER_CURVE = 2304
-LEAST_FITTED_PIXELS = 512 * FITTED_PIXELS_PER_CURVE
+# Large pictures: the pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of
+# that are on which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/performance.md.
+ROUGH_PIXELS_PER_CURVE = 768
+FINISH_SCALE = 2
 _LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
 
 
@@ -180,11 +181,13 @@ def _photo(task: _Task) -> Made:
     from cubicsplat_cli.photo import Guide, fit
 
     request, settings = task.request, _with_curves(task)
-    target = _with_enough_pixels(task.target, settings)
     start = None if request.init is None else request.init.scene
-    guide = Guide(task.weights(target), start, request.freeze)
-    fitted = fit(target.target(), settings, task.on_progress, task.film, guide)
-    notes = [] if target is task.target else [f"fitted on a copy of {target.width} x {target.height} pixels"]
+    rough, fine = _copies(task.target, settings)
+    # A drawing to begin with is as fine as it is.
+    begun = None if rough is fine or start is not None else (rough.target(), Guide(task.weights(rough)))
+    guide = Guide(task.weights(fine), start, request.freeze)
+    fitted = fit(fine.target(), settings, task.on_progress, task.film, guide, begun)
+    notes = _fitted_on(task.target, rough if begun else fine, fine)
     scene = scaled_scene(fitted.scene, *task.picture.size)
     precision = PHOTO_PRECISION if request.precision is None else request.precision
     return Made(
@@ -221,14 +224,29 @@ def _with_curves(task: _Task) -> FitSettings:
     return usual if settings.curves is not None else settings.with_(curves=init.scene.curves)
 
 
-def _with_enough_pixels(picture: Picture, settings: FitSettings) -> Picture:
-    """The picture, or of a large one a copy with as many pixels as its curves have use for.
+def _fitted_on(picture: Picture, rough: Picture, fine: Picture) -> list[str]:
+    """What the report says of copies."""
+    if fine is picture and rough is picture:
+        return []
+    finish = "" if rough is fine else f", with the exact finish at {fine.width} x {fine.height}"
+    return [f"fitted on a copy of {rough.width} x {rough.height} pixels{finish}"]
 
-    A recipe in fractions of the canvas is a published one, and works on the picture itself.
+
+def _copies(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture]:
+    """What most of a fit is done on, and what its exact finish: a large picture's copies, or twice the picture itself.
+
+    A recipe in fractions of the canvas is a published one, and works on the picture.
     """
-    enough = max(LEAST_FITTED_PIXELS, FITTED_PIXELS_PER_CURVE * settings.curves)
+    if settings.recipe.length_unit == "canvas" or settings.recipe.finish == 0.0:
+        return picture, picture
+    rough = _with_pixels(picture, ROUGH_PIXELS_PER_CURVE * max(settings.curves, USUAL_CURVES))
+    return rough, picture if rough is picture else _with_pixels(picture, FINISH_SCALE**2 * rough.width * rough.height)
+
+
+def _with_pixels(picture: Picture, enough: int) -> Picture:
+    """The picture, or a copy of so many pixels where it has half as many again: less would save nothing."""
     pixels = picture.width * picture.height
-    if pixels <= enough or settings.recipe.length_unit == "canvas":
+    if 2 * pixels <= 3 * enough:
         return picture
     return resize_picture(picture, max(1, round(max(picture.size) * math.sqrt(enough / pixels))))
 

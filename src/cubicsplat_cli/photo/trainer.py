@@ -75,26 +75,42 @@ def fit(
     on_progress: Callable[[Progress], None] | None = None,
     film: Film | None = None,
     guide: Guide = UNGUIDED,
+    rough: tuple[np.ndarray, Guide] | None = None,
 ) -> FitResult:
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
-    film: keeps scenes on the way. guide: what else the fit is told.
+    film: keeps scenes on the way. guide: what else the fit is told. rough: a smaller copy of the picture, on which all
+    but the exact finish is done, and what a fit to it is told; only for fits that do not begin with a drawing.
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
     form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
     leaves the state that the fit had come to, with a note.
     """
+    picture = _checked(target, guide)
+    if rough is not None and settings.recipe.finish > 0.0:
+        copy, copy_guide = rough
+        settings = settings.for_size(target.shape[1], target.shape[0])
+        begun = Trainer(_checked(copy, copy_guide), settings, on_progress, film, copy_guide)
+        if not begun.relax():
+            return begun.run()
+        trainer = Trainer(picture, settings, on_progress, film, guide)
+        trainer.go_on_from(begun)
+        return trainer.run()
+    return Trainer(picture, settings, on_progress, film, guide).run()
+
+
+def _checked(target: np.ndarray, guide: Guide) -> Tensor:
+    """The picture as a tensor. Raises InputError where it, or its weights, cannot be fitted."""
     if target.ndim != 3 or target.shape[2] not in (3, 4) or 0 in target.shape:
         raise InputError(f"the picture must have shape (height, width, 3 or 4), not {target.shape}")
     if not np.isfinite(target).all():
         raise InputError("the picture has values that are not finite")
-    picture = torch.from_numpy(np.ascontiguousarray(target, dtype=np.float32))
     weights = guide.weights
     if weights is not None and (
         weights.shape != target.shape[:2] or not np.isfinite(weights).all() or weights.min() < 0 or not weights.any()
     ):
         raise InputError(f"weights must be at least 0, not all 0, and of shape {target.shape[:2]}")
-    return Trainer(picture, settings, on_progress, film, guide).run()
+    return torch.from_numpy(np.ascontiguousarray(target, dtype=np.float32))
 
 
 def choose_background(target: Tensor, settings: FitSettings, weights: Tensor | None = None) -> Background:
@@ -124,6 +140,8 @@ class Trainer:
     replaced: int = 0
     inequality: float | None = None
     step: int = 0
+    interrupted: bool = False
+    stopped: bool = False  # before its last step
     rescued: str | None = None  # what the user should know of a GPU that failed
     kept_start: bool = False  # whether no step was better than the drawing to begin with
 
@@ -205,15 +223,8 @@ class Trainer:
 
     def run(self) -> FitResult:
         """All steps, or as many as there is time for."""
-        interrupted = False
-        try:
-            with one_torch_thread(), self.engine.guarded():
-                while self.progress() < 1.0:
-                    self.advance()
-        except KeyboardInterrupt:
-            interrupted = True
-        except DeviceError as error:
-            self._rescue(error)
+        if not self.stopped:
+            self._advance_to(1.0)
         self._check_finite(wait=True)
         self.best.consider(self._exact_loss(self.parameters), self.parameters)
         dropped = self._drop_invisible()
@@ -225,7 +236,7 @@ class Trainer:
             fit_s=seconds,
             ms_per_step=1e3 * seconds / max(self.step, 1),
             history=self.history,
-            interrupted=interrupted,
+            interrupted=self.interrupted,
             device=self.engine.describe(),
             samples=self.settings.finish_samples,
             replaced=self.replaced,
@@ -249,6 +260,41 @@ class Trainer:
                 kept = getattr(scene, name)[-self.frozen :]
                 (kept[:, : values.shape[1]] if values.ndim == 3 else kept).copy_(values)
         return scene
+
+    def relax(self) -> bool:
+        """The steps before the exact finish. Returns whether they ended as they should; if not, only `run` is left."""
+        self._advance_to(self.schedule.finish_start)
+        return not self.stopped
+
+    def go_on_from(self, begun: Trainer) -> None:
+        """Takes over a fit to a copy of the picture of another size, at the step that it has come to."""
+        across, down = self.width / begun.width, self.height / begun.height
+        scale, pixels = math.sqrt(across * down), across * down
+        self.parameters.overwrite(begun.parameters)
+        self.parameters.points.mul_(self.parameters.points.new_tensor([across, down]))
+        self.parameters.half_widths.mul_(scale)
+        self.state.overwrite(begun.state)
+        # The loss is a sum over the pixels: gradients of lengths grow with the scale, those of paints with the pixels.
+        growth = torch.full_like(self.state.moments[0, :, 0], pixels)
+        growth[: 2 * self.parameters.points.shape[1]] = scale
+        growth[-1] = scale  # the half-width
+        self.state.moments.mul_(torch.stack([growth, growth, growth.square(), growth], -1))
+        self.background, self.curves = begun.background, replace(self.curves, background=begun.background)
+        self.generator, self.schedule, self.step = begun.generator, begun.schedule, begun.step
+        self.history, self.replaced, self.inequality = begun.history, begun.replaced, begun.inequality
+        self.started, self.reported = begun.started, begun.reported
+        begun.engine.close()
+
+    def _advance_to(self, progress: float) -> None:
+        try:
+            with one_torch_thread(), self.engine.guarded():
+                while self.progress() < progress:
+                    self.advance()
+        except KeyboardInterrupt:
+            self.interrupted = self.stopped = True
+        except DeviceError as error:
+            self._rescue(error)
+            self.stopped = True
 
     def _rescue(self, error: DeviceError) -> None:
         """After a GPU's failure: the last parameters that the host has, on the CPU; `error` where it has none."""
