@@ -1,4 +1,4 @@
-# make demo | test | coverage | test-slow | test-gpu | bench-gpu | sanitize-gpu | fuzz | lint | native | clean
+# make demo | test | coverage | test-slow | test-gpu | bench-gpu | sanitize-gpu | fuzz | lint | docs | native | clean
 # Tests run against the installed package, so every target that runs something installs it first when a source changed.
 PYTHON ?= python3
 VENV ?= .venv
@@ -41,7 +41,7 @@ PACKAGE_STAMP := $(VENV)/.stamp-package
 TEST_STAMP := $(VENV)/.stamp-test
 
 .NOTPARALLEL:
-.PHONY: demo test coverage test-slow test-gpu bench-gpu sanitize-gpu fuzz lint native clean install
+.PHONY: demo test coverage test-slow test-gpu bench-gpu sanitize-gpu fuzz lint docs native clean install
 .PHONY: run-test-gpu run-bench-gpu run-sanitize-gpu
 .DEFAULT_GOAL := demo
 
@@ -97,6 +97,12 @@ lint: $(BIN)/ruff $(BIN)/mypy $(PACKAGE_STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# The pages, with the gallery of the samples; a broken link fails.
+docs: $(BIN)/mkdocs $(PACKAGE_STAMP)
+	$(PY) tools/gallery.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "Open this in a browser: $(CURDIR)/build/site/index.html"
+
 # For work on the C++ alone: a quick incremental build next to the sources, for PYTHONPATH=src. Nothing else uses it.
 native:
 	cmake -S . -B build/native -DCMAKE_BUILD_TYPE=Release
@@ -124,6 +130,10 @@ $(TEST_STAMP): $(SOURCES) constraints.txt $(BUILD_STAMP)
 
 $(BIN)/ruff $(BIN)/mypy: $(VENV_STAMP) constraints.txt
 	$(PIP_INSTALL) --upgrade $(@F)
+	@touch $@
+
+$(BIN)/mkdocs: $(VENV_STAMP) constraints.txt
+	$(PIP_INSTALL) --upgrade mkdocs-material
 	@touch $@
 
 clean:

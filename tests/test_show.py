@@ -197,7 +197,7 @@ REQUESTS = [
     Request(FitSettings.from_preset("high", "open", curves=33, seed=4, background="teal", opaque=True), style="photo"),
     Request(FitSettings.from_preset("draft", time_limit=2.5, prune=False, geometric_reg=0.25, samples=40)),
     Request(artwork=ArtworkSettings(colors=3, palette=((1, 2, 3), (255, 0, 9)), detail=2.5), style="artwork"),
-    Request(precision=4, max_size=300),
+    Request(precision=4, max_size=300, frame=1),
     Request(focus=Focus(1, 2, 5.5, 4, 3)),
 ]
 

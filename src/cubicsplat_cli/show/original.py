@@ -11,6 +11,7 @@ from PIL import Image
 from cubicsplat_cli.files.load import Picture
 
 _BROWSERS_SHOW = {"PNG": "image/png", "JPEG": "image/jpeg", "WEBP": "image/webp", "GIF": "image/gif"}
+_MAGIC = (b"\x89PNG", b"\xff\xd8", b"RIFF", b"GIF8")  # of these; others may need a reader that is not there
 _ORIENTATION = 0x0112  # EXIF
 _QUALITY = 95
 THUMBNAIL = 144  # px: 72 on the page, for dense screens
@@ -57,6 +58,8 @@ def _mime(picture: Picture, data: bytes) -> str | None:
     """The type of the file where a browser shows it as it was read here; None for all that is turned, resized, has
     other colours or more bits.
     """
+    if not data.startswith(_MAGIC):
+        return None
     with Image.open(io.BytesIO(data)) as image:
         mime = _BROWSERS_SHOW.get(image.format or "")
         turned = image.getexif().get(_ORIENTATION, 1) != 1
@@ -64,10 +67,10 @@ def _mime(picture: Picture, data: bytes) -> str | None:
             return None
         plain = np.asarray(image.convert("RGBA"))
     ours = eight_bit(picture)
-    if not np.array_equal(plain[..., 3], 255 if picture.alpha is None else ours[..., 3]) and picture.alpha is not None:
-        return None
+    alpha = 255 if picture.alpha is None else ours[..., 3]
     seen = plain[..., 3:] > 0
-    return mime if np.array_equal(plain[..., :3] * seen, ours[..., :3] * seen) else None
+    same = bool((plain[..., 3] == alpha).all()) and np.array_equal(plain[..., :3] * seen, ours[..., :3] * seen)
+    return mime if same else None
 
 
 def _webp(image: Image.Image, **options: object) -> bytes:

@@ -1,0 +1,46 @@
+"""The pages of `make docs`: all are in the menu, and what they refer to is there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+# Made by `make docs` itself.
+MADE = {"gallery.md"}
+PAGES = sorted(path for path in DOCS.glob("*.md") if path.name not in MADE)
+LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
+
+
+def anchors(path: Path) -> set[str]:
+    """What the headings of a page are called in links."""
+    headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^a-z0-9 -]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def test_every_page_is_in_the_menu_once():
+    menu = re.findall(r"^ +- [^:\n]+: (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(menu) == sorted({path.name for path in PAGES} | MADE)
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=lambda path: path.name)
+def test_what_a_page_refers_to_is_there(page):
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    found = LINK.findall(text)
+    for name, anchor in found:
+        target = page if not name else page.parent / name
+        assert target.is_file() or target.name in MADE, f"{page.name} refers to {name}, which is not there"
+        if anchor and target.suffix == ".md":
+            assert anchor in anchors(target), f"{page.name} refers to {name}#{anchor}"
+    for name in re.findall(r'<img src="([^"]+)"', text):
+        assert (page.parent / name).is_file(), f"{page.name} shows {name}, which is not there"
+
+
+def test_the_pages_ask_for_nothing_from_elsewhere():
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    assert "font: false" in text
+    assert "strict: true" in text
+    assert not re.search(r"https?://", text)
