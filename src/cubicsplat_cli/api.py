@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from cubicsplat_cli.amounts import parse_bytes, with_segments
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
@@ -34,6 +35,8 @@ def vectorize(
     focus: str | Sequence[float] | None = None,
     init: str | Path | bytes | Result | None = None,
     freeze: bool = False,
+    max_bytes: int | str | None = None,
+    target_psnr: float | None = None,
     title: str | None = None,
     measure: bool = True,
     on_progress: Callable[[Progress], None] | None = None,
@@ -61,7 +64,7 @@ def vectorize(
     """
     artwork = {name: settings.pop(name) for name in [*settings] if name in ArtworkSettings.__dataclass_fields__}
     request = Request(
-        settings=FitSettings.from_preset(preset, mode, curves=curves, **settings),
+        settings=FitSettings.from_preset(preset, mode, curves=curves, **with_segments(settings, max_bytes)),
         artwork=ArtworkSettings(**artwork),
         style=style,
         precision=precision,
@@ -71,6 +74,8 @@ def vectorize(
         focus=None if focus is None else parse_focus(focus),
         init=None if init is None else load_beginning(init.svg.encode() if isinstance(init, Result) else init),
         freeze=freeze,
+        max_bytes=None if max_bytes is None else parse_bytes(max_bytes),
+        target_psnr=target_psnr,
     )
     return vectorize_picture(as_picture(picture, max_size=max_size), request, title=title, on_progress=on_progress)
 

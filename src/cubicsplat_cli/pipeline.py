@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.plain import only_ink, plain_drawing
 from cubicsplat_cli.artwork.shapes import Drawing, Ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
+from cubicsplat_cli.budget import SPARE, SPARE_COMPRESSED, Means, Within, within_bytes, within_level
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
 from cubicsplat_cli.evaluate.measurable import measurable, seconds_to_measure
@@ -36,6 +37,9 @@ from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings, listed
 from cubicsplat_cli.svg import write_drawing, write_svg
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.photo import FitResult
 
 ARTWORK_SAMPLES = 48  # edges per cubic of the engine's own picture
 # A drawing that is further from the picture has lost something that people see.
@@ -95,6 +99,14 @@ class _Task:
     stages: Stages
     on_progress: Callable[[Progress], None] | None
     film: Film | None
+    title: str
+
+    def text(self, scene: Scene, precision: int) -> str:
+        """The SVG of a photo's curves, at the picture's size."""
+        request, picture = self.request, self.picture
+        comment = provenance_comment(__version__, request.settings.seed, request.digest(), picture.sha256)
+        sized = scaled_scene(scene, *picture.size)
+        return write_svg(sized, precision=precision, title=self.title, comment=comment)
 
     def seconds_left(self) -> float:
         """Until the time limit, infinite without one; below 0 beyond it."""
@@ -137,7 +149,7 @@ def vectorize_picture(
     with stages("read"):
         wanted = laid_over(picture, request.settings.background_colour)
         target = wanted if request.max_size is None else resize_picture(wanted, request.max_size)
-    task = _Task(wanted, target, request, stages, on_progress, film)
+    task = _Task(picture, target, request, stages, on_progress, film, title or picture.source)
     with stages("fit"):
         style, made = _styled(task)
         if film is not None and made.scene is not None and (style.name == ARTWORK or made.paths == 0):
@@ -186,16 +198,23 @@ def _photo(task: _Task) -> Made:
     # A drawing to begin with is as fine as it is.
     begun = None if rough is fine or start is not None else (rough.target(), Guide(task.weights(rough)))
     guide = Guide(task.weights(fine), start, request.freeze)
-    fitted = fit(fine.target(), settings, task.on_progress, task.film, guide, begun)
+    pixels = fine.target()
+
+    def fit_from(chosen: FitSettings, before: Scene | None) -> FitResult:
+        if before is None:
+            return fit(pixels, chosen, task.on_progress, task.film, guide, begun)
+        return fit(pixels, chosen, task.on_progress, task.film, replace(guide, start=before))
+
+    within = _within(task, fine, settings, guide.weights, fit_from)
+    fitted = within.fitted
     notes = _fitted_on(task.target, rough if begun else fine, fine)
     scene = scaled_scene(fitted.scene, *task.picture.size)
-    precision = PHOTO_PRECISION if request.precision is None else request.precision
     return Made(
         scene,
-        lambda title, comment: write_svg(scene, precision=precision, title=title, comment=comment),
+        lambda title, comment: write_svg(scene, precision=within.precision, title=title, comment=comment),
         fitted.samples,
         scene.curves,
-        [*notes, *fitted.notes],
+        [*notes, *fitted.notes, *within.notes],
         {
             "device": fitted.device,
             "replaced": fitted.replaced,
@@ -205,6 +224,37 @@ def _photo(task: _Task) -> Made:
             "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
         },
     )
+
+
+def _within(
+    task: _Task, target: Picture, settings: FitSettings, weights: np.ndarray | None,
+    fit_from: Callable[[FitSettings, Scene | None], FitResult],
+) -> Within:  # fmt: skip
+    """One fit, or those that meet the budget that was asked for."""
+    from cubicsplat_cli.photo.worth import worth_of
+
+    request, threads = task.request, settings.threads
+    precision = PHOTO_PRECISION if request.precision is None else request.precision
+    if request.max_bytes is None and request.target_psnr is None:
+        return Within(fit_from(settings, None), precision, [])
+    reference = measurable(task.picture, math.inf)
+
+    def level(scene: Scene, decimals: int) -> float:
+        drawn = rerender(task.text(scene, decimals).encode(), reference.width, reference.height)
+        found = psnr_db(reference, of_pixels(drawn.pixels), threads)
+        return math.inf if found is None else found
+
+    means = Means(
+        fit_from,
+        lambda scene, decimals: len(packed(task.text(scene, decimals), compressed=request.compress)),
+        level,
+        lambda scene: worth_of(scene, target.target(), weights, settings.finish_samples, threads),
+    )
+    if request.max_bytes is not None:
+        spare = SPARE_COMPRESSED if request.compress else SPARE
+        return within_bytes(request.max_bytes, settings, request.precision, means, spare)
+    assert request.target_psnr is not None
+    return within_level(request.target_psnr, settings, precision, means)
 
 
 def _with_curves(task: _Task) -> FitSettings:

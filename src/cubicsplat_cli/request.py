@@ -28,6 +28,8 @@ _CHECKS = {
     "precision": PRECISION,
     "max_size": Setting("count", "", least=1, most=1_000_000, optional=True),
     "max_pixels": Setting("count", "", least=1),
+    "max_bytes": Setting("count", "", least=1, optional=True),
+    "target_psnr": Setting("number", "", least=1, most=60, optional=True),
     "frame": Setting("count", "", least=1, most=1_000_000, optional=True),
 }
 
@@ -41,9 +43,9 @@ class Request:
     max_pixels: larger pictures are refused. frame: of files with several, from 1. png, report, page, animation (a file,
     or None), compress, force: of the files. suffix: what names made of the picture's get at their end. skip_existing:
     leave pictures alone that have an SVG, whatever made it. measure: whether the SVG is drawn by an independent
-    renderer and measured. weights, focus: how much the pixels matter to the fit of a photo. init: the drawing
-    that it begins with; freeze: whose curves stay as they are. Where any of these is given, or a loss of its own, the
-    style is "photo".
+    renderer and measured. weights, focus: how much the pixels matter to the fit of a photo. init: the drawing that it
+    begins with; freeze: whose curves stay as they are. max_bytes, target_psnr: of the file; the number of curves is
+    found for it. Where any of these is given, or a loss of its own, the style is "photo".
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -61,6 +63,8 @@ class Request:
     focus: Focus | None = None
     init: Beginning | None = None
     freeze: bool = False
+    max_bytes: int | None = None
+    target_psnr: float | None = None
     compress: bool = False
     suffix: str = ""
     force: bool = False
@@ -75,6 +79,11 @@ class Request:
             raise UsageError("is for photos; use style photo, or leave it out for artwork", self.of_photos()[0])
         if self.freeze and self.init is None:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
+        budgets = [name for name in ("max_bytes", "target_psnr") if getattr(self, name) is not None]
+        if len(budgets) > 1:
+            raise UsageError("and --target-psnr are two budgets; give one of them", "max_bytes")
+        if budgets and (self.freeze or self.init is not None or self.settings.curves is not None):
+            raise UsageError("finds the number of curves itself; leave out --curves, --init and --freeze", budgets[0])
         if self.animation is not None and self.animation.suffix.lower() not in MOVING:
             raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
         if set(self.suffix) & set("/\\\0"):
@@ -84,7 +93,9 @@ class Request:
 
     def of_photos(self) -> list[str]:
         """What is asked for that only the fit of a photo can do."""
-        asked = [name for name in ("weights", "focus", "init") if getattr(self, name) is not None]
+        asked = [
+            name for name in ("weights", "focus", "init", "max_bytes", "target_psnr") if getattr(self, name) is not None
+        ]
         return asked if self.settings.loss == FitSettings.loss else [*asked, "loss"]
 
     def with_threads(self, threads: int | None) -> Request:
@@ -104,6 +115,8 @@ class Request:
             "focus": None if self.focus is None else [float(value) for value in astuple(self.focus)],
             "init": _source(self.init),
             "freeze": self.freeze,
+            "max_bytes": self.max_bytes,
+            "target_psnr": self.target_psnr,
         }
 
     def describe(self) -> str:

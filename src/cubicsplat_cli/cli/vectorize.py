@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from cubicsplat_cli.amounts import parse_bytes, with_segments
 from cubicsplat_cli.artwork.settings import ArtworkSettings, parse_palette
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.help import COMMON, EXPERT, FILES, QUALITY
@@ -162,6 +163,19 @@ Freeze = Annotated[
     bool,
     typer.Option("--freeze", help="Keep the curves of --init, and add to them.", rich_help_panel=QUALITY),
 ]
+MaxBytes = Annotated[
+    str | None,
+    typer.Option(
+        "--max-bytes", metavar="N", help="As many curves as fit into a file of so many bytes, 20k say.",
+        rich_help_panel=COMMON,
+    ),
+]  # fmt: skip
+TargetPsnr = Annotated[
+    float | None,
+    typer.Option(
+        "--target-psnr", metavar="DB", help="As few curves as give a file of so many dB.", rich_help_panel=COMMON
+    ),
+]
 Svgz = Annotated[bool, typer.Option("--svgz", help="Write the SVG compressed, as OUT.svgz.", rich_help_panel=FILES)]
 Force = Annotated[
     bool,
@@ -207,6 +221,8 @@ def vectorize(
     max_size: MaxSize = None,
     weights: Weights = None,
     focus: FocusOn = None,
+    max_bytes: MaxBytes = None,
+    target_psnr: TargetPsnr = None,
     init: Init = None,
     freeze: Freeze = False,
     max_pixels: MaxPixels = MAX_PIXELS,
@@ -238,7 +254,9 @@ def vectorize(
         raise UsageError("a file name is empty; is a variable not set?")
     _JOBS.check("jobs", jobs)
     request = Request(
-        settings=fit_settings({name: value for name, value in fit.items() if name not in ARTWORK_OPTIONS}),
+        settings=fit_settings(
+            with_segments({name: value for name, value in fit.items() if name not in ARTWORK_OPTIONS}, max_bytes)
+        ),
         artwork=ArtworkSettings(
             palette=parse_palette(palette) if palette else (), **{name: fit[name] for name in ARTWORK_OPTIONS}
         ),
@@ -260,6 +278,8 @@ def vectorize(
         focus=None if focus is None else parse_focus(focus),
         init=None if init is None else _beginning(init),
         freeze=freeze,
+        max_bytes=None if max_bytes is None else parse_bytes(max_bytes),
+        target_psnr=target_psnr,
     )
     from cubicsplat_cli.cli.run import Run, check_stdout
     from cubicsplat_cli.jobs.execute import Means

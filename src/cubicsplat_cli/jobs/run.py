@@ -112,9 +112,10 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         nonlocal svg
         if made.report.interrupted and is_finished(job):
             raise _Kept
-        svg = packed(made.svg, compressed=request.compress or is_compressed_name(job.outputs.svg))
+        svg = packed(made.svg, compressed=request.compress)
         sink.put("svg", svg)
 
+    request = replace(request, compress=request.compress or is_compressed_name(job.outputs.svg))
     film = None if job.outputs.animation is None else Film(FRAMES)
     try:
         result = vectorize_picture(

@@ -22,7 +22,7 @@ def command(report: Report) -> str:
     parts += [] if settings.get("style", "auto") == "auto" else ["--style", settings["style"]]
     for name, value in _differing(settings):
         parts += _option(name, value)
-    for name in ("precision", "max_size", "frame"):
+    for name in ("precision", "max_size", "frame", "max_bytes", "target_psnr"):
         parts += [] if settings.get(name) is None else _option(name, settings[name])
     for name in ("weights", "init"):
         parts += _option(name, settings[name]["name"]) if settings.get(name) else []

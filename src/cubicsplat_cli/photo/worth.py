@@ -1,0 +1,31 @@
+"""What the curves of a finished scene are worth."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.draw import scene_tensors
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Scene
+
+
+def worth_of(
+    scene: Scene, target: np.ndarray, weights: np.ndarray | None, samples: int, threads: int | None = None
+) -> Tensor:
+    """(N,): how much the squared error of the exact picture against a target (H, W, C) of the scene's size would rise
+    without each curve. weights (H, W): of the pixels. samples: edges per cubic.
+    """
+    goal = np.ascontiguousarray(target, dtype=np.float32)
+    if scene.background is None and goal.shape[2] == 3:
+        goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
+    engine = CpuEngine(threads)
+    try:
+        return engine.gradients(
+            scene_tensors(scene), RasterSettings("exact", 1.0, samples), target=torch.from_numpy(goal),
+            importance="loo", weights=None if weights is None else torch.from_numpy(np.ascontiguousarray(weights)),
+        )[1]["importance"]  # fmt: skip
+    finally:
+        engine.close()

@@ -1,0 +1,144 @@
+"""`--max-bytes` and `--target-psnr`: the number of curves that fits, by growing and shrinking one fit."""
+
+from __future__ import annotations
+
+import gzip
+
+import numpy as np
+import pytest
+from cli_runs import strict_json
+from PIL import Image
+
+from cubicsplat_cli import vectorize
+from cubicsplat_cli.amounts import parse_bytes, with_segments
+from cubicsplat_cli.budget import _most
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.svg import read_svg, write_svg
+from cubicsplat_cli.svg.sizes import bytes_by_curve
+
+SHORT = {"steps": 60, "threads": 1, "preset": "draft"}
+OPTIONS = ("--steps", 60, "--threads", 1, "--preset", "draft", "--json", "-q")
+
+
+@pytest.fixture(scope="module")
+def noisy() -> np.ndarray:
+    """More detail than some kilobytes can show."""
+    small = np.random.default_rng(5).integers(0, 256, (14, 20, 3), np.uint8)
+    return small.repeat(4, 0).repeat(4, 1)
+
+
+@pytest.fixture
+def noisy_file(noisy, tmp_path):
+    path = tmp_path / "noisy.png"
+    Image.fromarray(noisy).save(path)
+    return path
+
+
+@pytest.mark.parametrize("most", [2500, 9000])
+def test_a_file_has_as_many_bytes_as_it_may_and_never_more(noisy, most):
+    result = vectorize(noisy, max_bytes=most, **SHORT)
+    assert 0.97 * most <= len(result.svg.encode()) <= most
+    assert result.report.output.bytes == len(result.svg.encode())
+    assert result.report.timing.steps <= 2 * SHORT["steps"]
+    assert (result.report.style, result.report.settings["max_bytes"]) == ("photo", most)
+
+
+def test_with_svgz_the_compressed_bytes_count(noisy_file, run_cli):
+    for options, name in ((("--svgz",), "noisy.svgz"), (("-o", "x.svgz"), "x.svgz")):
+        options = [str(noisy_file.parent / o) if o.startswith("x") else o for o in options]
+        done = run_cli("vectorize", noisy_file, *OPTIONS, "--max-bytes", "2k", *options)
+        assert done.returncode == 0, done.stderr
+        data = (noisy_file.parent / name).read_bytes()
+        assert 0.97 * 2000 <= len(data) <= 2000
+        assert len(gzip.decompress(data)) > 2500
+        assert strict_json(done.stdout)["output"]["bytes"] == len(data)
+    again = run_cli("vectorize", noisy_file, *OPTIONS, "--max-bytes", "2000", *options)
+    assert strict_json(again.stdout)["status"] == "unchanged"
+
+
+def test_a_byte_gives_more_where_bytes_are_the_budget(noisy):
+    """The same bytes with the usual decimals and segments."""
+    usual = vectorize(noisy, style="photo", curves=24, **SHORT | {"steps": 84})
+    budget = vectorize(noisy, max_bytes=len(usual.svg.encode()), **SHORT)
+    assert budget.report.quality.svg.psnr_db > usual.report.quality.svg.psnr_db + 0.3
+    assert budget.scene.curves > usual.scene.curves
+
+
+def test_a_file_has_as_many_decibels_as_are_asked_for(noisy):
+    result = vectorize(noisy, target_psnr=18, **SHORT)
+    assert 18.0 <= result.report.quality.svg.psnr_db <= 18.4
+    assert not [note for note in result.report.notes if "asked for" in note]
+    assert result.report.timing.steps <= 3 * SHORT["steps"]
+
+
+def test_what_cannot_be_reached_is_said_with_what_was(noisy):
+    result = vectorize(noisy, target_psnr=59, **SHORT | {"steps": 4})
+    reached = result.report.quality.svg.psnr_db
+    assert reached < 59
+    assert result.report.notes[-1] == f"reached {reached:.2f} dB of the 59 dB asked for; allow more --steps"
+
+
+def test_not_even_one_curve_is_one_line(noisy_file, run_cli):
+    done = run_cli("vectorize", noisy_file, *OPTIONS, "--max-bytes", 300)
+    assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
+    assert b"not even one curve fits into 300 bytes; allow at least" in done.stderr
+    least = int(done.stderr.split(b"at least")[1])
+    assert run_cli("vectorize", noisy_file, *OPTIONS, "--max-bytes", least + 60).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--max-bytes", "lots"), "--max-bytes must be an amount of bytes such as 20k or 1.5M, not 'lots'"),
+        (("--max-bytes", "0"), "--max-bytes must be an amount of bytes"),
+        (("--target-psnr", "99"), "--target-psnr must be a number from 1 to 60"),
+        (("--target-psnr", "nan"), "--target-psnr must be a number from 1 to 60"),
+        (("--max-bytes", "9k", "--target-psnr", "30"), "--max-bytes and --target-psnr are two budgets"),
+        (("--max-bytes", "9k", "--curves", "30"), "--max-bytes finds the number of curves itself"),
+        (("--target-psnr", "30", "--style", "artwork"), "--target-psnr is for photos"),
+    ],
+)
+def test_senseless_budgets_are_refused(photo, run_cli, options, text):
+    done = run_cli("vectorize", photo, *options)
+    assert (done.returncode, done.stderr.count(b"\n")) == (2, 1)
+    assert text in done.stderr.decode()
+
+
+def test_amounts():
+    assert [parse_bytes(text) for text in ("20k", "20 kB", "1.5M", "512", 7)] == [20_000, 20_000, 1_500_000, 512, 7]
+    for wrong in ("", "-1", "1e9", "2G", "0.2", True, "9" * 30):
+        with pytest.raises(UsageError, match="amount of bytes"):
+            parse_bytes(wrong)
+    assert with_segments({}, "9k") == {"segments": 2}
+    assert with_segments({"segments": 5}, "9k") == {"segments": 5}
+    assert with_segments({"mode": "open"}, "9k") == {"mode": "open"}
+    assert with_segments({}, None) == {}
+
+
+def test_the_largest_number_that_holds():
+    for answer in range(9):
+        assert _most(8, lambda n, answer=answer: n <= answer) == answer
+
+
+@pytest.mark.parametrize("mode", ["closed", "open"])
+def test_bytes_of_curves_add_up_to_those_of_the_file(noisy, mode):
+    scene = vectorize(noisy, style="photo", mode=mode, curves=20, measure=False, **SHORT).scene
+    sizes, whole = bytes_by_curve(scene, 1), len(write_svg(scene, precision=1))
+    assert len(sizes) == scene.curves
+    assert sum(sizes) == pytest.approx(whole, rel=0.3)
+    assert read_svg(write_svg(scene, precision=1)).curves == scene.curves
+
+
+def test_a_folder_and_an_interrupt_keep_to_the_budget(noisy):
+    """A Ctrl-C in the first fit leaves as many of its curves as fit."""
+
+    def stop(_):
+        raise KeyboardInterrupt
+
+    result = vectorize(noisy, max_bytes=4000, on_progress=stop, **SHORT | {"steps": 4000})
+    assert result.report.interrupted
+    assert len(result.svg.encode()) <= 4000
+    with pytest.raises(InputError, match="not even one curve"):
+        vectorize(noisy, max_bytes=100, **SHORT)
+    assert FitSettings().curves is None
