@@ -29,7 +29,7 @@ _HEADER = ("tool", "setting", "pictures", "SVG dB", "SSIM", "kB", "gz kB", "s")
 @dataclass(frozen=True)
 class Point:
     """One picture by one tool at one setting. psnr_db, ssim: of the SVG file, drawn by `renderer`. bytes: of the file;
-    gzipped_bytes: compressed, as servers send it. seconds: from the pixels to the file.
+    gzipped_bytes: compressed, as servers send it. seconds: from the pixels to the drawing, not those of measuring it.
     """
 
     picture: str
@@ -70,7 +70,7 @@ def points_of(runs: Runs) -> Points:
             run.ssim,
             run.bytes,
             len(gzip.compress(svg)),
-            run.seconds,
+            run.fit_seconds,
             run.renderer,
         )
         for run, svg in runs.done
@@ -159,7 +159,7 @@ def plot(points: Points) -> bytes:
         levels = [means(points.of(t, s)) for t, s in points.settings() if t == tool]
         for row, up in enumerate(("psnr_db", "ssim")):
             for column, across in enumerate(("bytes", "seconds")):
-                known = sorted((x, y) for v in levels if (x := v[across]) is not None and (y := v[up]) is not None)
+                known = [(x, y) for v in levels if (x := v[across]) is not None and (y := v[up]) is not None]
                 scale = 1000.0 if across == "bytes" else 1.0
                 panels[row, column].plot([x / scale for x, _ in known], [y for _, y in known], "o-", label=tool)
     for panel in panels.flat:
