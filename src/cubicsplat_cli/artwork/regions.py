@@ -18,7 +18,7 @@ CANDIDATES = 4
 MOST_PALETTE = 64  # inks, beyond which a picture has gradients and textures rather than lines in more inks
 CHUNK = 4096  # colours at a time
 # A region below SPECK px must have a pixel that is its ink by MOSTLY.
-SPECK, MOSTLY = 9, 0.8
+SPECK, MOSTLY = 9, 0.9
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.regions import Regions
 
 # Levels: a pixel that its two inks explain worse than this, and a seam between them better than that, is a seam.
 ODD, SEEN = 6.0, 4.0
+RUN = 9  # px
 STEPS = 32  # of the share
 MOST_ODD = 20_000  # pixels, beyond which a picture is no clean drawing
 MOST_GROUNDS = 8  # inks, beside none at all, that may shine through: the commonest
@@ -25,17 +26,46 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     y, x, other = _odd(levels, regions)
     if not 0 < len(y) <= MOST_ODD:
         return levels
-    grounds = _grounds(regions)
+    nothing, inks = np.zeros((1, 4)), _common_inks(regions)
+    clear = _shares(levels, regions, (y, x), other, nothing)
+    share = np.where(np.isnan(clear), _along_runs(_shares(levels, regions, (y, x), other, inks)), clear)[y, x]
+    seam = ~np.isnan(share)
+    y, x, other, share = y[seam], x[seam], other[seam], share[seam]
     healed = levels.copy()
+    own, beside = regions.inks[regions.labels[y, x]], regions.inks[other]
+    healed[y, x] = own + (beside - own) * share[:, None]
+    return healed
+
+
+def _shares(
+    levels: np.ndarray,
+    regions: Regions,
+    place: tuple[np.ndarray, np.ndarray],
+    other: np.ndarray,
+    grounds: np.ndarray,
+) -> np.ndarray:
+    """(H, W) the share of the other ink in pixels that are seams over one of the grounds, NaN elsewhere."""
+    out = np.full(regions.labels.shape, np.nan)
+    y, x = place
     for start in range(0, len(y), CHUNK):
         part = slice(start, start + CHUNK)
         rows, columns = y[part], x[part]
         own, beside = regions.inks[regions.labels[rows, columns]], regions.inks[other[part]]
         share, rest = _best_share(levels[rows, columns], own, beside, grounds)
-        seam = rest <= SEEN
-        blend = own + (beside - own) * share[:, None]
-        healed[rows[seam], columns[seam]] = blend[seam]
-    return healed
+        out[rows, columns] = np.where(rest <= SEEN, share, np.nan)
+    return out
+
+
+def _along_runs(shares: np.ndarray) -> np.ndarray:
+    """The shares (H, W) that are the same along a level or upright run of RUN px: another ink than those two explains
+    single pixels in many ways.
+    """
+    known = np.nan_to_num(shares, nan=-9.0)
+    even = np.zeros(shares.shape, dtype=bool)
+    for axis in (0, 1):
+        spread = ndimage.maximum_filter1d(known, RUN, axis) - ndimage.minimum_filter1d(known, RUN, axis)
+        even |= ndimage.maximum_filter1d((spread <= 1.5 / STEPS) & (known >= 0.0), RUN, axis)
+    return np.where(even, shares, np.nan)
 
 
 def _odd(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -55,12 +85,11 @@ def _odd(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray, 
     return y[odd], x[odd], other[odd]
 
 
-def _grounds(regions: Regions) -> np.ndarray:
-    """(k, 4) what may shine through: nothing, and the commonest inks."""
+def _common_inks(regions: Regions) -> np.ndarray:
+    """(k, 4) the commonest inks."""
     inks, index = np.unique(regions.inks, axis=0, return_inverse=True)
     areas = np.bincount(index.reshape(-1), regions.areas(), len(inks))
-    common = inks[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
-    return np.vstack([np.zeros((1, 4)), common])
+    return inks[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
 
 
 def _best_share(
