@@ -1,12 +1,18 @@
-"""The non-crossing penalty of LIVE, an optional regulariser (an ablation: it costs quality, see docs/ablations.md)."""
+"""Optional regularisers: the non-crossing penalty of LIVE (an ablation: it costs quality, see docs/ablations.md), and
+one on thorns, joins at which an outline turns back on itself, which show when a file is enlarged.
+"""
 
 from __future__ import annotations
+
+import math
 
 import torch
 from torch import Tensor
 
 from cubicsplat_cli.bezier import segment_points
 from cubicsplat_cli.settings import Mode
+
+THORN_TURN = math.radians(140.0)  # less than what is called a thorn, 150 degrees, so that those end below
 
 
 def crossing_penalty(points: Tensor, mode: Mode) -> Tensor:
@@ -28,6 +34,22 @@ def crossing_gradient(points: Tensor, mode: Mode, weight: float) -> Tensor:
     """Gradient of weight * crossing_penalty with respect to the points, (N, K, 2)."""
     leaf = points.detach().clone().requires_grad_()
     (gradient,) = torch.autograd.grad(weight * crossing_penalty(leaf, mode), leaf)
+    return gradient.contiguous()
+
+
+def thorn_gradient(points: Tensor, mode: Mode, weight: float) -> Tensor:
+    """Gradient (N, K, 2) of weight times the sum over all joins of relu(c - cos t), t the turn from the handle before
+    the join to the one after it, c the cosine of `THORN_TURN`.
+    """
+    leaf = points.detach().clone().requires_grad_()
+    if mode is Mode.CLOSED:
+        joins, before, after = leaf[:, ::3], leaf.roll(1, 1)[:, ::3], leaf[:, 1::3]
+    else:
+        joins, before, after = leaf[:, 3:-1:3], leaf[:, 2:-2:3], leaf[:, 4::3]
+    arriving, leaving = joins - before, after - joins
+    lengths = (arriving.norm(dim=-1) * leaving.norm(dim=-1)).clamp(min=1e-3)
+    penalty = (math.cos(THORN_TURN) - (arriving * leaving).sum(-1) / lengths).relu().sum()
+    (gradient,) = torch.autograd.grad(weight * penalty, leaf)
     return gradient.contiguous()
 
 

@@ -26,8 +26,11 @@ def parameters_of(scene: Scene, settings: FitSettings, width: int, height: int) 
     if scene.mode is not settings.mode:
         what = "filled shapes" if scene.mode.value == "closed" else "strokes"
         raise InputError(f"the drawing to begin with has {what}; use --mode {scene.mode.value}")
-    if scene.ring_ends is not None and settings.recipe.geometric_reg > 0.0:
-        raise UsageError("cannot judge the drawing to begin with, whose curves differ in length", "geometric_reg")
+    if scene.ring_ends is not None and max(settings.recipe.geometric_reg, settings.recipe.thorn_reg) > 0.0:
+        raise UsageError(
+            "cannot judge the drawing to begin with, whose curves differ in length",
+            "thorn_reg" if settings.recipe.thorn_reg > 0.0 else "geometric_reg",
+        )
     sized = scaled_scene(scene, width, height)
     colours = sized.colours.clamp(1e-3 * COLOUR_MARGIN, 1.0 - 1e-3 * COLOUR_MARGIN)
     return Parameters(

@@ -16,7 +16,7 @@ from cubicsplat_cli.errors import DeviceError, EngineError, InputError
 from cubicsplat_cli.film import Film
 from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.capacity import gini, in_front, reallocate, seeded
-from cubicsplat_cli.photo.geometric import crossing_gradient
+from cubicsplat_cli.photo.geometric import crossing_gradient, thorn_gradient
 from cubicsplat_cli.photo.guide import UNGUIDED, Guide, spread_of
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
 from cubicsplat_cli.photo.objective import Objective
@@ -39,6 +39,7 @@ LOOK_EVERY = 16  # steps between two looks for values that are not finite on a G
 FLATNESS = 0.5  # px, of de Casteljau subdivision
 AFTER_STEPS = 3  # what comes after the last step takes about as long as so many
 FINISH_TOLERANCE = 0.1  # px: cairo's own, so that the file is drawn no finer than it was fitted
+THORNS_FROM = 0.5  # of the fit: earlier they are on their way to something
 CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
 
 
@@ -329,7 +330,7 @@ class Trainer:
         due = self.schedule.take_reallocation(progress)
         before = self.parameters.copy() if phase.exact else None
         training = self.training
-        training.rates, training.points_gradient = self._rates(phase), self._regulariser()
+        training.rates, training.points_gradient = self._rates(phase), self._regulariser(progress)
         training.image, training.importance = (self.image, self.importance) if due else (None, None)
         if not self.objective.squared:
             training.image = self.image
@@ -391,11 +392,16 @@ class Trainer:
             epsilon=recipe.epsilon,
         )
 
-    def _regulariser(self) -> Tensor | None:
-        if self.recipe.geometric_reg == 0.0:
-            return None
-        weight = self.recipe.geometric_reg * self.width * self.height
-        return crossing_gradient(self.parameters.points, self.settings.mode, weight)
+    def _regulariser(self, progress: float) -> Tensor | None:
+        """The gradient of what the recipe penalises beside the picture's error."""
+        recipe, points, mode = self.recipe, self.parameters.points, self.settings.mode
+        found = None
+        if recipe.geometric_reg > 0.0:
+            found = crossing_gradient(points, mode, recipe.geometric_reg * self.width * self.height)
+        if recipe.thorn_reg > 0.0 and progress > THORNS_FROM:
+            blunting = thorn_gradient(points, mode, recipe.thorn_reg)
+            found = blunting if found is None else found + blunting
+        return found
 
     def _reallocate(self, progress: float) -> None:
         self.inequality = gini(self.importance.cpu())

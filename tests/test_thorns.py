@@ -1,0 +1,47 @@
+"""The penalty on joins that turn back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from test_fit import settings
+
+from cubicsplat_cli.photo import fit
+from cubicsplat_cli.photo.geometric import thorn_gradient
+from cubicsplat_cli.settings import Mode
+
+
+def thorns(points: torch.Tensor) -> int:
+    """Joins of rings (N, K, 2) that turn by more than 150 degrees."""
+    arriving, leaving = points[:, ::3] - points.roll(1, 1)[:, ::3], points[:, 1::3] - points[:, ::3]
+    cosine = (arriving * leaving).sum(-1) / (arriving.norm(dim=-1) * leaving.norm(dim=-1)).clamp(min=1e-9)
+    return int((cosine < math.cos(math.radians(150))).sum())
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(mode):
+    along = torch.arange(6 if mode is Mode.CLOSED else 7).float()
+    points = torch.stack((along, along * (6 - along)), -1)[None]
+    points[0, 4] = points[0, 2] + torch.tensor([0.1, 0.2])  # back where it came from, at the join 3
+    gradient = thorn_gradient(points, mode, 2.0)
+    moved = set(gradient[0].abs().sum(-1).nonzero().flatten().tolist())
+    assert {2, 3, 4} <= moved
+    if mode is Mode.OPEN:
+        assert moved == {2, 3, 4}
+
+    def cosine(p):
+        u, v = p[0, 3] - p[0, 2], p[0, 4] - p[0, 3]
+        return float((u @ v) / (u.norm() * v.norm()))
+
+    assert cosine(points - 0.01 * gradient) > cosine(points)
+    assert not thorn_gradient(torch.zeros(1, 6, 2), Mode.CLOSED, 1.0).isnan().any()
+
+
+def test_a_fit_with_the_penalty_has_fewer_thorns():
+    small = np.random.default_rng(5).random((14, 20, 3), np.float32)
+    target = small.repeat(4, 0).repeat(4, 1)
+    plain, smooth = (fit(target, settings(curves=60, steps=150, thorn_reg=w)).scene for w in (0.0, 20.0))
+    assert thorns(smooth.points) < 0.7 * thorns(plain.points)
