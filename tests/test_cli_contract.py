@@ -47,12 +47,6 @@ def test_version():
     assert cubicsplat_cli.__version__ == __version__
 
 
-def test_without_a_command_help_is_shown(run_cli):
-    done = run_cli()
-    assert done.returncode == 2
-    assert b"vectorize" in done.stdout + done.stderr
-
-
 @pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
     done = run_cli(command, "--help")
