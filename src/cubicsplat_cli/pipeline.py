@@ -91,7 +91,7 @@ class Made:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """One picture and what is asked for. target: what is fitted, the picture or a smaller copy."""
+    """One picture, over the ground asked for, and what is asked of it. target: what is fitted, it or a smaller copy."""
 
     picture: Picture
     target: Picture
@@ -149,7 +149,7 @@ def vectorize_picture(
     with stages("read"):
         wanted = laid_over(picture, request.settings.background_colour)
         target = wanted if request.max_size is None else resize_picture(wanted, request.max_size)
-    task = _Task(picture, target, request, stages, on_progress, film, title or picture.source)
+    task = _Task(wanted, target, request, stages, on_progress, film, title or picture.source)
     with stages("fit"):
         style, made = _styled(task)
         if film is not None and made.scene is not None and (style.name == ARTWORK or made.paths == 0):
