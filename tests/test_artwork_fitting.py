@@ -19,6 +19,7 @@ from cubicsplat_cli.artwork.outlines import (
     polygon,
     signed_area,
 )
+from cubicsplat_cli.artwork.primitives import fit_primitive
 from cubicsplat_cli.errors import InputError
 
 NOISE = 0.02
@@ -80,6 +81,14 @@ def test_a_primitive_is_found_as_such(truth: Outline) -> None:
     assert type(fit) is type(truth)
     assert fit.parameters == truth.parameters
     assert deviation(fit, truth) < 0.05
+
+
+def test_a_square_of_nothing_but_round_corners_is_a_circle() -> None:
+    """However surely its straight parts of a quarter of a pixel can be told: it looks like a circle."""
+    points = sampled(Rectangle(14.0, 15.0, 483.46, 483.38, 241.59, 0.77))
+    found = fit_primitive(points, np.full(len(points), NOISE**-2), 4.0)
+    assert found is not None
+    assert isinstance(found[0], Circle | Ellipse)
 
 
 @pytest.mark.parametrize("clockwise", [True, False])

@@ -18,6 +18,7 @@ FEW = 120  # points suffice for the first fit
 LEAST_FULLNESS = 11.7
 MOST_HIDDEN = 0.03  # share of the loop's length above which its area tells nothing
 SHARP_REACH, SHARP_SIGMA = 1.5, 0.3  # px from a sharp corner in which points are biased, and by how much
+LEAST_SIDE = 0.25  # px; half the straight part of a rounded rectangle's longer side, below which it is a circle
 MOST_BACK = 0.25  # share of the way around a primitive's middle that a loop may run against its own sense
 
 Signed = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -116,6 +117,8 @@ def _box(start: list[float], rest: tuple[float, float], free: str) -> _Candidate
     def outline(v: np.ndarray) -> Outline | None:
         x, y, a, b, radius, angle = map(float, full(v))
         if min(a, b) <= 0.25 or not 0.0 <= radius <= 1.02 * min(a, b) or ("r" in free and radius < 0.5):
+            return None
+        if max(a, b) - radius < LEAST_SIDE:  # nothing but round corners: a circle has half the parameters
             return None
         return Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, min(radius, a, b), angle)
 
