@@ -56,3 +56,11 @@ def logo(tmp_path: Path) -> Path:
     path = tmp_path / "logo.png"
     Image.fromarray(smooth_pixels(32, 32, alpha=True)).save(path)
     return path
+
+
+@pytest.fixture
+def noisy_file(noisy: np.ndarray, tmp_path: Path) -> Path:
+    """The picture that a test file calls noisy, as a file."""
+    path = tmp_path / "noisy.png"
+    Image.fromarray(noisy).save(path)
+    return path

@@ -7,7 +7,6 @@ import gzip
 import numpy as np
 import pytest
 from cli_runs import strict_json
-from PIL import Image
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.amounts import parse_bytes, with_segments
@@ -26,13 +25,6 @@ def noisy() -> np.ndarray:
     """More detail than some kilobytes can show."""
     small = np.random.default_rng(5).integers(0, 256, (14, 20, 3), np.uint8)
     return small.repeat(4, 0).repeat(4, 1)
-
-
-@pytest.fixture
-def noisy_file(noisy, tmp_path):
-    path = tmp_path / "noisy.png"
-    Image.fromarray(noisy).save(path)
-    return path
 
 
 @pytest.mark.parametrize("most", [2500, 9000])

@@ -36,13 +36,6 @@ def noisy() -> np.ndarray:
     return small.repeat(4, 0).repeat(4, 1)
 
 
-@pytest.fixture
-def noisy_file(noisy, tmp_path):
-    path = tmp_path / "noisy.png"
-    Image.fromarray(noisy).save(path)
-    return path
-
-
 def left_psnr(result, picture: np.ndarray) -> float:
     return compare(as_picture(picture[:, :20]), result.pixels[:, :20, :3].copy()).psnr_db
 
