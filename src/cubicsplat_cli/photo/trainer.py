@@ -194,9 +194,7 @@ class Trainer:
         if not self.objective.pixelwise:
             self.training.image_gradient = torch.empty_like(self.image)
         self.best = Best()
-        self.saved: tuple[int, Parameters] | None = (
-            None  # of a GPU's fit, what the host has: the step and the parameters
-        )
+        self.saved: tuple[int, Parameters] | None = None  # what the host has of a GPU's fit, and of which step
         self.started = self.reported = time.perf_counter()
 
     def _discs(self, weights: Tensor | None) -> Parameters:
@@ -284,6 +282,7 @@ class Trainer:
         self.generator, self.schedule, self.step = begun.generator, begun.schedule, begun.step
         self.history, self.replaced, self.inequality = begun.history, begun.replaced, begun.inequality
         self.started, self.reported = begun.started, begun.reported
+        self._save()
         begun.engine.close()
 
     def _advance_to(self, progress: float) -> None:
@@ -296,6 +295,11 @@ class Trainer:
         except DeviceError as error:
             self._rescue(error)
             self.stopped = True
+
+    def _save(self) -> None:
+        """Copies a GPU's parameters to the host, for when it fails. Waits for it."""
+        if self.engine.name == "cuda":
+            self.saved = (self.step, self.parameters.copy().to("cpu"))
 
     def _rescue(self, error: DeviceError) -> None:
         """After a GPU's failure: the last parameters that the host has, on the CPU; `error` where it has none."""
@@ -500,8 +504,7 @@ class Trainer:
             level, seconds = round(self._level(loss), 3), round(now - self.started, 3)
             entry = {"step": self.step, "psnr_db": level, "seconds": seconds, "replaced": self.replaced}
             self.history.append(entry if self.inequality is None else {**entry, "gini": round(self.inequality, 4)})
-            if self.engine.name == "cuda":  # which has just been waited for
-                self.saved = (self.step, self.parameters.copy().to("cpu"))
+            self._save()  # the engine has just been waited for
         if self.on_progress and (now - self.reported >= REPORT_SECONDS or progress >= 1.0):
             self.reported = now
             elapsed = now - self.started
