@@ -231,7 +231,7 @@ def _within(
     fit_from: Callable[[FitSettings, Scene | None], FitResult],
 ) -> Within:  # fmt: skip
     """One fit, or those that meet the budget that was asked for."""
-    from cubicsplat_cli.photo.worth import worth_of
+    from cubicsplat_cli.raster.worth import worth_of
 
     request, threads = task.request, settings.threads
     precision = PHOTO_PRECISION if request.precision is None else request.precision
@@ -248,7 +248,7 @@ def _within(
         fit_from,
         lambda scene, decimals: len(packed(task.text(scene, decimals), compressed=request.compress)),
         level,
-        lambda scene: worth_of(scene, target.target(), weights, settings.finish_samples, threads),
+        lambda scene: worth_of(scene, target.target(), weights, settings.finish_samples, threads)[1],
     )
     if request.max_bytes is not None:
         spare = SPARE_COMPRESSED if request.compress else SPARE

@@ -6,16 +6,11 @@ import math
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-import numpy as np
-import torch
-
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.draw import scene_tensors
-from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.raster.worth import worth_of
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg import read_svg
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
@@ -72,15 +67,9 @@ def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | Non
     reference = measurable(picture)
     sized = scaled_scene(scene, reference.width, reference.height)
     target = reference.premultiplied() if sized.background is None else reference.premultiplied()[..., :3]
-    engine = CpuEngine(threads)
-    try:
-        goal = torch.from_numpy(np.ascontiguousarray(target))
-        settings = RasterSettings("exact", 1.0, _SAMPLES)
-        loss, out = engine.gradients(scene_tensors(sized), settings, target=goal, importance="loo")
-    finally:
-        engine.close()
+    loss, values = worth_of(sized, target, None, _SAMPLES, threads)
     worth = dict.fromkeys(names[::-1], 0.0)
-    for name, value in zip(names, out["importance"].tolist(), strict=True):
+    for name, value in zip(names, values.tolist(), strict=True):
         worth[name] += value
     # A picture without any error has no PSNR; half a step of 8 bits at one pixel is the least error that counts.
     floor = max(loss, (0.5 / 255.0) ** 2)

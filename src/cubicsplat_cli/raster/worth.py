@@ -14,18 +14,19 @@ from cubicsplat_cli.scene import Scene
 
 def worth_of(
     scene: Scene, target: np.ndarray, weights: np.ndarray | None, samples: int, threads: int | None = None
-) -> Tensor:
-    """(N,): how much the squared error of the exact picture against a target (H, W, C) of the scene's size would rise
-    without each curve. weights (H, W): of the pixels. samples: edges per cubic.
+) -> tuple[float, Tensor]:
+    """The squared error of the exact picture against a target (H, W, C) of the scene's size, and (N,) how much it would
+    rise without each curve. weights (H, W): of the pixels. samples: edges per cubic.
     """
     goal = np.ascontiguousarray(target, dtype=np.float32)
     if scene.background is None and goal.shape[2] == 3:
         goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
     engine = CpuEngine(threads)
     try:
-        return engine.gradients(
+        loss, found = engine.gradients(
             scene_tensors(scene), RasterSettings("exact", 1.0, samples), target=torch.from_numpy(goal),
             importance="loo", weights=None if weights is None else torch.from_numpy(np.ascontiguousarray(weights)),
-        )[1]["importance"]  # fmt: skip
+        )  # fmt: skip
+        return loss, found["importance"]
     finally:
         engine.close()
