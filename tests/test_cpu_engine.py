@@ -62,6 +62,15 @@ def test_subdivision_draws_the_same_curves_with_the_same_gradients(mode):
         assert outliers(got[name], want[name], 0.02 * float(want[name].abs().max())) <= 0.05, name
 
 
+def test_a_closed_engine_says_so():
+    engine = CpuEngine(1)
+    engine.close()
+    engine.close()
+    scene = packed(random_scene(Mode.CLOSED, 3, 2, 20, 20, 1, background=PAPER))
+    with pytest.raises(EngineError, match="is closed"):
+        engine.render(scene, RasterSettings("relaxed", 1.0, 8))
+
+
 def test_an_unknown_instruction_set_is_refused():
     with pytest.raises(EngineError, match="instruction set mmx"):
         CpuEngine(1, "mmx")

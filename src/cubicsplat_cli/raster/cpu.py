@@ -153,6 +153,12 @@ class CpuEngine(Engine):
     def __del__(self) -> None:
         self.close()
 
+    def _opened(self) -> int:
+        """The native engine. Raises EngineError where it is closed: the library would read freed memory."""
+        if not self._handle:
+            raise EngineError("the engine is closed; open another one")
+        return int(self._handle)
+
     def describe(self) -> dict[str, object]:
         return {"name": self.name, "isa": self.isa, "threads": self.threads}
 
@@ -207,20 +213,20 @@ class CpuEngine(Engine):
 
     def _check(self, status: int) -> None:
         if status:
-            raise EngineError(f"{self._failed}: {self._library.cs_error(self._handle).decode()}")
+            raise EngineError(f"{self._failed}: {self._library.cs_error(self._opened()).decode()}")
 
     def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:
         image = torch.empty(scene.height, scene.width, scene.channels)
         images, _ = self._images(scene, image=image)
         s, t = self._scene(scene), self._settings(settings, None)
-        self._check(self._library.cs_render(self._handle, s, t, images))
+        self._check(self._library.cs_render(self._opened(), s, t, images))
         return image
 
     def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
         images, loss = self._images(scene, target=wanted.target, weights=wanted.weights, gradient=wanted.gradient)
         s, t = self._scene(scene), self._settings(settings, wanted.importance, wanted.penalty)
         g = self._pointers(scene, wanted.out)
-        self._check(self._library.cs_gradients(self._handle, s, t, images, g))
+        self._check(self._library.cs_gradients(self._opened(), s, t, images, g))
         return loss.value
 
     def step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float:
@@ -242,16 +248,16 @@ class CpuEngine(Engine):
             rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep,
             rates.epsilon,
         )  # fmt: skip
-        self._check(self._library.cs_step(self._handle, s, t, images, g, update))
+        self._check(self._library.cs_step(self._opened(), s, t, images, g, update))
         return loss.value
 
     def timings(self) -> dict[str, float]:
         seconds = (c_double * 4)()
-        self._library.cs_timings(self._handle, seconds)
+        self._library.cs_timings(self._opened(), seconds)
         return dict(zip(("flatten", "bin", "raster", "update"), seconds, strict=True))
 
     def counts(self) -> dict[str, int]:
         """Pairs by class, and the edges listed for the boundary pairs."""
         counts = (c_int64 * 4)()
-        self._library.cs_counts(self._handle, counts)
+        self._library.cs_counts(self._opened(), counts)
         return dict(zip(("outside", "inside", "boundary", "edges"), counts, strict=True))
