@@ -15,7 +15,9 @@ from cubicsplat_cli.bench import tools
 from cubicsplat_cli.bench.artwork.counts import count, minified
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.edges import edge_displacement
+from cubicsplat_cli.bench.artwork.figures import Truth
 from cubicsplat_cli.bench.artwork.inks import exact_inks
+from cubicsplat_cli.bench.artwork.inputs import CLEAN, INPUTS, OPAQUE, input_of, with_ground
 from cubicsplat_cli.bench.artwork.seams import opaque_inside, seam_areas
 from cubicsplat_cli.bench.artwork.wireframe import wireframe
 from cubicsplat_cli.cli.app import app
@@ -235,3 +237,37 @@ def test_the_wireframe_shows_anchors_where_the_transform_puts_them():
     assert red[12, 34]
     assert red[32, 34]
     assert not red[20:28, 4:12].any()
+
+
+# --- inputs ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", list(INPUTS))
+def test_every_input_is_a_worse_picture_of_the_drawing(kind):
+    clean, found = document(BOX), document(BOX)
+    with_ground(found, kind)
+    pixels = input_of(found, kind)
+    assert pixels.shape == clean.draw().shape
+    assert pixels.dtype == np.uint8
+    level = psnr(found.draw(), pixels)
+    assert level == MOST_DB if kind in (CLEAN, "palette") else 20.0 < level < 45.0
+    assert (pixels[..., 3].min() == 255) == (kind in OPAQUE)
+    assert np.array_equal(pixels, input_of(found, kind))
+
+
+def test_the_truth_lies_over_white_where_the_input_does():
+    found = Truth(svg(BOX), "x", 64, "jpeg")
+    assert found.drawn[1][0, 0].tolist() == [255, 255, 255, 255]
+    assert found.counts.shapes == 1
+    assert Truth(svg(BOX), "x", 64).drawn[1][0, 0, 3] == 0
+
+
+def test_the_kind_of_input_is_checked_and_told(folder, tmp_path):
+    assert isinstance(run(folder, "--tools", "exact", "--input", "fax").exception, UsageError)
+    sheet = tmp_path / "s.png"
+    done = run(folder, "--tools", "exact", "--input", "jpeg", "--size", 64, "--limit", 1, "--json", "--sheet", sheet)
+    report = json.loads(done.stdout)
+    assert report["input"] == "jpeg"
+    # The tool knows nothing of the ground.
+    assert report["runs"][0]["delta_e"] > 10.0
+    assert sheet.stat().st_size > 0

@@ -35,6 +35,10 @@ def artwork(
         str, typer.Option("--tools", metavar="TOOL,...", help="Of ours, photo, vtracer, potrace and diffvg.")
     ] = "ours",
     size: Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")] = 512,
+    kind: Annotated[
+        str,
+        typer.Option("--input", metavar="KIND", help="clean, jpeg, blurred, enlarged, noisy or palette."),
+    ] = "clean",
     only: Annotated[
         str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")
     ] = None,
@@ -59,24 +63,31 @@ def artwork(
     check_limit(limit)
     check_csv(csv)
     check_sheet(sheet)
+    from cubicsplat_cli.bench.artwork.inputs import check_input
     from cubicsplat_cli.bench.artwork.runs import drawings_in, run_all
     from cubicsplat_cli.bench.artwork.tables import artwork_report, artwork_tables
     from cubicsplat_cli.bench.tools import chosen_tools
     from cubicsplat_cli.report import to_json
 
+    check_input(kind)
     chosen = chosen_tools(parts_of(tools))
     paths = drawings_in(folder, only, skip, limit)
-    runs = run_all(paths, chosen, size, Reporter(quiet=quiet).summary)
+    runs = run_all(paths, chosen, size, Reporter(quiet=quiet).summary, kind)
     if not runs.done:
         raise InputError(f"no drawing could be measured: {runs.failed[0][0]}: {runs.failed[0][2]}")
     names = list(chosen)
-    report = to_json(artwork_report(runs, names, size)) if json else artwork_tables(runs, names, markdown=markdown)
+    report = (
+        to_json(artwork_report(runs, names, size, kind)) if json else artwork_tables(runs, names, markdown=markdown)
+    )
     typer.echo(report, nl=False)
-    _write(runs, paths, size, csv, keep, sheet)
+    _write(runs, paths, (size, kind), csv, keep, sheet)
     end_with(runs.failed)
 
 
-def _write(runs: Runs, paths: list[Path], size: int, csv: Path | None, keep: Path | None, sheet: Path | None) -> None:
+def _write(
+    runs: Runs, paths: list[Path], drawn: tuple[int, str], csv: Path | None, keep: Path | None, sheet: Path | None
+) -> None:
+    """drawn: size and kind of the input."""
     from dataclasses import asdict
 
     from cubicsplat_cli.files.atomic import write_atomically
@@ -89,4 +100,4 @@ def _write(runs: Runs, paths: list[Path], size: int, csv: Path | None, keep: Pat
     if sheet is not None:
         from cubicsplat_cli.bench.artwork.sheet import sheet_png
 
-        write_atomically(sheet, sheet_png(runs.done, {path.stem: path for path in paths}, size))
+        write_atomically(sheet, sheet_png(runs.done, {path.stem: path for path in paths}, *drawn))

@@ -11,6 +11,7 @@ from cubicsplat_cli.bench.artwork.counts import Counts, count
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.edges import edge_displacement
 from cubicsplat_cli.bench.artwork.inks import exact_inks
+from cubicsplat_cli.bench.artwork.inputs import CLEAN, input_of, with_ground
 from cubicsplat_cli.bench.artwork.seams import Opaque, opaque_inside, seam_areas
 from cubicsplat_cli.bench.tools import Tool
 from cubicsplat_cli.evaluate.colour import mean_delta_e, psnr
@@ -50,13 +51,17 @@ class Figures:
 
 
 class Truth:
-    """A drawing as its artist made it, and its pictures."""
+    """A drawing as its artist made it, its pictures, and what tools get of it."""
 
-    def __init__(self, data: bytes, name: str, size: int) -> None:
-        """size: px of the longer side of the input. Raises InputError for what cannot be drawn or counted."""
+    def __init__(self, data: bytes, name: str, size: int, kind: str = CLEAN) -> None:
+        """size: px of the longer side of the input; kind: of `inputs`. Raises InputError for what cannot be drawn or
+        counted.
+        """
         self.name = name
         self.document = Document(data, name, size)
         self.counts: Counts = count(self.document)
+        with_ground(self.document, kind)
+        self.input: np.ndarray = input_of(self.document, kind)
         self.drawn: dict[int, np.ndarray] = {scale: self.document.draw(scale) for scale in (1, 2, 4)}
         self.opaque: Opaque = opaque_inside(self.document)
 
@@ -73,7 +78,7 @@ class Drawn:
 def run_tool(tool: Tool, truth: Truth) -> Drawn:
     """Vectorizes the input of `truth`; raises whatever the tool raises."""
     wall, cpu = time.perf_counter(), time.process_time()
-    svg = tool(truth.drawn[1])
+    svg = tool(truth.input)
     return Drawn(svg, time.perf_counter() - wall, time.process_time() - cpu)
 
 

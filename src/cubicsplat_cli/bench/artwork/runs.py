@@ -8,6 +8,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from cubicsplat_cli.bench.artwork.figures import Figures, Truth, measure, run_tool
+from cubicsplat_cli.bench.artwork.inputs import CLEAN
 from cubicsplat_cli.bench.tools import Tool
 from cubicsplat_cli.errors import CubicSplatError, InputError
 from cubicsplat_cli.words import one_line
@@ -45,12 +46,14 @@ def _matches(path: Path, patterns: str) -> bool:
     return any(fnmatch(path.stem, pattern.strip()) for pattern in patterns.split(","))
 
 
-def run_all(paths: Sequence[Path], tools: Mapping[str, Tool], size: int, tell: Callable[[str], None]) -> Runs:
-    """Every drawing by every tool. size: px of the input's longer side. tell: gets a line for each."""
+def run_all(
+    paths: Sequence[Path], tools: Mapping[str, Tool], size: int, tell: Callable[[str], None], kind: str = CLEAN
+) -> Runs:
+    """Every drawing by every tool. size: px of the input's longer side; kind: of `inputs`; tell: gets a line each."""
     runs = Runs()
     for path in paths:
         try:
-            truth = Truth(path.read_bytes(), path.stem, size)
+            truth = Truth(path.read_bytes(), path.stem, size, kind)
         except (CubicSplatError, OSError) as error:
             runs.failed.append((path.stem, "", one_line(error)))
             tell(f"{path.stem}: failed: {one_line(error)}")

@@ -10,6 +10,7 @@ from PIL import Image
 
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.figures import Figures
+from cubicsplat_cli.bench.artwork.inputs import CLEAN, input_of, with_ground
 from cubicsplat_cli.bench.artwork.wireframe import wireframe
 from cubicsplat_cli.bench.cells import labelled_row, stacked
 from cubicsplat_cli.evaluate.colour import WHITE, over
@@ -19,17 +20,18 @@ _ENLARGED = 4
 _PALE = 0.3  # how much of the picture shows under its outlines
 
 
-def sheet_png(runs: Sequence[tuple[Figures, bytes]], paths: Mapping[str, Path], size: int) -> bytes:
+def sheet_png(runs: Sequence[tuple[Figures, bytes]], paths: Mapping[str, Path], size: int, kind: str = CLEAN) -> bytes:
     """PNG bytes, a row per drawing and tool: input | SVG at 4x | truth at 4x | outlines, all over white.
 
-    runs: figures and SVG. paths: the truth by its name. size: longer side of the input.
+    runs: figures and SVG. paths: the truth by its name. size: longer side of the input; kind: of `inputs`.
     """
-    return stacked([_row(figures, svg, paths[figures.picture], size) for figures, svg in runs])
+    return stacked([_row(figures, svg, paths[figures.picture], size, kind) for figures, svg in runs])
 
 
-def _row(figures: Figures, svg: bytes, path: Path, size: int) -> Image.Image:
+def _row(figures: Figures, svg: bytes, path: Path, size: int, kind: str) -> Image.Image:
     truth, made = (Document(data, figures.picture, size) for data in (path.read_bytes(), svg))
-    cells = [_cell(truth.draw(1)), _cell(made.draw(_ENLARGED)), _cell(truth.draw(_ENLARGED)), _outlines(made)]
+    with_ground(truth, kind)
+    cells = [_cell(input_of(truth, kind)), _cell(made.draw(_ENLARGED)), _cell(truth.draw(_ENLARGED)), _outlines(made)]
     labels = (
         f"{figures.picture}: input, {truth.width} x {truth.height}",
         f"{figures.tool}: dE00 {figures.delta_e:.3f}, {figures.psnr_1x_db:.1f} / {figures.psnr_4x_db:.1f} dB, "

@@ -45,12 +45,13 @@ def summary(figures: Sequence[Figures]) -> dict[str, dict[str, float | None]]:
     return found
 
 
-def artwork_report(runs: Runs, tools: Sequence[str], size: int) -> dict[str, Any]:
+def artwork_report(runs: Runs, tools: Sequence[str], size: int, kind: str) -> dict[str, Any]:
     """The JSON of `bench artwork`."""
     return {
         **head(),
         "bench": "artwork",
         "size": size,
+        "input": kind,
         "summary": {tool: summary(runs.of(tool)) for tool in tools},
         "runs": [asdict(figures) for figures, _ in runs.done],
         "failed": [{"drawing": drawing, "tool": tool, "error": error} for drawing, tool, error in runs.failed],
