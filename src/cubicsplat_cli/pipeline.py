@@ -16,7 +16,7 @@ import numpy as np
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.plain import only_ink, plain_drawing
-from cubicsplat_cli.artwork.shapes import Drawing, Ink
+from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
 from cubicsplat_cli.budget import SPARE, SPARE_COMPRESSED, Means, Within, within_bytes, within_level
 from cubicsplat_cli.errors import UsageError
@@ -31,6 +31,7 @@ from cubicsplat_cli.files.names import is_compressed_name
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.files.weights import pixel_weights
 from cubicsplat_cli.film import Film
+from cubicsplat_cli.paint import Ink
 from cubicsplat_cli.progress import Progress, Stages, nothing
 from cubicsplat_cli.report import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
 from cubicsplat_cli.request import PHOTO_PRECISION, Request

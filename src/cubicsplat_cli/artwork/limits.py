@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.regions import Regions, find_regions
-from cubicsplat_cli.artwork.shapes import Drawing, scaled_outline
+from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 
 # A drawing loses nothing visible with this many px; outlines are as exact as ever, in px of the copy.
 MOST_PIXELS = 2_000_000
@@ -59,8 +58,5 @@ def enlarged(drawing: Drawing, factor: int, width: int, height: int) -> Drawing:
     """The drawing of a reduced picture in px of the picture, of width x height px."""
     if factor == 1:
         return drawing
-    shapes = tuple(
-        replace(shape, outlines=tuple(scaled_outline(outline, factor, factor) for outline in shape.outlines))
-        for shape in drawing.shapes
-    )
-    return Drawing(width, height, shapes)
+    whole = scaled_drawing(drawing, drawing.width * factor, drawing.height * factor)
+    return Drawing(width, height, whole.shapes)

@@ -1,4 +1,4 @@
-"""A drawing: opaque (or evenly translucent) shapes, back to front."""
+"""A drawing: shapes in an ink, opaque or evenly translucent, or in a gradient, back to front."""
 
 from __future__ import annotations
 
@@ -7,22 +7,24 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.outlines import Outline, Ring, reversed_ring, signed_area
+from cubicsplat_cli.paint import Gradient, Ink
 
-Ink = tuple[int, int, int, int]
 _ALIKE = 1e-3
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape in one ink.
+    """One shape in one ink, or in a gradient.
 
-    ink: sRGB and opacity, 8 bits each, not premultiplied. outlines: first the outer one, then its holes, which may run
-    either way: whoever draws them turns them round (`oriented`). name: what an editor's list of layers shows.
+    ink: sRGB and opacity, 8 bits each, not premultiplied; of a gradient about its mean. outlines: first the outer one,
+    then its holes, which may run either way: whoever draws them turns them round (`oriented`). name: what an editor's
+    list of layers shows. gradient: in px of the drawing, or None.
     """
 
     ink: Ink
     outlines: tuple[Outline, ...]
     name: str
+    gradient: Gradient | None = None
 
     def oriented(self) -> tuple[Ring, ...]:
         """The rings, the outer one clockwise as seen, holes the other way: the nonzero rule leaves holes empty."""
@@ -41,8 +43,13 @@ class Drawing:
 
     @property
     def inks(self) -> tuple[Ink, ...]:
-        """The different inks, in the order of their first use."""
-        return tuple(dict.fromkeys(shape.ink for shape in self.shapes))
+        """The different inks of the shapes without a gradient, in the order of their first use."""
+        return tuple(dict.fromkeys(shape.ink for shape in self.shapes if shape.gradient is None))
+
+    @property
+    def gradients(self) -> tuple[Gradient, ...]:
+        """The different gradients, in the order of their first use."""
+        return tuple(dict.fromkeys(shape.gradient for shape in self.shapes if shape.gradient is not None))
 
     @property
     def segments(self) -> int:
@@ -65,7 +72,11 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
         return drawing
     across, down = width / drawing.width, height / drawing.height
     shapes = tuple(
-        replace(shape, outlines=tuple(scaled_outline(outline, across, down) for outline in shape.outlines))
+        replace(
+            shape,
+            outlines=tuple(scaled_outline(outline, across, down) for outline in shape.outlines),
+            gradient=shape.gradient and shape.gradient.scaled(across, down),
+        )
         for shape in drawing.shapes
     )
     return Drawing(width, height, shapes)

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.outlines import Ring
-from cubicsplat_cli.artwork.shapes import Ink, Shape
+from cubicsplat_cli.artwork.shapes import Shape
+from cubicsplat_cli.paint import Gradient, Ink
 
 # Two shapes of one ink may be a pair of eyes; so many are lettering or a pattern.
 LEAST_SHAPES = 3
@@ -17,25 +18,26 @@ _MARGIN = 1.0  # px
 
 
 def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
-    """The shapes back to front, those to be written as one together: three or more paths in one opaque ink.
+    """The shapes back to front, those to be written as one together: three or more paths in one opaque ink or gradient.
 
     The rings of all of them in one path cover what the shapes cover, since every outer ring runs clockwise as seen and
     every hole the other way. A shape joins an earlier one where nothing of another ink that is drawn between them
     touches it, so the picture stays the same.
     """
     boxes = np.array([_box(shape) for shape in shapes]).reshape(-1, 4)
-    inks = {ink: number for number, ink in enumerate(dict.fromkeys(shape.ink for shape in shapes))}
-    numbers = np.array([inks[shape.ink] for shape in shapes], dtype=int)
+    paints = [shape.gradient or shape.ink for shape in shapes]
+    known = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
+    numbers = np.array([known[paint] for paint in paints], dtype=int)
     leaders = np.arange(len(shapes))
-    last: dict[Ink, int] = {}
+    last: dict[Ink | Gradient, int] = {}
     for index, shape in enumerate(shapes):
         if not _may_join(shape):
             continue
-        leader = last.get(shape.ink)
+        leader = last.get(paints[index])
         if leader is not None and not _meets_another(boxes, numbers, leader, index):
             leaders[index] = leader
         else:
-            last[shape.ink] = index
+            last[paints[index]] = index
     return _groups(shapes, leaders)
 
 
@@ -52,7 +54,8 @@ def _groups(shapes: Sequence[Shape], leaders: np.ndarray) -> list[list[Shape]]:
 def _may_join(shape: Shape) -> bool:
     """Primitives are worth more as such; two translucent shapes are not one where they overlap."""
     primitive = len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
-    return shape.ink[3] == _OPAQUE and not primitive
+    inks = [shape.ink] if shape.gradient is None else [stop.ink for stop in shape.gradient.stops]
+    return all(ink[3] == _OPAQUE for ink in inks) and not primitive
 
 
 def _meets_another(boxes: np.ndarray, numbers: np.ndarray, leader: int, index: int) -> bool:

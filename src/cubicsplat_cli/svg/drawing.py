@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
@@ -10,6 +11,7 @@ from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle,
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds
+from cubicsplat_cli.svg.gradients import Gradients
 from cubicsplat_cli.svg.markup import Identifiers, comment_text, short_colour, xml_text
 from cubicsplat_cli.svg.pathdata import format_number
 from cubicsplat_cli.svg.quantise import check_precision
@@ -20,6 +22,7 @@ _OPAQUE = 255
 # Steps of the grid across the longer side: 0.01 px at 512 px.
 _STEPS_ACROSS = 51_200
 _ANGLE_DECIMALS = 3  # degrees
+_SPACE = re.compile(r" />(?=\n|<stop|</(?:linear|radial)Gradient)")
 
 
 def suggested_precision(width: int, height: int) -> int:
@@ -45,27 +48,35 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     root.append(ElementTree.Comment(comment_text(comment)))
     ElementTree.SubElement(root, "title").text = xml_text(title)
     names = Identifiers()
+    gradients = Gradients(names, precision)
     for group in compounds(drawing.shapes):
         element = _element(group, precision)
         if element is not None:
-            root.append(_finished(element, group[0], names))
+            root.extend(_finished(element, group[0], names, gradients))
     root.text = "\n"
     for child in root:
         child.tail = "\n"
     # ElementTree puts a space before "/>"; a ">" in the title is escaped, so nothing else can match.
-    text = ElementTree.tostring(root, encoding="unicode").replace(" />\n", "/>\n")
+    text = _SPACE.sub("/>", ElementTree.tostring(root, encoding="unicode"))
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
-def _finished(element: ElementTree.Element, shape: Shape, names: Identifiers) -> ElementTree.Element:
-    """The element with its id in front and its paint behind."""
+def _finished(
+    element: ElementTree.Element, shape: Shape, names: Identifiers, gradients: Gradients
+) -> list[ElementTree.Element]:
+    """The element with its id in front and its paint behind; before it its gradient, where that is new."""
     red, green, blue, alpha = shape.ink
-    attributes = {"id": names.unique(shape.name), **element.attrib, "fill": short_colour(red, green, blue)}
-    if alpha != _OPAQUE:
-        attributes["fill-opacity"] = format_number(round(1000 * alpha / _OPAQUE), 3)
+    attributes = {"id": names.unique(shape.name), **element.attrib}
+    before = None
+    if shape.gradient is not None:
+        attributes["fill"], before = gradients.fill(shape.gradient)
+    else:
+        attributes["fill"] = short_colour(red, green, blue)
+        if alpha != _OPAQUE:
+            attributes["fill-opacity"] = format_number(round(1000 * alpha / _OPAQUE), 3)
     element.attrib.clear()
     element.attrib.update(attributes)
-    return element
+    return [element] if before is None else [before, element]
 
 
 def _element(group: Sequence[Shape], precision: int) -> ElementTree.Element | None:

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from xml.parsers import expat
 
 import numpy as np
 
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
-from cubicsplat_cli.artwork.shapes import Drawing, Ink, Shape
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.paint import Ink, mean_ink
 from cubicsplat_cli.svg.canvas import canvas_size
+from cubicsplat_cli.svg.gradient_reader import LINEAR, RADIAL, STOP, GradientReader
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.words import printable
@@ -23,6 +25,8 @@ from cubicsplat_cli.words import printable
 _COLOUR = re.compile(r"#([0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
 _NUMBER = re.compile(r"-?(?:\d{1,9}(?:\.\d{1,12})?|\.\d{1,12})")
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
+_REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\"()]+?)['\"]?\s*\)")
+_GRADIENTS = (LINEAR, RADIAL)
 _PAINT = {"id", "fill", "fill-opacity"}
 _LENGTHS = {
     "circle": ("cx", "cy", "r"),
@@ -31,7 +35,7 @@ _LENGTHS = {
     "path": (),
 }
 _MORE = {"circle": set(), "ellipse": {"transform"}, "rect": {"transform"}, "path": {"d"}}
-_ROOT = {"width", "height", "viewBox", "xmlns"}
+_ROOT = {"width", "height", "viewBox", "xmlns", "xmlns:xlink"}
 # A joint that turns by less is meant to be smooth.
 _SMOOTH = math.radians(0.5)
 
@@ -82,7 +86,7 @@ def read_drawing(text: str | bytes) -> Drawing:
         raise InputError(f"the SVG is not well-formed XML: {error}; it may be cut short, write it again") from error
     if collector.size is None:
         raise InputError("the SVG says no size; give a file that `cubicsplat vectorize` wrote")
-    return Drawing(*collector.size, tuple(collector.shapes))
+    return Drawing(*collector.size, tuple(collector.painted()))
 
 
 def _refuse_doctype(*_: object) -> None:
@@ -91,24 +95,57 @@ def _refuse_doctype(*_: object) -> None:
 
 @dataclass
 class _Collector:
-    """Follows the elements of one document: svg > (title, shapes)."""
+    """Follows the elements of one document: svg > (title, gradients, defs > gradients, shapes)."""
 
     parser: expat.XMLParserType | None = None
     size: tuple[int, int] | None = None
     depth: int = 0
     shapes: list[Shape] = field(default_factory=list)
+    # Of elements in a gradient: the first of their shapes, how many, and the gradient's id.
+    references: list[tuple[int, int, str]] = field(default_factory=list)
+    inside: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.gradients = GradientReader(self.foreign)
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         self.depth += 1
+        parent = self.inside[-1] if self.inside else ""
+        self.inside.append(name)
         if self.depth == 1 and name == "svg":
             self._root(attributes)
         elif self.depth == 2 and name in _LENGTHS:
-            self.shapes += self._shapes(name, attributes)
-        elif self.depth != 2 or name != "title":
+            self._add(name, attributes)
+        elif (name in _GRADIENTS and parent in ("svg", "defs")) or (name == STOP and parent in _GRADIENTS):
+            self.gradients.start(name, attributes)
+        elif self.depth != 2 or name not in ("title", "defs"):
             raise self.foreign(f"has an unexpected <{name}> element")
 
-    def end(self, _name: str) -> None:
+    def end(self, name: str) -> None:
         self.depth -= 1
+        self.inside.pop()
+        self.gradients.end(name)
+
+    def painted(self) -> list[Shape]:
+        """The shapes, with the gradients that some of them are filled with, wherever those stand."""
+        for first, count, identifier in self.references:
+            rings = [o.ring() for shape in self.shapes[first : first + count] for o in shape.outlines]
+            low, high = extent_of(rings)
+            gradient = self.gradients.gradient(identifier, (*low.tolist(), *(high - low).tolist()))
+            for index in range(first, first + count):
+                self.shapes[index] = replace(self.shapes[index], ink=mean_ink(gradient), gradient=gradient)
+        return self.shapes
+
+    def _add(self, name: str, attributes: dict[str, str]) -> None:
+        match = _REFERENCE.fullmatch(attributes.get("fill", ""))
+        if match is None:
+            self.shapes += self._shapes(name, attributes)
+            return
+        if attributes.get("fill-opacity", "1") != "1":
+            raise self.foreign("has a fill-opacity beside a gradient; give its stops the opacity")
+        shapes = self._shapes(name, attributes | {"fill": "#000"})
+        self.references.append((len(self.shapes), len(shapes), match[1]))
+        self.shapes += shapes
 
     def foreign(self, what: str) -> InputError:
         """The error for a document that is not ours, with the line where that shows."""
@@ -205,6 +242,18 @@ class _Collector:
         if second.end != first.start or first.numbers != second.numbers or min(rx, ry) <= 0.0:
             raise self.foreign("has arcs that are not two halves of an ellipse")
         return Circle(*middle, rx) if rx == ry else Ellipse(*middle, rx, ry, math.radians(degrees))
+
+
+def extent_of(rings: list[Ring]) -> tuple[np.ndarray, np.ndarray]:
+    """The corners (2,) of the box around rings, left and top, right and bottom, px: that of the curves themselves."""
+    t = np.linspace(0.0, 1.0, 65)[:, None, None]
+    s = 1.0 - t
+    points = []
+    for ring in rings:
+        a, b, c, d = ring.cubics.transpose(1, 0, 2)
+        points.append((s**3 * a + 3.0 * s * s * t * b + 3.0 * s * t * t * c + t**3 * d).reshape(-1, 2))
+    every = np.concatenate(points)
+    return every.min(axis=0), every.max(axis=0)
 
 
 def _ring(subpath: list[Piece]) -> Ring:
