@@ -18,7 +18,10 @@ from cubicsplat_cli.bench.artwork.edges import edge_displacement
 from cubicsplat_cli.bench.artwork.figures import Truth
 from cubicsplat_cli.bench.artwork.inks import exact_inks
 from cubicsplat_cli.bench.artwork.inputs import CLEAN, INPUTS, OPAQUE, input_of, with_ground
+from cubicsplat_cli.bench.artwork.pieces import Pieces, exposed, pieces_of, restored
+from cubicsplat_cli.bench.artwork.primitives import primitive_counts
 from cubicsplat_cli.bench.artwork.seams import opaque_inside, seam_areas
+from cubicsplat_cli.bench.artwork.shapes import forms_of
 from cubicsplat_cli.bench.artwork.wireframe import wireframe
 from cubicsplat_cli.cli.app import app
 from cubicsplat_cli.errors import InputError, UsageError
@@ -168,6 +171,73 @@ def test_seams_are_gaps_and_hairlines_and_nothing_else():
     assert seams(BOX.replace('x="8"', 'x="9"'), BOX) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("body", "kinds"),
+    [
+        (
+            '<circle cx="20" cy="20" r="9"/><ellipse cx="20" cy="20" rx="9" ry="5" transform="rotate(30)"/>',
+            "round round",
+        ),
+        ('<path d="M29 20a9 9 0 1 0-18 0 9 9 0 0 0 18 0z"/>', "round"),
+        ('<g transform="translate(9 3)scale(.5)"><path d="M10 10h40v30H10z"/></g>', "box"),
+        ('<path d="M6 5h20a3 3 0 0 1 3 3v9a3 3 0 0 1-3 3H6a3 3 0 0 1-3-3V8a3 3 0 0 1 3-3z"/>', "rounded"),
+        ('<rect x="9" y="9" width="20" height="9" rx="2" transform="rotate(20 20 20)"/>', "rounded"),
+        ('<path d="M20 2 38 20 20 38 2 20zM3 3l9 2-5 9z"/><path d="M5 5C9 0 22 0 28 5S24 30 5 22z"/>', "box - -"),
+        ('<path d="M3 20 20 3 37 20z"/><path d="M10 4l20 0 8 16-20 0z"/>', "- -"),
+    ],
+)
+def test_primitives_are_known_however_they_are_written(body, kinds):
+    assert [form.kind or "-" for form in forms_of(document(body))] == kinds.split()
+
+
+def test_recall_and_precision_of_primitives():
+    truth = document('<path d="M10 10h20v20H10z"/><circle cx="46" cy="20" r="9"/><path d="M5 40l20-5 3 9z"/>')
+    pieces = pieces_of(truth)
+    assert primitive_counts(truth, pieces, truth) == (1, 2, 1, 1)
+    made = document('<rect x="10.2" y="10" width="20" height="20"/><rect x="37" y="11" width="18" height="18"/>')
+    assert primitive_counts(truth, pieces, made) == (1, 2, 1, 2)
+    # What hardly shows is not asked for.
+    hidden = document('<circle cx="20" cy="20" r="9"/><path fill="#fff" d="M0 0h23v48H0z"/>')
+    assert primitive_counts(hidden, pieces_of(hidden), truth)[:2] == (0, 1)
+
+
+def both(truth: str, made: str) -> tuple[Pieces, Pieces]:
+    return Pieces(document(truth)), Pieces(document(made))
+
+
+BAR = '<path fill="#08f" d="M24 0h16v48H24z"/>'
+
+
+def test_pieces_that_others_hide_are_whole_or_not():
+    disc = '<circle cx="32" cy="24" r="18" fill="#c00"/>'
+    halves = '<path fill="#c00" d="M24 7.9A18 18 0 0 0 24 40zM40 7.9A18 18 0 0 1 40 40z"/>'
+    assert restored(*both(disc + BAR, disc + BAR)) == (1, 1)
+    assert restored(*both(disc + BAR, halves + BAR)) == (0, 1)
+    # Of the bar a part is covered by a translucent disc, which hides nothing.
+    assert restored(*both(BAR + disc.replace("/>", ' opacity=".5"/>'), BAR)) == (0, 0)
+    # A ground that fills the canvas does not count, nor what is hidden by its own ink.
+    ground = '<rect width="64" height="48" fill="#fd0"/>'
+    assert restored(*both(ground + BAR, BAR)) == (0, 0)
+    assert restored(*both(disc + disc.replace("32", "36"), disc)) == (0, 0)
+
+
+def test_a_use_and_a_stroke_are_pieces_of_their_own():
+    body = f'<defs><g id="a"><rect width="9" height="9" stroke="red" stroke-width="2"/></g></defs>{BAR}'
+    found = Pieces(document(body + '<use href="#a" x="4" y="6"/><use href="#a" transform="translate(45 9)"/>'))
+    assert len(found.seen) == 5
+    assert [part.element for part in found.parts] == [0, 1, 1, 2, 2]
+
+
+def test_what_shows_where_a_piece_is_taken_away():
+    ground = '<rect x="4" y="4" width="56" height="40" fill="#fd0"/>'
+    holed = '<path fill="#fd0" fill-rule="evenodd" d="M4 4h56v40H4zM24 4v40h16V4z"/>'
+    bar = BAR.replace("0h16v48", "4h16v40")
+    assert exposed(*both(ground + bar, ground + bar)) == 0.0
+    # Beneath the bar there is nothing; beneath the ground there is nothing in either.
+    assert exposed(*both(ground + bar, holed + bar)) == 0.5
+    assert exposed(*both(ground + bar, "")) == 1.0
+
+
 # --- the command ---------------------------------------------------------------------------------------------
 
 
@@ -206,6 +276,8 @@ def test_a_perfect_tool_has_perfect_figures(folder, tmp_path):
     found = report["runs"][0]
     assert (found["delta_e"], found["psnr_1x_db"], found["psnr_4x_db"]) == (0.0, MOST_DB, MOST_DB)
     assert (found["shapes_ratio"], found["coordinates"], found["artist_coordinates"]) == (1.0, 9, 8)
+    assert (found["primitive_recall"], found["primitive_precision"]) == (0.5, 1.0)
+    assert (found["restored"], found["exposed"]) == (None, 0.0)
     assert (found["seam_16x_px"], found["edge_px"], found["exact_inks"]) == (0.0, 0.0, 1.0)
     assert report["summary"]["exact"]["median"]["coordinates_ratio"] == 9 / 8
     assert [row["picture"] for row in csv.DictReader(table.open())] == ["a-one", "b-two"]

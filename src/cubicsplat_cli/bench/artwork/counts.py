@@ -9,16 +9,14 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from cubicsplat_cli.bench.artwork.document import Document, local_name
+from cubicsplat_cli.bench.artwork.elements import drawn_elements
 from cubicsplat_cli.svg.pathparse import count_numbers
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _REFERENCE = re.compile(r"#([^\s'\")]+)")
 # Numbers of each primitive; a rect has one more where its corners are round.
 _PRIMITIVES = {"circle": 3, "ellipse": 4, "rect": 4, "line": 4}
-_SHAPES = {*_PRIMITIVES, "path", "polygon", "polyline"}
-_NOT_DRAWN = {"defs", "clipPath", "mask", "symbol", "marker", "pattern", "linearGradient", "radialGradient", "metadata"}
 _NOT_SEEN = {"title", "desc", "metadata"}
-_MOST_USES = 100_000
 _HREF = "{http://www.w3.org/1999/xlink}href"
 
 
@@ -37,7 +35,7 @@ class Counts:
 
 def count(document: Document) -> Counts:
     """Counts of a document; InputError where its path data cannot be read."""
-    names = [local_name(element) for element in _drawn(document.root)]
+    names = [local_name(drawn.element) for drawn in drawn_elements(document.root)]
     return Counts(
         shapes=len(names),
         coordinates=sum(_coordinates(element) for element in document.root.iter()),
@@ -76,33 +74,3 @@ def _coordinates(element: ElementTree.Element) -> int:
     if name == "use":
         return 2
     return _PRIMITIVES.get(name, 0) + (name == "rect" and (element.get("rx") or element.get("ry")) is not None)
-
-
-def _drawn(root: ElementTree.Element) -> list[ElementTree.Element]:
-    """Every shape that is drawn, once for each time."""
-    named = {element.get("id"): element for element in root.iter() if element.get("id")}
-    found: list[ElementTree.Element] = []
-    waiting = [(root, {"fill": "black", "stroke": "none"}, 0)]
-    while waiting and len(found) < _MOST_USES:
-        element, paint, depth = waiting.pop()
-        name = local_name(element)
-        if name in _NOT_DRAWN and depth == 0:
-            continue
-        paint = _paint(element, paint)
-        if name in _SHAPES and set(paint.values()) != {"none"}:
-            found.append(element)
-        target = named.get((element.get(_HREF) or element.get("href") or "").removeprefix("#"))
-        if name == "use" and target is not None and depth < 8:
-            waiting.append((target, paint, depth + 1))
-        waiting += [(child, paint, depth) for child in element]
-    return found
-
-
-def _paint(element: ElementTree.Element, inherited: dict[str, str]) -> dict[str, str]:
-    """Fill and stroke as attributes and the style attribute give them, else as inherited."""
-    paint = {name: element.get(name, value) for name, value in inherited.items()}
-    for declaration in element.get("style", "").split(";"):
-        name, _, value = (part.strip() for part in declaration.partition(":"))
-        if name in paint:
-            paint[name] = value
-    return paint

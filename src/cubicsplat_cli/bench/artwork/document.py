@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
@@ -42,11 +43,17 @@ class Document:
         return left, top, across, down
 
     def draw(
-        self, scale: float = 1.0, *, window: tuple[int, int, int, int] | None = None, smooth: bool = True
+        self,
+        scale: float = 1.0,
+        *,
+        window: tuple[int, int, int, int] | None = None,
+        smooth: bool = True,
+        content: Sequence[ElementTree.Element] | None = None,
     ) -> np.ndarray:
         """(H, W, 4) uint8 straight RGBA of the canvas, or of a window (left, top, width, height in px), by resvg.
 
         scale: of the canvas's px. smooth: whether edges are anti-aliased; else a px is what lies at its middle.
+        content: what is drawn in the document's place of all that it holds.
         """
         left, top, width, height = window or (0, 0, self.width, self.height)
         pixels = (round(width * scale), round(height * scale))
@@ -57,7 +64,7 @@ class Document:
             view["shape-rendering"] = "crispEdges"
         root = ElementTree.Element(self.root.tag, {**self.root.attrib, **view})
         root.attrib.pop("preserveAspectRatio", None)
-        root.extend(self.root)
+        root.extend(self.root if content is None else content)
         return rerender(ElementTree.tostring(root), *pixels, renderer="resvg").pixels
 
 

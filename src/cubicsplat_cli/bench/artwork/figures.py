@@ -12,6 +12,8 @@ from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.edges import edge_displacement
 from cubicsplat_cli.bench.artwork.inks import exact_inks
 from cubicsplat_cli.bench.artwork.inputs import CLEAN, input_of, with_ground
+from cubicsplat_cli.bench.artwork.pieces import Pieces, exposed, pieces_of, restored
+from cubicsplat_cli.bench.artwork.primitives import primitive_counts
 from cubicsplat_cli.bench.artwork.seams import Opaque, opaque_inside, seam_areas
 from cubicsplat_cli.bench.tools import Tool
 from cubicsplat_cli.evaluate.colour import mean_delta_e, psnr
@@ -22,7 +24,9 @@ class Figures:
     """Of one SVG against the truth. delta_e: mean CIEDE2000 at twice the size. psnr_1x_db, psnr_4x_db: at the input's
     size and four times it. The ratios are to the artist's own file. seconds: wall clock; cpu_seconds: of all threads.
     seam_*: px of the ground that shows, at 1, 4 and 16 times the size. edge_px: mean displacement of the edges.
-    exact_inks: share of the truth's inks.
+    exact_inks: share of the truth's inks. primitive_recall, primitive_precision: shares of the truth's and of the
+    file's primitives. restored: share of the truth's covered pieces that are whole; exposed: of the places of pieces
+    taken away that then show something wrong. The last four are None without any, or for too many elements.
     """
 
     picture: str
@@ -40,6 +44,10 @@ class Figures:
     seam_16x_px: float
     edge_px: float | None
     exact_inks: float | None
+    primitive_recall: float | None
+    primitive_precision: float | None
+    restored: float | None
+    exposed: float | None
     shapes: int
     coordinates: int
     primitives: int
@@ -64,6 +72,7 @@ class Truth:
         self.input: np.ndarray = input_of(self.document, kind)
         self.drawn: dict[int, np.ndarray] = {scale: self.document.draw(scale) for scale in (1, 2, 4)}
         self.opaque: Opaque = opaque_inside(self.document)
+        self.pieces: Pieces | None = pieces_of(self.document)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +97,7 @@ def measure(truth: Truth, name: str, made: Drawn) -> Figures:
     drawn = {scale: document.draw(scale) for scale in (1, 2, 4)}
     counts, artist = count(document), truth.counts
     seams = seam_areas(document, truth.opaque, drawn)
+    structure = _structure(truth, document)
     return Figures(
         picture=truth.name,
         tool=name,
@@ -104,6 +114,10 @@ def measure(truth: Truth, name: str, made: Drawn) -> Figures:
         seam_16x_px=seams[2],
         edge_px=edge_displacement(truth.drawn[2], drawn[2], 2),
         exact_inks=exact_inks(truth.drawn[2], drawn[2]),
+        primitive_recall=structure[0],
+        primitive_precision=structure[1],
+        restored=structure[2],
+        exposed=structure[3],
         shapes=counts.shapes,
         coordinates=counts.coordinates,
         primitives=counts.primitives,
@@ -113,3 +127,17 @@ def measure(truth: Truth, name: str, made: Drawn) -> Figures:
         artist_primitives=artist.primitives,
         artist_gzipped_bytes=artist.bytes,
     )
+
+
+def _structure(truth: Truth, document: Document) -> tuple[float | None, float | None, float | None, float | None]:
+    """Primitives' recall and precision, the share of covered pieces that are whole, and that of wrong area exposed."""
+    pieces = pieces_of(document)
+    if truth.pieces is None or pieces is None:
+        return None, None, None, None
+    found, wanted, right, written = primitive_counts(truth.document, truth.pieces, document)
+    whole, covered = restored(truth.pieces, pieces)
+    return _share(found, wanted), _share(right, written), _share(whole, covered), exposed(truth.pieces, pieces)
+
+
+def _share(part: int, whole: int) -> float | None:
+    return part / whole if whole else None

@@ -23,6 +23,10 @@ _COLUMNS = (
     ("coordinates_ratio", "coord.", 2),
     ("bytes_ratio", "gz bytes", 2),
     ("exact_inks", "inks", 2),
+    ("primitive_recall", "prim. found", 2),
+    ("primitive_precision", "right", 2),
+    ("restored", "whole", 2),
+    ("exposed", "exposed", 3),
     ("seam_1x_px", "seam 1x", 2),
     ("seam_4x_px", "4x", 2),
     ("seam_16x_px", "16x px", 2),
@@ -30,7 +34,7 @@ _COLUMNS = (
     ("cpu_seconds", "CPU s", 2),
 )
 # Of these the worst tenth is the lowest one.
-_MORE_IS_BETTER = {"psnr_1x_db", "psnr_4x_db", "exact_inks"}
+_MORE_IS_BETTER = {"psnr_1x_db", "psnr_4x_db", "exact_inks", "primitive_recall", "primitive_precision", "restored"}
 
 
 def summary(figures: Sequence[Figures]) -> dict[str, dict[str, float | None]]:

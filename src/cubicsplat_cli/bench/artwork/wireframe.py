@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 from xml.etree import ElementTree
 
 import numpy as np
 
 from cubicsplat_cli.bench.artwork.document import Document, local_name
+from cubicsplat_cli.bench.artwork.transforms import transform_matrix
 from cubicsplat_cli.svg.pathparse import Piece, pieces
 
-_TRANSFORM = re.compile(r"(matrix|translate|scale|rotate)\s*\(([^)]*)\)")
 _PRIMITIVES = {"circle", "ellipse", "rect", "line", "polygon", "polyline"}
 _GEOMETRY = {"d", "points", "cx", "cy", "r", "rx", "ry", "x", "y", "width", "height", "x1", "y1", "x2", "y2"}
 _CURVE, _PRIMITIVE, _HANDLE, _ANCHOR = "#1747d1", "#0a8f3c", "#e08a00", "#d11717"
@@ -30,7 +29,7 @@ def wireframe(document: Document, pixel: float) -> bytes:
     waiting = [(child, np.eye(3)) for child in document.root]
     while waiting:
         element, matrix = waiting.pop(0)
-        matrix = matrix @ _matrix(element.get("transform", ""))
+        matrix = matrix @ transform_matrix(element.get("transform", ""))
         waiting = [(child, matrix) for child in element] + waiting
         name = local_name(element)
         if name == "path" or name in _PRIMITIVES:
@@ -82,25 +81,3 @@ def _path(d: str, **attributes: str) -> ElementTree.Element:
 def _mapped(matrix: np.ndarray, point: tuple[float, float]) -> tuple[float, float]:
     x, y, _ = matrix @ (*point, 1.0)
     return float(x), float(y)
-
-
-def _matrix(transform: str) -> np.ndarray:
-    """(3, 3) of a transform attribute; skews, which no tool here writes, are left out."""
-    total = np.eye(3)
-    for name, text in _TRANSFORM.findall(transform):
-        total = total @ _step(name, [float(number) for number in text.replace(",", " ").split()])
-    return total
-
-
-def _step(name: str, n: list[float]) -> np.ndarray:
-    if name == "matrix":
-        return np.array([[n[0], n[2], n[4]], [n[1], n[3], n[5]], [0.0, 0.0, 1.0]])
-    if name == "translate":
-        return np.array([[1.0, 0.0, n[0]], [0.0, 1.0, n[1] if len(n) > 1 else 0.0], [0.0, 0.0, 1.0]])
-    if name == "scale":
-        return np.diag([n[0], n[-1], 1.0])
-    cos, sin = math.cos(math.radians(n[0])), math.sin(math.radians(n[0]))
-    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    if len(n) < 3:
-        return turn
-    return _step("translate", n[1:3]) @ turn @ _step("translate", [-n[1], -n[2]])
