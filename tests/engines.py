@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pytest
 import torch
@@ -123,8 +123,7 @@ def truth(scene: Scene, settings: RasterSettings, target: Tensor, names: Sequenc
 def packed(scene: Scene | SceneTensors, device: torch.device | str = "cpu") -> SceneTensors:
     """A copy of a scene's tensors on a device."""
     tensors = scene_tensors(scene) if isinstance(scene, Scene) else scene
-    moved = {name: getattr(tensors, name) for name in (*TENSORS, "edge_widths", "ring_ends")}
-    return replace(tensors, **{name: None if t is None else t.to(device, copy=True) for name, t in moved.items()})
+    return tensors.changed(lambda t: t.to(device, copy=True))
 
 
 def state_for(scene: SceneTensors) -> OptimiserState:

@@ -113,6 +113,7 @@ def as_arguments(scene: Scene) -> tuple[tuple[Tensor, ...], dict]:
         "height": scene.height,
         "background": scene.background,
         "ring_ends": scene.ring_ends,
+        "gradients": scene.gradients,
     }
     return tensors, keywords
 

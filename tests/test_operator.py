@@ -48,7 +48,7 @@ def test_gradients_of_any_loss(mode, background):
 def test_torch_accepts_the_operator(ring_ends):
     scene = random_scene(Mode.OPEN, 3, 2, 20, 18, background=PAPER)
     tensors = [getattr(scene, name).clone().requires_grad_() for name in TENSORS]
-    arguments = (*tensors, ring_ends, [0, 20, 18], list(PAPER), [0, 8, 0], [1.5, 0.0])
+    arguments = (*tensors, *[None] * 5, ring_ends, [0, 20, 18], list(PAPER), [0, 8, 0], [1.5, 0.0])
     results = torch.library.opcheck(render_op, arguments)
     assert set(results.values()) == {"SUCCESS"}
 

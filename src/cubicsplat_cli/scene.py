@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
 
@@ -54,6 +55,7 @@ class Scene:
         3 e_{r-1} .. 3 e_r - 1; points behind a curve's last ring are padding, which nothing reads and whose gradient is
         zero. A fill covers where the winding numbers of its rings do not add up to zero: a hole is a ring that runs
         the other way. Open curves have R = 1, the number of their segments. `pack_rings` makes both tensors.
+    gradients: fills of curves that have more than their one colour, or None where all are flat; see `Gradients`.
 
     The tensors are float32, share one device, and are detached unless the caller wants gradients. Nothing is
     checked at construction; `validate` does.
@@ -68,6 +70,7 @@ class Scene:
     half_widths: Tensor
     background: tuple[float, float, float] | None = None
     ring_ends: Tensor | None = None
+    gradients: Gradients | None = None
 
     @property
     def curves(self) -> int:
@@ -110,6 +113,8 @@ class Scene:
         _check_range("colours", self.colours, 0.0, 1.0)
         _check_range("opacities", self.opacities, 0.0, 1.0)
         _check_range("half_widths", self.half_widths, 0.0, 0.0 if self.mode is Mode.CLOSED else None)
+        if self.gradients is not None:
+            self.gradients.validate()
 
     def validate_form(self) -> None:
         """`validate` without a look at the tensors' values: types, shapes and devices only."""
@@ -150,6 +155,8 @@ class Scene:
             if shape != wanted:
                 raise InputError(f"{name} must have shape {wanted} for {self.curves} curves, not {shape}")
         self._validate_ring_shape()
+        if self.gradients is not None:
+            self.gradients.validate_form(self.points)
 
     def _validate_ring_shape(self) -> None:
         ends = self.ring_ends
@@ -211,6 +218,7 @@ def scaled_scene(scene: Scene, width: int, height: int) -> Scene:
         height=height,
         points=scene.points * scene.points.new_tensor([across, down]),
         half_widths=scene.half_widths * math.sqrt(across * down),
+        gradients=None if scene.gradients is None else scene.gradients.scaled(across, down),
     )
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.raster.engine import CurveTensors, SceneTensors
+from cubicsplat_cli.curvetensors import CurveTensors
+from cubicsplat_cli.raster.engine import SceneTensors
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 

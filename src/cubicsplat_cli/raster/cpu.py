@@ -22,7 +22,7 @@ from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, Sc
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
 
-ABI_VERSION = 5
+ABI_VERSION = 6
 
 
 class _Scene(ctypes.Structure):
@@ -30,7 +30,8 @@ class _Scene(ctypes.Structure):
         ("curves", c_int32), ("segments", c_int32), ("closed", c_int32), ("width", c_int32), ("height", c_int32),
         ("channels", c_int32), ("rings", c_int32), ("ring_ends", c_void_p), ("points", c_void_p),
         ("colours", c_void_p), ("opacities", c_void_p), ("half_widths", c_void_p), ("edge_widths", c_void_p),
-        ("logits", c_int32), ("background", c_float * 4),
+        ("logits", c_int32), ("background", c_float * 4), ("kinds", c_void_p), ("counts", c_void_p),
+        ("frames", c_void_p), ("offsets", c_void_p), ("stops", c_void_p), ("most_stops", c_int32),
     ]  # fmt: skip
 
 
@@ -48,7 +49,17 @@ class _Images(ctypes.Structure):
 class _Gradients(ctypes.Structure):
     _fields_ = [
         (name, c_void_p)
-        for name in ("points", "colours", "opacities", "half_widths", "edge_widths", "importance", "background")
+        for name in (
+            "points",
+            "colours",
+            "opacities",
+            "half_widths",
+            "edge_widths",
+            "importance",
+            "background",
+            "frames",
+            "stops",
+        )
     ]
 
 
@@ -176,6 +187,21 @@ class CpuEngine(Engine):
             _pointer(scene.edge_widths, "edge_widths", (n,)),
             scene.logits,
             (c_float * 4)(*(scene.background or ()), 0.0),
+            *self._gradient_fills(scene, n),
+        )  # fmt: skip
+
+    @staticmethod
+    def _gradient_fills(scene: SceneTensors, n: int) -> tuple[int | None, ...]:
+        given = scene.gradients
+        if given is None:
+            return None, None, None, None, None, 0
+        s = given.most_stops
+        return (
+            _pointer(given.kinds, "gradients.kinds", (n,), torch.int32),
+            _pointer(given.counts, "gradients.counts", (n,), torch.int32),
+            _pointer(given.frames, "gradients.frames", (n, 2, 3)),
+            _pointer(given.offsets, "gradients.offsets", (n, s)),
+            _pointer(given.stops, "gradients.stops", (n, s, 4)), s,
         )  # fmt: skip
 
     def _images(
@@ -209,6 +235,8 @@ class CpuEngine(Engine):
             "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
             "importance": (n,), "background": (scene.channels,),
         }  # fmt: skip
+        if scene.gradients is not None:
+            shapes |= {"frames": (n, 2, 3), "stops": (n, scene.gradients.most_stops, 4)}
         return _Gradients(**{name: _pointer(t, f"gradient of {name}", shapes[name]) for name, t in tensors.items()})
 
     def _check(self, status: int) -> None:
@@ -235,7 +263,10 @@ class CpuEngine(Engine):
             scene, target=training.target, weights=training.weights, gradient=training.image_gradient,
             image=training.image,
         )  # fmt: skip
-        g = self._pointers(scene, {} if training.importance is None else {"importance": training.importance})
+        also = {
+            "importance": training.importance, "frames": training.frames_gradient, "stops": training.stops_gradient,
+        }  # fmt: skip
+        g = self._pointers(scene, {name: tensor for name, tensor in also.items() if tensor is not None})
         s, t = self._scene(scene), self._settings(settings, training.wanted_importance, training.penalty)
         state, rates = training.state, training.rates
         update = _Training(

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import SceneTensors
@@ -21,8 +23,15 @@ def scene_tensors(scene: Scene) -> SceneTensors:
     ring_ends = None if scene.ring_ends is None else scene.ring_ends.cpu().contiguous()
     return SceneTensors(
         scene.mode, scene.width, scene.height, points, colours, opacities, half_widths, scene.background,
-        ring_ends=ring_ends,
+        ring_ends=ring_ends, gradients=plain_gradients(scene),
     )  # fmt: skip
+
+
+def plain_gradients(scene: Scene) -> Gradients | None:
+    """A scene's gradient fills as the engines take them."""
+    if scene.gradients is None:
+        return None
+    return scene.gradients.floating(Tensor.float).changed(lambda t: t.detach().cpu().contiguous())
 
 
 def render_scene(

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from cubicsplat_cli.curvetensors import CurveTensors
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
 RATED = 5  # groups of parameters with a rate of their own, in the order of `Rates`
@@ -29,46 +27,13 @@ def values_per_curve(points_per_curve: int) -> int:
 
 
 @dataclass
-class CurveTensors:
-    """A dataclass whose tensors have a row for each curve."""
-
-    def tensors_by_name(self) -> dict[str, Tensor]:
-        """The tensors that there are."""
-        return {f.name: t for f in fields(self) if isinstance(t := getattr(self, f.name), Tensor)}
-
-    def _changed(self, change: Callable[[Tensor], Tensor]) -> Self:
-        return replace(self, **{name: change(t) for name, t in self.tensors_by_name().items()})
-
-    def copy(self) -> Self:
-        return self._changed(Tensor.clone)
-
-    def to(self, device: torch.device | str) -> Self:
-        """The curves on a device; the same tensors where they are there already."""
-        return self._changed(lambda t: t.to(device))
-
-    def chosen(self, index: Tensor) -> Self:
-        """The curves of an index (n,) or a mask (N,), in their order."""
-        return self._changed(lambda t: t[index].contiguous())
-
-    def joined(self, behind: Self) -> Self:
-        """These curves in front of others."""
-        theirs = behind.tensors_by_name()
-        return replace(self, **{name: torch.cat((t, theirs[name])) for name, t in self.tensors_by_name().items()})
-
-    def overwrite(self, other: Self) -> None:
-        """Takes over other curves' values in place: a captured CUDA graph keeps the addresses."""
-        theirs = other.tensors_by_name()
-        for name, mine in self.tensors_by_name().items():
-            mine.copy_(theirs[name])
-
-
-@dataclass
 class SceneTensors(CurveTensors):
     """The parameters of a scene as an engine takes them; float32, contiguous, on its device.
 
     points (N, K, 2) px, colours (N, 3), opacities (N,), half_widths (N,) px; colours and opacities are logits where
     `logits` is set. background: the colour behind an opaque picture, or None for premultiplied RGBA. edge_widths (N,):
-    px, each curve's own relaxed edge in place of the settings' one. ring_ends (N, R) int32, as in `Scene`.
+    px, each curve's own relaxed edge in place of the settings' one. ring_ends (N, R) int32 and gradients as in `Scene`;
+    the gradients' stops are values even where `logits` is set.
     """
 
     mode: Mode
@@ -82,6 +47,7 @@ class SceneTensors(CurveTensors):
     logits: bool = False
     edge_widths: Tensor | None = None
     ring_ends: Tensor | None = None
+    gradients: Gradients | None = None
 
     @property
     def channels(self) -> int:
@@ -142,7 +108,8 @@ class Training:
     importance_kind ("visibility" or "loo"), importance (N,). Read where given: weights (H, W), at least 0, factors of
     the pixels' losses and importances; image_gradient (H, W, C), dL/dF of another loss, which the step follows in place
     of the target's; points_gradient (N, K, 2), that of a further loss term, added to the picture's; rate_scale (N, 5),
-    each curve's factors of the step sizes, in the order of `Rates`.
+    each curve's factors of the step sizes, in the order of `Rates`. Filled where the scene has gradients, whose frames
+    and stops a step leaves to its caller: frames_gradient (N, 2, 3) and stops_gradient (N, S, 4), dL/d of either.
     """
 
     target: Tensor
@@ -156,6 +123,8 @@ class Training:
     image_gradient: Tensor | None = None
     points_gradient: Tensor | None = None
     rate_scale: Tensor | None = None
+    frames_gradient: Tensor | None = None
+    stops_gradient: Tensor | None = None
 
     @property
     def wanted_importance(self) -> str | None:
@@ -210,7 +179,8 @@ class Engine(ABC):
         """Gradients of every parameter as given, for an incoming dL/dF (`gradient`) or for the penalty of the error
         against `target`, both (H, W, C), by default squared. weights (H, W): factors, at least 0, of the pixels' losses
         and importances. Returns the loss (0 without a target) and points, colours, opacities, half_widths, background,
-        edge_widths where the scene has them and, if asked for ("visibility" or "loo"), importance (N,).
+        edge_widths and the gradients' frames and stops where the scene has them and, if asked for ("visibility" or
+        "loo"), importance (N,).
         Raises EngineError without either, and for leave-one-out importance without a target.
         """
         if gradient is None and target is None:
@@ -224,6 +194,8 @@ class Engine(ABC):
         }  # fmt: skip
         if scene.edge_widths is not None:
             shapes["edge_widths"] = (n,)
+        if scene.gradients is not None:
+            shapes |= {"frames": (n, 2, 3), "stops": (n, scene.gradients.most_stops, 4)}
         if importance:
             shapes["importance"] = (n,)
         out = {name: torch.zeros(shape, device=self.device) for name, shape in shapes.items()}

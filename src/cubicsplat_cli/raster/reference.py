@@ -20,6 +20,7 @@ from torch import Tensor
 
 from cubicsplat_cli.bezier import polyline_basis
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.gradients import FLAT, Gradients, paint_at
 from cubicsplat_cli.raster.settings import (
     EXACT_SUBSAMPLES,
     HALF_SUPPORT,
@@ -308,13 +309,13 @@ class Layer(NamedTuple):
     after: Tensor  # (H, W, C), colour accumulated with it
 
 
-def front_to_back(alphas: Tensor, colours: Tensor) -> Iterator[Layer]:
-    """Composite alphas (N, H, W) of colours (N, C), front first: acc += T alpha c, T *= 1 - alpha.
+def front_to_back(alphas: Tensor, colours: Tensor | Sequence[Tensor]) -> Iterator[Layer]:
+    """Composite alphas (N, H, W) of N colours (C,) or (H, W, C), front first: acc += T alpha c, T *= 1 - alpha.
 
     A primitive contributes to a pixel only while the transmittance before it is at least MIN_TRANSMITTANCE.
     """
     transmittance = torch.ones_like(alphas[0])
-    accumulated = torch.zeros(*alphas.shape[1:], colours.shape[1], dtype=alphas.dtype, device=alphas.device)
+    accumulated = torch.zeros(*alphas.shape[1:], colours[0].shape[-1], dtype=alphas.dtype, device=alphas.device)
     for alpha, colour in zip(alphas, colours, strict=True):
         alpha = torch.where(transmittance >= MIN_TRANSMITTANCE, alpha, 0.0)
         after = accumulated + (transmittance * alpha).unsqueeze(-1) * colour
@@ -322,8 +323,8 @@ def front_to_back(alphas: Tensor, colours: Tensor) -> Iterator[Layer]:
         transmittance, accumulated = transmittance * (1.0 - alpha), after
 
 
-def composite(alphas: Tensor, colours: Tensor, background: Tensor) -> Tensor:
-    """The picture F = acc + T background: alphas (N, H, W), colours (N, C), background (C,) -> (H, W, C)."""
+def composite(alphas: Tensor, colours: Tensor | Sequence[Tensor], background: Tensor) -> Tensor:
+    """The picture F = acc + T background: alphas (N, H, W), N colours (C,) or (H, W, C), background (C,)."""
     for layer in front_to_back(alphas, colours):
         last = layer
     transmittance = last.transmittance * (1.0 - last.alpha)
@@ -331,7 +332,7 @@ def composite(alphas: Tensor, colours: Tensor, background: Tensor) -> Tensor:
 
 
 def channel_colours(colours: Tensor, background: tuple[float, float, float] | None) -> tuple[Tensor, Tensor]:
-    """Colours (N, C) and background (C,) of the picture's channels, float64.
+    """Colours (..., C), of (..., 3), and background (C,) of the picture's channels, float64.
 
     Over a background: RGB. Without one: premultiplied RGBA, where each primitive is (r, g, b, 1) and the
     background zero.
@@ -339,18 +340,31 @@ def channel_colours(colours: Tensor, background: tuple[float, float, float] | No
     colours = colours.double()
     if background is not None:
         return colours, torch.tensor(background, dtype=torch.float64, device=colours.device)
-    return torch.cat((colours, torch.ones_like(colours[:, :1])), dim=1), colours.new_zeros(4)
+    return torch.cat((colours, torch.ones_like(colours[..., :1])), dim=-1), colours.new_zeros(4)
 
 
-def _alphas(scene: Scene, settings: RasterSettings) -> Tensor:
-    """(N, H, W): the alpha of every primitive at every pixel."""
-    layers = [
-        alpha_of(coverage(v, r, scene.mode, scene.width, scene.height, settings), o)
-        for v, r, o in zip(
-            polylines(scene, settings.samples), scene.half_widths.double(), scene.opacities.double(), strict=True
-        )
+def _painted(scene: Scene) -> list[Tensor]:
+    """sRGB and opacity of every primitive: (4,), or (H, W, 4) of one with a gradient."""
+    flat = torch.cat((scene.colours.double(), scene.opacities.double().unsqueeze(1)), dim=1)
+    if scene.gradients is None:
+        return list(flat)
+    at = pixel_centres(scene.width, scene.height, scene.points.device)
+    kinds = scene.gradients.kinds.tolist()
+    return [
+        own if kind == FLAT else paint_at(scene.gradients, n, at) * torch.cat((torch.ones_like(own[:3]), own[3:]))
+        for n, (own, kind) in enumerate(zip(flat, kinds, strict=True))
     ]
-    return torch.stack(layers)
+
+
+def _layers(scene: Scene, settings: RasterSettings) -> tuple[Tensor, list[Tensor], Tensor]:
+    """(N, H, W): the alpha of every primitive at every pixel; their colours and the background's, by channel."""
+    paints = _painted(scene)
+    alphas = [
+        alpha_of(coverage(v, r, scene.mode, scene.width, scene.height, settings), paint[..., 3])
+        for v, r, paint in zip(polylines(scene, settings.samples), scene.half_widths.double(), paints, strict=True)
+    ]
+    channels = [channel_colours(paint[..., :3], scene.background) for paint in paints]
+    return torch.stack(alphas), [colour for colour, _ in channels], channels[0][1]
 
 
 def render(
@@ -365,15 +379,16 @@ def render(
     background: tuple[float, float, float] | None,
     settings: RasterSettings,
     ring_ends: Tensor | None = None,
+    gradients: Gradients | None = None,
 ) -> Tensor:
-    """Render a scene, differentiably in its four tensors.
+    """Render a scene, differentiably in its four tensors and in the gradients' frames and stops.
 
     The arguments are the fields of `Scene`. Returns (H, W, C) float64 in [0, 1]: RGB over a background,
     premultiplied RGBA when background is None. Raises InputError as `Scene.validate` does.
     """
-    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background, ring_ends)
+    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background, ring_ends, gradients)
     scene.validate()
-    return composite(_alphas(scene, settings), *channel_colours(colours, background))
+    return composite(*_layers(scene, settings))
 
 
 def penalty_of(error: Tensor, penalty: Penalty) -> Tensor:
@@ -415,6 +430,7 @@ def importance(
     background: tuple[float, float, float] | None,
     settings: RasterSettings,
     ring_ends: Tensor | None = None,
+    gradients: Gradients | None = None,
     target: Tensor | None = None,
     kind: str = "loo",
     weights: Tensor | None = None,
@@ -433,11 +449,10 @@ def importance(
         raise UsageError(f"importance must be 'loo' or 'visibility', not {kind!r}")
     if kind == "loo" and target is None:
         raise UsageError("leave-one-out importance needs a target picture")
-    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background, ring_ends)
+    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background, ring_ends, gradients)
     scene.validate()
     with torch.no_grad():
-        alphas = _alphas(scene, settings)
-        channels, behind = channel_colours(colours, background)
+        alphas, channels, behind = _layers(scene, settings)
         if kind == "visibility" or target is None:
             factor = 1.0 if weights is None else weights.to(alphas.dtype)
             return torch.stack([(factor * x.transmittance * x.alpha).sum() for x in front_to_back(alphas, channels)])

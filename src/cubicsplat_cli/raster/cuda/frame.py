@@ -235,6 +235,8 @@ def order_places(frame: Frame) -> int:
 
 def make_frame(scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device) -> Frame:
     """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors."""
+    if scene.gradients is not None:
+        raise EngineError("the CUDA engine has no gradient fills; use --device cpu")
     n, k = sizes.curves, sizes.points_per_curve
     rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
     return Frame(

@@ -229,12 +229,23 @@ bool has_rings(const CsScene& s) {
   return true;
 }
 
+// Whether every curve's fill is one: flat, or a gradient with as many stops as there is room for, at least one.
+bool has_paints(const CsScene& s) {
+  if (s.most_stops < 1 || !s.counts || !s.frames || !s.offsets || !s.stops) return false;
+  for (int p = 0; p < s.curves; p++) {
+    if (s.kinds[p] < cs::kFlat || s.kinds[p] > cs::kRadial) return false;
+    if (s.kinds[p] != cs::kFlat && (s.counts[p] < 1 || s.counts[p] > s.most_stops)) return false;
+  }
+  return true;
+}
+
 // What the caller (cpu.py) has to guarantee; null when all is well.
 const char* fault(const CsScene& s, const CsSettings& t, const CsImages& images, bool backward) {
   if (s.curves < 0 || s.segments < 1 || s.width < 1 || s.height < 1) return "scene sizes must be positive";
   if (s.channels != 3 && s.channels != 4) return "channels must be 3 or 4";
   if (t.samples < 1 || t.samples > cs::kMaxSamples) return "samples must lie between 1 and 64";
   if (s.ring_ends && !has_rings(s)) return "ring_ends must rise along each curve, from 1 to the number of segments";
+  if (s.kinds && !has_paints(s)) return "gradients need a kind from 0 to 2 and from 1 to as many stops as there is room for";
   int rings = s.ring_ends ? s.rings : 1;
   if (int64_t(s.segments) * t.samples + rings > 65535) return "a curve may have at most 65535 edges";
   if (!(t.edge_width > 0.0f)) return "edge_width must be positive";
@@ -264,7 +275,7 @@ int32_t guarded(CsEngine* e, const CsScene* scene, const CsSettings* settings, c
 
 }  // namespace
 
-int32_t cs_abi_version() { return 5; }
+int32_t cs_abi_version() { return 6; }
 
 const char* cs_isa_names() {
   static const std::string names = [] {

@@ -16,7 +16,7 @@ void Chunk::clear() {
 }
 
 ChunkView Chunk::view() {
-  return {lines.data(), edge_gradients.data()};
+  return {lines.data(), edge_gradients.data(), pairs.data(), paint_gradients.data()};
 }
 
 void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const CsImages& images, bool backward) {
@@ -373,6 +373,7 @@ void flatten(Frame& f, int index) {
     Flattener{f, chunk, q, v, p}.run();
   }
   if (f.backward) chunk.edge_gradients.resize(chunk.edges.size());
+  if (f.backward && f.scene.kinds) chunk.paint_gradients.assign(chunk.pairs.size() * paint_stride(f.scene.most_stops), 0.0f);
 }
 
 void bin(Frame& f) {

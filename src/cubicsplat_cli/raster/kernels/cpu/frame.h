@@ -22,6 +22,7 @@ struct Chunk {
   std::vector<uint16_t> edges;  // of the pairs, and for each of them:
   std::vector<Line> lines;      // and kSpareLines more
   std::vector<EdgeGradient> edge_gradients;
+  std::vector<float> paint_gradients;
   std::vector<uint32_t> ring_starts;  // first vertex of each ring of a primitive, then the number of its vertices
   std::vector<uint32_t> cursor;  // scratch of the counting sorts
   std::vector<Span> spans;       // scratch: where each edge is near

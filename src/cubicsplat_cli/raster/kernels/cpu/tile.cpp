@@ -7,8 +7,8 @@
 #error "CS_ISA must name the instruction set this file is compiled for"
 #endif
 
-#include "backward.h"
 #include "images.h"
+#include "ink.h"
 
 namespace cs {
 namespace CS_ISA {
@@ -24,7 +24,7 @@ struct Finished {
   }
 };
 
-template <int C>
+template <int C, class Ink>
 class BlockWork {
  public:
   BlockWork(const TileTask& task, const Outlines& outlines, Record* records, int number)
@@ -73,14 +73,14 @@ class BlockWork {
     Record* next = records_;
     visited_ = 0;
     outlines_.each_visible(block_, [&](const Outline& o) {
-      const Primitive& q = *o.primitive;
+      const Ink ink(task_, o, block_);
       Lanes coverage(1.0f);
       if (mixed(o)) {
         cover(o, *next);
         coverage = next++->cover.coverage;
       }
-      const Lanes alpha = minimum(Lanes(q.opacity) * coverage, Lanes(kMaxAlpha));
-      composite<C>(alpha, q.colour, transmittance_, accumulated_);
+      const Lanes alpha = minimum(ink.opacity * coverage, Lanes(kMaxAlpha));
+      composite<C>(alpha, ink.colour, transmittance_, accumulated_);
       visited_++;
       return any(transmittance_ >= Lanes(kMinTransmittance));
     });
@@ -121,27 +121,27 @@ class BlockWork {
   }
 
   CS_INLINE void return_to(const Outline& o, const Record* record, const Finished<C>& done, Backward<Lanes>& pixel) {
-    const Primitive& q = *o.primitive;
+    const Ink ink(task_, o, block_);
     const Lanes coverage = record ? record->cover.coverage : Lanes(1.0f);
-    const Lanes raw = Lanes(q.opacity) * coverage, alpha = minimum(raw, Lanes(kMaxAlpha));
-    Lanes weight, d_alpha = composite_backward<C>(alpha, q.colour, done.gradient, pixel, weight);
+    const Lanes raw = ink.opacity * coverage, alpha = minimum(raw, Lanes(kMaxAlpha));
+    Lanes weight, d_alpha = composite_backward<C>(alpha, ink.colour, done.gradient, pixel, weight);
     d_alpha = select(raw > Lanes(kMaxAlpha), Lanes(0.0f), d_alpha);
-    add_paint_gradient(o.pair->gradient, sum_of_four(weight * done.gradient[0], weight * done.gradient[1],
-                                                     weight * done.gradient[2], d_alpha * coverage));
-    if (task_.settings->importance) o.pair->gradient.importance += sum(importance(alpha, weight, q, done));
+    const Lanes seen[3] = {weight * done.gradient[0], weight * done.gradient[1], weight * done.gradient[2]};
+    ink.give_back(task_, o, block_, seen, d_alpha * coverage);
+    if (task_.settings->importance) o.pair->gradient.importance += sum(importance(alpha, weight, ink, done));
     if (!record) return;
-    const Lanes d_coverage = d_alpha * Lanes(q.opacity);
+    const Lanes d_coverage = d_alpha * ink.opacity;
     add_cover_gradient(*task_.scene, o, *record, d_coverage);
     pull_edges(o, block_, *record, d_coverage);
   }
 
-  CS_INLINE Lanes importance(Lanes alpha, Lanes weight, const Primitive& q, const Finished<C>& done) {
+  CS_INLINE Lanes importance(Lanes alpha, Lanes weight, const Ink& ink, const Finished<C>& done) {
     if (task_.settings->importance == 1) return weight * done.factor;
-    return leave_one_out<C>(alpha, weight, q.colour, done.colour, done.error, penalty(), accumulated_) * done.factor;
+    return leave_one_out<C>(alpha, weight, ink.colour, done.colour, done.error, penalty(), accumulated_) * done.factor;
   }
 };
 
-template <int C>
+template <int C, class Ink>
 void raster(const TileTask& task) {
   Arena arena{task.scratch};
   const Outlines outlines = Gatherer(task, arena).run();
@@ -150,7 +150,7 @@ void raster(const TileTask& task) {
   Lanes background[C];
   for (Lanes& b : background) b = Lanes(0.0f);
   for (int number = 0; number < kBlocks; number++) {
-    BlockWork<C> work(task, outlines, records, number);
+    BlockWork<C, Ink> work(task, outlines, records, number);
     if (!work.empty()) loss += work.run(background);
   }
   *task.loss = loss;
@@ -165,10 +165,11 @@ size_t tile_scratch(const TileTask& task) {
 }
 
 void raster_tile(const TileTask& task) {
+  const bool flat = !task.scene->kinds;
   if (task.scene->channels == 3)
-    raster<3>(task);
+    flat ? raster<3, FlatInk>(task) : raster<3, GradientInk>(task);
   else
-    raster<4>(task);
+    flat ? raster<4, FlatInk>(task) : raster<4, GradientInk>(task);
 }
 
 }  // namespace CS_ISA

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "../shared/paint.h"
 #include "abi.h"
 
 namespace cs {
@@ -58,7 +59,13 @@ struct Primitive {
 struct ChunkView {
   const Line* lines;
   EdgeGradient* edge_gradients;
+  const Pair* pairs;
+  float* paint_gradients;  // paint_stride() for each pair, only on the way back through a scene with gradient fills
 };
+
+inline size_t paint_stride(int most_stops) { return size_t(kStopValues) * most_stops + kFrameValues; }
+
+inline Paints paints_of(const CsScene& s) { return {s.kinds, s.counts, s.frames, s.offsets, s.stops, s.most_stops}; }
 
 struct TileTask {
   const CsScene* scene;

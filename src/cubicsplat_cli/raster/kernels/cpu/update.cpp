@@ -12,7 +12,7 @@ namespace {
 
 // Gradient of one primitive's parameters; points are x, y interleaved.
 struct Gathered {
-  std::vector<float> vertices, points;
+  std::vector<float> vertices, points, paint;
   float colour[3], opacity, half_width, edge_width, importance;
 };
 
@@ -21,6 +21,8 @@ void gather(const Frame& f, const Chunk& chunk, const Primitive& q, Gathered& g)
   g.vertices.assign(size_t(q.edges) * 2, 0.0f);
   for (float& c : g.colour) c = 0.0f;
   g.opacity = g.half_width = g.edge_width = g.importance = 0.0f;
+  const size_t stride = f.scene.kinds ? paint_stride(f.scene.most_stops) : 0;
+  g.paint.assign(stride, 0.0f);
   for (uint32_t i = q.pair_begin; i < q.pair_end; i++) {
     const Pair& pair = chunk.pairs[i];
     const PairGradient& seen = pair.gradient;
@@ -29,6 +31,7 @@ void gather(const Frame& f, const Chunk& chunk, const Primitive& q, Gathered& g)
     g.half_width += seen.half_width;
     g.edge_width += seen.edge_width;
     g.importance += seen.importance;
+    for (size_t j = 0; j < stride; j++) g.paint[j] += chunk.paint_gradients[i * stride + j];
     const uint32_t* ring = rings;  // the edges of a pair are listed in ascending order
     for (uint32_t j = pair.edge_begin; j < pair.edge_begin + pair.edge_count; j++) {
       const EdgeGradient& e = chunk.edge_gradients[j];
@@ -106,6 +109,10 @@ void write(const Frame& f, int p, const Gathered& g, const CsGradients& out) {
   if (out.half_widths) out.half_widths[p] = g.half_width;
   if (out.edge_widths) out.edge_widths[p] = g.edge_width;
   if (out.importance) out.importance[p] = g.importance;
+  if (!f.scene.kinds) return;
+  const size_t stops = size_t(kStopValues) * f.scene.most_stops;
+  if (out.stops) std::copy(g.paint.begin(), g.paint.begin() + stops, out.stops + p * stops);
+  if (out.frames) std::copy(g.paint.begin() + stops, g.paint.end(), out.frames + p * size_t(kFrameValues));
 }
 
 void step_points(const Frame& f, int p, const Gathered& g, const CsTraining& t, const AdanRates& r,

@@ -168,11 +168,15 @@ CS_INLINE void pixel_loss_gradient(const F* e, const Penalty& p, F* g) {
 }
 
 // Colour channel c of a curve; the fourth channel of a premultiplied picture is the coverage itself.
-CS_INLINE float channel(const float* colour, int c) { return c < 3 ? colour[c] : 1.0f; }
+template <class K>
+CS_INLINE K channel(const K* colour, int c) {
+  return c < 3 ? colour[c] : K(1.0f);
+}
 
-// One compositing step, front to back. Returns the weight T alpha that the curve has in the pixel.
-template <int C, class F>
-CS_INLINE F composite(F alpha, const float* colour, F& transmittance, F* accumulated) {
+// One compositing step, front to back. Returns the weight T alpha that the curve has in the pixel. K, here and below: float
+// where all of a row of pixels sees one colour, or F.
+template <int C, class F, class K>
+CS_INLINE F composite(F alpha, const K* colour, F& transmittance, F* accumulated) {
   F live = select(transmittance < F(kMinTransmittance), F(0.0f), alpha);
   F weight = transmittance * live;
   for (int c = 0; c < C; c++) accumulated[c] = fused(weight, F(channel(colour, c)), accumulated[c]);
@@ -188,8 +192,8 @@ struct Backward {
 };
 
 // dL/dalpha = T <c, g> - <F - acc_i, g> / (1 - alpha); returns it with the weight T alpha.
-template <int C, class F>
-CS_INLINE F composite_backward(F alpha, const float* colour, const F* g, Backward<F>& state, F& weight) {
+template <int C, class F, class K>
+CS_INLINE F composite_backward(F alpha, const K* colour, const F* g, Backward<F>& state, F& weight) {
   auto finished = state.transmittance < F(kMinTransmittance);
   F live = select(finished, F(0.0f), alpha);
   F along = F(0.0f);
@@ -203,8 +207,8 @@ CS_INLINE F composite_backward(F alpha, const float* colour, const F* g, Backwar
 
 // Leave-one-out importance: the rise of the pixel's loss if the curve were deleted now. The picture without it is
 // acc_{i-1} + (F - acc_i) / (1 - alpha). `before` is acc_{i-1} and becomes acc_i; e = F - target.
-template <int C, class F>
-CS_INLINE F leave_one_out(F alpha, F weight, const float* colour, const F* final_colour, const F* e, const Penalty& p,
+template <int C, class F, class K>
+CS_INLINE F leave_one_out(F alpha, F weight, const K* colour, const F* final_colour, const F* e, const Penalty& p,
                           F* before) {
   F inverse = quotient(F(1.0f), F(1.0f) - select(weight > F(0.0f), alpha, F(0.0f)));
   F without[C];

@@ -1,0 +1,78 @@
+// What a block's pixels see of a curve's fill: one colour, or those of a gradient. Which of the two is settled when the
+// raster stage is compiled, so that scenes without gradients know nothing of them.
+#pragma once
+
+#include "../shared/paint.h"
+#include "backward.h"
+
+namespace cs {
+namespace CS_ISA {
+
+// Where the gradients of a pair's fill go: the stops', then the frame's.
+CS_INLINE float* paint_gradient(const TileTask& task, const Outline& o) {
+  const ChunkView& chunk = task.chunks[o.pair->primitive / task.chunk_size];
+  return chunk.paint_gradients + size_t(o.pair - chunk.pairs) * paint_stride(task.scene->most_stops);
+}
+
+CS_INLINE void add_to(float* sums, const Four& more, int count) {
+  for (int i = 0; i < count; i++) sums[i] += more.v[i];
+}
+
+struct FlatInk {
+  const float* colour;
+  Lanes opacity;
+
+  CS_INLINE FlatInk(const TileTask&, const Outline& o, const Block&)
+      : colour(o.primitive->colour), opacity(o.primitive->opacity) {}
+
+  // seen: T alpha dL/dF by colour; d_opacity: dL/d(opacity) by pixel.
+  CS_INLINE void give_back(const TileTask&, const Outline& o, const Block&, const Lanes* seen, Lanes d_opacity) const {
+    add_paint_gradient(o.pair->gradient, sum_of_four(seen[0], seen[1], seen[2], d_opacity));
+  }
+};
+
+struct GradientInk {
+  Lanes colour[kStopValues];  // the fourth is the stops' opacity
+  Lanes opacity;
+  Paint paint;
+
+  CS_INLINE GradientInk(const TileTask& task, const Outline& o, const Block& b) : paint(paints_of(*task.scene).of(o.pair->primitive)) {
+    const Primitive& q = *o.primitive;
+    opacity = Lanes(q.opacity);
+    if (paint.kind == kFlat) {
+      for (int c = 0; c < 3; c++) colour[c] = Lanes(q.colour[c]);
+      return;
+    }
+    paint_value(paint, place(task, b).t, colour);
+    opacity = opacity * colour[3];
+  }
+
+  CS_INLINE void give_back(const TileTask& task, const Outline& o, const Block& b, const Lanes* seen, Lanes d_opacity) const {
+    PairGradient& g = o.pair->gradient;
+    if (paint.kind == kFlat) return add_paint_gradient(g, sum_of_four(seen[0], seen[1], seen[2], d_opacity));
+    g.opacity += sum(d_opacity * colour[3]);
+    const Lanes d[kStopValues] = {seen[0], seen[1], seen[2], d_opacity * Lanes(o.primitive->opacity)};
+    float* const sums = paint_gradient(task, o);
+    const OnTheWay<Lanes> at = place(task, b);
+    const Lanes d_t = paint_backward(paint, at.t, d, [&](int k, Lanes share) {
+      add_to(sums + kStopValues * k, sum_of_four(share * d[0], share * d[1], share * d[2], share * d[3]), kStopValues);
+    });
+    Lanes d_u, d_v;
+    plane_backward(paint, at, d_t, d_u, d_v);
+    float* const frame = sums + kStopValues * task.scene->most_stops;
+    const Lanes x = x_of(task, b), y = y_of(task, b), none(0.0f);
+    add_to(frame, sum_of_four(d_u * x, d_u * y, d_u, none), 3);
+    if (paint.kind == kRadial) add_to(frame + 3, sum_of_four(d_v * x, d_v * y, d_v, none), 3);
+  }
+
+ private:
+  static CS_INLINE Lanes x_of(const TileTask& task, const Block& b) { return b.px + Lanes(float(task.tile_x * kTile)); }
+  static CS_INLINE Lanes y_of(const TileTask& task, const Block& b) { return b.py + Lanes(float(task.tile_y * kTile)); }
+
+  CS_INLINE OnTheWay<Lanes> place(const TileTask& task, const Block& b) const {
+    return on_the_way(paint, x_of(task, b), y_of(task, b));
+  }
+};
+
+}  // namespace CS_ISA
+}  // namespace cs

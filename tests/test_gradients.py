@@ -1,0 +1,351 @@
+"""Gradient fills: what is one, the reference's derivatives, and every engine against the reference."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from engines import (
+    CUDA,
+    ENGINES,
+    FIRST,
+    GRADIENT_TOLERANCE,
+    PICTURE_TOLERANCE,
+    close,
+    compared,
+    open_kind,
+    outliers,
+    packed,
+    state_for,
+)
+from scenes import (
+    MODES,
+    PAPER,
+    TENSORS,
+    as_arguments,
+    in_double,
+    random_scene,
+    random_target,
+    rectangle,
+    reference_render,
+    scene_of,
+)
+from torch import Tensor
+
+from cubicsplat_cli.errors import EngineError, InputError
+from cubicsplat_cli.gradients import FLAT, LINEAR, RADIAL, Gradients, ends_of, linear_frames, paint_at
+from cubicsplat_cli.raster import RasterSettings, reference, render, render_scene
+from cubicsplat_cli.raster.engine import Rates, Training
+from cubicsplat_cli.raster.operator import render_op
+from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.settings import Mode
+
+RELAXED, EXACT = RasterSettings("relaxed", 1.0, 8), RasterSettings("exact", 1.0, 16)
+CPUS = [each for each in ENGINES if each not in CUDA]
+every_engine = pytest.mark.parametrize("engine", CPUS[:1], indirect=True)
+
+
+@pytest.fixture(scope="module")
+def engine(request):
+    """The best CPU engine, or the one that a test names."""
+    engine = open_kind(getattr(request, "param", FIRST))
+    yield engine
+    engine.close()
+
+
+def random_gradients(scene: Scene, seed: int = 0, most: int = 4) -> Gradients:
+    """Flat, linear and radial ones in turn, with one to `most` stops, some of them hard."""
+    generator = torch.Generator().manual_seed(seed)
+    n = scene.curves
+    kinds = torch.arange(n, dtype=torch.int32) % 3
+    counts = torch.tensor([1 + (i * 5 + 2) % most if i % 7 else most for i in range(n)], dtype=torch.int32)
+    offsets = torch.rand(n, most, generator=generator).sort(dim=1).values
+    offsets[::4, -1] = offsets[::4, -2]
+    middle = torch.tensor([scene.width, scene.height]) * torch.rand(n, 2, generator=generator)
+    size = 0.5 * max(scene.width, scene.height)
+    plane = torch.randn(n, 2, 2, generator=generator) / size
+    frames = torch.cat((plane, 0.3 - plane @ middle[:, :, None]), dim=2)
+    stops = 0.1 + 0.8 * torch.rand(n, most, 4, generator=generator)
+    return Gradients(kinds, frames, counts, offsets, stops)
+
+
+def painted(mode: Mode, curves: int = 9, width: int = 33, height: int = 27, seed: int = 1, **options) -> Scene:
+    scene = random_scene(mode, curves, 3, width, height, seed, scale=0.45, **options)
+    return replace(scene, gradients=random_gradients(scene, seed))
+
+
+def one(kind: int, frame: list[list[float]], offsets: list[float], stops: list[list[float]]) -> Gradients:
+    """Of one curve."""
+    return Gradients(
+        torch.tensor([kind], dtype=torch.int32), torch.tensor([frame]), torch.tensor([len(stops)], dtype=torch.int32),
+        torch.tensor([offsets]), torch.tensor([stops]),
+    )  # fmt: skip
+
+
+RAMP = [[0.0, 0.2, 1.0, 1.0], [1.0, 0.4, 0.0, 0.5]]
+
+
+def test_a_linear_gradient_by_hand():
+    given = one(LINEAR, [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0]], [0.2, 0.7], RAMP)
+    places = torch.tensor([[-5.0, 3.0], [2.0, 3.0], [4.5, 9.0], [7.0, 0.0], [50.0, 0.0]], dtype=torch.float64)
+    want = [RAMP[0], RAMP[0], [0.5, 0.3, 0.5, 0.75], RAMP[1], RAMP[1]]
+    assert torch.allclose(paint_at(given, 0, places), torch.tensor(want, dtype=torch.float64), atol=1e-6)
+
+
+def test_a_radial_gradient_by_hand():
+    given = one(RADIAL, [[0.25, 0.0, -1.0], [0.0, 0.5, -1.0]], [0.0, 1.0], RAMP)
+    places = torch.tensor([[4.0, 2.0], [6.0, 2.0], [4.0, 3.0], [0.0, 2.0]], dtype=torch.float64)
+    middle = [0.5, 0.3, 0.5, 0.75]
+    want = torch.tensor([RAMP[0], middle, middle, RAMP[1]], dtype=torch.float64)
+    assert torch.allclose(paint_at(given, 0, places), want, atol=1e-6)
+
+
+def test_of_stops_with_one_offset_the_last_counts_from_there_on():
+    stops = [[0.0] * 4, [0.3] * 4, [1.0] * 4]
+    given = one(LINEAR, [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0]], [0.5, 0.5, 0.5], stops)
+    places = torch.tensor([[4.9, 0.0], [5.1, 0.0]], dtype=torch.float64)
+    assert paint_at(given, 0, places)[:, 0].tolist() == [0.0, 1.0]
+
+
+def test_frames_have_the_ends_that_they_were_made_of():
+    generator = torch.Generator().manual_seed(0)
+    starts, ends = (20.0 * torch.rand(5, 2, generator=generator, dtype=torch.float64) for _ in range(2))
+    frames = linear_frames(starts, ends)
+    for t, places in enumerate((starts, ends)):
+        assert torch.allclose((frames[:, 0, :2] * places).sum(1) + frames[:, 0, 2], torch.full((5,), float(t)).double())
+    again = ends_of(frames, starts)
+    assert torch.allclose(again[0], starts)
+    assert torch.allclose(again[1], ends)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"kinds": torch.tensor([0, 1, 3], dtype=torch.int32)}, "kinds must be 0 .flat., 1"),
+        ({"kinds": torch.tensor([0, 1, 2])}, r"kinds must be a int32 torch.Tensor of shape \(3,\)"),
+        (
+            {"counts": torch.tensor([0, 1, 9], dtype=torch.int32)},
+            "counts must lie between 1 and 4, but those of curve 2",
+        ),
+        ({"frames": torch.zeros(3, 2)}, r"frames must be a float32 or float64 torch.Tensor of shape \(3, 2, 3\)"),
+        ({"frames": torch.full((3, 2, 3), float("nan"))}, "frames must be finite, but those of curve 1"),
+        ({"offsets": torch.tensor([[0.0, 0.5, 0.4, 1.0]] * 3)}, "offsets must rise from 0 to 1"),
+        ({"stops": torch.full((3, 4, 4), 1.5)}, "stops must be between 0 and 1"),
+        ({"stops": None}, r"stops must be a torch.Tensor of shape \(3, S, 4\)"),
+    ],
+)
+def test_wrong_gradients_are_named(change, words):
+    scene = painted(Mode.CLOSED, 3)
+    four = torch.full((3,), 4, dtype=torch.int32)
+    bad = replace(scene, gradients=replace(scene.gradients, **{"counts": four, **change}))
+    with pytest.raises(InputError, match=words):
+        bad.validate()
+
+
+def test_what_nothing_reads_may_be_anything():
+    scene = painted(Mode.CLOSED, 3)
+    given = scene.gradients.copy()
+    given.stops[0] = float("nan")  # flat
+    given.counts[1] = 2
+    given.stops[1, 2:] = 7.0
+    given.offsets[1, 2:] = -1.0
+    replace(scene, gradients=given).validate()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_scaled_scene_has_the_same_gradients(mode):
+    scene = painted(mode, 6, 20, 18)
+    larger = scaled_scene(scene, 40, 36)
+    at = reference.pixel_centres(20, 18)
+    for curve in (1, 2, 4, 5):
+        assert torch.allclose(
+            paint_at(scene.gradients, curve, at), paint_at(larger.gradients, curve, 2.0 * at), atol=1e-5
+        )
+
+
+@pytest.mark.parametrize("coverage", ["relaxed", "exact"])
+@pytest.mark.parametrize("background", [PAPER, None])
+def test_equal_stops_are_a_flat_fill(coverage, background):
+    scene = painted(Mode.CLOSED, background=background)
+    alike = torch.cat((scene.colours, torch.ones(9, 1)), 1).unsqueeze(1).expand(9, 4, 4)
+    same = replace(scene, gradients=replace(scene.gradients, stops=alike.contiguous()))
+    want = reference_render(replace(scene, gradients=None), coverage)
+    assert torch.allclose(reference_render(same, coverage), want, atol=1e-6)
+
+
+def in_double_painted(scene: Scene) -> Scene:
+    """Float64 leaves, the gradients' frames and stops too."""
+    given = scene.gradients.floating(lambda t: t.detach().double())
+    given.frames.requires_grad_()
+    given.stops.requires_grad_()
+    return replace(in_double(scene, requires_grad=True), gradients=given)
+
+
+@pytest.mark.parametrize("background", [PAPER, None])
+def test_reference_gradients_match_finite_differences(background):
+    scene = in_double_painted(painted(Mode.CLOSED, 6, 13, 11, 3, background=background, opacity=(0.3, 0.8)))
+    target = random_target(scene).double()
+
+    def loss(frames: Tensor, stops: Tensor) -> Tensor:
+        fills = replace(scene.gradients, frames=frames, stops=stops)
+        return reference.image_loss(reference_render(replace(scene, gradients=fills), edge_width=2.0), target)
+
+    leaves = [scene.gradients.frames, scene.gradients.stops]
+    found = torch.autograd.grad(loss(*leaves), leaves)
+    assert not found[1][0].any()  # flat
+    step, still = 1e-7, [leaf.detach() for leaf in leaves]
+    for which, name in enumerate(("frames", "stops")):
+        assert int((found[which].abs() > 1e-3).sum()) >= 9, name
+        for index in range(0, still[which].numel(), 2):
+            ends = []
+            for sign in (step, -step):
+                moved = [t.clone() for t in still]
+                moved[which].view(-1)[index] += sign
+                ends.append(loss(*moved).detach())
+            slope = float(ends[0] - ends[1]) / (2.0 * step)
+            assert float(found[which].view(-1)[index]) == pytest.approx(slope, rel=2e-3, abs=2e-3), (name, index)
+
+
+@pytest.mark.parametrize("engine", CPUS, indirect=True)
+@pytest.mark.parametrize("background", [PAPER, None])
+@pytest.mark.parametrize("mode", MODES)
+def test_the_engine_matches_the_reference(engine, mode, background):
+    for seed, raster in enumerate((RELAXED, EXACT)):
+        scene = painted(mode, 9, seed=seed + 4, background=background)
+        scene.validate()
+        target = random_target(scene)
+        leaves = in_double_painted(scene)
+        tensors, keywords = as_arguments(leaves)
+        image = reference.render(*tensors, **keywords, settings=raster)
+        loss = reference.image_loss(image, target.double())
+        loss.backward()
+        here = packed(scene, engine.device)
+        assert (
+            outliers(engine.render(here, raster), image.detach(), 5e-3 if raster is EXACT else PICTURE_TOLERANCE)
+            <= 0.01
+        )
+        found, got = engine.gradients(here, raster, target=target.to(engine.device))
+        assert found == pytest.approx(float(loss.detach()), rel=2e-3)
+        wanted = {name: getattr(leaves, name).grad for name in compared(scene)}
+        wanted |= {"frames": leaves.gradients.frames.grad, "stops": leaves.gradients.stops.grad}
+        for name, want in wanted.items():
+            scale = max(1.0, float(want.abs().max()))
+            assert outliers(got[name], want, 5 * GRADIENT_TOLERANCE * scale) <= 0.02, (name, raster.coverage)
+        assert float(wanted["frames"].abs().max()) > 1.0
+
+
+@every_engine
+@pytest.mark.parametrize("kind", ["loo", "visibility"])
+def test_importance(engine, kind):
+    scene = painted(Mode.CLOSED, 8, 41, 35, 2, background=PAPER)
+    target = random_target(scene, 3)
+    tensors, keywords = as_arguments(in_double(scene))
+    want = reference.importance(*tensors, **keywords, settings=RELAXED, target=target.double(), kind=kind)
+    here, target = packed(scene, engine.device), target.to(engine.device)
+    _, got = engine.gradients(here, RELAXED, target=target, importance=kind)
+    assert close(got["importance"], want, 5e-3)
+
+
+@every_engine
+@pytest.mark.parametrize("background", [PAPER, None])
+@pytest.mark.parametrize("mode", MODES)
+def test_flat_kinds_are_drawn_as_without_gradients(engine, mode, background):
+    """To the bit: the way through the gradients changes nothing else."""
+    scene = random_scene(mode, 20, 3, 50, 40, 2, background=background)
+    given = replace(random_gradients(scene), kinds=torch.full((20,), FLAT, dtype=torch.int32))
+    target = random_target(scene).to(engine.device)
+    plain, flat = (packed(s, engine.device) for s in (scene, replace(scene, gradients=given)))
+    for raster in (RELAXED, EXACT):
+        assert torch.equal(engine.render(plain, raster), engine.render(flat, raster))
+        _, want = engine.gradients(plain, raster, target=target, importance="loo")
+        _, got = engine.gradients(flat, raster, target=target, importance="loo")
+        assert not got["frames"].any()
+        assert not got["stops"].any()
+        for name, value in want.items():
+            # On a GPU atomics add in any order.
+            assert close(got[name], value, 1e-4) if engine.device.type == "cuda" else torch.equal(got[name], value), (
+                name
+            )
+
+
+@every_engine
+def test_a_step_gives_the_gradients_of_frames_and_stops(engine):
+    scene = painted(Mode.CLOSED, background=PAPER)
+    target = random_target(scene).to(engine.device)
+    here = packed(replace(scene, colours=scene.colours.logit(), opacities=scene.opacities.logit()), engine.device)
+    here.logits = True
+    _, want = engine.gradients(here, RELAXED, target=target)
+    before, state = here.copy(), state_for(here)
+    training = Training(
+        target, state, Rates(0.3, 0.05, 0.05, 0.0),
+        frames_gradient=torch.zeros(9, 2, 3, device=engine.device),
+        stops_gradient=torch.zeros(9, 4, 4, device=engine.device),
+    )  # fmt: skip
+    loss = float(engine.step(here, RELAXED, training))
+    assert close(training.frames_gradient, want["frames"], 1e-5)
+    assert close(training.stops_gradient, want["stops"], 1e-5)
+    assert torch.equal(here.gradients.stops, before.gradients.stops)
+    assert not torch.equal(here.points, before.points)
+    assert float(engine.step(here, RELAXED, training)) < loss
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_operator_and_render_scene_draw_gradients(engine, mode):
+    scene = painted(mode, background=PAPER)
+    want = engine.render(packed(scene), EXACT)
+    assert torch.equal(torch.from_numpy(render_scene(scene, samples=16)), want)
+    points = scene.points.clone().requires_grad_()
+    given = scene.gradients.copy()
+    given.frames.requires_grad_()
+    given.stops.requires_grad_()
+    picture = render(replace(scene, points=points, gradients=given), EXACT)
+    assert torch.equal(picture.detach(), want)
+    target = random_target(scene)
+    (picture - target).square().sum().backward()
+    _, got = engine.gradients(packed(scene), EXACT, target=target)
+    for name, leaf in (("points", points), ("frames", given.frames), ("stops", given.stops)):
+        assert torch.allclose(leaf.grad, got[name], rtol=1e-4, atol=1e-3), name
+
+
+def test_the_operator_needs_no_gradient_of_the_fills(engine):
+    scene = painted(Mode.CLOSED, background=PAPER)
+    colours = scene.colours.clone().requires_grad_()
+    render(replace(scene, colours=colours), RELAXED).sum().backward()
+    assert colours.grad[::3].any()  # the flat ones
+    assert not colours.grad[1::3].any()
+
+
+def test_torch_accepts_the_operator_with_gradients():
+    scene = painted(Mode.CLOSED, 3, 20, 18, background=PAPER)
+    tensors = [getattr(scene, name).clone().requires_grad_() for name in TENSORS]
+    given = scene.gradients
+    fills = [given.frames.clone().requires_grad_(), given.stops.clone().requires_grad_(), given.offsets]
+    canvas = ([1, 20, 18], list(PAPER), [0, 8, 0], [1.5, 0.0])
+    results = torch.library.opcheck(render_op, (*tensors, *fills, given.kinds, given.counts, None, *canvas))
+    assert set(results.values()) == {"SUCCESS"}
+
+
+def test_wrong_tables_do_not_reach_the_engine(engine):
+    scene = packed(painted(Mode.CLOSED, 6))
+    for name, value in (("kinds", 5), ("counts", 99), ("counts", 0)):
+        bad = packed(scene)
+        getattr(bad.gradients, name)[1] = value
+        with pytest.raises(EngineError, match="gradients need a kind from 0 to 2"):
+            engine.render(bad, RELAXED)
+    scene.gradients.offsets = scene.gradients.offsets.double()
+    with pytest.raises(EngineError, match=r"gradients.offsets must be a contiguous torch\.float32"):
+        engine.render(scene, RELAXED)
+
+
+def test_a_place_at_the_centre_of_a_radial_gradient_has_finite_gradients(engine):
+    scene = scene_of(Mode.CLOSED, [rectangle(1, 1, 9, 9)], 10, 10, background=PAPER)
+    scene = replace(scene, gradients=one(RADIAL, [[0.125, 0.0, -0.5625], [0.0, 0.125, -0.5625]], [0.0, 1.0], RAMP))
+    target = random_target(scene)
+    _, got = engine.gradients(packed(scene), RELAXED, target=target)
+    leaves = in_double_painted(scene)
+    tensors, keywords = as_arguments(leaves)
+    reference.image_loss(reference.render(*tensors, **keywords, settings=RELAXED), target.double()).backward()
+    assert close(got["frames"], leaves.gradients.frames.grad, 1e-3)
+    for name in (*TENSORS, "frames", "stops"):
+        assert torch.isfinite(got[name]).all(), name
