@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import sys
@@ -13,7 +14,8 @@ from PIL import Image
 from warm import WarmCommand
 
 from cubicsplat_cli.cli import display
-from cubicsplat_cli.cli.display import Whole
+from cubicsplat_cli.cli.display import LiveDisplay, Whole
+from cubicsplat_cli.progress import Progress
 
 terminals = pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
 CONTROL = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
@@ -52,6 +54,99 @@ def test_a_narrow_terminal_shows_percent_and_time_left_in_one_line(tmp_path, mon
     lines = [line for line in re.split(r"[\r\n]+", CONTROL.sub("", text)) if " %" in line]
     assert any(re.search(r"a_photo_wi\.\.\.\s+\d+ %  [\d.]+ s left", line) for line in lines), lines
     assert max(len(line.rstrip()) for line in lines) <= 40
+
+
+class Terminal:
+    """What is on a terminal that lays lines out anew when its width changes. follows: of a row, whether it goes on the
+    line of the row above it.
+    """
+
+    def __init__(self, width: int) -> None:
+        self.width, self.row, self.column = width, 0, 0
+        self.rows, self.follows = [""], [False]
+
+    def feed(self, text: str) -> None:
+        for control, letter in re.findall(r"(\x1b\[[\d;?]*[A-Za-z])|([^\x1b])", text):
+            if letter == "\r":
+                self.column = 0
+            elif letter == "\n":
+                self._down(follows=False)
+            elif control.endswith("K"):
+                self.rows[self.row] = ""
+                self.follows[self.row : self.row + 2] = [False] * len(self.follows[self.row : self.row + 2])
+            elif control.endswith("A"):
+                self.row = max(0, self.row - int(control[2:-1]))
+            elif letter:
+                if self.column == self.width:
+                    self._down(follows=True)
+                self.rows[self.row] = f"{self.rows[self.row].ljust(self.column)[: self.column]}{letter}"
+                self.column += 1
+
+    def _down(self, *, follows: bool) -> None:
+        self.row, self.column = self.row + 1, 0
+        if self.row == len(self.rows):
+            self.rows.append("")
+            self.follows.append(False)
+        self.follows[self.row] = follows
+
+    def resize(self, width: int) -> None:
+        lines: list[str] = []
+        for index, (row, follows) in enumerate(zip(self.rows, self.follows, strict=True)):
+            lines = [*lines[:-1], lines[-1] + row] if follows else [*lines, row]
+            if index == self.row:
+                line, place = len(lines) - 1, len(lines[-1]) - len(row) + self.column
+        self.width, self.rows, self.follows = width, [], []
+        for index, text in enumerate(lines):
+            if index == line:
+                self.row = len(self.rows) + max(0, place - 1) // width
+                self.column = place - max(0, place - 1) // width * width
+            starts = range(0, max(1, len(text)), width)
+            self.rows += [text[start : start + width] for start in starts]
+            self.follows += [start > 0 for start in starts]
+
+
+@terminals
+def test_a_terminal_whose_size_changes_keeps_nothing_of_the_bars(monkeypatch):
+    import fcntl
+    import pty
+    import struct
+    import termios
+
+    import rich.progress
+
+    parent, child = pty.openpty()
+    terminal = Terminal(100)
+
+    def resize(columns: int) -> None:
+        """When the bars are still, as they nearly always are: what crosses a change of size is anybody's guess."""
+        os.set_blocking(parent, False)
+        terminal.feed(os.read(parent, 1 << 16).decode())
+        fcntl.ioctl(child, termios.TIOCSWINSZ, struct.pack("HHHH", 30, columns, 0, 0))
+        terminal.resize(columns)
+
+    size = os.get_terminal_size
+    monkeypatch.setattr(os, "get_terminal_size", lambda _fd=0: size(child))
+    for name in ("COLUMNS", "LINES", "NO_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    manual = functools.partial(rich.progress.Progress, auto_refresh=False)
+    monkeypatch.setattr(rich.progress, "Progress", manual)
+    with os.fdopen(child, "w") as stderr:
+        monkeypatch.setattr(sys, "stderr", stderr)
+        fcntl.ioctl(child, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
+        print("before", file=stderr, flush=True)
+        with LiveDisplay(3) as shown:
+            for name in ("a_picture_of_some_length.png", "another_picture.png"):
+                shown.begin(name)
+                shown.step(name, Progress(0.1, 10, 100, 20.0, 3.5, 0, 12.0))
+            for columns in (60, 100, 33, 20, 90, 30):
+                shown._bars.refresh()
+                resize(columns)
+            shown.print("a note")
+            resize(25)
+        terminal.feed(os.read(parent, 1 << 16).decode())
+    os.close(parent)
+    assert [row.rstrip() for row in terminal.rows if row] == ["before", "a note"]
 
 
 @terminals

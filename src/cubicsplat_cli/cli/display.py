@@ -125,6 +125,8 @@ class LiveDisplay(Display):
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn
 
+        from cubicsplat_cli.cli.rewrap import Rewrapped
+
         # Rich honours NO_COLOR. File names may hold square brackets, which must not be read as markup.
         self._console = Console(stderr=True, highlight=False)
         wide = self._console.width >= _WIDE
@@ -133,11 +135,14 @@ class LiveDisplay(Display):
         self._bars = Progress(
             *columns, console=self._console, transient=True, redirect_stdout=False, redirect_stderr=False
         )
+        self._rewrapped = Rewrapped(self._console, self._bars.get_renderable)
         self._whole = Whole(pictures)
         self._shown: dict[str, TaskID] = {}
         self._all = self._bars.add_task(self._whole.text(), total=pictures, text="") if pictures > 1 else None
 
     def __enter__(self) -> LiveDisplay:
+        # Before the bars', which take their own hook off as the last one.
+        self._console.push_render_hook(self._rewrapped)
         self._bars.start()
         return self
 
@@ -145,6 +150,7 @@ class LiveDisplay(Display):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._bars.stop()
+        self._console.pop_render_hook()
 
     def begin(self, job: str) -> None:
         self._drop(job)
