@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -164,8 +165,8 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
     ("arguments", "said"),
     [
         (["vectorize", "x.png", "--curves", "0"], "--curves must be a whole number from 1 to 1000000, not 0"),
-        (["vectorize", "x.png", "--curves", "many"], "--curves must be a whole number"),
-        (["vectorize", "x.png", "--time-limit", "soon"], "--time-limit must be a number"),
+        (["vectorize", "x.png", "--curves", "many"], "--curves must be a whole number, not 'many'"),
+        (["vectorize", "x.png", "--time-limit", "soon"], "--time-limit must be a number, not 'soon'"),
         (["vectorize", "x.png", "--time-limit", "-1"], "--time-limit must be a number from"),
         (["vectorize", "x.png", "--mode", "round"], "--mode must be closed or open, not 'round'"),
         (["vectorize", "x.png", "--palette", "red,nocolour"], "--palette must be colours"),
@@ -218,6 +219,44 @@ def test_no_measure_writes_the_svg_and_says_so(photo, run_cli):
     assert b"not measured" in done.stderr
     assert sorted(path.name for path in photo.parent.iterdir()) == ["photo.json", "photo.png", "photo.svg"]
     assert strict_json(photo.with_suffix(".json").read_bytes())["quality"] is None
+
+
+def test_a_time_limit_that_cannot_be_met_is_told(photo, run_cli):
+    done = run_cli("vectorize", photo, "--style", "photo", "--curves", 12, "--time-limit", 0.001)
+    assert done.returncode == 0, done.stderr
+    assert re.search(rb"took [\d.]+ s, of which the fit had [\d.]+ s; --time-limit 0.001 is less than", done.stderr)
+
+
+def test_a_dry_run_tells_of_a_page_that_is_missing(photo, run_cli):
+    assert run_cli("vectorize", photo, *SHORT).returncode == 0
+    done = run_cli("vectorize", photo, *SHORT, "--report", "--dry-run")
+    assert done.stdout == f"to do  {photo} -> {photo.with_suffix('.html')}\n".encode()
+    planned = strict_json(run_cli("vectorize", photo, *SHORT, "--report", "--dry-run", "--json").stdout)
+    assert planned["status"] == "planned"
+    assert "quality" not in planned
+    assert run_cli("vectorize", photo, *SHORT, "--report").returncode == 0
+    done = run_cli("vectorize", photo, *SHORT, "--report", "--dry-run")
+    assert done.stdout == f"unchanged  {photo} -> {photo.with_suffix('.svg')}\n".encode()
+
+
+def test_nothing_does_not_move(tmp_path, run_cli):
+    Image.new("RGBA", (30, 20), (0, 0, 0, 0)).save(tmp_path / "nothing.png")
+    done = run_cli("vectorize", tmp_path / "nothing.png", "--animation", tmp_path / "a.webp")
+    assert done.returncode == 0, done.stderr
+    assert b"is transparent throughout, so there is no animation" in done.stderr
+    assert not (tmp_path / "a.webp").exists()
+
+
+@pytest.mark.parametrize(("noise", "curves"), [(1, False), (12, True)])
+def test_the_noise_of_a_jpeg_of_one_colour_is_not_drawn(noise, curves, tmp_path, run_cli):
+    pixels = np.random.default_rng(0).integers(0, noise + 1, (60, 90, 1)) + np.array([200, 40, 40])
+    Image.fromarray(pixels.astype(np.uint8)).save(tmp_path / "red.jpg", quality=90)
+    with Image.open(tmp_path / "red.jpg") as image:
+        assert np.ptp(np.asarray(image).astype(int).reshape(-1, 3), axis=0).max() > 0
+    assert run_cli("vectorize", tmp_path / "red.jpg", *SHORT, "--svg-only").returncode == 0
+    text = (tmp_path / "red.svg").read_text()
+    assert ("<path" in text) is curves
+    assert curves or 'fill="#c82828"' in text or 'fill="#c92929"' in text
 
 
 # --- streams -----------------------------------------------------------------------------------------------

@@ -9,6 +9,8 @@ from cli_runs import SHORT, json_lines, save_pictures, strict_json
 from conftest import smooth_pixels
 from PIL import Image
 
+from cubicsplat_cli.files.read import packed, read_file
+
 QUICK = (*SHORT, "--no-measure")
 
 
@@ -64,18 +66,26 @@ def test_svg_only_and_no_json(photo, run_cli):
     assert names(photo.parent) == {"photo.png", "photo.svg"}
 
 
-def test_an_svg_without_its_json_is_kept(photo, run_cli):
-    svg = photo.with_suffix(".svg")
-    assert run_cli("vectorize", photo, *QUICK, "--svg-only").returncode == 0
-    svg.write_text(svg.read_text().replace("</svg>", "<!-- mine --></svg>"))
-    for options in ([], ["--seed", 2]):
-        done = run_cli("vectorize", photo, *QUICK, "--svg-only", *options)
+@pytest.mark.parametrize("options", [["--svg-only"], [], ["--svg-only", "--svgz"], ["--style", "artwork", "--no-json"]])
+def test_without_a_json_the_svg_itself_tells_whether_it_was_edited(options, photo, run_cli):
+    svg = photo.with_suffix(".svgz" if "--svgz" in options else ".svg")
+    arguments = ["vectorize", photo, *QUICK, *options]
+    assert run_cli(*arguments).returncode == 0
+    photo.with_suffix(".json").unlink(missing_ok=True)
+    made = read_file(svg)
+    assert run_cli(*arguments, "--seed", 2).returncode == 0, "nobody has edited it"
+    assert read_file(svg) != made
+    photo.with_suffix(".json").unlink(missing_ok=True)
+    edited = read_file(svg).replace(b"</svg>", b"<!-- mine --></svg>")
+    svg.write_bytes(packed(edited.decode(), compressed=svg.suffix == ".svgz"))
+    for more in ([], ["--seed", 2]):
+        done = run_cli(*arguments, *more)
         assert done.returncode == 2
-        assert b"--skip-existing keeps it" in done.stderr
-    assert run_cli("vectorize", photo, *QUICK, "--svg-only", "--skip-existing").returncode == 0
-    assert "mine" in svg.read_text()
-    assert run_cli("vectorize", photo, *QUICK, "--svg-only", "--force").returncode == 0
-    assert "mine" not in svg.read_text()
+        assert b"was edited since it was made; --force replaces it" in done.stderr
+    assert run_cli(*arguments, "--skip-existing").returncode == 0
+    assert read_file(svg) == edited
+    assert run_cli(*arguments, "--force").returncode == 0
+    assert b"mine" not in read_file(svg)
 
 
 def test_without_json_an_earlier_one_is_used_and_does_not_outlive_its_svg(photo, run_cli):

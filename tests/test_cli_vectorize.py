@@ -70,7 +70,7 @@ def test_report_follows_schema_one(photo, run_cli, tmp_path):
     assert found["history"][-1]["step"] == 30
     source = hashlib.sha256(photo.read_bytes()).hexdigest()
     assert found["input"]["sha256"] == source
-    comment = f"<!-- cubicsplat {found['version']}, seed 3, settings {found['settings_hash']}, input {source} -->"
+    comment = f"<!-- cubicsplat {found['version']}, seed 3, settings {found['settings_hash']}, input {source}, "
     assert comment in data.decode()
     docs = (Path(__file__).resolve().parents[1] / "docs" / "metrics-json.md").read_text(encoding="utf-8")
     for name, value in found.items():

@@ -102,6 +102,7 @@ PICTURES: dict[str, tuple[Callable[[], bytes], tuple[int, ...] | None, str | Non
 OF_ONE_COLOUR = {
     "one_pixel.png", "constant.png", "black_and_white.png", "grey.png", "grey_16_bits.png", "colour_16_bits.png",
     "cmyk.jpg", "profile.png", "all_transparent.png", "all_opaque.png", "animated.gif", "really_a_jpeg.png",
+    "odd name [b]ü.webp",
 }  # fmt: skip
 
 

@@ -26,7 +26,7 @@ from cubicsplat_cli.evaluate.metrics import measure, psnr_db, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
-from cubicsplat_cli.files.marks import provenance_comment, sha256_of
+from cubicsplat_cli.files.marks import provenance_comment, sha256_of, with_checksum
 from cubicsplat_cli.files.names import is_compressed_name
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.files.weights import pixel_weights
@@ -107,7 +107,7 @@ class _Task:
         request, picture = self.request, self.picture
         comment = provenance_comment(__version__, request.settings.seed, request.digest(), picture.sha256)
         sized = scaled_scene(scene, *picture.size)
-        return write_svg(sized, precision=precision, title=self.title, comment=comment)
+        return with_checksum(write_svg(sized, precision=precision, title=self.title, comment=comment))
 
     def seconds_left(self) -> float:
         """Until the time limit, infinite without one; below 0 beyond it."""
@@ -159,7 +159,7 @@ def vectorize_picture(
             film_shapes(film, made.scene, target, request.settings.threads)
     with stages("write"):
         comment = provenance_comment(__version__, request.settings.seed, request.digest(), picture.sha256)
-        svg = made.write(title or picture.source, comment)
+        svg = with_checksum(made.write(title or picture.source, comment))
         result = Result(svg, made.scene, _report(picture, target, style, made, svg, request, stages))
         on_svg(result)
     if request.measure:

@@ -76,7 +76,7 @@ def parser_error(error: Exception) -> str | None:
     text = str(error.format_message())  # type: ignore[attr-defined]
     if match := re.match(r"Invalid value for '?([^':]+?)'?(?: / '[^']*')*(?: \([^)]*\))?: (.*)", text, re.DOTALL):
         name, reason = match[1].split(" / ")[-1].strip("'[]. "), match[2]
-        return f"{name} {_reason(reason)}"
+        return f"{name} {_reason(reason, error.__cause__)}"
     if match := re.match(r"No such command '(.*?)'", text):
         close = difflib.get_close_matches(match[1], COMMANDS, 1)
         hint = f"did you mean {close[0]}?" if close else f"the commands are {', '.join(COMMANDS)}"
@@ -90,12 +90,14 @@ def parser_error(error: Exception) -> str | None:
     return _lowered(text).rstrip(".")
 
 
-def _reason(text: str) -> str:
-    """The reason without the jargon of the parser and of what it checks values with."""
+def _reason(text: str, cause: BaseException | None) -> str:
+    """The reason without the jargon of the parser and of what it checks values with, which is the cause."""
+    errors = getattr(cause, "errors", None)
+    given = "" if errors is None else f", not {errors()[0]['input']!r}"
     if "valid integer" in text:
-        return "must be a whole number"
+        return f"must be a whole number{given}"
     if "valid number" in text or "valid float" in text:
-        return "must be a number"
+        return f"must be a number{given}"
     if match := re.match(r"(?:Value error, )?'(.*)' is not one of (.*?)\.?$", text, re.DOTALL):
         choices = match[2].replace("'", "").split(", ")
         return f"must be {', '.join(choices[:-1])} or {choices[-1]}, not {match[1]!r}"

@@ -118,7 +118,7 @@ def _compare(reference: Path, candidate: Path, options: Options, reporter: Repor
     from cubicsplat_cli.files.load import load_picture
     from cubicsplat_cli.files.read import looks_like_svg, read_file, unpacked
 
-    target = load_picture(reference, max_pixels=options.max_pixels)
+    target = load_picture(reference, max_pixels=options.max_pixels, smaller="compare smaller copies")
     data = unpacked(sys.stdin.buffer.read(), "stdin") if str(candidate) == STDIO else read_file(candidate)
     comparison = compare_with(
         target,

@@ -19,7 +19,7 @@ from cubicsplat_cli.files.ownership import check_ownership
 from cubicsplat_cli.files.stdout import write_stdout
 from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.execute import Means, execute, look
-from cubicsplat_cli.jobs.pages import write_index
+from cubicsplat_cli.jobs.pages import planned_page, write_index
 from cubicsplat_cli.jobs.plan import Plan
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
 from cubicsplat_cli.progress import Progress
@@ -57,7 +57,7 @@ class Run(Events):
             check_ownership([self.plan.index], force=self.request.force)
         if self.dry_run:
             for job in self.plan.jobs:
-                self.settle(look(job, self.request))
+                self.settle(planned_page(look(job, self.request)))
         elif self.plan.jobs:
             self._work()
         self._close()
@@ -183,6 +183,7 @@ def check_stdout(plan: Plan, *, json: bool, cluster: bool) -> None:
 def _print_plan(outcome: Outcome) -> None:
     """What a dry run says of a job."""
     outputs = outcome.job.outputs
-    target = "standard output" if outputs.svg is None else printable(str(outputs.svg))
+    path = outputs.svg if outcome.report is None or outcome.status == UNCHANGED else outputs.page
+    target = "standard output" if path is None else printable(str(path))
     state = "unchanged" if outcome.status == UNCHANGED else "to do"
     write_stdout(f"{state}  {printable(outcome.job.name)} -> {target}\n".encode())

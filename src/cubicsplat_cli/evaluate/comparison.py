@@ -133,7 +133,7 @@ def compare_with(
     if not is_svg:
         if scale is not None:
             raise UsageError(f"{candidate_path}: is a picture; --scale is about SVG files")
-        picture = load_picture(data, name=candidate_path, max_pixels=max_pixels)
+        picture = load_picture(data, name=candidate_path, max_pixels=max_pixels, smaller="compare smaller copies")
         notes.extend(f"{picture.source}: {note}" for note in picture.notes)
         quality = compare_premultiplied(reference, picture.target())
         found = further(reference, straight(picture), measures) if measures else {}

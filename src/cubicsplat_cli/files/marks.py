@@ -19,7 +19,8 @@ GZIP = b"\x1f\x8b"  # what every gzip file begins with
 # The mark sits in the first lines of every file we write; a longer search would only cost time.
 HEAD_BYTES = 4096
 
-_HASHES = re.compile(rb"<!-- cubicsplat \S+, seed \d+, settings ([0-9a-f]{12}), input ([0-9a-f]{64}) -->")
+_HASHES = re.compile(rb"<!-- cubicsplat \S+, seed \d+, settings ([0-9a-f]{12}), input ([0-9a-f]{64})[ ,]")
+_CHECKSUM = re.compile(rb"<!-- cubicsplat [^>]*?(, checksum ([0-9a-f]{12})) -->")
 
 
 def settings_hash(settings: Mapping[str, Any]) -> str:
@@ -51,6 +52,21 @@ def hashes_in(head: bytes) -> tuple[str, str] | None:
     """Settings hash and input SHA-256 from the first bytes of an SVG of ours, or None."""
     match = _HASHES.search(head[:HEAD_BYTES])
     return None if match is None else (match[1].decode(), match[2].decode())
+
+
+def with_checksum(svg: str) -> str:
+    """An SVG whose first comment, which is ours, also says the first digits of the SHA-256 of all the rest."""
+    return svg.replace(" -->", f", checksum {_short(svg.encode())} -->", 1)
+
+
+def is_edited(svg: bytes) -> bool:
+    """Whether the text of an SVG of ours is not what its checksum says, or says none."""
+    found = _CHECKSUM.search(svg[:HEAD_BYTES])
+    return found is None or _short(svg[: found.start(1)] + svg[found.end(1) :]) != found[2].decode()
+
+
+def _short(data: bytes) -> str:
+    return sha256_of(data)[:12]
 
 
 def svg_is_ours(head: bytes) -> bool:

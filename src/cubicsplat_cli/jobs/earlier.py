@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.marks import hashes_in, sha256_of
+from cubicsplat_cli.files.marks import hashes_in, is_edited, sha256_of
 from cubicsplat_cli.files.names import beside
 from cubicsplat_cli.files.ownership import check_outputs, check_ownership, head_of, is_ours, read_ends
 from cubicsplat_cli.files.paths import is_file, same_file
@@ -37,26 +37,24 @@ def check_may_write(job: Job, *, force: bool) -> None:
         return
     for path in edited(job):
         raise UsageError(f"{path} was edited since it was made; --force replaces it, -o chooses another output")
-    if job.outputs.report is None and job.outputs.svg is not None and _unknown(job, job.outputs.svg):
-        raise UsageError(
-            f"{job.outputs.svg} exists, and without its JSON nobody can tell whether it was edited since it was made; "
-            "--force replaces it, --skip-existing keeps it"
-        )
 
 
 def edited(job: Job) -> list[Path]:
-    """Files of `job` that are no longer what the report beside them says was written."""
+    """Files of `job` that are no longer what the report beside them, or the SVG's own comment, says was written."""
     report = earlier_report(job)
-    if report is None:
-        return []
-    wanted = ((job.outputs.svg, report.output.svg_sha256), (job.outputs.png, report.output.png_sha256))
-    found = [(path, digest, path.read_bytes()) for path, digest in wanted if path is not None and is_file(path)]
-    return [path for path, digest, data in found if digest and sha256_of(data) != digest and _is_whole(path, data)]
+    wanted = {job.outputs.svg: None} if report is None else _written(job, report)
+    found = [(path, digest, path.read_bytes()) for path, digest in wanted.items() if path is not None and is_file(path)]
+    return [path for path, digest, data in found if _is_whole(path, data) and _is_other(path, digest, data)]
 
 
-def _unknown(job: Job, svg: Path) -> bool:
-    """Whether a whole SVG is there that no report tells of."""
-    return is_file(svg) and earlier_report(job) is None and _is_whole(svg, svg.read_bytes())
+def _written(job: Job, report: Report) -> dict[Path | None, str | None]:
+    """What the report says was written: the SHA-256 of each file."""
+    digests = {job.outputs.svg: report.output.svg_sha256, job.outputs.png: report.output.png_sha256}
+    return {path: digest for path, digest in digests.items() if digest}
+
+
+def _is_other(path: Path, digest: str | None, data: bytes) -> bool:
+    return is_edited(unpacked(data, str(path))) if digest is None else sha256_of(data) != digest
 
 
 def _is_whole(path: Path, data: bytes) -> bool:

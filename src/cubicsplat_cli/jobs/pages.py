@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.files.ownership import read_head
 from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.run import UNCHANGED, Outcome, failure, load_job
+from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, Outcome, failure, load_job
 from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
@@ -42,6 +43,12 @@ def with_page(outcome: Outcome, request: Request) -> Outcome:
     except CubicSplatError as error:
         return failure(job, error)
     return outcome
+
+
+def planned_page(outcome: Outcome) -> Outcome:
+    """What a dry run says in place of the outcome of a job that lacks nothing but its page."""
+    done = outcome.status != UNCHANGED or outcome.report is None or has_page(outcome.job, outcome.report)
+    return outcome if done else replace(outcome, status=PLANNED)
 
 
 def write_index(path: Path, outcomes: list[Outcome]) -> None:

@@ -23,13 +23,15 @@ if TYPE_CHECKING:
     from cubicsplat_cli.files.load import Picture
     from cubicsplat_cli.pipeline import Result
 
+_OVER = 1.25  # of a time limit: what is not worth a note
 DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupted", "failed", "planned"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a job ended, or that it would be begun (planned). report: None where it was not made. error: one line, None
-    where it did not fail; trace: the traceback where the failure is a bug.
+    """How a job ended, or that it would be begun (planned). report: None where it was not made; of one that is planned
+    that of an earlier run, to which only the page is missing. error: one line, None where it did not fail; trace: the
+    traceback where the failure is a bug.
     """
 
     job: Job
@@ -41,7 +43,7 @@ class Outcome:
 
     def public(self) -> dict[str, Any]:
         """What `--json` prints for the job, as plain values."""
-        if self.report is not None:
+        if self.report is not None and self.status != PLANNED:
             return {"status": self.status, **self.report.public()}
         named = {"status": self.status, **head(), "input": {"path": self.job.name}}
         if self.error is not None:
@@ -139,7 +141,9 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
             sink.put("png", png)
     report = replace(result.report, input=replace(result.report.input, path=job.name))
     report = report.written(svg, _text(job.outputs.svg), png, _text(job.outputs.png))
-    if film is not None and job.outputs.animation is not None and result.scene is not None:
+    if film is not None and job.outputs.animation is not None and result.scene is None:
+        events.note(job.name, f"{picture.source}: is transparent throughout, so there is no animation")
+    elif film is not None and job.outputs.animation is not None and result.scene is not None:
         from cubicsplat_cli.show.animation import animation
 
         events.stage(job.name, "animation")
@@ -154,6 +158,10 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         subject = subject_of(picture, job.source(), result.svg.encode(), report)
         sink.put("page", page(subject, request.settings.threads))
     report = timed(report, stages)
+    limit, timing = request.settings.time_limit, report.timing
+    if limit is not None and timing.total_s > _OVER * limit:
+        said = f"took {timing.total_s:.1f} s, of which the fit had {timing.fit_s:.1f} s"
+        events.note(job.name, f"{picture.source}: {said}; --time-limit {limit:g} is less than the rest takes")
     sink.put("report", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
 
