@@ -32,7 +32,7 @@ from cubicsplat_cli.show.repeat import command, unsaid
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = {"curves": 9, "steps": 60, "threads": 1}
-FRAME = 36_000  # bytes of a page beside what it shows
+FRAME = 34_000  # bytes of a page beside what it shows
 
 
 def encoded(pixels: np.ndarray, form: str, **options) -> bytes:
