@@ -13,6 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.cracks import Loop
 from cubicsplat_cli.artwork.regions import Regions
+from cubicsplat_cli.artwork.thin import thin_edges
 
 # So many pixels to either side of a crack may belong to the border's blend.
 WALK = 3
@@ -22,6 +23,7 @@ PURE_SHARE = 0.02
 CLEAN_RESIDUAL = 10.0
 # Standard errors in px: of drawing programs with 4x4 samples a pixel; beside a third ink; without a clean walk.
 FLOOR, NEAR_THIRD, GUESS = 0.04, 0.3, 0.5
+THIN = 0.1  # of an edge of a line without a pure pixel
 # Of what ends with the canvas; and levels by which a pixel there must differ from its ink for an edge to be sought.
 RIM_SIGMA, RIM_LEVELS = 0.02, 4.0
 
@@ -111,6 +113,7 @@ def _heights(levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray)
     contrast = np.sqrt((span * span).sum(axis=1))
     shift = np.zeros(len(y))
     clean = np.ones(len(y), dtype=bool)
+    edge, by_line = np.zeros(len(y)), np.zeros(len(y), dtype=bool)
     third = np.zeros(len(y), dtype=bool)
     for sign in (-1, 1):
         own = above if sign < 0 else below
@@ -127,10 +130,13 @@ def _heights(levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray)
             # Walking off the canvas or into another region without having met the pure ink is no clean end.
             ended |= (here & (missing <= PURE_SHARE)) | (~inside & (step > 0))
         clean &= ended
+        line = np.flatnonzero(~ended & (regions.labels[np.clip(y + sign * WALK, 0, levels.shape[0] - 1), x] != own))
+        edge[line], by_line[line] = thin_edges(levels, regions, y[line], x[line], sign)
         shift += -walked if sign < 0 else walked
     sigma = np.hypot(FLOOR, 0.8 / np.maximum(contrast, 1.0))
     sigma = np.where(third, NEAR_THIRD, sigma)
-    return y + shift, np.where(clean, sigma, GUESS)
+    sigma = np.where(clean, sigma, GUESS)
+    return np.where(by_line, edge, y + shift), np.where(by_line, THIN, sigma)
 
 
 def _share(values: np.ndarray, base: np.ndarray, span: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
