@@ -399,12 +399,11 @@ class Trainer:
     def _regulariser(self, progress: float) -> Tensor | None:
         """The gradient of what the recipe penalises beside the picture's error."""
         recipe, points, mode = self.recipe, self.parameters.points, self.settings.mode
-        rings = self.parameters.ring_ends
         found = None
         if recipe.geometric_reg > 0.0:
-            found = crossing_gradient(points, mode, recipe.geometric_reg * self.width * self.height, rings)
+            found = crossing_gradient(points, mode, recipe.geometric_reg * self.width * self.height)
         if recipe.thorn_reg > 0.0 and progress > THORNS_FROM:
-            blunting = thorn_gradient(points, mode, recipe.thorn_reg, rings)
+            blunting = thorn_gradient(points, mode, recipe.thorn_reg)
             found = blunting if found is None else found + blunting
         return found
 
