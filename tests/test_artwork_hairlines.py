@@ -1,9 +1,13 @@
-"""Lines of less than a pixel, whose ink no pixel near them shows."""
+"""Lines of a pixel or two, hardly a pixel of which is purely theirs: they keep their ink, and lie where they are."""
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.contours import crossings
 from cubicsplat_cli.artwork.inks import picture_inks
 from cubicsplat_cli.artwork.regions import Regions, find_regions
 
@@ -33,3 +37,64 @@ def test_a_row_on_the_rim_is_no_line() -> None:
     levels[20:40, 20:40, :3] = 0.0
     levels[0, :, :] = 150.0
     assert find_regions(levels, picture_inks(levels)).count == 2
+
+
+WHITE, BLUE, DARK = (255.0, 255.0, 255.0), (40.0, 110.0, 200.0), (30.0, 30.0, 30.0)
+
+
+def slanted(degrees: float, width: float, below: tuple[float, ...], height: float = 20.3, fine: int = 16) -> np.ndarray:
+    """White above and `below` below a dark line through (0, height), a dark block far from it: (96, 96, 4) levels.
+
+    fine: samples a pixel in each direction.
+    """
+    y, x = (np.mgrid[: 96 * fine, : 96 * fine] + 0.5) / fine
+    off = (y - height) * math.cos(math.radians(degrees)) - x * math.sin(math.radians(degrees))
+    image = np.where((off > 0.0)[..., None], below, WHITE)
+    image = np.where((np.abs(off) <= 0.5 * width)[..., None] | ((y < 9) & (x < 9))[..., None], DARK, image)
+    colours = image.reshape(96, fine, 96, fine, 3).mean(axis=(1, 3))
+    return np.dstack([colours, np.full((96, 96), 255.0)]).astype(np.float32)
+
+
+@pytest.mark.parametrize("degrees", [20.0, 40.0, 45.0])
+@pytest.mark.parametrize("below", [WHITE, BLUE])
+def test_a_slanting_line_is_one_region(degrees, below):
+    levels = slanted(degrees, 1.3, below)
+    regions = find_regions(levels, picture_inks(levels))
+    # The block, the line, and what is on either side of it.
+    assert regions.count == 4
+    assert sorted(regions.areas())[1] > 90
+
+
+@pytest.mark.parametrize("width", [1.0, 1.3, 1.8])
+@pytest.mark.parametrize("below", [WHITE, BLUE])
+def test_both_edges_of_a_thin_line_lie_right(width, below):
+    levels = slanted(25.0, width, below)
+    found = crossings(levels, regions := find_regions(levels, picture_inks(levels)))
+    dark = (regions.inks[:, 2] < 60)[regions.labels]
+    dark[:12, :12] = False
+    off = []
+    for x in range(20, 76):
+        rows = np.flatnonzero(dark[:, x])
+        middle, half = 20.3 + (x + 0.5) * math.tan(math.radians(25.0)), 0.5 * width / math.cos(math.radians(25.0))
+        off += [found.rows[rows[0], x] - middle + half, found.rows[rows[-1] + 1, x] - middle - half]
+    assert np.abs(off).max() < 0.1
+
+
+def test_a_level_line_over_two_rows_between_two_grounds_has_its_own_ink():
+    # Both rows are of one colour each, which no other pixel has.
+    levels = slanted(0.0, 1.5, BLUE, height=40.0)
+    regions = find_regions(levels, picture_inks(levels))
+    for row in (39, 40):
+        assert regions.inks[regions.labels[row, 20]].tolist() == [30.0, 30.0, 30.0, 255.0]
+
+
+def test_what_a_shallow_line_leaves_of_two_rows_is_no_ink():
+    # Where it passes from a row to the next, 2 x 2 px have one blend.
+    assert picture_inks(slanted(3.0, 1.5, WHITE, fine=4))[:, 0].tolist() == [255.0, 30.0]
+
+
+def test_a_thin_box_of_an_ink_of_its_own_keeps_it():
+    levels = np.full((60, 60, 4), 255.0, dtype=np.float32)
+    levels[40:50, 5:50, :3] = 0.0
+    levels[20:22, 10:40, :3] = 90.0
+    assert find_regions(levels, picture_inks(levels)).inks[:, 0].tolist().count(90.0) == 1

@@ -158,6 +158,21 @@ def test_help_and_wrong_usage_import_nothing_heavy_and_a_missing_picture_no_torc
     assert "torch" not in missing[1]
 
 
+def test_drawing_and_measuring_an_svg_import_no_torch(photo, tmp_path):
+    (tmp_path / "a.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="40" height="28"/>')
+    drawn = ["render", str(tmp_path / "a.svg"), "-o", str(tmp_path / "a.png")]
+    for code, heavy in imported(drawn, ["eval", str(photo), str(tmp_path / "a.svg")]):
+        assert (code, "torch" in heavy) == (0, False)
+
+
+@pytest.mark.parametrize("arguments", [[], ["bench"]])
+def test_commands_are_described_within_80_columns(arguments, run_cli, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    listed = run_cli(*arguments, "--help").stdout.decode().partition("Commands:\n")[2].splitlines()
+    assert len(listed) >= 5
+    assert not [line for line in listed if line.endswith("...") or len(line) > 80]
+
+
 def main_with(monkeypatch, error: BaseException) -> None:
     def fail(**_: object) -> None:
         raise error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from pathlib import Path
 
@@ -44,3 +45,11 @@ def test_the_pages_ask_for_nothing_from_elsewhere():
     assert "font: false" in text
     assert "strict: true" in text
     assert not re.search(r"https?://", text)
+
+
+def test_bars_in_the_code_of_tables_are_shown_as_such():
+    spec = importlib.util.spec_from_file_location("pages", ROOT / "tools" / "pages.py")
+    hook = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hook)
+    text = "| `--mode closed\\|open` | a \\| b |\n`kept\\|here`\n"
+    assert hook.on_page_markdown(text, page=None) == "| `--mode closed|open` | a \\| b |\n`kept\\|here`\n"

@@ -12,7 +12,7 @@ from PIL import Image
 from test_fit import picture, settings
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.photo import Guide, fit
 from cubicsplat_cli.photo.start import warmed
 from cubicsplat_cli.scene import Scene, scaled_scene
@@ -98,8 +98,9 @@ def test_a_start_of_another_size_and_of_curves_of_different_lengths(target, firs
     assert found.ring_ends is not None
     found.validate()
     assert final(target, found) > final(target, ragged) + 1.0
-    with pytest.raises(UsageError, match="geometric_reg cannot judge"):
-        fit(target, settings(curves=10, geometric_reg=0.1), guide=Guide(start=ragged))
+    for penalty in ("geometric_reg", "thorn_reg"):
+        judged = fit(target, settings(curves=10, **{penalty: 0.1}), guide=Guide(start=ragged)).scene
+        assert final(target, judged) > final(target, ragged) + 1.0
 
 
 def test_a_start_without_a_background_and_a_picture_with_transparency(first):

@@ -10,7 +10,8 @@ import torch
 from test_fit import settings
 
 from cubicsplat_cli.photo import fit
-from cubicsplat_cli.photo.geometric import thorn_gradient
+from cubicsplat_cli.photo.geometric import crossing_gradient, crossing_penalty, thorn_gradient
+from cubicsplat_cli.scene import pack_rings
 from cubicsplat_cli.settings import Mode
 
 
@@ -45,3 +46,23 @@ def test_a_fit_with_the_penalty_has_fewer_thorns():
     target = small.repeat(4, 0).repeat(4, 1)
     plain, smooth = (fit(target, settings(curves=60, steps=150, thorn_reg=w)).scene for w in (0.0, 20.0))
     assert thorns(smooth.points) < 0.7 * thorns(plain.points)
+
+
+@pytest.mark.parametrize("mode", list(Mode))
+def test_curves_of_several_lengths_and_rings_are_judged_each_by_itself(mode):
+    """The gradients of both penalties are those of the rings as scenes of their own, and zero in the room between."""
+    generator = torch.Generator().manual_seed(3)
+    lengths = [[4], [3, 2], [1, 1]] if mode is Mode.CLOSED else [[4], [2], [1]]
+    shared = 0 if mode is Mode.CLOSED else 1
+    rings = [[torch.randn(3 * n + shared, 2, generator=generator) for n in counts] for counts in lengths]
+    points, ends = pack_rings(mode, rings)
+    gradient = thorn_gradient(points, mode, 2.0, ends)
+    every = torch.cat([thorn_gradient(ring[None], mode, 2.0)[0] for of_curve in rings for ring in of_curve])
+    used = torch.arange(points.shape[1]) < 3 * ends[:, -1:] + shared
+    assert torch.allclose(gradient[used], every)
+    assert every.abs().max() > 0
+    assert not gradient[~used].any()
+    losses = [(ring.shape[0] // 3, crossing_penalty(ring[None], mode)) for of_curve in rings for ring in of_curve]
+    mean = sum(count * loss for count, loss in losses) / sum(count for count, _ in losses)
+    assert torch.allclose(crossing_penalty(points, mode, ends), mean)
+    assert not crossing_gradient(points, mode, 1.0, ends)[~used].any()

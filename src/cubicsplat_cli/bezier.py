@@ -9,8 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.scene import points_from_segments, segments_from_points
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.scene import points_from_segments
 from cubicsplat_cli.settings import Mode
 
 
@@ -49,11 +49,3 @@ def polyline_basis(mode: Mode, segments: int, samples: int) -> Tensor:
         end[0, -1] = 1.0
         basis = torch.cat((basis, end))
     return basis
-
-
-def segment_points(points: Tensor, mode: Mode) -> Tensor:
-    """The control points by segment: (N, K, 2) -> (N, M, 4, 2). Raises InputError on any other shape."""
-    if points.ndim != 3 or points.shape[-1] != 2:
-        raise InputError(f"points must have shape (N, K, 2), not {tuple(points.shape)}")
-    segments = segments_from_points(mode, points.shape[1])
-    return points[:, segment_indices(mode, segments).to(points.device)]

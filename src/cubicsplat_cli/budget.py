@@ -128,12 +128,7 @@ def _only(scene: Scene, count: int) -> Scene:
 
 def _kept(scene: Scene, order: torch.Tensor, count: int) -> Scene:
     """The first `count` curves of an order, in the scene's own."""
-    index = order[:count].sort().values
-    rings = None if scene.ring_ends is None else scene.ring_ends[index]
-    return replace(
-        scene, points=scene.points[index], colours=scene.colours[index], opacities=scene.opacities[index],
-        half_widths=scene.half_widths[index], ring_ends=rings,
-    )  # fmt: skip
+    return scene.chosen(order[:count].sort().values)
 
 
 def _most(limit: int, holds: Callable[[int], bool]) -> int:

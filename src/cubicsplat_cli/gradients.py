@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from cubicsplat_cli.curvetensors import CurveTensors
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.paint import Gradient, LinearGradient
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,6 +57,12 @@ class Gradients(CurveTensors):
     def scaled(self, across: float, down: float) -> Gradients:
         """The same fills of curves whose x and y are multiplied by these factors."""
         return replace(self, frames=self.frames / self.frames.new_tensor([across, down, 1.0]))
+
+    def seen_from(self, left: float, top: float) -> Gradients:
+        """The same fills where px count from (left, top)."""
+        moved = self.frames.clone()
+        moved[:, :, 2] += self.frames[:, :, :2] @ self.frames.new_tensor([left, top])
+        return replace(self, frames=moved)
 
     def validate(self) -> None:
         """Raise InputError, naming the variable and the curve, unless values are as the class says."""
@@ -131,3 +140,21 @@ def paint_at(gradients: Gradients, curve: int, places: Tensor) -> Tensor:
         )
         value = value + ramp.unsqueeze(-1) * (stops[k] - stops[k - 1])
     return value
+
+
+def gradients_of(paints: Sequence[Gradient | None]) -> Gradients | None:
+    """The gradients of a scene (float32 CPU tensors) from those of its curves, in px; None where all are flat."""
+    if not any(paints):
+        return None
+    n, room = len(paints), max(len(paint.stops) for paint in paints if paint)
+    kinds, counts = torch.zeros(n, dtype=torch.int32), torch.ones(n, dtype=torch.int32)
+    frames, offsets, stops = np.zeros((n, 2, 3)), np.zeros((n, room)), np.zeros((n, room, 4))
+    for curve, paint in enumerate(paints):
+        if paint is None:
+            continue
+        kinds[curve], counts[curve] = LINEAR if isinstance(paint, LinearGradient) else RADIAL, len(paint.stops)
+        frames[curve] = paint.frame()
+        offsets[curve, : len(paint.stops)] = [stop.offset for stop in paint.stops]
+        stops[curve, : len(paint.stops)] = np.array([stop.ink for stop in paint.stops]) / 255.0
+    as_tensors = [torch.from_numpy(each.astype(np.float32)) for each in (frames, offsets, stops)]
+    return Gradients(kinds, as_tensors[0], counts, as_tensors[1], as_tensors[2])

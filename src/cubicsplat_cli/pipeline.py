@@ -334,6 +334,7 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
         "shapes": len(drawing.shapes),
         "segments": drawing.segments,
         "primitives": sum(not isinstance(outline, Ring) for outline in outlines),
+        "gradients": len(drawing.gradients),
         "inks": ["#{:02x}{:02x}{:02x}{:02x}".format(*ink) for ink in drawing.inks],
     }
     return Made(

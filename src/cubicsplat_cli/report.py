@@ -123,7 +123,8 @@ class Qualities:
 class Report:
     """The figures of one vectorised picture.
 
-    style: "photo" or "artwork", and why. shapes, segments, primitives, inks (#rrggbbaa): of artwork, else None.
+    style: "photo" or "artwork", and why. shapes, segments, primitives, gradients, inks (#rrggbbaa): of
+    artwork, else None.
     settings: all that decides the result; settings_hash: the hash of those that do. quality: None where it was not
     measured. replaced, dropped: curves seeded anew during the fit, and left out at its end (None: not known). history:
     step, psnr_db (own picture), seconds, replaced, and gini of the curves' importances once they were looked at.
@@ -140,6 +141,7 @@ class Report:
     shapes: int | None = None
     segments: int | None = None
     primitives: int | None = None
+    gradients: int | None = None
     inks: list[str] | None = None
     replaced: int = 0
     interrupted: bool = False

@@ -101,6 +101,19 @@ class Scene:
         pairs = [pair for pair in itertools.pairwise(ends) if pair[0] < pair[1]]
         return [self.points[curve, 3 * begin : 3 * end + shared] for begin, end in pairs]
 
+    def chosen(self, index: Tensor | slice) -> Scene:
+        """The scene with the curves of an index (n,), a mask (N,) or a slice alone, in their order."""
+        gradients = self.gradients
+        return replace(
+            self,
+            points=self.points[index],
+            colours=self.colours[index],
+            opacities=self.opacities[index],
+            half_widths=self.half_widths[index],
+            ring_ends=None if self.ring_ends is None else self.ring_ends[index],
+            gradients=None if gradients is None else gradients.changed(lambda t: t[index].contiguous()),
+        )
+
     def validate(self) -> None:
         """Raise InputError, naming the variable and what it should be, unless the scene can be rendered.
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.cracks import Loop
 from cubicsplat_cli.artwork.regions import Regions
+from cubicsplat_cli.artwork.thin import thin_edges
 
 # So many pixels to either side of a crack may belong to the border's blend.
 WALK = 3
@@ -22,7 +23,7 @@ PURE_SHARE = 0.02
 CLEAN_RESIDUAL = 10.0
 # Standard errors in px: of drawing programs with 4x4 samples a pixel; beside a third ink; without a clean walk.
 FLOOR, NEAR_THIRD, GUESS = 0.04, 0.3, 0.5
-ROUNDING = 0.8  # levels by which a clean picture's pixels are off
+THIN = 0.1  # of an edge of a line without a pure pixel
 # Of what ends with the canvas; and levels by which a pixel there must differ from its ink for an edge to be sought.
 RIM_SIGMA, RIM_LEVELS = 0.02, 4.0
 
@@ -41,21 +42,21 @@ class Crossings:
     column_sigma: np.ndarray
 
 
-def crossings(levels: np.ndarray, regions: Regions, error: float = ROUNDING) -> Crossings:
-    """Positions for all cracks between different regions of a picture (H, W, 4) in levels, known to an error."""
-    rows, row_sigma = _level(levels, regions, error)
+def crossings(levels: np.ndarray, regions: Regions) -> Crossings:
+    """Positions for all cracks between different regions of a picture (H, W, 4) in levels."""
+    rows, row_sigma = _level(levels, regions)
     turned = Regions(regions.labels.T, regions.inks, regions.ink_of)
-    columns, column_sigma = _level(levels.transpose(1, 0, 2), turned, error)
+    columns, column_sigma = _level(levels.transpose(1, 0, 2), turned)
     return Crossings(rows, row_sigma, columns.T, column_sigma.T)
 
 
-def _level(levels: np.ndarray, regions: Regions, error: float) -> tuple[np.ndarray, np.ndarray]:
+def _level(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
     height, width = regions.labels.shape
     at = np.broadcast_to(np.arange(height + 1, dtype=float)[:, None], (height + 1, width)).copy()
     sigma = np.full((height + 1, width), 0.02)
     y, x = np.nonzero(regions.labels[1:] != regions.labels[:-1])
     if len(y):
-        at[y + 1, x], sigma[y + 1, x] = _heights(levels, regions, y + 1, x, error)
+        at[y + 1, x], sigma[y + 1, x] = _heights(levels, regions, y + 1, x)
     depth, sigma[0] = _rim(levels, regions)
     at[0] = depth
     depth, sigma[-1] = _rim(levels[::-1], Regions(regions.labels[::-1], regions.inks, regions.ink_of))
@@ -87,7 +88,7 @@ def _rim(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
     clean = ended & (rest <= CLEAN_RESIDUAL) & ~beside[x]
     depth[x] = np.where(clean, walked, 0.0)
     contrast = np.sqrt((span * span).sum(axis=1))
-    sigma[x] = np.where(clean, np.hypot(FLOOR, ROUNDING / np.maximum(contrast, 1.0)), NEAR_THIRD)
+    sigma[x] = np.where(clean, np.hypot(FLOOR, 0.8 / np.maximum(contrast, 1.0)), NEAR_THIRD)
     return depth, sigma
 
 
@@ -105,15 +106,14 @@ def _beyond(values: np.ndarray, base: np.ndarray, regions: Regions) -> tuple[np.
     return span, rest
 
 
-def _heights(
-    levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray, error: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _heights(levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     above, below = regions.labels[y - 1, x], regions.labels[y, x]
     base = regions.inks[below]
     span = regions.inks[above] - base
     contrast = np.sqrt((span * span).sum(axis=1))
     shift = np.zeros(len(y))
     clean = np.ones(len(y), dtype=bool)
+    edge, by_line = np.zeros(len(y)), np.zeros(len(y), dtype=bool)
     third = np.zeros(len(y), dtype=bool)
     for sign in (-1, 1):
         own = above if sign < 0 else below
@@ -130,10 +130,13 @@ def _heights(
             # Walking off the canvas or into another region without having met the pure ink is no clean end.
             ended |= (here & (missing <= PURE_SHARE)) | (~inside & (step > 0))
         clean &= ended
+        line = np.flatnonzero(~ended & (regions.labels[np.clip(y + sign * WALK, 0, levels.shape[0] - 1), x] != own))
+        edge[line], by_line[line] = thin_edges(levels, regions, y[line], x[line], sign)
         shift += -walked if sign < 0 else walked
-    sigma = np.hypot(FLOOR, error / np.maximum(contrast, 1.0))
+    sigma = np.hypot(FLOOR, 0.8 / np.maximum(contrast, 1.0))
     sigma = np.where(third, NEAR_THIRD, sigma)
-    return y + shift, np.where(clean, sigma, GUESS)
+    sigma = np.where(clean, sigma, GUESS)
+    return np.where(by_line, edge, y + shift), np.where(by_line, THIN, sigma)
 
 
 def _share(values: np.ndarray, base: np.ndarray, span: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -24,20 +23,8 @@ def film_shapes(film: Film, scene: Scene, picture: Picture, threads: int | None)
     target = small.premultiplied()
     shown_db = 0.0
     for count in dict.fromkeys(pieces.tolist()):
-        part = _back(sized, count)
+        part = sized.chosen(slice(-count, None))  # those furthest to the back
         error = float(((render_scene(part, samples=_SAMPLES, threads=threads) - target) ** 2).mean())
         # A shape that later ones complete may make the picture worse at first: it is a step forward all the same.
         shown_db = max(shown_db, -10.0 * math.log10(max(error, 1e-10))) + 1e-3
         film.keep(shown_db, part)
-
-
-def _back(scene: Scene, count: int) -> Scene:
-    """The curves furthest to the back."""
-    return replace(
-        scene,
-        points=scene.points[-count:],
-        colours=scene.colours[-count:],
-        opacities=scene.opacities[-count:],
-        half_widths=scene.half_widths[-count:],
-        ring_ends=None if scene.ring_ends is None else scene.ring_ends[-count:],
-    )

@@ -14,6 +14,8 @@ from scipy import ndimage
 STRANGE, CLOSE = 24.0, 10.0
 MOST_INKS = 32
 WINDOW = 7  # px around a pixel in which a line keeps its ink
+# Two rows of one colour each that lie side by side for so many px, further apart than ALIKE levels.
+LONG, ALIKE = 5, 8.0
 # A pixel is a line's by this share, or by LESS where its neighbours to either side have less of it.
 # Where two shapes share a pixel up to a quarter of what is beneath shows through, which is no line.
 SHARE, LESS = 0.5, 0.3
@@ -56,6 +58,49 @@ def strangers(values: np.ndarray, palette: np.ndarray, near: np.ndarray, residua
 
 def _three(values: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return blend_with(values, a, b, c)[1]
+
+
+def level_lines(
+    levels: np.ndarray, place: tuple[np.ndarray, np.ndarray], palette: np.ndarray, beside: np.ndarray
+) -> np.ndarray:
+    """(n,) bool: the strange pixels of a picture (H, W, 4), at rows and columns (n,), in which a level or upright line
+    lies that shares two rows of pixels with what is on either side of it, in an ink of the palette.
+
+    Such rows are of one colour each, as if they were lines in inks of their own. beside: (n, 4) the inks beside them.
+    """
+    out = np.zeros(len(beside), dtype=bool)
+    strange = np.zeros(levels.shape[:2], dtype=bool)
+    strange[place] = True
+    for axis in (0, 1):
+        along = _long(levels, 1 - axis) & strange
+        if not along[place].any():
+            continue
+        for ink in palette[:MOST_INKS]:
+            own = np.zeros(strange.shape, dtype=bool)
+            own[place] = blend_with(levels[place], ink, beside, beside)[1] <= CLOSE
+            own &= along
+            for step in (-1, 1):
+                across = np.roll(own, step, axis=axis)
+                apart = np.abs(levels - np.roll(levels, step, axis=axis)).max(axis=-1) > ALIKE
+                out |= (own & across & apart)[place]
+    return out
+
+
+def _long(levels: np.ndarray, axis: int) -> np.ndarray:
+    """(H, W) bool: belongs to LONG px of one colour along an axis."""
+    size = [1, 1, 1]
+    size[axis] = LONG
+    even = (
+        np.ptp(
+            [
+                ndimage.maximum_filter(levels, size, mode="nearest"),
+                ndimage.minimum_filter(levels, size, mode="nearest"),
+            ],
+            axis=0,
+        ).max(axis=-1)
+        <= 1.0
+    )
+    return ndimage.binary_dilation(even, np.ones(size[:2], dtype=bool))
 
 
 def missing_inks(values: np.ndarray, beside: np.ndarray) -> np.ndarray:

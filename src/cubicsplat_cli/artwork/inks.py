@@ -19,6 +19,10 @@ BAND = 12.0
 LEAST_FLAT = 0.02  # share of the pixels, below which a picture has no interiors
 # Squares of 2 x 2 px that span at most so many levels show an ink, if enough have its colour; so many such inks.
 SQUARE_RANGE, FEWEST_SQUARES, MOST_SMALL = 1.0, 3, 16
+# A small ink that is a blend of a ground on both sides of its squares with another ink, of which thin lines have
+# MORE times its px, is such a line's in the middle of two px: residual in levels, shares of that ink, and of squares so
+# placed.
+BLEND_LEVELS, BLEND_SHARES, BETWEEN, MORE = 3.0, (0.2, 0.95), 0.5, 4
 CLEAR = 2.0  # levels of opacity below which nothing is drawn
 
 
@@ -50,9 +54,11 @@ def picture_inks(levels: np.ndarray, most: int | None = None) -> np.ndarray:
         colours, sizes = _component_inks(values[order[start:end]])
         inks.extend(colours)
         weights.extend(sizes)
-    for colour, size in _small_inks(levels, flat):
-        inks.append(colour)
-        weights.append(size)
+    small = _small_inks(levels, flat)
+    for colour, size in small:
+        if not _is_line(levels, flat, colour, size, np.array(inks + [other for other, _ in small])):
+            inks.append(colour)
+            weights.append(size)
     return _limited(np.array(inks), np.array(weights), most)
 
 
@@ -69,6 +75,30 @@ def _small_inks(levels: np.ndarray, flat: np.ndarray) -> list[tuple[np.ndarray, 
     colours, counts = np.unique(np.rint(corners[0][even]), axis=0, return_counts=True)
     common = np.argsort(-counts, kind="stable")[:MOST_SMALL]
     return [(colours[i].astype(float), float(counts[i])) for i in common if counts[i] >= FEWEST_SQUARES]
+
+
+def _is_line(levels: np.ndarray, flat: np.ndarray, colour: np.ndarray, size: float, inks: np.ndarray) -> bool:
+    """Whether a small ink is what a line of another ink makes of two rows of pixels that it fills in part.
+
+    A line of 1.5 px in the middle of two rows leaves both the same blend of it with the ground. inks: the others.
+    """
+    here = np.abs(levels - colour).max(axis=-1) <= SQUARE_RANGE
+    square = here[:-1, :-1] & here[1:, :-1] & here[:-1, 1:] & here[1:, 1:]
+    y, x = np.nonzero(square)
+    padded = np.pad(levels, ((1, 2), (1, 2), (0, 0)), mode="edge")
+    sides = [(padded[y, x + 1], padded[y + 3, x + 1]), (padded[y + 1, x], padded[y + 1, x + 3])]
+    thin = levels[~ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool))]
+    for ground in inks:
+        between = [(np.abs(np.stack(pair) - ground).max(axis=(0, 2)) <= SAME) for pair in sides]
+        if np.logical_or(*between).mean() < BETWEEN:
+            continue
+        spans = inks - ground
+        share = (spans @ (colour - ground)) / np.maximum((spans * spans).sum(axis=1), 1e-9)
+        rest = np.abs(colour - ground - share[:, None] * spans).max(axis=1)
+        for k in np.flatnonzero((rest <= BLEND_LEVELS) & (share > BLEND_SHARES[0]) & (share < BLEND_SHARES[1])):
+            if (np.abs(thin - inks[k]).max(axis=-1) <= SQUARE_RANGE).sum() > MORE * size:
+                return True
+    return False
 
 
 def _component_inks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.hairlines import line_inks, missing_inks, strangers
+from cubicsplat_cli.artwork.diagonals import joined_at_corners
+from cubicsplat_cli.artwork.hairlines import level_lines, line_inks, missing_inks, strangers
 from cubicsplat_cli.artwork.inks import SAME, flat_pixels
 
 # A pixel within so many levels of an ink is that ink.
@@ -42,7 +43,7 @@ class Regions:
 def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0) -> Regions:
     """Regions of a picture (H, W, 4) in levels, in the inks of a palette (P, 4)."""
     palette, pure = _with_inks_of_lines(levels, palette)
-    inks = _blends_shared_out(levels, palette, pure)
+    inks = joined_at_corners(_blends_shared_out(levels, palette, pure), levels, palette)
     labels = _components(inks)
     sure = _sure(levels, palette, labels, inks, pure)
     labels = _without_specks(labels, sure, max(min_area, 3.0))
@@ -59,7 +60,9 @@ def _with_inks_of_lines(levels: np.ndarray, palette: np.ndarray) -> tuple[np.nda
         return palette, pure
     near = near_inks(pure, y, x)
     strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
-    new = missing_inks(levels[y, x][strange], palette[near[strange, 0]])
+    y, x, beside = y[strange], x[strange], palette[near[strange, 0]]
+    other = ~level_lines(levels, (y, x), palette, beside)
+    new = missing_inks(levels[y, x][other], beside[other])
     if len(new) == 0:
         return palette, pure
     palette = np.vstack([palette, new])

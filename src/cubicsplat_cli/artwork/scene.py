@@ -9,6 +9,7 @@ from cubicsplat_cli.artwork.fine import fine_ring
 from cubicsplat_cli.artwork.outlines import Outline, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.gradients import gradients_of
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 
@@ -23,7 +24,8 @@ def scene_of(drawing: Drawing) -> Scene:
         raise InputError("the drawing has no shapes; give one of a picture that is not all transparent")
     front_first = drawing.shapes[::-1]
     points, ring_ends = pack_rings(Mode.CLOSED, [_rings(shape) for shape in front_first])
-    inks = torch.tensor([shape.ink for shape in front_first], dtype=torch.float32) / 255.0
+    # The opacity of a gradient is its stops'.
+    inks = torch.tensor([(*s.ink[:3], 255) if s.gradient else s.ink for s in front_first], dtype=torch.float32) / 255.0
     return Scene(
         mode=Mode.CLOSED,
         width=drawing.width,
@@ -33,6 +35,7 @@ def scene_of(drawing: Drawing) -> Scene:
         opacities=inks[:, 3].contiguous(),
         half_widths=torch.zeros(len(front_first)),
         ring_ends=ring_ends,
+        gradients=gradients_of([shape.gradient for shape in front_first]),
     )
 
 

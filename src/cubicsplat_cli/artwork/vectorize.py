@@ -8,11 +8,10 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.completion import outlines_of
-from cubicsplat_cli.artwork.contours import ROUNDING, crossings
+from cubicsplat_cli.artwork.contours import crossings
 from cubicsplat_cli.artwork.extents import Extent, extents
+from cubicsplat_cli.artwork.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
-from cubicsplat_cli.artwork.input.condition import condition_of
-from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged, reduced, reduction
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.polish import polish
@@ -22,6 +21,7 @@ from cubicsplat_cli.artwork.seams import without_seams
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.stacking import Stack, stack
+from cubicsplat_cli.paint import mean_ink
 
 # Contours hold at most MOST_POINTS points, the smallest beyond become polygons. A picture of more than FEW regions has
 # regions of LEAST_AREA px and more on average, or is blurred by the next of BLURS, px.
@@ -38,38 +38,51 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing
     settings = settings or ArtworkSettings()
     full_height, full_width = target.shape[:2]
     factor = reduction(full_height, full_width)
-    seen = reduced(as_levels(target), factor)
-    condition = condition_of(seen)
-    clean = seen if condition.clean else restored(seen, condition, settings.colors)
-    error = condition.edge_error
-    levels, regions, layers, parts = _planned(clean, settings, factor, error)
+    flat = without_gradients(reduced(as_levels(target), factor), settings)
+    levels, regions, layers, parts = _planned(flat.levels, settings, factor)
     height, width = levels.shape[:2]
     least = _least_points(parts)
     shapes = []
     for part in parts:
-        ink = eight_bit(regions.inks[layers.layers[part.layer].region])
+        own = regions.inks[layers.layers[part.layer].region]
         outlines = outlines_of(part, (height, width), settings.detail, least)
-        shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height)))
+        gradient = flat.gradient(own)
+        ink = eight_bit(own)
+        shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height), gradient))
     drawing = Drawing(width, height, tuple(shapes))
     if len(shapes) <= MOST_POLISHED:
-        grid = samples_across(levels, regions) if condition.clean else 0
-        drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail, grid, error / 255.0)
-    return enlarged(in_palette(drawing, settings.palette), factor, full_width, full_height)
+        drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail, samples_across(levels, regions))
+    return enlarged(in_palette(_painted(drawing), settings.palette), factor, full_width, full_height)
+
+
+def without_gradients(levels: np.ndarray, settings: ArtworkSettings) -> Flattened:
+    """The picture in flat inks, and the gradients that some stand for: none where the inks are the user's choice."""
+    if settings.palette or settings.colors is not None:
+        return Flattened(levels, np.zeros((0, 4)), ())
+    return flattened(levels)
+
+
+def _painted(drawing: Drawing) -> Drawing:
+    """The drawing with each ink that stands for a gradient replaced by what the gradient looks like from far away."""
+    shapes = []
+    for shape in drawing.shapes:
+        if shape.gradient is not None:
+            ink = mean_ink(shape.gradient)
+            shape = replace(shape, ink=ink, name=shape_name(ink, shape.outlines, drawing.width, drawing.height))
+        shapes.append(shape)
+    return replace(drawing, shapes=tuple(shapes))
 
 
 def _planned(
-    levels: np.ndarray, settings: ArtworkSettings, factor: int, error: float
+    levels: np.ndarray, settings: ArtworkSettings, factor: int
 ) -> tuple[np.ndarray, Regions, Stack, list[Extent]]:
-    """The picture that is drawn, its regions and layers, and the parts to draw: at most settings.curves of them.
-
-    error: in levels, of pixels on edges beyond that of a clean picture.
-    """
+    """The picture that is drawn, its regions and layers, and the parts to draw: at most settings.curves of them."""
     min_area = settings.min_area / factor**2
     while True:
         soft, regions = _regions(levels, settings, min_area)
         soft = without_seams(soft, regions)
         layers = stack(regions)
-        parts = list(extents(regions, layers, crossings(soft, regions, ROUNDING + error)))
+        parts = list(extents(regions, layers, crossings(soft, regions)))
         if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:
             return soft, regions, layers, parts
         # The regions beyond as many as may be drawn join their neighbours.

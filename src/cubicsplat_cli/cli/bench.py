@@ -63,7 +63,7 @@ def step(
     json: Json = False,
     **fit: Any,
 ) -> None:
-    """Time of one training step in the middle of a fit, where it goes, and the memory it takes."""
+    """Time and memory of one training step in the middle of a fit."""
     match = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", size)
     if match is None or max(int(side) for side in match.groups()) > _MOST_SIDE:
         raise UsageError(f"--size must be WIDTHxHEIGHT in pixels, at most {_MOST_SIDE} a side, not {size!r}")
@@ -110,7 +110,10 @@ def quality(
     quiet: Quiet = False,
     **fit: Any,
 ) -> None:
-    """PSNR, SSIM, agreement, time and size of the SVG files of a folder of pictures, and their means."""
+    """Quality, time and size of the SVGs of a folder of pictures.
+
+    PSNR, SSIM, the agreement of engine and renderer, and their means.
+    """
     counts, modes = counts_of(curves), _modes(mode)
     check_csv(csv)
     check_sheet(sheet)
@@ -147,7 +150,10 @@ def ablation(
     quiet: Quiet = False,
     **fit: Any,
 ) -> None:
-    """What each part of the method is worth: the same fits with one thing changed at a time."""
+    """What each part of the method is worth.
+
+    The same fits with one thing changed at a time.
+    """
     counts, modes = counts_of(curves), _modes(mode)
     check_csv(csv)
     pictures = pictures_of(folder, limit)

@@ -58,7 +58,10 @@ def artwork(
     markdown: Markdown = False,
     quiet: Quiet = False,
 ) -> None:
-    """How close to the artist's own drawing each tool comes, and how much it writes for that."""
+    """How close to artists' drawings each tool comes, in how much.
+
+    Each drawing is drawn as a picture, and what a tool makes of that is held against the drawing itself.
+    """
     _SIZE.check("size", size)
     check_limit(limit)
     check_csv(csv)

@@ -41,7 +41,7 @@ def paper(
     quiet: Quiet = False,
     **fit: Any,
 ) -> None:
-    """The paper's tables, measured on this machine, beside the published figures.
+    """The paper's tables, measured here beside the published ones.
 
     steps (Table 1) and growth take a drawn picture; quality (Table 2), magnify and large the pictures of DIR. With
     --cache the last three go on where they were stopped.

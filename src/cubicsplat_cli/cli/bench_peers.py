@@ -51,7 +51,7 @@ def peers(
     quiet: Quiet = False,
     **fit: Any,
 ) -> None:
-    """Quality, bytes and seconds of other tools and of ours, on the photos of a folder.
+    """Other tools and ours on photos: quality, bytes, seconds.
 
     For drawings whose truth is known, `bench artwork --tools` measures the same tools.
     """

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import platform
+import shutil
 import sys
+import textwrap
 from typing import Annotated, Any
 
 import typer
@@ -11,12 +13,16 @@ import typer
 from cubicsplat_cli._version import __version__
 
 _PACKAGES = ("torch", "numpy", "Pillow", "scikit-image", "svgwrite", "cairosvg", "resvg_py", "typer", "rich")
+_INDENT = 11  # columns before the text of a line
 
 
 def doctor(
     json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
-    """Show versions, renderers and the engine; exit 1 when something needed does not work."""
+    """Show what works here, and why something does not.
+
+    Versions, renderers and engines; exits with 1 when something needed does not work.
+    """
     from cubicsplat_cli.report import to_json
 
     found = examine()
@@ -24,7 +30,8 @@ def doctor(
         typer.echo(to_json(found), nl=False)
     else:
         for line in _lines(found):
-            typer.echo(line)
+            for part in _folded(line):
+                typer.echo(part)
     if found["problems"]:
         raise typer.Exit(1)
 
@@ -72,11 +79,21 @@ def _engine(problems: list[str]) -> dict[str, Any]:
 def _engine_text(state: dict[str, Any]) -> str:
     if not state["available"]:
         return f"not available: {state['reason']}"
-    return ", ".join(f"{name} {_plain(value)}" for name, value in state.items() if name != "available")
+    shown = {name: value for name, value in state.items() if name not in ("available", "name")}
+    used = "the one used; " if shown.pop("used", False) else ""
+    return used + ", ".join(f"{name.replace('_', ' ')} {_plain(value)}" for name, value in shown.items())
 
 
 def _plain(value: Any) -> str:
     return " ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+
+
+def _folded(line: str) -> list[str]:
+    """A line as a terminal can show it: folded between words, below where its text begins. Whole for other readers."""
+    if not sys.stdout.isatty():
+        return [line]
+    width = max(2 * _INDENT, shutil.get_terminal_size().columns)
+    return textwrap.wrap(line, width, subsequent_indent=" " * _INDENT, break_long_words=False, break_on_hyphens=False)
 
 
 def _lines(found: dict[str, Any]) -> list[str]:

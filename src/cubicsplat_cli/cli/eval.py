@@ -84,7 +84,7 @@ def evaluate(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print no notes, only the result and errors.")] = False,
     max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
-    """Print PSNR and SSIM of SVGs or pictures against their reference pictures."""
+    """Say how close SVGs or pictures are to others: PSNR, SSIM."""
     if scale is not None:
         SCALE.check("scale", scale)
     FitSettings(threads=threads)

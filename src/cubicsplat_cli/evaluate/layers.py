@@ -12,7 +12,6 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.scaled import draw_part
 from cubicsplat_cli.evaluate.tiles import Tile
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.scene import scaled_scene
 
 if TYPE_CHECKING:
     from cubicsplat_cli.scene import Scene
@@ -86,6 +85,9 @@ def of_scene(scene: Scene | None, width: int, height: int, samples: int, threads
     """
     if scene is None:
         return Layer(width, height, True, lambda top, bottom: np.zeros((bottom - top, width, 4), np.float32))
+    # torch takes seconds to import, and most of what is measured is no scene.
+    from cubicsplat_cli.scene import scaled_scene
+
     sized = scaled_scene(scene, width, height)
 
     def rows(top: int, bottom: int) -> np.ndarray:

@@ -90,14 +90,11 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
     touches = ((points.amax(1) >= -reach) & (points.amin(1) <= size + reach)).all(1)
     # A scene has at least one curve; where none touches the tile, one that does not is as good.
     touches[0] = True
+    gradients = scene.gradients
+    if gradients is not None:
+        gradients = gradients.seen_from(tile.left, tile.top).scaled(scale, scale)
     part = replace(
-        scene,
-        width=tile.width * scale,
-        height=tile.height * scale,
-        points=points[touches],
-        colours=scene.colours[touches],
-        opacities=scene.opacities[touches],
-        half_widths=widths[touches],
-        ring_ends=None if scene.ring_ends is None else scene.ring_ends[touches],
-    )
+        scene, width=tile.width * scale, height=tile.height * scale, points=points, half_widths=widths,
+        gradients=gradients,
+    ).chosen(touches)  # fmt: skip
     return render_scene(part, coverage="exact", samples=samples, threads=threads)

@@ -107,7 +107,9 @@ def plan_outputs(
 def _instead(svg: Path) -> str:
     if svg.suffix.lower() in PICTURE_SUFFIXES:
         return f"for a drawn {svg.suffix.lower()[1:].upper()} make {svg.stem}.svg first: its PNG is written beside it"
-    return "use -o - for standard output"
+    if not svg.suffix:
+        return f"-o {svg}.svg is a file, -o {svg}/ a folder, -o - standard output"
+    return f"call it {svg.with_suffix('.svg')}"
 
 
 def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,10 +57,20 @@ def write_index(path: Path, outcomes: list[Outcome]) -> None:
     from cubicsplat_cli.show.index import Entry, entry_of, index
 
     entries = []
-    for outcome in outcomes:
+    for outcome, name in zip(outcomes, _short_names([outcome.job.name for outcome in outcomes]), strict=True):
         report, outputs = outcome.report, outcome.job.outputs
         if report is None or outputs.page is None or outputs.svg is None:
-            entries.append(Entry(outcome.job.name, error=outcome.error or outcome.status))
+            entries.append(Entry(name, error=outcome.error or outcome.status))
         else:
-            entries.append(entry_of(outcome.job.name, outputs.page, report, outputs.png, outputs.svg))
+            entries.append(entry_of(name, outputs.page, report, outputs.png, outputs.svg))
     write_atomically(path, index(path, entries, path.absolute().parent.name or "pictures"))
+
+
+def _short_names(names: list[str]) -> list[str]:
+    """The names without the folder that all of them share, which says nothing and may be long."""
+    folders = {os.path.dirname(name) for name in names}  # noqa: PTH120 (names may be patterns)
+    absolute = {os.path.isabs(name) for name in names}  # noqa: PTH117
+    if len(absolute) != 1:
+        return names
+    shared = os.path.commonpath(folders)
+    return [os.path.relpath(name, shared) for name in names] if shared else names

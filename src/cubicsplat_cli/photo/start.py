@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.photo.initial import COLOUR_MARGIN
 from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.scene import Scene, scaled_scene
@@ -20,17 +20,11 @@ LEAST_HALF_WIDTH = 0.1  # px, the engines' own limit
 def parameters_of(scene: Scene, settings: FitSettings, width: int, height: int) -> Parameters:
     """A scene's curves as a fit has them, on a canvas of width x height px.
 
-    Raises InputError for strokes where the settings ask for fills, and the other way round, and for penalties that know
-    no curves of several rings.
+    Raises InputError for strokes where the settings ask for fills, and the other way round.
     """
     if scene.mode is not settings.mode:
         what = "filled shapes" if scene.mode.value == "closed" else "strokes"
         raise InputError(f"the drawing to begin with has {what}; use --mode {scene.mode.value}")
-    if scene.ring_ends is not None and max(settings.recipe.geometric_reg, settings.recipe.thorn_reg) > 0.0:
-        raise UsageError(
-            "cannot judge the drawing to begin with, whose curves differ in length",
-            "thorn_reg" if settings.recipe.thorn_reg > 0.0 else "geometric_reg",
-        )
     sized = scaled_scene(scene, width, height)
     colours = sized.colours.clamp(1e-3 * COLOUR_MARGIN, 1.0 - 1e-3 * COLOUR_MARGIN)
     return Parameters(

@@ -399,11 +399,12 @@ class Trainer:
     def _regulariser(self, progress: float) -> Tensor | None:
         """The gradient of what the recipe penalises beside the picture's error."""
         recipe, points, mode = self.recipe, self.parameters.points, self.settings.mode
+        rings = self.parameters.ring_ends
         found = None
         if recipe.geometric_reg > 0.0:
-            found = crossing_gradient(points, mode, recipe.geometric_reg * self.width * self.height)
+            found = crossing_gradient(points, mode, recipe.geometric_reg * self.width * self.height, rings)
         if recipe.thorn_reg > 0.0 and progress > THORNS_FROM:
-            blunting = thorn_gradient(points, mode, recipe.thorn_reg)
+            blunting = thorn_gradient(points, mode, recipe.thorn_reg, rings)
             found = blunting if found is None else found + blunting
         return found
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
@@ -12,7 +11,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.gradients import Gradients
-from cubicsplat_cli.svg.markup import Identifiers, comment_text, short_colour, xml_text
+from cubicsplat_cli.svg.markup import Identifiers, comment_text, in_short, short_colour, xml_text
 from cubicsplat_cli.svg.pathdata import format_number
 from cubicsplat_cli.svg.quantise import check_precision
 from cubicsplat_cli.svg.ringgrid import grid_ring, to_steps
@@ -22,7 +21,6 @@ _OPAQUE = 255
 # Steps of the grid across the longer side: 0.01 px at 512 px.
 _STEPS_ACROSS = 51_200
 _ANGLE_DECIMALS = 3  # degrees
-_SPACE = re.compile(r" />(?=\n|<stop|</(?:linear|radial)Gradient)")
 
 
 def suggested_precision(width: int, height: int) -> int:
@@ -56,8 +54,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     root.text = "\n"
     for child in root:
         child.tail = "\n"
-    # ElementTree puts a space before "/>"; a ">" in the title is escaped, so nothing else can match.
-    text = _SPACE.sub("/>", ElementTree.tostring(root, encoding="unicode"))
+    text = in_short(ElementTree.tostring(root, encoding="unicode"))
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 

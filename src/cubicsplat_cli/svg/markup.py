@@ -6,6 +6,7 @@ import re
 
 # XML 1.0 allows tab, newline, carriage return and these ranges; a file name may hold anything.
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_SPACE = re.compile(r" />(?=\n|<stop|</(?:linear|radial)Gradient)")
 _NOT_ID = re.compile(r"[^A-Za-z0-9_.]+")
 
 
@@ -41,3 +42,8 @@ def short_colour(red: int, green: int, blue: int) -> str:
     """#rgb where that says the same, else #rrggbb."""
     text = f"{red:02x}{green:02x}{blue:02x}"
     return f"#{text[::2]}" if text[::2] == text[1::2] else f"#{text}"
+
+
+def in_short(text: str) -> str:
+    """A document without the space that ElementTree puts before "/>"; a ">" in the title is escaped: no match."""
+    return _SPACE.sub("/>", text)

@@ -13,8 +13,11 @@ import numpy as np
 import torch
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.gradients import gradients_of
+from cubicsplat_cli.paint import Gradient
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import PRECISION, Mode
+from cubicsplat_cli.svg.gridgradients import as_written, paints_of
 from cubicsplat_cli.svg.pathdata import ring_slices
 from cubicsplat_cli.svg.shortest import shortest_description
 
@@ -32,7 +35,9 @@ class GridScene:
     points: (N, K, 2) int64, multiples of 10^-precision px. colours: (N, 3) int64 in 0..255. opacities: (N,)
     int64 in 0..1000, thousandths. stroke_widths: (N,) int64, multiples of 10^-width_decimals px (the full
     width; 0 for closed). background: three integers in 0..255, or None. ring_ends: (N, R) int32 or None, as in
-    `Scene`, but None wherever all curves are one ring of one length, and the padding of `points` is zero.
+    `Scene`, but None wherever all curves are one ring of one length, and the padding of `points` is zero. gradients: of
+    each curve, None where it is flat, in px and not yet rounded (`as_written` rounds them); the stops' opacities count
+    instead of the curve's where they differ, which then is 1.
     """
 
     mode: Mode
@@ -45,6 +50,7 @@ class GridScene:
     stroke_widths: np.ndarray
     background: tuple[int, int, int] | None
     ring_ends: np.ndarray | None = None
+    gradients: tuple[Gradient | None, ...] = ()
 
     @property
     def width_decimals(self) -> int:
@@ -73,6 +79,7 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
     )
     _refuse(half_widths > MAX_COORDINATE, f"half-width exceeds {MAX_COORDINATE:.0f} px")
     width_decimals = max(precision, MIN_WIDTH_DECIMALS)
+    gradients, colours, opacities = paints_of(scene, precision)
     background = None
     if scene.background is not None:
         red, green, blue = (int(value) for value in _round(np.asarray(scene.background, np.float64), 255))
@@ -83,11 +90,12 @@ def to_grid(scene: Scene, precision: int) -> GridScene:
         height=scene.height,
         precision=precision,
         points=_shortest(scene.mode, _round(points, 10**precision), ring_ends),
-        colours=_round(_array(scene.colours), 255),
-        opacities=_round(_array(scene.opacities), 10**OPACITY_DECIMALS),
+        colours=_round(_array(colours), 255),
+        opacities=_round(_array(opacities), 10**OPACITY_DECIMALS),
         stroke_widths=_round(2.0 * half_widths, 10**width_decimals),
         background=background,
         ring_ends=ring_ends,
+        gradients=tuple(gradients) if any(gradients) else (),
     )
 
 
@@ -128,6 +136,7 @@ def to_scene(grid: GridScene) -> Scene:
         half_widths=_tensor(grid.stroke_widths / 10.0**grid.width_decimals / 2.0),
         background=background,
         ring_ends=None if grid.ring_ends is None else torch.from_numpy(grid.ring_ends.copy()),
+        gradients=gradients_of([g and as_written(g, grid.precision) for g in grid.gradients]),
     )
 
 

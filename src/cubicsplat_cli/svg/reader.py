@@ -15,11 +15,15 @@ import torch
 
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.gradients import gradients_of
+from cubicsplat_cli.paint import Gradient, mean_ink
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.canvas import canvas_size
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
-from cubicsplat_cli.svg.writer import BACKGROUND_ID, CURVES_ID
+from cubicsplat_cli.svg.gradient_reader import LINEAR, RADIAL, STOP, GradientReader
+from cubicsplat_cli.svg.gridgradients import settled
+from cubicsplat_cli.svg.writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
 
 MAX_SVG_BYTES = 256 * 1024 * 1024
 MAX_NUMBER_LENGTH = 24
@@ -28,7 +32,11 @@ MAX_SHOWN = 120  # characters of a message that come from the file
 _TOKEN = re.compile(r"[\s,]*(?:([A-Za-z])|([+-]?)(?:(\d+)\.?(\d*)|\.(\d+)))")
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 _DECIMAL = re.compile(r"(?:\d+(?:\.\d*)?|\.\d+)")
+_REFERENCE = re.compile(r"url\(#([A-Za-z0-9_.-]+)\)")
+_FILLED = (0.0, 0.0, 0.0)  # in the place of a gradient's colour until all are read
+_OF_GRADIENTS = {f"svg/defs/{name}{rest}" for name in (LINEAR, RADIAL) for rest in ("", f"/{STOP}")}
 _ROOT_ATTRIBUTES = {"width", "height", "viewBox", "version", "baseProfile"}
+_ENLARGED = re.compile(r"(?:scale\(1(0{1,6})\))?")
 _SCALE = re.compile(r"scale\((?:1|\.(0{0,5})1)\)")
 _RECT_ATTRIBUTES = {"id", "x", "y", "width", "height", "fill"}
 _GROUP_ATTRIBUTES = {
@@ -84,7 +92,7 @@ class _Command:
 
 @dataclass
 class _Collector:
-    """Follows the elements of one document: svg > (title, rect, g > path...)."""
+    """Follows the elements of one document: svg > (title, defs > gradients, rect, g > path...)."""
 
     parser: expat.XMLParserType | None = None
     size: tuple[int, int] | None = None
@@ -96,6 +104,11 @@ class _Collector:
     colours: list[tuple[float, float, float]] = field(default_factory=list)
     opacities: list[float] = field(default_factory=list)
     half_widths: list[float] = field(default_factory=list)
+    fills: list[str | None] = field(default_factory=list)  # the ids of the curves' gradients
+    enlarged: set[int] = field(default_factory=set)  # powers of ten by which gradients are enlarged
+
+    def __post_init__(self) -> None:
+        self.gradients = GradientReader(self.foreign)
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         place = "/".join([*self.stack, name])
@@ -108,11 +121,14 @@ class _Collector:
             self._group(attributes)
         elif place == "svg/g/path":
             self._path(attributes)
-        elif place != "svg/title":
+        elif place in _OF_GRADIENTS:
+            self.gradients.start(name, attributes if name == STOP else self._in_px(attributes))
+        elif place not in ("svg/title", "svg/defs"):
             raise self.foreign(f"has an unexpected <{name}> element")
 
-    def end(self, _name: str) -> None:
+    def end(self, name: str) -> None:
         self.stack.pop()
+        self.gradients.end(name)
 
     def foreign(self, what: str) -> InputError:
         """The error for a document that is not ours, with the line where that shows."""
@@ -166,7 +182,10 @@ class _Collector:
         self._known(attributes, _PATH_ATTRIBUTES[self.mode])
         paint = "fill" if self.mode is Mode.CLOSED else "stroke"
         self.curves.append(self._rings(attributes.get("d", "")))
-        self.colours.append(self._colour(attributes.get(paint, "")))
+        fill = attributes.get(paint, "")
+        match = _REFERENCE.fullmatch(fill)
+        self.fills.append(match[1] if match else None)
+        self.colours.append(_FILLED if match else self._colour(fill))
         self.opacities.append(self._decimal(attributes.get(f"{paint}-opacity", "1"), 1.0))
         width = attributes.get("stroke-width", "") if self.mode is Mode.OPEN else "0"
         self.half_widths.append(self._decimal(width, float("inf"), self.shift) / 2.0)
@@ -249,19 +268,40 @@ class _Collector:
             raise InputError("the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote")
         width, height = self.size
         points, ring_ends = self._points(self.mode)
+        if self.enlarged - {self.shift}:
+            raise self.foreign("has gradients in another unit than the paths")
+        paints = [None if fill is None else self._paint(fill) for fill in self.fills[::-1]]
+        colours = _tensor(self.colours)
+        for curve, paint in enumerate(paints):
+            if paint is not None:
+                colours[curve] = torch.tensor(mean_ink(paint)[:3]) / 255.0
         scene = Scene(
             mode=self.mode,
             width=width,
             height=height,
             points=points,
-            colours=_tensor(self.colours),
+            colours=colours,
             opacities=_tensor(self.opacities),
             half_widths=_tensor(self.half_widths),
             background=self.background,
             ring_ends=ring_ends,
+            gradients=gradients_of(paints),
         )
         scene.validate()
         return scene
+
+    def _in_px(self, attributes: dict[str, str]) -> dict[str, str]:
+        """The attributes of a gradient without the transform that brings it to the unit of the paths."""
+        if attributes.get("id") == UNITS_ID and attributes.get("gradientUnits") == "userSpaceOnUse":
+            return attributes
+        scale = _ENLARGED.match(attributes.get("gradientTransform", ""))
+        if attributes.get("xlink:href") != f"#{UNITS_ID}" or scale is None:
+            raise self.foreign("has a gradient that is not in px")
+        self.enlarged.add(len(scale[1] or ""))
+        return attributes | {"gradientTransform": attributes.get("gradientTransform", "")[scale.end() :]}
+
+    def _paint(self, identifier: str) -> Gradient:
+        return settled(self.gradients.gradient(identifier, (0.0, 0.0, 1.0, 1.0)))
 
     def _points(self, mode: Mode) -> tuple[torch.Tensor, torch.Tensor | None]:
         if all(len(rings) == 1 and len(rings[0]) == len(self.curves[0][0]) for rings in self.curves):

@@ -9,10 +9,13 @@ import svgwrite
 
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.gradients import gradient_element
+from cubicsplat_cli.svg.gridgradients import gradient_decimals
+from cubicsplat_cli.svg.markup import in_short
 from cubicsplat_cli.svg.pathdata import format_number, path_strings
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, to_grid
 
-BACKGROUND_ID, CURVES_ID = "background", "curves"
+BACKGROUND_ID, CURVES_ID, UNITS_ID = "background", "curves", "units"
 # XML 1.0 allows tab, newline, carriage return and these ranges; a file name may hold anything.
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -31,15 +34,51 @@ def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str
     if grid.background is not None:
         size = (grid.width, grid.height)
         drawing.add(drawing.rect(id=BACKGROUND_ID, insert=(0, 0), size=size, fill=_hex_colour(grid.background)))
-    drawing.add(_curve_group(drawing, grid))
+    definitions, fills = _definitions(grid)
+    drawing.add(_curve_group(drawing, grid, fills))
     root = drawing.get_xml()
-    _finish(root, title, comment)
-    # ElementTree puts a space before "/>"; a ">" in the title is escaped, so nothing else can match.
-    text = ElementTree.tostring(root, encoding="unicode").replace(" />\n", "/>\n")
+    _finish(root, title, comment, definitions)
+    text = in_short(ElementTree.tostring(root, encoding="unicode"))
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
-def _curve_group(drawing: svgwrite.Drawing, grid: GridScene) -> svgwrite.container.Group:
+def _definitions(grid: GridScene) -> tuple[ElementTree.Element, list[str]]:
+    """The gradients, and what each curve's paint says.
+
+    Their coordinates are in px and brought to the paths' unit by a transform: cairo fails where they reach 16,384. The
+    units come from one that is none itself; a transform would not come along in every renderer.
+    """
+    definitions = ElementTree.Element("defs")
+    fills = [_hex_colour(colour) for colour in grid.colours.tolist()]
+    known: dict[str, str] = {}
+    for index, gradient in enumerate(grid.gradients):
+        if gradient is None:
+            continue
+        element = gradient_element(gradient, gradient_decimals(grid.precision))
+        del element.attrib["gradientUnits"]
+        if grid.precision > 0:
+            element.set("gradientTransform", f"scale({10**grid.precision}){element.get('gradientTransform', '')}")
+        text = ElementTree.tostring(element, encoding="unicode")
+        if text not in known:
+            known[text] = _short_name(len(known))
+            element.attrib = {"id": known[text], "xlink:href": f"#{UNITS_ID}", **element.attrib}
+            definitions.append(element)
+        fills[index] = f"url(#{known[text]})"
+    if known:
+        definitions.insert(0, ElementTree.Element("linearGradient", id=UNITS_ID, gradientUnits="userSpaceOnUse"))
+    return definitions, fills
+
+
+def _short_name(number: int) -> str:
+    """a .. z, aa .. zz and so on; never an `id` of the document's own elements."""
+    name = ""
+    while number >= 0:
+        name = chr(ord("a") + number % 26) + name
+        number = number // 26 - 1
+    return name if name not in (BACKGROUND_ID, CURVES_ID, UNITS_ID) else f"{name}-"
+
+
+def _curve_group(drawing: svgwrite.Drawing, grid: GridScene, fills: list[str]) -> svgwrite.container.Group:
     """The group with what all curves share, and in it the paths; index 0 is the front, so it comes last."""
     closed = grid.mode is Mode.CLOSED
     if closed:
@@ -51,10 +90,10 @@ def _curve_group(drawing: svgwrite.Drawing, grid: GridScene) -> svgwrite.contain
         group.update({"transform": f"scale({format_number(1, grid.precision)})"})
     paint = "fill" if closed else "stroke"
     data = path_strings(grid.points, grid.ring_ends, closed=closed)
-    colours, opacities, widths = grid.colours.tolist(), grid.opacities.tolist(), grid.stroke_widths.tolist()
+    opacities, widths = grid.opacities.tolist(), grid.stroke_widths.tolist()
     for index in reversed(range(len(data))):
         # A list of one string: svgwrite would take a bare string apart into characters.
-        attributes = {paint: _hex_colour(colours[index])}
+        attributes = {paint: fills[index]}
         if opacities[index] < 10**OPACITY_DECIMALS:
             attributes[f"{paint}_opacity"] = format_number(opacities[index], OPACITY_DECIMALS)
         if not closed:
@@ -63,11 +102,11 @@ def _curve_group(drawing: svgwrite.Drawing, grid: GridScene) -> svgwrite.contain
     return group
 
 
-def _finish(root: ElementTree.Element, title: str, comment: str) -> None:
-    """Add title and comment, drop svgwrite's empty <defs>, put every element on its own line."""
+def _finish(root: ElementTree.Element, title: str, comment: str, definitions: ElementTree.Element) -> None:
+    """Add title, comment and definitions, drop svgwrite's empty <defs>, put every element on its own line."""
     for empty in root.findall("defs"):
         root.remove(empty)
-    for unused in ("xmlns:ev", "xmlns:xlink"):
+    for unused in ("xmlns:ev",) if len(definitions) else ("xmlns:ev", "xmlns:xlink"):
         root.attrib.pop(unused, None)
     title_element = ElementTree.Element("title")
     title_element.text = _xml_text(title)
@@ -75,7 +114,9 @@ def _finish(root: ElementTree.Element, title: str, comment: str) -> None:
     comment_text = re.sub("-(?=-)", "- ", _xml_text(comment)).strip()
     root.insert(0, ElementTree.Comment(f" {comment_text} "))
     root.insert(1, title_element)
-    for parent in (root, root[-1]):
+    if len(definitions):
+        root.insert(2, definitions)
+    for parent in (root, root[-1], definitions):
         parent.text = "\n"
         for child in parent:
             child.tail = "\n"

@@ -1,1 +1,0 @@
-"""What came between a drawing and its picture: noise, JPEG, blur and enlargement are found, and drawn through."""

@@ -1,0 +1,116 @@
+"""Gradients of a scene as a file holds them, in px, and back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cubicsplat_cli.gradients import FLAT, LINEAR, Gradients, ends_of, paint_at
+from cubicsplat_cli.paint import Gradient, LinearGradient, RadialGradient, Stop, mean_ink, radial_from
+from cubicsplat_cli.scene import Scene
+
+_OPAQUE = 255
+_OFFSETS = 1000  # three decimals
+# px: of a longer line or axis nothing is seen, and cairo's numbers end not far from it.
+_LONGEST = 16_000.0
+_DECIMALS = 7  # more than any file has
+
+
+def gradient_decimals(precision: int) -> int:
+    """Decimals of gradients' coordinates in px: where a colour changes is seen less than where a shape ends."""
+    return max(0, precision - 1)
+
+
+def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], Tensor, Tensor]:
+    """Of each curve its gradient in px, None where it is flat, and all colours (N, 3) and opacities (N,).
+
+    Offsets have three decimals, inks 8 bits; coordinates are yet to be rounded. A curve's opacity goes into its stops,
+    and comes back from them where they are alike; what nobody can tell from one colour becomes one. precision:
+    decimals of the file's points.
+    """
+    given, colours, opacities = scene.gradients, scene.colours.double().clone(), scene.opacities.double().clone()
+    found: list[Gradient | None] = [None] * scene.curves
+    if given is None:
+        return found, colours, opacities
+    given = given.floating(lambda t: t.detach().double()).to("cpu")
+    step = 10.0 ** -gradient_decimals(precision)
+    for curve in (given.kinds != FLAT).nonzero().flatten().tolist():
+        middle = torch.cat(scene.rings(curve)).detach().double().cpu().mean(0)
+        gradient = _in_px(given, curve, middle, step, float(opacities[curve]))
+        paint = paint_at(given, curve, middle)
+        alike = gradient is None or len({stop.ink[3] for stop in gradient.stops}) == 1
+        # Not from the rounded inks: an opacity has three decimals.
+        opacities[curve] = opacities[curve] * paint[3] if alike else 1.0
+        colours[curve] = paint[:3]
+        if gradient is None or len({stop.ink for stop in gradient.stops}) == 1:
+            continue
+        if alike:
+            gradient = replace(gradient, stops=tuple(Stop(s.offset, (*s.ink[:3], _OPAQUE)) for s in gradient.stops))
+        found[curve] = gradient
+        colours[curve] = torch.tensor(mean_ink(gradient)[:3]) / _OPAQUE
+    return found, colours, opacities
+
+
+def _in_px(given: Gradients, curve: int, middle: Tensor, step: float, opacity: float) -> Gradient | None:
+    """step: of the coordinates in the file, px."""
+    count = int(given.counts[curve])
+    offsets = (given.offsets[curve, :count] * _OFFSETS).round() / _OFFSETS
+    values = given.stops[curve, :count] * torch.tensor([1.0, 1.0, 1.0, opacity], dtype=torch.float64)
+    inks = (values * _OPAQUE).round().int().tolist()
+    stops = tuple(
+        Stop(offset, (red, green, blue, alpha))
+        for offset, (red, green, blue, alpha) in zip(offsets.tolist(), inks, strict=True)
+    )
+    frame = given.frames[curve]
+    if int(given.kinds[curve]) == LINEAR:
+        return _linear(frame, middle, step, stops)
+    return _radial(frame.numpy(), step, stops)
+
+
+def _linear(frame: Tensor, middle: Tensor, step: float, stops: tuple[Stop, ...]) -> Gradient | None:
+    if float(frame[0, :2].norm()) * _LONGEST < 1.0:
+        return None
+    start, end = (place[0].numpy() for place in ends_of(frame.unsqueeze(0), middle.unsqueeze(0)))
+    # A line that is shorter than a step would have no direction.
+    end = start + (end - start) * max(1.0, 1.01 * step / np.abs(end - start).max())
+    if max(np.abs(start).max(), np.abs(end).max()) > _LONGEST:
+        return None
+    return LinearGradient(float(start[0]), float(start[1]), float(end[0]), float(end[1]), stops)
+
+
+def _radial(frame: np.ndarray, step: float, stops: tuple[Stop, ...]) -> Gradient | None:
+    if abs(float(np.linalg.det(frame[:, :2]))) * _LONGEST**2 < 1.0:
+        return None
+    inverse = np.linalg.inv(frame[:, :2])
+    found = radial_from(np.column_stack([inverse, -inverse @ frame[:, 2]]), stops)
+    if max(found.rx, abs(found.cx), abs(found.cy)) > _LONGEST or found.ry < step:
+        return None
+    return found
+
+
+def as_written(gradient: Gradient, precision: int) -> Gradient:
+    """What a file says of a gradient in px, where its points have so many decimals; see `gradient_element`."""
+    steps = 10.0 ** gradient_decimals(precision)
+
+    def rounded(value: float) -> float:
+        return round(value * steps) / steps
+
+    if isinstance(gradient, LinearGradient):
+        x1, y1, x2, y2 = (rounded(v) for v in (gradient.x1, gradient.y1, gradient.x2, gradient.y2))
+        return settled(LinearGradient(x1, y1, x2, y2, gradient.stops))
+    if rounded(gradient.rx) == rounded(gradient.ry):
+        cx, cy, radius = (rounded(v) for v in (gradient.cx, gradient.cy, gradient.rx))
+        return settled(RadialGradient(cx, cy, radius, radius, 0.0, gradient.stops))
+    return settled(radial_from(np.rint(gradient.matrix() * steps) / steps, gradient.stops))
+
+
+def settled(gradient: Gradient) -> Gradient:
+    """A gradient read from a file, without what rounding has left of its coordinates on the way."""
+    if isinstance(gradient, LinearGradient):
+        x1, y1, x2, y2 = (round(v, _DECIMALS) for v in (gradient.x1, gradient.y1, gradient.x2, gradient.y2))
+        return LinearGradient(x1, y1, x2, y2, gradient.stops)
+    cx, cy, rx, ry = (round(v, _DECIMALS) for v in (gradient.cx, gradient.cy, gradient.rx, gradient.ry))
+    return RadialGradient(cx, cy, rx, ry, 0.0 if rx == ry else gradient.angle, gradient.stops)

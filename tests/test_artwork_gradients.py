@@ -1,0 +1,169 @@
+"""Gradients in drawings whose truth is known: their kind, geometry, stops, and no bands."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.areas import gradient_areas, smooth_parts
+from cubicsplat_cli.artwork.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.shades import gradient_of, shade_of
+from cubicsplat_cli.artwork.style import choose_style
+from cubicsplat_cli.artwork.vectorize import as_levels, draw
+from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.paint import LinearGradient, RadialGradient, Stop, painted
+from cubicsplat_cli.svg.drawing import write_drawing
+
+WIDTH, HEIGHT = 256, 192
+
+
+def svg(body: str) -> str:
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 256 192">{body}</svg>'
+    )
+
+
+def straight(text: str) -> np.ndarray:
+    return np.asarray(rerender(text.encode(), WIDTH, HEIGHT, renderer="resvg").pixels)
+
+
+def picture(body: str) -> np.ndarray:
+    """(H, W, 4) premultiplied float32."""
+    pixels = straight(svg(body)).astype(np.float32) / 255
+    pixels[..., :3] *= pixels[..., 3:]
+    return pixels
+
+
+def difference(drawing, body: str) -> np.ndarray:
+    """(H, W) levels by which the file and the truth differ over white."""
+    text = write_drawing(drawing, title="t", comment="c")
+    files = [straight(t).astype(float) for t in (text, svg(body))]
+    over = [f[..., :3] * f[..., 3:] / 255 + 255 - f[..., 3:] for f in files]
+    return np.abs(over[0] - over[1]).max(axis=2)
+
+
+LINEAR = '<linearGradient id="a" x1="40" y1="30" x2="200" y2="150" gradientUnits="userSpaceOnUse">{}</linearGradient>'
+TWO = '<stop stop-color="#d0202c"/><stop offset="1" stop-color="#2850c8"/>'
+THREE = (
+    '<stop offset=".1" stop-color="#ffe040"/><stop offset=".4" stop-color="#f09020"/>'
+    '<stop offset="1" stop-color="#c03060"/>'
+)
+ROUND = '<radialGradient id="a" cx="120" cy="80" r="110" gradientUnits="userSpaceOnUse">{}</radialGradient>'
+OVAL = (
+    '<radialGradient id="a" cx="0" cy="0" r="1" gradientTransform="matrix(90 30 -15 45 120 90)" '
+    'gradientUnits="userSpaceOnUse">{}</radialGradient>'
+)
+BLOB = '<path fill="url(#a)" d="M30 90C30 40 80 20 130 20s100 30 100 80-60 80-110 80S30 140 30 90z"/>'
+GROUND = '<rect width="256" height="192" fill="#103050"/>'
+
+
+def test_a_linear_gradient_over_a_ground():
+    body = LINEAR.format(TWO) + GROUND + BLOB
+    drawing = draw(picture(body))
+    ground, blob = drawing.shapes
+    assert ground.gradient is None and ground.ink == (16, 48, 80, 255)
+    found = blob.gradient
+    assert isinstance(found, LinearGradient) and len(found.stops) == 2
+    angle = math.atan2(found.y2 - found.y1, found.x2 - found.x1) % math.pi
+    assert angle == pytest.approx(math.atan2(120, 160), abs=0.003)
+    truth = LinearGradient(40, 30, 200, 150, (Stop(0.0, (208, 32, 44, 255)), Stop(1.0, (40, 80, 200, 255))))
+    x, y = np.array([60.0, 130.0, 200.0]), np.array([80.0, 100.0, 120.0])
+    assert 255 * np.abs(painted(found, x, y) - painted(truth, x, y)).max() < 1.0
+    assert np.percentile(difference(drawing, body), 99) <= 2 and difference(drawing, body).mean() < 0.4
+
+
+@pytest.mark.parametrize(
+    ("markup", "kind"), [(LINEAR, LinearGradient), (ROUND, RadialGradient), (OVAL, RadialGradient)]
+)
+def test_three_stops_of_every_kind(markup, kind):
+    body = markup.format(THREE) + BLOB
+    drawing = draw(picture(body))
+    (shape,) = drawing.shapes
+    assert isinstance(shape.gradient, kind)
+    # The stop in the middle, and the padded end where it shows, are stops of their own.
+    inks = np.array([stop.ink for stop in shape.gradient.stops])
+    assert len(inks) <= 4 and np.abs(inks - (240, 144, 32, 255)).max(axis=1).min() <= 2
+    assert np.percentile(difference(drawing, body), 99) <= 3 and difference(drawing, body).mean() < 0.4
+
+
+def test_a_radial_gradient_has_its_middle_and_radius():
+    drawing = draw(picture(ROUND.format(TWO) + BLOB))
+    found = drawing.shapes[0].gradient
+    assert isinstance(found, RadialGradient)
+    assert (found.cx, found.cy) == pytest.approx((120, 80), abs=0.3) and found.rx == pytest.approx(found.ry, rel=0.01)
+
+
+def test_what_lies_over_a_gradient_does_not_divide_it():
+    bars = '<path fill="#fff" d="M90 0h14v192H90zM150 0h10v192h-10z"/><circle cx="60" cy="90" r="12" fill="#222"/>'
+    body = ROUND.format(TWO) + '<circle cx="128" cy="96" r="80" fill="url(#a)"/>' + bars
+    drawing = draw(picture(body))
+    assert len({shape.gradient for shape in drawing.shapes if shape.gradient}) == 1
+    assert len(drawing.shapes) <= 6 and difference(drawing, body).mean() < 0.6
+
+
+def test_two_gradients_that_touch():
+    other = LINEAR.replace('"a"', '"b"').replace('y2="150"', 'y2="31"').format(THREE)
+    body = ROUND.format(TWO) + other + '<rect width="256" height="192" fill="url(#b)"/>'
+    body += '<circle cx="128" cy="96" r="70" fill="url(#a)"/>'
+    drawing = draw(picture(body))
+    back, front = drawing.shapes
+    assert isinstance(back.gradient, LinearGradient) and isinstance(back.outlines[0], Rectangle)
+    assert isinstance(front.gradient, RadialGradient) and isinstance(front.outlines[0], Circle)
+    assert front.outlines[0].r == pytest.approx(70, abs=0.1)
+    assert difference(drawing, body).mean() < 0.5
+
+
+def test_a_soft_shadow_over_nothing_has_no_rings():
+    stops = (
+        '<stop offset=".3" stop-color="#000" stop-opacity=".5"/><stop offset="1" stop-color="#000" stop-opacity="0"/>'
+    )
+    shadow = ROUND.replace("80", "130").replace("110", "60").format(stops)
+    body = shadow + '<ellipse cx="120" cy="130" rx="60" ry="60" fill="url(#a)"/>'
+    body += '<circle cx="120" cy="70" r="45" fill="#e04040"/>'
+    drawing = draw(picture(body))
+    assert len(drawing.shapes) == 2
+    shade = drawing.shapes[0].gradient
+    assert isinstance(shade, RadialGradient) and shade.stops[-1].ink[3] == 0
+    assert {stop.ink[:3] for stop in shade.stops} == {(0, 0, 0)}
+    assert shade.stops[0].ink[3] == pytest.approx(127, abs=2)
+    assert difference(drawing, body).max() < 40 and difference(drawing, body).mean() < 0.4
+
+
+def test_a_glow_that_fades_into_the_ground_is_part_of_it():
+    stops = '<stop stop-color="#fff0a0"/><stop offset="1" stop-color="#103050"/>'
+    body = ROUND.format(stops) + GROUND + '<circle cx="120" cy="80" r="110" fill="url(#a)"/>'
+    drawing = draw(picture(body))
+    assert len(drawing.shapes) <= 2 and len(drawing.gradients) == 1
+    assert np.percentile(difference(drawing, body), 99) <= 2
+
+
+def test_flat_drawings_have_no_gradients_and_are_left_as_they_are():
+    body = GROUND + '<circle cx="120" cy="80" r="60" fill="#e04040"/><path d="M0 150 256 90v9L0 160z" fill="#e8e8e8"/>'
+    levels = as_levels(picture(body))
+    assert gradient_areas(levels, *smooth_parts(levels)) == []
+
+
+def test_who_chooses_the_inks_gets_no_gradients():
+    target = picture(LINEAR.format(TWO) + BLOB)
+    assert not draw(target, ArtworkSettings(colors=6)).gradients
+    assert not draw(target, ArtworkSettings(palette=((255, 0, 0), (0, 0, 255)))).gradients
+
+
+def test_gradients_all_over_are_artwork():
+    target = picture(LINEAR.format(THREE) + '<rect width="256" height="192" fill="url(#a)"/>')
+    assert choose_style(target).name == "artwork", choose_style(target).reason
+
+
+def test_stops_are_found_where_they_are():
+    y, x = np.mgrid[:120, :160] + 0.5
+    truth = LinearGradient(0, 0, 160, 0, tuple(Stop(o, (v, 100, 50, 255)) for o, v in ((0, 20), (0.3, 200), (1, 90))))
+    levels = np.rint(255 * painted(truth, x, y))
+    shade = shade_of(x.ravel(), y.ravel(), levels.reshape(-1, 4))
+    found = gradient_of(shade)
+    assert (found.y1, found.y2) == (0.0, 0.0)
+    ends = [found.x1 + stop.offset * (found.x2 - found.x1) for stop in found.stops]
+    assert len(ends) == 3 and sorted(ends)[1] == pytest.approx(48, abs=0.5)
+    assert max(abs(a - b) for a, b in zip(found.stops[1].ink, (200, 100, 50, 255), strict=True)) <= 1
