@@ -16,6 +16,7 @@ import numpy as np
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.plain import only_ink, plain_drawing
+from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
 from cubicsplat_cli.budget import SPARE, SPARE_COMPRESSED, Means, Within, within_bytes, within_level
@@ -38,6 +39,7 @@ from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings, listed
 from cubicsplat_cli.svg import write_drawing, write_svg
+from cubicsplat_cli.svg.drawing import suggested_precision
 
 if TYPE_CHECKING:
     from cubicsplat_cli.photo import FitResult
@@ -175,6 +177,8 @@ def _styled(task: _Task) -> tuple[Style, Made]:
         return _plain(ink, task)
     if request.style == "auto" and (asked := request.of_photos()):
         return Style(PHOTO, f"asked for by {listed(asked)}"), _photo(task)
+    if request.style == "auto" and (asked := request.of_artwork()):
+        return Style(ARTWORK, f"asked for by {listed(asked)}"), _artwork(task)
     if request.style != "auto":
         return Style(request.style, "asked for"), _STYLES[request.style](task)
     style = choose_style(target.target())
@@ -308,7 +312,13 @@ def _artwork(task: _Task) -> Made:
     from cubicsplat_cli.artwork.vectorize import draw
 
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
-    return _drawn(scaled_drawing(draw(task.target.target(), chosen), *task.picture.size), task.request)
+    drawing = scaled_drawing(draw(task.target.target(), chosen), *task.picture.size)
+    if chosen.stacking == CUTOUT:
+        from cubicsplat_cli.artwork.planar.cutout import cut_out
+
+        precision = task.request.precision
+        drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
+    return _drawn(drawing, task.request)
 
 
 def _plain(ink: Ink, task: _Task) -> tuple[Style, Made]:

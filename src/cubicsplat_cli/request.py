@@ -6,7 +6,7 @@ from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.files.ownership import MOVING
@@ -45,7 +45,8 @@ class Request:
     leave pictures alone that have an SVG, whatever made it. measure: whether the SVG is drawn by an independent
     renderer and measured. weights, focus: how much the pixels matter to the fit of a photo. init: the drawing that it
     begins with; freeze: whose curves stay as they are. max_bytes, target_psnr: of the file; the number of curves is
-    found for it. Where any of these is given, or a loss of its own, the style is "photo".
+    found for it. Where any of these is given, or a loss of its own, the style is "photo";
+    where artwork is to be cut out, it is "artwork".
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -77,6 +78,11 @@ class Request:
                 known.check(name, getattr(self, name))
         if self.style == "artwork" and self.of_photos():
             raise UsageError("is for photos; use style photo, or leave it out for artwork", self.of_photos()[0])
+        if self.style == "photo" and self.of_artwork():
+            raise UsageError("is for artwork; use style artwork, or leave it out for photos", self.of_artwork()[0])
+        if self.of_photos() and self.of_artwork():
+            other = self.of_photos()[0].replace("_", "-")
+            raise UsageError(f"is for artwork, --{other} for photos; give one of them", self.of_artwork()[0])
         if self.freeze and self.init is None:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
         budgets = [name for name in ("max_bytes", "target_psnr") if getattr(self, name) is not None]
@@ -97,6 +103,10 @@ class Request:
             name for name in ("weights", "focus", "init", "max_bytes", "target_psnr") if getattr(self, name) is not None
         ]
         return asked if self.settings.loss == FitSettings.loss else [*asked, "loss"]
+
+    def of_artwork(self) -> list[str]:
+        """What is asked for that only a drawing can have."""
+        return ["stacking"] if self.artwork.stacking == CUTOUT else []
 
     def with_threads(self, threads: int | None) -> Request:
         """The same with so many threads; None: as asked for."""

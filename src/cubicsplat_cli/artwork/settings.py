@@ -9,6 +9,8 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.settings import setting, settings_of
 
 MOST_COLORS = 256
+# Upper shapes lie on lower ones, or all abut and share their edges.
+STACKED, CUTOUT = "stacked", "cutout"
 
 
 @dataclass(frozen=True)
@@ -17,8 +19,8 @@ class ArtworkSettings:
 
     colors: at most so many inks, 1..256, or None for as many as the picture has. palette: the inks to use, 8-bit sRGB
     or empty for the picture's own. min_area: px^2, smaller regions join a neighbour. detail: 1 weighs outlines as
-    the picture supports them, more follows it more closely, less draws with fewer pieces; 0.01..100. curves: at most
-    so many shapes, or None.
+    the picture supports them, more follows it more closely, less draws with fewer pieces; 0.01..100. stacking:
+    "stacked" or "cutout". curves: at most so many shapes, or None.
     """
 
     colors: int | None = setting(
@@ -34,6 +36,13 @@ class ArtworkSettings:
         "Artwork: more follows the picture more closely, less has fewer pieces.",
         least=0.01,
         most=100.0,
+        group="Quality",
+    )
+    stacking: str = setting(
+        STACKED,
+        "choice",
+        "Artwork: shapes that reach beneath others (stacked), or abut (cutout), for cutters.",
+        choices=(STACKED, CUTOUT),
         group="Quality",
     )
     curves: int | None = None

@@ -35,11 +35,15 @@ class Shape:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Shapes back to front on a canvas of width x height px; what no shape covers is transparent."""
+    """Shapes back to front on a canvas of width x height px; what no shape covers is transparent.
+
+    abutting: none overlaps another, and shapes that touch share their edges to the last digit.
+    """
 
     width: int
     height: int
     shapes: tuple[Shape, ...]
+    abutting: bool = False
 
     @property
     def inks(self) -> tuple[Ink, ...]:

@@ -8,13 +8,14 @@ from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.steps import to_steps
 from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.gradients import Gradients
 from cubicsplat_cli.svg.markup import Identifiers, comment_text, in_short, short_colour, xml_text
 from cubicsplat_cli.svg.pathdata import format_number
 from cubicsplat_cli.svg.quantise import check_precision
-from cubicsplat_cli.svg.ringgrid import grid_ring, to_steps
+from cubicsplat_cli.svg.ringgrid import grid_ring
 from cubicsplat_cli.svg.ringpath import PathText, add_ring
 
 _OPAQUE = 255
@@ -31,7 +32,8 @@ def suggested_precision(width: int, height: int) -> int:
 
 
 def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:
-    """The SVG text of artwork: its shapes in order, the first at the back, nothing else in it; see `compounds`.
+    """The SVG text of artwork: its shapes in order, the first at the back, nothing else in it; see `compounds`. Of
+    shapes that abut each is a path of its own.
 
     precision: decimals of the coordinates in px, 0..6; by default `suggested_precision`. title: any text, shown by
     viewers. comment: one line for an XML comment; the command line knows its own files by it. A shape that is smaller
@@ -47,8 +49,9 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     ElementTree.SubElement(root, "title").text = xml_text(title)
     names = Identifiers()
     gradients = Gradients(names, precision)
-    for group in compounds(drawing.shapes):
-        element = _element(group, precision)
+    groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
+    for group in groups:
+        element = _element(group, precision, drawing.abutting)
         if element is not None:
             root.extend(_finished(element, group[0], names, gradients))
     root.text = "\n"
@@ -76,15 +79,18 @@ def _finished(
     return [element] if before is None else [before, element]
 
 
-def _element(group: Sequence[Shape], precision: int) -> ElementTree.Element | None:
-    """What shows one shape, or several of one ink as a compound path; None where nothing of it is left."""
+def _element(group: Sequence[Shape], precision: int, exact: bool) -> ElementTree.Element | None:
+    """What shows one shape, or several of one ink as a compound path; None where nothing of it is left.
+
+    exact: every point of a path stands at its own step, as in the paths that share it.
+    """
     first = group[0].outlines
     if len(group) == 1 and len(first) == 1 and not isinstance(first[0], Ring):
         return _primitive(first[0], precision)
     path = PathText(precision)
     for shape in group:
         for index, outline in enumerate(shape.outlines):
-            _add_outline(path, outline, precision, clockwise=index == 0)
+            _add_outline(path, outline, precision, clockwise=index == 0, exact=exact)
     return ElementTree.Element("path", {"d": path.text}) if path.text else None
 
 
@@ -129,7 +135,7 @@ def _degrees(angle: float) -> str:
     return format_number(round(math.degrees(angle) * 10**_ANGLE_DECIMALS), _ANGLE_DECIMALS)
 
 
-def _add_outline(path: PathText, outline: Outline, precision: int, *, clockwise: bool) -> None:
+def _add_outline(path: PathText, outline: Outline, precision: int, *, clockwise: bool, exact: bool) -> None:
     """One ring of a compound path: the outer ones clockwise as seen, holes the other way."""
     if isinstance(outline, (Circle, Ellipse)):
         _add_ellipse(path, outline, precision, clockwise)
@@ -137,7 +143,7 @@ def _add_outline(path: PathText, outline: Outline, precision: int, *, clockwise:
     ring = outline.ring()
     if (signed_area(ring) > 0.0) != clockwise:
         ring = reversed_ring(ring)
-    add_ring(path, grid_ring(ring, precision))
+    add_ring(path, grid_ring(ring, precision, exact), exact)
 
 
 def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, clockwise: bool) -> None:

@@ -10,12 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.outlines import Ring
-
-# Differences below this are of the arithmetic; they must not decide to which step a coordinate is rounded.
-_NOISE_DECIMALS = 7
-# Steps that a handle may move for a smoother joint, and what its deviation weighs against that.
-_REACH = 2
-_STRAIGHTNESS = 6.0
+from cubicsplat_cli.artwork.steps import aligned, to_steps
 
 
 @dataclass(frozen=True)
@@ -35,17 +30,15 @@ class GridRing:
         return len(self.anchors)
 
 
-def to_steps(values: np.ndarray | float, precision: int) -> np.ndarray:
-    """Lengths in px as whole multiples of 10^-precision px."""
-    return np.rint(np.round(np.asarray(values, np.float64), _NOISE_DECIMALS) * 10.0**precision).astype(np.int64)
+def grid_ring(ring: Ring, precision: int, exact: bool = False) -> GridRing:
+    """The ring on the grid, without pieces of no extent, begun so that its closing line is the longest to write.
 
-
-def grid_ring(ring: Ring, precision: int) -> GridRing:
-    """The ring on the grid, without pieces of no extent, begun so that its closing line is the longest to write."""
+    exact: every point goes to the nearest step, as in the rings that share it; otherwise handles keep joints smooth.
+    """
     anchors, controls = to_steps(ring.anchors, precision), to_steps(ring.controls, precision)
     found = GridRing(anchors, controls, np.asarray(ring.lines, bool), np.asarray(ring.smooth, bool))
     found = _begun_after_a_line(_without_points(found))
-    return GridRing(found.anchors, _smoothed(found), found.lines, found.smooth)
+    return found if exact else GridRing(found.anchors, _smoothed(found), found.lines, found.smooth)
 
 
 def _without_points(ring: GridRing) -> GridRing:
@@ -82,21 +75,8 @@ def _smoothed(ring: GridRing) -> np.ndarray:
     joint = ring.smooth & ((back * ahead).sum(axis=1) < 0)
     move_ahead = joint & ~ring.lines & (longer_back | line_before)
     move_back = joint & ~line_before & ~move_ahead
-    controls[move_ahead, 0] = (ring.anchors + _aligned(ahead, back))[move_ahead]
-    controls[np.roll(move_back, -1), 1] = np.roll(ring.anchors + _aligned(back, ahead), -1, axis=0)[
+    controls[move_ahead, 0] = (ring.anchors + aligned(ahead, back))[move_ahead]
+    controls[np.roll(move_back, -1), 1] = np.roll(ring.anchors + aligned(back, ahead), -1, axis=0)[
         np.roll(move_back, -1)
     ]
     return controls
-
-
-def _aligned(handles: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(A, 2) handles, each at the place near it where it continues the other best."""
-    reach = np.arange(-_REACH, _REACH + 1)
-    offsets = np.stack(np.meshgrid(reach, reach, indexing="ij"), axis=-1).reshape(-1, 2)
-    places = handles[:, None] + offsets
-    lengths = np.maximum(np.sqrt((others.astype(float) ** 2).sum(axis=1)), 1e-9)[:, None]
-    deviation = np.abs(places[..., 0] * others[:, None, 1] - places[..., 1] * others[:, None, 0]) / lengths
-    ahead = (places * others[:, None]).sum(axis=-1) < 0
-    cost = np.where(ahead, (_STRAIGHTNESS * deviation) ** 2, np.inf) + (offsets**2).sum(axis=-1)
-    best = np.where(np.isfinite(cost).any(axis=1), cost.argmin(axis=1), len(offsets) // 2)
-    return handles + offsets[best]

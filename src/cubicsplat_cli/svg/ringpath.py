@@ -80,8 +80,8 @@ class PathText:
         return text
 
 
-def add_ring(path: PathText, ring: GridRing) -> None:
-    """Appends a closed ring; nothing where it is only a point."""
+def add_ring(path: PathText, ring: GridRing, exact: bool = False) -> None:
+    """Appends a closed ring; nothing where it is only a point. exact: no handle is written a step off."""
     if ring.pieces == 0:
         return
     anchors, controls = ring.anchors.tolist(), ring.controls.tolist()
@@ -95,10 +95,10 @@ def add_ring(path: PathText, ring: GridRing) -> None:
             mirror = None
             continue
         first, second = (tuple(control) for control in controls[index])
-        path.cubic(first, second, end, mirrored=_near(first, mirror))
+        path.cubic(first, second, end, mirrored=_near(first, mirror, 0 if exact else _MIRROR_REACH))
         mirror = (2 * end[0] - second[0], 2 * end[1] - second[1])
     path.close()
 
 
-def _near(first: Point, mirror: Point | None) -> bool:
-    return mirror is not None and max(abs(first[0] - mirror[0]), abs(first[1] - mirror[1])) <= _MIRROR_REACH
+def _near(first: Point, mirror: Point | None, reach: int) -> bool:
+    return mirror is not None and max(abs(first[0] - mirror[0]), abs(first[1] - mirror[1])) <= reach

@@ -1,0 +1,102 @@
+"""A stacked drawing as abutting shapes without overlaps, for cutters and screen printing.
+
+What shows of every shape, cut where outlines cross. Regions that touch share their edges: the same numbers in the file,
+run through the other way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
+from cubicsplat_cli.artwork.planar.borders import Borders, borders_of
+from cubicsplat_cli.artwork.planar.edges import Edges, edges_of_borders
+from cubicsplat_cli.artwork.planar.faces import NOTHING, faces_of
+from cubicsplat_cli.artwork.planar.gridded import on_grid
+from cubicsplat_cli.artwork.planar.snapping import snapped_segments
+from cubicsplat_cli.artwork.planar.sources import Sources, sources_of
+from cubicsplat_cli.artwork.planar.visible import visible_regions
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+
+
+def cut_out(drawing: Drawing, precision: int) -> Drawing:
+    """The drawing with what shows of it only: one shape per visible region, none beyond the canvas.
+
+    precision: decimals of the file, in px. All coordinates are whole steps of it, so edges stay shared in the text;
+    regions narrower than 0.05 px go to a neighbour. Of translucent shapes the uppermost shows, and nothing through it.
+    """
+    if not drawing.shapes:
+        return drawing
+    sources = sources_of(drawing)
+    faces = faces_of(snapped_segments(sources), sources.shape)
+    region, shown = visible_regions(faces, _inks(drawing))
+    borders = borders_of(faces, region, sources)
+    edges = on_grid(edges_of_borders(borders, faces, sources), precision)
+    whole = _whole_outlines(borders, sources)
+    found = []
+    for number, cycles in borders.cycles.items():
+        if shown[number] == NOTHING:
+            continue
+        outlines = [outline for cycle in cycles if (outline := _outline(cycle, edges, borders, whole)) is not None]
+        # The outer border is the largest, since it goes around the others.
+        outlines.sort(key=lambda outline: -abs(signed_area(outline.ring())))
+        if outlines:
+            found.append((int(shown[number]), tuple(outlines)))
+    found.sort(key=lambda each: (each[0], -abs(signed_area(each[1][0].ring()))))
+    shapes = tuple(replace(drawing.shapes[shape], outlines=outlines) for shape, outlines in found)
+    return replace(drawing, shapes=shapes, abutting=True)
+
+
+def _inks(drawing: Drawing) -> np.ndarray:
+    """(shapes,) a number for each way to be painted."""
+    known: dict[Shape, int] = {}
+    return np.array([known.setdefault(replace(s, outlines=(), name=""), len(known)) for s in drawing.shapes])
+
+
+def _whole_outlines(borders: Borders, sources: Sources) -> dict[int, Outline]:
+    """The circles and level ellipses that are a closed border without nodes, by its number."""
+    pieces: dict[int, list[int]] = {}
+    for run in borders.runs:
+        if run.loop >= 0:
+            pieces.setdefault(run.loop, []).append(run.piece)
+    whole = {}
+    for loop, own in pieces.items():
+        numbers = np.unique(sources.outline[own])
+        outline = sources.outlines[int(numbers[0])]
+        level = isinstance(outline, Circle) or (isinstance(outline, Ellipse) and outline.angle == 0.0)
+        if len(numbers) == 1 and level and sorted(own) == np.flatnonzero(sources.outline == numbers[0]).tolist():
+            whole[loop] = outline
+    return whole
+
+
+def _outline(
+    cycle: list[tuple[int, bool]], edges: Edges, borders: Borders, whole: dict[int, Outline]
+) -> Outline | None:
+    """The outline along a border; None where it has no extent."""
+    loop = borders.runs[cycle[0][0]].loop
+    if loop in whole:
+        return whole[loop]
+    cycle = [each for each in cycle if not edges.gone[each[0]]]
+    if not cycle:
+        return None
+    cubics = np.stack([edges.cubics[n] if ahead else edges.cubics[n][::-1] for n, ahead in cycle])
+    lines = np.array([edges.lines[n] for n, _ in cycle])
+    pairs = {frozenset(pair) for pair in edges.smooth}
+    arrivals = [(n, int(ahead)) for n, ahead in [cycle[-1], *cycle[:-1]]]
+    leaves = [(n, int(not ahead)) for n, ahead in cycle]
+    smooth = np.array([frozenset(joint) in pairs for joint in zip(arrivals, leaves, strict=True)])
+    ring = Ring(cubics[:, 0].copy(), cubics[:, 1:3].copy(), lines, smooth)
+    return _rectangle(ring) or (ring if abs(signed_area(ring)) > 0.0 else None)
+
+
+def _rectangle(ring: Ring) -> Rectangle | None:
+    """The level rectangle that a ring of four lines is."""
+    if ring.pieces != 4 or not ring.lines.all():
+        return None
+    low, high = ring.anchors.min(axis=0), ring.anchors.max(axis=0)
+    steps = np.roll(ring.anchors, -1, axis=0) - ring.anchors
+    level = ((steps == 0.0).sum(axis=1) == 1).all() and bool((high > low).all())
+    on_corners = ((ring.anchors == low) | (ring.anchors == high)).all()
+    return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist()) if level and on_corners else None

@@ -1,0 +1,190 @@
+"""The faces of a planar map, and which shape shows in each."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.artwork.planar.snapping import Segments
+
+NOTHING = -1
+
+
+@dataclass(frozen=True)
+class Faces:
+    """A planar map. vertices: (V, 2) int64, steps of the grid; tail, head: (E,) the vertices of the edges; following:
+    (2 E,) the half-edge after each along its face, half-edge 2 e running along edge e and 2 e + 1 back; face: (2 E,)
+    the face beside each half-edge, where its direction has it if x grows to the right and y upwards on the left; face 0
+    is all around. areas: (F,) square steps, infinite for face 0. runs: of each edge the (piece, t at tail, t at head)
+    that lie on it, the uppermost shape's first; shown: (F,) the uppermost shape on each face, NOTHING without.
+    """
+
+    vertices: np.ndarray
+    tail: np.ndarray
+    head: np.ndarray
+    following: np.ndarray
+    face: np.ndarray
+    areas: np.ndarray
+    runs: list[list[tuple[int, float, float]]]
+    shown: np.ndarray
+
+
+def faces_of(segments: Segments, shape: np.ndarray) -> Faces:
+    """The planar map of segments that meet at their ends only. shape: (P,) the shape of each piece, the greatest that
+    of the canvas, which bounds what shows.
+    """
+    vertices, tail, head, runs, changes = _edges(segments, shape)
+    following = _following(vertices, tail, head)
+    cycle, areas = _cycles(vertices, tail, head, following)
+    face_of_cycle = _nested(vertices, tail, head, cycle, areas)
+    face = face_of_cycle[cycle]
+    sizes = np.zeros(int(face_of_cycle.max(initial=0)) + 1)
+    np.add.at(sizes, face_of_cycle, 0.5 * areas)
+    sizes[0] = np.inf
+    return Faces(
+        vertices, tail, head, following, face, sizes, runs, _shown(face, changes, len(sizes), int(shape.max()))
+    )
+
+
+def _edges(
+    segments: Segments, shape: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[list[tuple[int, float, float]]], list[dict[int, int]]]:
+    """Vertices, tails, heads, runs, and of each edge by how much the winding numbers are greater on its left.
+
+    Edges on either side of which everything is the same are left out.
+    """
+    ends, index = np.unique(np.concatenate([segments.start, segments.end]), axis=0, return_inverse=True)
+    index = index.reshape(2, -1)
+    forward = index[0] < index[1]
+    low, high = np.minimum(*index), np.maximum(*index)
+    key, edge = np.unique(low * len(ends) + high, return_inverse=True)
+    runs: list[list[tuple[int, float, float]]] = [[] for _ in key]
+    changes: list[dict[int, int]] = [{} for _ in key]
+    owners = shape[segments.piece]
+    for k in np.lexsort((segments.piece, -owners)).tolist():
+        e, owner, ahead = int(edge.flat[k]), int(owners[k]), bool(forward[k])
+        t = segments.t[k] if ahead else segments.t[k, ::-1]
+        runs[e].append((int(segments.piece[k]), float(t[0]), float(t[1])))
+        changes[e][owner] = changes[e].get(owner, 0) + (1 if ahead else -1)
+    live = [e for e in range(len(key)) if any(changes[e].values())]
+    return (
+        ends,
+        key[live] // len(ends),
+        key[live] % len(ends),
+        [runs[e] for e in live],
+        [{s: n for s, n in changes[e].items() if n} for e in live],
+    )
+
+
+def _following(vertices: np.ndarray, tail: np.ndarray, head: np.ndarray) -> np.ndarray:
+    """(2 E,) the half-edge that follows each along the face on its left: the last one before its way back."""
+    origin = np.stack([tail, head], axis=1).ravel()
+    way = (vertices[head] - vertices[tail]).astype(float)
+    angle = np.stack([np.arctan2(way[:, 1], way[:, 0]), np.arctan2(-way[:, 1], -way[:, 0])], axis=1).ravel()
+    order = np.lexsort((angle, origin))
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    first = np.searchsorted(origin[order], origin)
+    last = np.searchsorted(origin[order], origin, side="right") - 1
+    before = order[np.where(place > first, place - 1, last)]
+    return before[np.arange(len(order)) ^ 1]
+
+
+def _cycles(
+    vertices: np.ndarray, tail: np.ndarray, head: np.ndarray, following: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(2 E,) the cycle of each half-edge, and (C,) twice their areas, negative around a component."""
+    cycle = np.full(len(following), -1)
+    count = 0
+    after = following.tolist()
+    marks = cycle.tolist()
+    for start in range(len(after)):
+        if marks[start] >= 0:
+            continue
+        h = start
+        while marks[h] < 0:
+            marks[h] = count
+            h = after[h]
+        count += 1
+    cycle = np.array(marks)
+    a, b = vertices[tail], vertices[head]
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    areas = np.zeros(count, dtype=np.int64)
+    np.add.at(areas, cycle[0::2], cross)
+    np.add.at(areas, cycle[1::2], -cross)
+    return cycle, areas
+
+
+def _nested(
+    vertices: np.ndarray, tail: np.ndarray, head: np.ndarray, cycle: np.ndarray, areas: np.ndarray
+) -> np.ndarray:
+    """(C,) the face of each cycle: of those around a component the face that it lies in."""
+    origin = np.stack([tail, head], axis=1).ravel()
+    inner = np.flatnonzero(areas > 0)
+    face = np.full(len(areas), -1)
+    face[inner] = np.arange(1, len(inner) + 1)
+    outer = np.flatnonzero(areas <= 0)
+    y0, y1 = vertices[tail, 1], vertices[head, 1]
+    x0, x1 = vertices[tail, 0].astype(float), vertices[head, 0].astype(float)
+    parent: dict[int, int] = {}
+    by_cycle = np.argsort(cycle, kind="stable")
+    bounds = np.searchsorted(cycle[by_cycle], np.arange(len(areas) + 1))
+    for c in outer.tolist():
+        own = by_cycle[bounds[c] : bounds[c + 1]]
+        spots = vertices[origin[own]]
+        x, y = spots[np.lexsort((spots[:, 1], spots[:, 0]))[0]]
+        # Just above its leftmost vertex: the nearest edge to the left.
+        spans = np.flatnonzero((np.minimum(y0, y1) <= y) & (y < np.maximum(y0, y1)))
+        at = x0[spans] + (x1 - x0)[spans] * ((y - y0[spans]) / (y1 - y0)[spans])
+        left = spans[at < x]
+        if not len(left):
+            face[c] = 0
+            continue
+        nearest = _nearest(at[at < x], left, x0, x1, y0, y1)
+        parent[c] = int(cycle[2 * nearest + (y1[nearest] > y0[nearest])])
+    for c in parent:
+        trail = c
+        while face[trail] < 0:
+            trail = parent[trail]
+        face[c] = face[trail]
+    return face
+
+
+def _nearest(at: np.ndarray, edges: np.ndarray, x0: np.ndarray, x1: np.ndarray, y0: np.ndarray, y1: np.ndarray) -> int:
+    """The rightmost edge of those that pass a line at x = at; of those that start in one point the one that leans most
+    to the right."""
+    lean = (x1 - x0)[edges] / (y1 - y0)[edges]
+    return int(edges[np.lexsort((lean, np.round(at, 9)))[-1]])
+
+
+def _shown(face: np.ndarray, changes: list[dict[int, int]], count: int, canvas: int) -> np.ndarray:
+    """(count,) the uppermost shape on each face within the canvas."""
+    beside: list[list[tuple[int, int, int]]] = [[] for _ in range(count)]
+    for e in range(len(changes)):
+        left, right = int(face[2 * e]), int(face[2 * e + 1])
+        beside[right].append((left, e, 1))
+        beside[left].append((right, e, -1))
+    windings: list[dict[int, int] | None] = [None] * count
+    windings[0] = {}
+    queue = deque([0])
+    shown = np.full(count, NOTHING)
+    while queue:
+        here = queue.popleft()
+        own = windings[here] or {}
+        if canvas in own:
+            shown[here] = max((shape for shape in own if shape != canvas), default=NOTHING)
+        for other, e, sign in beside[here]:
+            if windings[other] is not None:
+                continue
+            there = dict(own)
+            for shape, change in changes[e].items():
+                total = there.get(shape, 0) + sign * change
+                if total:
+                    there[shape] = total
+                else:
+                    there.pop(shape, None)
+            windings[other] = there
+            queue.append(other)
+    return shown

@@ -1,0 +1,139 @@
+"""Segments on a grid that meet at grid points only: iterated snap rounding, in whole numbers throughout.
+
+Method: Halperin and Packer, "Iterated snap rounding", 2002. Every segment that crosses another is cut at the grid point
+nearest to the crossing, and every one that passes a vertex closely is led through it, until nothing changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cubicsplat_cli.artwork.planar.sources import Sources
+from cubicsplat_cli.errors import EngineError
+
+GRID = 64  # steps a px
+FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length
+MOST_CHORDS = 4096  # of a piece
+MOST_ROUNDS = 200
+# A vertex nearer than 3/4 of a step to a segment is on it: a crossing is at most sqrt(1/2) off its grid point.
+_NEAR = (9, 16)
+
+
+@dataclass(frozen=True)
+class Segments:
+    """n segments. start, end: (n, 2) int64, steps of the grid; piece: (n,) int, whose they are; t: (n, 2) the
+    parameters at their ends."""
+
+    start: np.ndarray
+    end: np.ndarray
+    piece: np.ndarray
+    t: np.ndarray
+
+    def taken(self, which: np.ndarray) -> Segments:
+        """Some of them."""
+        return Segments(self.start[which], self.end[which], self.piece[which], self.t[which])
+
+
+def snapped_segments(sources: Sources) -> Segments:
+    """The pieces as chords that meet at their ends only; those that lie on each other are all there."""
+    segments = _chords(sources)
+    fresh = np.ones(len(segments.piece), dtype=bool)
+    for _ in range(MOST_ROUNDS):
+        which, points, at = _cuts(segments, fresh)
+        if not len(which):
+            return segments
+        segments, fresh = _cut(segments, which, points, at)
+    raise EngineError("the outlines of this drawing cannot be told apart; use --stacking stacked")
+
+
+def _chords(sources: Sources) -> Segments:
+    cubics = sources.cubics
+    bend = np.abs(cubics[:, :2] - 2.0 * cubics[:, 1:3] + cubics[:, 2:]).max(axis=(1, 2))
+    length = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    counts = np.where(sources.lines, 0.0, np.sqrt(0.75 * bend / FLAT))
+    counts = np.clip(np.ceil(np.maximum(counts, length / LONGEST)), 1, MOST_CHORDS).astype(np.int64)
+    piece = np.repeat(np.arange(len(cubics)), counts)
+    local = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
+    t = np.stack([local / counts[piece], (local + 1) / counts[piece]], axis=1)
+    ends = []
+    for k, border in ((0, 0), (1, 3)):
+        at = sources.at(piece, t[:, k])
+        exact = t[:, k] == float(k)
+        at[exact] = cubics[piece[exact], border]
+        ends.append(np.rint(at * GRID).astype(np.int64))
+    found = Segments(ends[0], ends[1], piece, t)
+    return found.taken((found.start != found.end).any(axis=1))
+
+
+def _cuts(segments: Segments, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which segments (k,) are to be cut at which grid points (k, 2), and at which share (k,) of their length."""
+    a, b = segments.start, segments.end
+    reach = float(np.hypot(*(b - a).T).max()) + 4.0
+    pairs = cKDTree(0.5 * (a + b)).query_pairs(reach, output_type="ndarray")
+    i, j = pairs[fresh[pairs].any(axis=1)].T
+    out = []
+    for seg, other in ((i, j), (j, i)):
+        for vertices in (a, b):
+            out.append(_near_vertices(a, b, seg, vertices[other]))
+    out += _crossings(a, b, i, j)
+    return tuple(np.concatenate(part) for part in zip(*out, strict=True))  # type: ignore[return-value]
+
+
+def _near_vertices(
+    a: np.ndarray, b: np.ndarray, seg: np.ndarray, vertex: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    way, off = b[seg] - a[seg], vertex - a[seg]
+    dot, square = (way * off).sum(axis=1), (way * way).sum(axis=1)
+    cross = way[:, 0] * off[:, 1] - way[:, 1] * off[:, 0]
+    near = (dot > 0) & (dot < square) & (_NEAR[1] * cross * cross < _NEAR[0] * square)
+    return seg[near], vertex[near], dot[near] / square[near]
+
+
+def _crossings(
+    a: np.ndarray, b: np.ndarray, i: np.ndarray, j: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Proper crossings, as cuts of both segments but where the grid point is an end."""
+    ab, cd, ac = b[i] - a[i], b[j] - a[j], a[j] - a[i]
+    turn = _cross(ab, cd)
+    u, v = _cross(ac, cd), _cross(ac, ab)
+    sign = np.sign(turn)
+    size = np.abs(turn)
+    proper = (turn != 0) & (u * sign > 0) & (u * sign < size) & (v * sign > 0) & (v * sign < size)
+    i, j = i[proper], j[proper]
+    u, v = u[proper] / turn[proper], v[proper] / turn[proper]
+    at = np.rint(a[i] + u[:, None] * ab[proper]).astype(np.int64)
+    out = []
+    for seg, share in ((i, u), (j, v)):
+        inner = (at != a[seg]).any(axis=1) & (at != b[seg]).any(axis=1)
+        out.append((seg[inner], at[inner], share[inner]))
+    return out
+
+
+def _cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    return p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+
+
+def _cut(segments: Segments, which: np.ndarray, points: np.ndarray, at: np.ndarray) -> tuple[Segments, np.ndarray]:
+    """The segments with some cut, and which of them are new."""
+    order = np.lexsort((at, which))
+    which, points, at = which[order], points[order], at[order]
+    kept = np.ones(len(segments.piece), dtype=bool)
+    kept[which] = False
+    # Chains of points, each segment's own ends around its cuts.
+    own = np.unique(which)
+    index = np.concatenate([own, which, own])
+    share = np.concatenate([np.full(len(own), -1.0), at, np.full(len(own), 2.0)])
+    place = np.concatenate([segments.start[own], points, segments.end[own]])
+    order = np.lexsort((share, index))
+    index, place, share = index[order], place[order], np.clip(share[order], 0.0, 1.0)
+    pair = np.flatnonzero((index[1:] == index[:-1]) & (place[1:] != place[:-1]).any(axis=1))
+    owner = index[pair]
+    t0, t1 = segments.t[owner].T
+    t = np.stack([t0 + share[pair] * (t1 - t0), t0 + share[pair + 1] * (t1 - t0)], axis=1)
+    new = Segments(place[pair], place[pair + 1], segments.piece[owner], t)
+    old = segments.taken(kept)
+    joined = Segments(*(np.concatenate([getattr(old, n), getattr(new, n)]) for n in ("start", "end", "piece", "t")))
+    return joined, np.arange(len(joined.piece)) >= len(old.piece)

@@ -1,0 +1,87 @@
+"""The lines and cubics of a drawing's outlines, and of its canvas, as one list: what a planar map is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.artwork.cubics import point
+from cubicsplat_cli.artwork.fine import fine_ring
+from cubicsplat_cli.artwork.outlines import (
+    Circle,
+    Ellipse,
+    Outline,
+    Ring,
+    polygon,
+    reversed_ring,
+    ring_of_cubics,
+    signed_area,
+)
+from cubicsplat_cli.artwork.shapes import Drawing
+
+
+@dataclass(frozen=True)
+class Sources:
+    """P pieces. cubics: (P, 4, 2) px; lines: (P,) bool; shape: (P,) int, whose they are, the number of shapes for those
+    of the canvas; after: (P,) int, the piece that follows in its ring; smooth: (P,) bool, whether it goes on smoothly;
+    outline: (P,) int, numbered through; outlines: those as they stand, the canvas' last.
+    """
+
+    cubics: np.ndarray
+    lines: np.ndarray
+    shape: np.ndarray
+    after: np.ndarray
+    smooth: np.ndarray
+    outline: np.ndarray
+    outlines: tuple[Outline, ...]
+
+    def at(self, piece: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """(n, 2) points of pieces (n,) at parameters (n,)."""
+        return point(self.cubics[piece], np.asarray(t)[:, None])[:, 0]
+
+
+def sources_of(drawing: Drawing) -> Sources:
+    """The pieces of a drawing, outer rings clockwise as seen and holes the other way; arcs in eighths of a turn."""
+    edge = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [drawing.width, drawing.height]
+    rings: list[Ring] = []
+    owners: list[int] = []
+    outlines: list[Outline] = []
+    for number, shape in enumerate(drawing.shapes):
+        for index, outline in enumerate(shape.outlines):
+            ring = _ring(outline)
+            rings.append(ring if (signed_area(ring) > 0.0) == (index == 0) else reversed_ring(ring))
+            owners.append(number)
+            outlines.append(outline)
+    rings.append(polygon(edge))
+    owners.append(len(drawing.shapes))
+    outlines.append(rings[-1])
+    sizes = np.array([ring.pieces for ring in rings])
+    starts = np.cumsum(sizes) - sizes
+    after = np.concatenate([start + (np.arange(size) + 1) % size for start, size in zip(starts, sizes, strict=True)])
+    return Sources(
+        np.concatenate([ring.cubics for ring in rings]),
+        np.concatenate([ring.lines for ring in rings]),
+        np.repeat(np.array(owners), sizes),
+        after,
+        np.concatenate([np.roll(ring.smooth, -1) for ring in rings]),
+        np.repeat(np.arange(len(rings)), sizes),
+        tuple(outlines),
+    )
+
+
+def _ring(outline: Outline) -> Ring:
+    """The ring of an outline, the arcs of primitives in eighths of a turn, which are true to 5e-6 of a radius."""
+    if isinstance(outline, Ring):
+        return outline
+    if not isinstance(outline, (Circle, Ellipse)):
+        return fine_ring(outline)
+    radii = (outline.r, outline.r) if isinstance(outline, Circle) else (outline.rx, outline.ry)
+    angle = outline.angle if isinstance(outline, Ellipse) else 0.0
+    at = np.arange(9) * (np.pi / 4.0)
+    unit = np.stack([np.cos(at), np.sin(at)], axis=1)
+    unit[-1] = unit[0]
+    reach = 4.0 / 3.0 * np.tan(np.pi / 16.0) * np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+    cubics = np.stack([unit[:-1], (unit + reach)[:-1], (unit - reach)[1:], unit[1:]], axis=1) * radii
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    return ring_of_cubics(cubics @ turn + [outline.cx, outline.cy], smooth=True)
