@@ -24,6 +24,7 @@ CLEAN_RESIDUAL = 10.0
 # Standard errors in px: of drawing programs with 4x4 samples a pixel; beside a third ink; without a clean walk.
 FLOOR, NEAR_THIRD, GUESS = 0.04, 0.3, 0.5
 THIN = 0.1  # of an edge of a line without a pure pixel
+ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 # Of what ends with the canvas; and levels by which a pixel there must differ from its ink for an edge to be sought.
 RIM_SIGMA, RIM_LEVELS = 0.02, 4.0
 
@@ -42,21 +43,21 @@ class Crossings:
     column_sigma: np.ndarray
 
 
-def crossings(levels: np.ndarray, regions: Regions) -> Crossings:
-    """Positions for all cracks between different regions of a picture (H, W, 4) in levels."""
-    rows, row_sigma = _level(levels, regions)
+def crossings(levels: np.ndarray, regions: Regions, error: float = ROUNDING) -> Crossings:
+    """Positions for all cracks between different regions of a picture (H, W, 4) in levels, known to an error."""
+    rows, row_sigma = _level(levels, regions, error)
     turned = Regions(regions.labels.T, regions.inks, regions.ink_of)
-    columns, column_sigma = _level(levels.transpose(1, 0, 2), turned)
+    columns, column_sigma = _level(levels.transpose(1, 0, 2), turned, error)
     return Crossings(rows, row_sigma, columns.T, column_sigma.T)
 
 
-def _level(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
+def _level(levels: np.ndarray, regions: Regions, error: float) -> tuple[np.ndarray, np.ndarray]:
     height, width = regions.labels.shape
     at = np.broadcast_to(np.arange(height + 1, dtype=float)[:, None], (height + 1, width)).copy()
     sigma = np.full((height + 1, width), 0.02)
     y, x = np.nonzero(regions.labels[1:] != regions.labels[:-1])
     if len(y):
-        at[y + 1, x], sigma[y + 1, x] = _heights(levels, regions, y + 1, x)
+        at[y + 1, x], sigma[y + 1, x] = _heights(levels, regions, y + 1, x, error)
     depth, sigma[0] = _rim(levels, regions)
     at[0] = depth
     depth, sigma[-1] = _rim(levels[::-1], Regions(regions.labels[::-1], regions.inks, regions.ink_of))
@@ -88,7 +89,7 @@ def _rim(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
     clean = ended & (rest <= CLEAN_RESIDUAL) & ~beside[x]
     depth[x] = np.where(clean, walked, 0.0)
     contrast = np.sqrt((span * span).sum(axis=1))
-    sigma[x] = np.where(clean, np.hypot(FLOOR, 0.8 / np.maximum(contrast, 1.0)), NEAR_THIRD)
+    sigma[x] = np.where(clean, np.hypot(FLOOR, ROUNDING / np.maximum(contrast, 1.0)), NEAR_THIRD)
     return depth, sigma
 
 
@@ -106,7 +107,9 @@ def _beyond(values: np.ndarray, base: np.ndarray, regions: Regions) -> tuple[np.
     return span, rest
 
 
-def _heights(levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _heights(
+    levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray, error: float
+) -> tuple[np.ndarray, np.ndarray]:
     above, below = regions.labels[y - 1, x], regions.labels[y, x]
     base = regions.inks[below]
     span = regions.inks[above] - base
@@ -133,7 +136,7 @@ def _heights(levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray)
         line = np.flatnonzero(~ended & (regions.labels[np.clip(y + sign * WALK, 0, levels.shape[0] - 1), x] != own))
         edge[line], by_line[line] = thin_edges(levels, regions, y[line], x[line], sign)
         shift += -walked if sign < 0 else walked
-    sigma = np.hypot(FLOOR, 0.8 / np.maximum(contrast, 1.0))
+    sigma = np.hypot(FLOOR, error / np.maximum(contrast, 1.0))
     sigma = np.where(third, NEAR_THIRD, sigma)
     sigma = np.where(clean, sigma, GUESS)
     return np.where(by_line, edge, y + shift), np.where(by_line, THIN, sigma)

@@ -37,10 +37,13 @@ class Complaint:
     end: float
 
 
-def with_moves(state: State, held: Held, detail: float) -> tuple[list[Layer], np.ndarray]:
-    """Layers with a piece more wherever the pixels ask for one, and which outlines have changed (outlines,) bool."""
+def with_moves(state: State, held: Held, detail: float, error: float = 0.0) -> tuple[list[Layer], np.ndarray]:
+    """Layers with a piece more wherever the pixels ask for one, and which outlines have changed (outlines,) bool.
+
+    error: of pixels on edges beyond that of a clean picture, of full scale.
+    """
     layers, changed = [], []
-    found = complaints(state)
+    found = complaints(state, error)
     first = 0
     for layer in state.layers:
         outlines: list[Freedom] = []
@@ -54,10 +57,10 @@ def with_moves(state: State, held: Held, detail: float) -> tuple[list[Layer], np
     return layers, np.array(changed)
 
 
-def complaints(state: State) -> dict[int, Complaint]:
+def complaints(state: State, error: float = 0.0) -> dict[int, Complaint]:
     """The complaints against the pieces of a drawing, numbered through all its outlines."""
     c, count = state.crossings, int(state.pieces[-1])
-    floor = _floor(c.slope)
+    floor = _floor(c.slope, error)
     chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / np.maximum(floor, UNSEEN), MOST_CHI) - 1.0, 0.0)
     cubics = np.concatenate([o.cubics for layer in state.layers for o in layer.outlines])
     lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
@@ -76,9 +79,9 @@ def complaints(state: State) -> dict[int, Complaint]:
     }
 
 
-def _floor(slope: np.ndarray) -> np.ndarray:
+def _floor(slope: np.ndarray, error: float) -> np.ndarray:
     """(m,) the misfit that a pixel has by chance where coverage changes it by slope (m, 4)."""
-    return SHARE_SIGMA**2 * ((slope * WHITE) ** 2).sum(axis=1)
+    return SHARE_SIGMA**2 * ((slope * WHITE) ** 2).sum(axis=1) + error**2
 
 
 def _edited(outline: Freedom, found: dict[int, Complaint], held: Held) -> Freedom | None:
@@ -110,19 +113,19 @@ def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
     return divided(ring, i, float(np.clip(complaint.t, 0.25, 0.75)))
 
 
-def shorter(before: State, after: State, changed: np.ndarray, detail: float) -> np.ndarray:
+def shorter(before: State, after: State, changed: np.ndarray, detail: float, error: float = 0.0) -> np.ndarray:
     """(outlines,) bool: which changed outlines make the whole description longer rather than shorter."""
     old, new = ([o for layer in state.layers for o in layer.outlines] for state in (before, after))
     worse = np.zeros(len(changed), dtype=bool)
     for k in np.flatnonzero(changed):
         cost = PRICE * (new[k].outline().parameters - old[k].outline().parameters)
-        worse[k] = _gain(before, after, int(k)) * detail < cost
+        worse[k] = _gain(before, after, int(k), error) * detail < cost
     return worse
 
 
-def _gain(before: State, after: State, number: int) -> float:
+def _gain(before: State, after: State, number: int, error: float) -> float:
     """By how much half of chi^2 falls on the pixels that an outline crosses before or after."""
     pixels = np.unique(np.concatenate([before.crossed(number), after.crossed(number)]))
-    own = _floor(before.crossings.slope[before.marks[number] : before.marks[number + 1]])
+    own = _floor(before.crossings.slope[before.marks[number] : before.marks[number + 1]], error)
     floor = max(float(np.median(own)) if len(own) else 0.0, SHARE_SIGMA**2 * 1e-4)
     return 0.5 * float((before.misfit[pixels] - after.misfit[pixels]).sum()) / floor

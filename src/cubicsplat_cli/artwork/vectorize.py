@@ -8,10 +8,12 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.completion import outlines_of
-from cubicsplat_cli.artwork.contours import crossings
+from cubicsplat_cli.artwork.contours import ROUNDING, crossings
 from cubicsplat_cli.artwork.extents import Extent, extents
 from cubicsplat_cli.artwork.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
+from cubicsplat_cli.artwork.input.condition import Condition, condition_of
+from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged, reduced, reduction
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.polish import polish
@@ -38,8 +40,11 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing
     settings = settings or ArtworkSettings()
     full_height, full_width = target.shape[:2]
     factor = reduction(full_height, full_width)
-    flat = without_gradients(reduced(as_levels(target), factor), settings)
-    levels, regions, layers, parts = _planned(flat.levels, settings, factor)
+    seen = reduced(as_levels(target), factor)
+    condition = condition_of(seen)
+    error = condition.edge_error
+    flat = without_gradients(seen, settings) if condition.clean else without_noise(seen, condition, settings)
+    levels, regions, layers, parts = _planned(flat.levels, settings, factor, error)
     height, width = levels.shape[:2]
     least = _least_points(parts)
     shapes = []
@@ -51,7 +56,8 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing
         shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height), gradient))
     drawing = Drawing(width, height, tuple(shapes))
     if len(shapes) <= MOST_POLISHED:
-        drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail, samples_across(levels, regions))
+        grid = samples_across(levels, regions) if condition.clean else 0
+        drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail, grid, error / 255.0)
     return enlarged(in_palette(_painted(drawing), settings.palette), factor, full_width, full_height)
 
 
@@ -60,6 +66,11 @@ def without_gradients(levels: np.ndarray, settings: ArtworkSettings) -> Flattene
     if settings.palette or settings.colors is not None:
         return Flattened(levels, np.zeros((0, 4)), ())
     return flattened(levels)
+
+
+def without_noise(levels: np.ndarray, condition: Condition, settings: ArtworkSettings) -> Flattened:
+    """The picture as a clean one, in flat inks alone."""
+    return Flattened(restored(levels, condition, settings.colors), np.zeros((0, 4)), ())
 
 
 def _painted(drawing: Drawing) -> Drawing:
@@ -74,15 +85,18 @@ def _painted(drawing: Drawing) -> Drawing:
 
 
 def _planned(
-    levels: np.ndarray, settings: ArtworkSettings, factor: int
+    levels: np.ndarray, settings: ArtworkSettings, factor: int, error: float
 ) -> tuple[np.ndarray, Regions, Stack, list[Extent]]:
-    """The picture that is drawn, its regions and layers, and the parts to draw: at most settings.curves of them."""
+    """The picture that is drawn, its regions and layers, and the parts to draw: at most settings.curves of them.
+
+    error: in levels, of pixels on edges beyond that of a clean picture.
+    """
     min_area = settings.min_area / factor**2
     while True:
         soft, regions = _regions(levels, settings, min_area)
         soft = without_seams(soft, regions)
         layers = stack(regions)
-        parts = list(extents(regions, layers, crossings(soft, regions)))
+        parts = list(extents(regions, layers, crossings(soft, regions, ROUNDING + error)))
         if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:
             return soft, regions, layers, parts
         # The regions beyond as many as may be drawn join their neighbours.

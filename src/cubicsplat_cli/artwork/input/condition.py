@@ -1,0 +1,174 @@
+"""What a picture has gone through since it was drawn, as far as it tells.
+
+Pictures are (H, W, 4) float32 premultiplied RGBA in levels of 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.fft import dctn
+
+# Levels: pixels whose 5 x 5 neighbours span less are away from edges; a second difference that an even or shaded
+# picture does not have.
+QUIET, ROUGH = 24.0, 3.0
+# Of a second difference of normal noise of 1: the standard deviation; and over that, of the largest one in two
+# directions and three channels, the median and the root of the mean square.
+SECOND, LARGER_MEDIAN, LARGER = 6.0**0.5, 1.56, 1.7
+LEAST_NOISE = 0.7  # levels, which rounding and dither do not reach
+# A JPEG has more coefficients below ZERO in its own blocks of 8 x 8 px than in those half a block away. Blocks count
+# that have one above BUSY other than along rows or columns alone: level edges are the same everywhere.
+BLOCK, ZERO, BUSY = 8, 1.2, 12.0
+MORE_ZEROS, ERROR, FEWEST_BLOCKS = 1.25, 0.8, 20  # times as many; the difference times the root of their number
+# Without such blocks: the roughness lies in blocks of 16 x 16 px with edges, and not in those half a block away.
+INSIDE, MUCH_LESS = 0.9, 0.3
+LEAST_ROUGH = 0.008  # share of the quiet pixels of a JPEG
+# Opacity counts as well: black on nothing has edges.
+LUMA = np.array([0.299, 0.587, 0.114, 0.7], dtype=np.float32)
+# Edges whose width is measured: px to either side, levels of contrast, levels that count as even beside them.
+REACH, CONTRAST = 8, 60.0
+FEWEST, MOST = 40, 6000
+JPEG_EDGES = 8.0  # times the noise elsewhere
+# px: less is how programs smooth edges, or what a JPEG does to them. A quarter of the edges may be sharper by a third.
+LEAST_BLUR, LEAST_BLUR_OF_JPEG, SHARPER = 0.35, 0.6, 2.0 / 3.0
+
+
+@dataclass(frozen=True)
+class Condition:
+    """noise: its standard deviation in levels away from edges, 0 where there is none. jpeg: whether the picture has
+    the blocks of a JPEG. blur: standard deviation in px of what edges are blurred by beyond their pixels, 0 for none.
+    """
+
+    noise: float = 0.0
+    jpeg: bool = False
+    blur: float = 0.0
+
+    @property
+    def clean(self) -> bool:
+        return self == CLEAN
+
+    @property
+    def edge_error(self) -> float:
+        """Levels by which pixels on edges are off: much more than elsewhere in a JPEG."""
+        return self.noise * (JPEG_EDGES if self.jpeg else 1.0)
+
+    def words(self) -> str:
+        """What is worth telling of it, as part of a sentence; empty where it is clean."""
+        parts = [f"a blur of {self.blur:.1f} px"] if self.blur else []
+        if self.jpeg:
+            parts.append(f"JPEG artefacts of {self.noise:.1f} levels")
+        elif self.noise:
+            parts.append(f"noise of {self.noise:.1f} levels")
+        return " and ".join(parts)
+
+
+CLEAN = Condition()
+
+
+def condition_of(levels: np.ndarray) -> Condition:
+    """The condition of a picture."""
+    if min(levels.shape[:2]) < 2 * BLOCK:
+        return CLEAN
+    luma = levels @ LUMA
+    second = _second_differences(levels)
+    spread = ndimage.maximum_filter(levels, (5, 5, 1)) - ndimage.minimum_filter(levels, (5, 5, 1))
+    quiet = spread.max(axis=-1) < QUIET
+    if not quiet.any():
+        return CLEAN
+    everywhere = float(np.median(second[quiet])) / (SECOND * LARGER_MEDIAN)
+    rough = quiet & (second >= ROUGH)
+    opaque = bool((levels[..., 3] >= 255.0).all())
+    jpeg = opaque and bool(rough.sum() >= LEAST_ROUGH * quiet.sum()) and _in_blocks(luma, rough, quiet)
+    noise = everywhere if everywhere >= LEAST_NOISE else 0.0
+    if jpeg:
+        near = quiet & (ndimage.uniform_filter(rough.astype(np.float32), BLOCK + 1) > 0.0)
+        noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * LARGER))
+    blur = _blur(luma, max(2.0, 3.0 * noise))
+    return Condition(noise, jpeg, blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0)
+
+
+def _second_differences(levels: np.ndarray) -> np.ndarray:
+    """(H, W) the larger one of those along the row and along the column, of the colour channel that has the largest."""
+    out = np.zeros(levels.shape[:2], dtype=np.float32)
+    colours = levels[..., :3]
+    out[:, 1:-1] = np.abs(colours[:, 2:] - 2.0 * colours[:, 1:-1] + colours[:, :-2]).max(axis=-1)
+    down = np.abs(colours[2:] - 2.0 * colours[1:-1] + colours[:-2]).max(axis=-1)
+    out[1:-1] = np.maximum(out[1:-1], down)
+    return out
+
+
+def _in_blocks(luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
+    """Whether the roughness of a picture keeps to the blocks of a JPEG."""
+    own, number = _zeros(luma, 0)
+    apart, _ = _zeros(luma, BLOCK // 2)
+    if number >= FEWEST_BLOCKS:
+        return own > MORE_ZEROS * apart and (own - apart) * number**0.5 > ERROR
+    inside = _inside(rough, quiet, 0)
+    return inside > INSIDE and inside - _inside(rough, quiet, BLOCK) > MUCH_LESS
+
+
+def _zeros(luma: np.ndarray, start: int) -> tuple[float, int]:
+    """The share of coefficients that are nearly 0 in blocks with edges, from a row and column on; and how many
+    blocks these are.
+    """
+    found = np.abs(dctn(_blocks(luma, start, BLOCK), axes=(1, 2), norm="ortho"))[:, 1:, 1:]
+    found = found[found.max(axis=(1, 2), initial=0.0) > BUSY]
+    return (float((found < ZERO).mean()), len(found)) if len(found) else (0.0, 0)
+
+
+def _inside(rough: np.ndarray, quiet: np.ndarray, start: int) -> float:
+    """The share of rough pixels that lie in blocks with edges."""
+    edges = ~_blocks(quiet, start, 2 * BLOCK).all(axis=(1, 2))
+    number = _blocks(rough, start, 2 * BLOCK).sum(axis=(1, 2))
+    return float(number[edges].sum() / max(1, number.sum()))
+
+
+def _blocks(values: np.ndarray, start: int, side: int) -> np.ndarray:
+    """(n, side, side) the whole blocks of values (H, W), from a row and column on."""
+    rows, columns = ((length - start) // side for length in values.shape)
+    part = values[start : start + rows * side, start : start + columns * side]
+    return part.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(-1, side, side)
+
+
+def _blur(luma: np.ndarray, even: float) -> float:
+    """px that edges are wider than by their pixels, 0 where too few are fit to measure it."""
+    found = np.concatenate([_variances(luma, even), _variances(luma.T, even)])
+    if len(found) < FEWEST:
+        return 0.0
+    least, usual = np.sqrt(np.maximum(np.quantile(found, [0.25, 0.5]), 0.0))
+    return float(usual) if least >= SHARPER * usual else 0.0
+
+
+def _variances(luma: np.ndarray, even: float) -> np.ndarray:
+    """Variances, px^2, of the blur of single edges between two even places along rows."""
+    height, width = luma.shape
+    if width < 2 * REACH + 4:
+        return np.zeros(0)
+    across = np.diff(luma, axis=1)
+    down = np.gradient(ndimage.uniform_filter1d(luma, 3, axis=1), axis=0) if height > 2 else np.zeros_like(luma)
+    size = np.abs(across)
+    peak = (size == ndimage.maximum_filter1d(size, 2 * REACH + 1, axis=1)) & (size > CONTRAST / 8.0)
+    peak[:, : REACH + 1], peak[:, -REACH - 1 :] = False, False
+    y, x = np.nonzero(peak)
+    keep = np.arange(len(y)) if len(y) <= 4 * MOST else np.linspace(0, len(y) - 1, 4 * MOST).astype(int)
+    y, x = y[keep], x[keep]
+    steps = across[y[:, None], x[:, None] + np.arange(-REACH, REACH + 1)]
+    total = steps.sum(axis=1)
+    outer = np.abs(steps[:, [0, 1, -2, -1]]).max(axis=1)
+    # Of one sign but for noise, and even at both ends.
+    against = np.where(total[:, None] > 0.0, -steps, steps).max(axis=1)
+    fit = (np.abs(total) > CONTRAST) & (outer <= even) & (against <= even)
+    y, x, steps, total = y[fit], x[fit], steps[fit], total[fit]
+    share = np.where(np.abs(steps) > 0.5 * even, steps, 0.0)
+    share = share / share.sum(axis=1, keepdims=True)
+    at = np.arange(-REACH, REACH + 1)
+    mean = (share * at).sum(axis=1)
+    variance = (share * (at - mean[:, None]) ** 2).sum(axis=1)
+    # The direction of the edge by the gradient around its middle.
+    tilt = np.abs(down[y, x] + down[y, x + 1]) * 0.5 / np.maximum(np.abs(steps).max(axis=1), 1e-6)
+    slant = tilt**2
+    level = slant < 0.1
+    # Pixels are squares, and steps between them are as wide again.
+    return ((variance - 1.0 / 12.0) / (1.0 + slant) - 1.0 / 12.0)[level]

@@ -1,0 +1,159 @@
+"""A picture with noise as it was before: inks that are even again, and blends of two where these meet.
+
+Every pixel is one ink, or a blend of it with another one near it of which it has less than half. Which, is decided for
+all pixels between the solid parts of inks together, since neighbours mostly have the same ink. Edges keep their shares.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+from scipy.special import ndtri
+
+from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.palette import noisy_inks
+from cubicsplat_cli.artwork.regions import near_inks
+
+# Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
+# JPEG; residuals count up to MOST standard deviations.
+MISFIT, JPEG_TIMES, MOST = 1.0, 4.0, 4.0
+# Chroma of a JPEG, of half the size, tells that much less.
+CHROMA = 0.4
+# Nats for each neighbour of another ink, and for an ink of which nothing solid is near.
+NEIGHBOUR, STRANGE = 0.7, 3.0
+ROUNDS = 6
+SNAP = 0.08  # shares this near to 0 or 1 are
+LEAST_CONTRAST = 3.0  # times the misfit, for shares of two inks to be told
+_TO_YCC = np.array(
+    [
+        [0.299, 0.587, 0.114, 0.0],
+        [-0.168736, -0.331264, 0.5, 0.0],
+        [0.5, -0.418688, -0.081312, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+)
+
+
+def restored(levels: np.ndarray, condition: Condition, most: int | None = None) -> np.ndarray:
+    """The picture (H, W, 4) in levels as a clean one, float32, of at most so many inks."""
+    space = np.eye(4)
+    if condition.jpeg:
+        space = (_TO_YCC * np.array([1.0, CHROMA, CHROMA, 1.0])[:, None]).T
+    seen = (levels @ space).astype(np.float32)
+    palette = noisy_inks(levels, seen, condition.noise, most)
+    sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
+    labels = _labels(seen, palette @ space, sigma)
+    palette = _settled_inks(levels, palette, labels)
+    return _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+
+
+def _labels(seen: np.ndarray, inks: np.ndarray, sigma: float) -> np.ndarray:
+    """(H, W) int32 the ink that each pixel has most of."""
+    nearest, gap = _nearest(seen, inks)
+    pure = np.where(gap <= MOST * sigma, nearest, -1).astype(np.int32)
+    solid = _solid(pure)
+    y, x = np.nonzero(solid < 0)
+    labels = np.where(solid >= 0, solid, nearest).astype(np.int32)
+    if not len(y):
+        return labels
+    near = near_inks(solid, y, x)
+    own = nearest[y, x]
+    candidates = np.concatenate([near, np.where((near == own[:, None]).any(axis=1), -1, own)[:, None]], axis=1)
+    cost = _costs(seen[y, x], inks, candidates) / (2.0 * sigma**2)
+    cost = np.minimum(cost, 0.5 * MOST**2)
+    cost[:, -1] += STRANGE
+    cost[candidates < 0] = np.inf
+    for _ in range(ROUNDS):
+        padded = np.pad(labels, 1, mode="edge")
+        around = [padded[y + 1 + dy, x + 1 + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
+        differ = np.zeros(candidates.shape)
+        for other in around:
+            differ += other[:, None] != candidates
+        chosen = candidates[np.arange(len(y)), (cost + NEIGHBOUR * differ).argmin(axis=1)]
+        if (chosen == labels[y, x]).all():
+            break
+        labels[y, x] = chosen
+    return labels
+
+
+def _nearest(seen: np.ndarray, inks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) the nearest ink, and its distance."""
+    best = np.full(seen.shape[:2], np.inf, dtype=np.float32)
+    index = np.zeros(seen.shape[:2], dtype=np.int32)
+    for k, ink in enumerate(inks.astype(np.float32)):
+        gap = np.sqrt(((seen - ink) ** 2).sum(axis=-1))
+        better = gap < best
+        best[better], index[better] = gap[better], k
+    return index, best
+
+
+def _solid(pure: np.ndarray) -> np.ndarray:
+    """(H, W) the ink of pixels that belong to 3 x 3 px of it, else -1."""
+    high, low = ndimage.maximum_filter(pure, 3), ndimage.minimum_filter(pure, 3)
+    middle = np.where((high == low) & (pure >= 0), pure, -1)
+    return np.where(pure >= 0, ndimage.maximum_filter(middle, 3), -1) * (pure >= 0) - (pure < 0)
+
+
+def _costs(values: np.ndarray, inks: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+    """(n, k) the least squared residual of values (n, 4) as blends of each candidate, by half or more, with another."""
+    out = np.full(candidates.shape, np.inf)
+    colours = inks[np.maximum(candidates, 0)]
+    for i in range(candidates.shape[1]):
+        base, rest = colours[:, i], values - colours[:, i]
+        out[:, i] = (rest * rest).sum(axis=1)
+        for j in range(candidates.shape[1]):
+            if j == i:
+                continue
+            span = colours[:, j] - base
+            t = np.clip((rest * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9), 0.0, 0.5)
+            left = ((rest - t[:, None] * span) ** 2).sum(axis=1)
+            known = candidates[:, j] >= 0
+            out[known, i] = np.minimum(out[known, i], left[known])
+    return out
+
+
+def _settled_inks(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """The palette by the median of the pixels of each ink, those farthest from edges."""
+    edge = (ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)).astype(np.uint8)
+    depth = ndimage.distance_transform_cdt(edge == 0, metric="chessboard")
+    out = palette.copy()
+    for k, box in enumerate(ndimage.find_objects(labels + 1, len(palette))):
+        if box is None:
+            continue
+        own = labels[box] == k
+        deep = depth[box][own]
+        far = deep >= min(8, np.quantile(deep, 0.75))
+        if deep.max() > 1:
+            out[k] = np.median(levels[box][own][far], axis=0)
+    return np.rint(out)
+
+
+def _with_shares(
+    seen: np.ndarray, inks: np.ndarray, labels: np.ndarray, sigma: float, blur: float, palette: np.ndarray
+) -> np.ndarray:
+    """(H, W, 4) the picture of the labels, with the shares that edges had; blurred ones as they were before."""
+    out = palette[labels].astype(np.float32)
+    reach = 1 if not blur else 2
+    size = 2 * reach + 1
+    y, x = np.nonzero(ndimage.maximum_filter(labels, size) != ndimage.minimum_filter(labels, size))
+    if not len(y):
+        return out
+    own = labels[y, x]
+    padded = np.pad(labels, reach, mode="edge")
+    best, other, share = np.full(len(y), np.inf), own.copy(), np.zeros(len(y))
+    for dy in range(-reach, reach + 1):
+        for dx in range(-reach, reach + 1):
+            beside = padded[y + reach + dy, x + reach + dx]
+            base, span = inks[own], inks[beside] - inks[own]
+            length = (span * span).sum(axis=1)
+            rest = seen[y, x] - base
+            t = np.clip((rest * span).sum(axis=1) / np.maximum(length, 1e-9), 0.0, 1.0)
+            left = ((rest - t[:, None] * span) ** 2).sum(axis=1) + 1e-3 * (dy * dy + dx * dx)
+            better = (beside != own) & (length > (LEAST_CONTRAST * sigma) ** 2) & (left < best)
+            best[better], other[better], share[better] = left[better], beside[better], t[better]
+    if blur:
+        width = np.sqrt(blur**2 + 1.0 / 12.0)
+        share = np.clip(0.5 + width * ndtri(np.clip(share, 1e-3, 1.0 - 1e-3)), 0.0, 1.0)
+    share = np.where(share < SNAP, 0.0, np.where(share > 1.0 - SNAP, 1.0, share))
+    out[y, x] = palette[own] + share[:, None] * (palette[other] - palette[own])
+    return out

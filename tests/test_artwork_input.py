@@ -1,0 +1,97 @@
+"""Artwork from pictures that something has happened to since they were drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork import vectorize
+from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
+from cubicsplat_cli.artwork.input.palette import noisy_inks
+from cubicsplat_cli.artwork.input.restore import restored
+from cubicsplat_cli.artwork.outlines import Circle
+from cubicsplat_cli.artwork.vectorize import as_levels, draw
+from cubicsplat_cli.bench.artwork.document import Document
+from cubicsplat_cli.bench.artwork.inputs import input_of, with_ground
+from cubicsplat_cli.files.convert import as_picture
+
+SIDE = 160
+INKS = [(255, 204, 77), (102, 69, 0), (190, 25, 49)]
+FACE = (
+    '<circle cx="80" cy="78" r="70" fill="#ffcc4d"/><circle cx="55" cy="62" r="12.5" fill="#664500"/>'
+    '<circle cx="105" cy="62" r="12.5" fill="#664500"/>'
+    '<path d="M45 100C60 122 100 122 115 100L118 112C100 140 60 140 42 112z" fill="#be1931"/>'
+)
+
+
+def target(kind: str, body: str = FACE) -> np.ndarray:
+    """What tools get of a drawing, as the artwork style takes it."""
+    document = Document(
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIDE} {SIDE}">{body}</svg>'.encode(), "x", SIDE
+    )
+    with_ground(document, kind)
+    return as_picture(input_of(document, kind)).target()
+
+
+def test_clean_pictures_are_known_as_such():
+    for kind in ("clean", "palette"):
+        assert condition_of(as_levels(target(kind))) == CLEAN, kind
+    assert CLEAN.words() == ""
+
+
+def test_a_clean_picture_is_drawn_as_it_is(monkeypatch):
+    monkeypatch.setattr(vectorize, "restored", lambda *_: pytest.fail("a clean picture was restored"))
+    assert len(draw(target("clean")).shapes) == 4
+
+
+def test_what_happened_is_found_and_said():
+    found = condition_of(as_levels(target("jpeg")))
+    assert found.jpeg and 0.5 < found.noise < 4.0 and found.blur == 0.0
+    assert found.words() == f"JPEG artefacts of {found.noise:.1f} levels"
+    found = condition_of(as_levels(target("noisy")))
+    # Noise is cut off at 255, so that white has half of it.
+    assert not found.jpeg and 2.0 < found.noise < 5.0 and found.blur == 0.0
+    assert found.words() == f"noise of {found.noise:.1f} levels"
+    found = condition_of(as_levels(target("blurred")))
+    assert found.blur == pytest.approx(1.2, abs=0.1) and found.noise == 0.0
+    assert Condition(3.0, False, 1.2).words() == "a blur of 1.2 px and noise of 3.0 levels"
+
+
+def test_what_is_transparent_was_no_jpeg():
+    levels = as_levels(target("jpeg"))
+    levels[:2, :, 3] = 0.0
+    levels[:2, :, :3] = 0.0
+    assert not condition_of(levels).jpeg
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "noisy"])
+def test_noise_gives_no_inks_and_hides_none(kind):
+    levels = as_levels(target(kind))
+    inks = noisy_inks(levels, levels, condition_of(levels).noise)
+    assert len(inks) == 4
+    for ink in [(255, 255, 255), *INKS]:
+        assert np.abs(inks[:, :3] - ink).max(axis=1).min() <= 4.0
+
+
+@pytest.mark.parametrize(("kind", "least"), [("jpeg", 1.7), ("noisy", 1.4)])
+def test_a_restored_picture_is_nearer_to_the_clean_one(kind, least):
+    ground = f'<path d="M0 0H{SIDE}V{SIDE}H0z" fill="#fff"/>'
+    clean, spoilt = as_levels(target("clean", ground + FACE)), as_levels(target(kind))
+    done = restored(spoilt, condition_of(spoilt))
+    before, after = (float(np.sqrt(((p - clean) ** 2).mean())) for p in (spoilt, done))
+    assert before > least * after
+    # Interiors are even again.
+    assert len(np.unique(np.rint(done[20:140, 20:140]).reshape(-1, 4)[::7], axis=0)) < 400
+    assert np.ptp(done[70:90, 20:40], axis=(0, 1)).max() == 0.0
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "noisy"])
+def test_the_drawing_is_that_of_the_clean_picture(kind):
+    drawing = draw(target(kind))
+    assert len(drawing.shapes) == 5
+    for ink in INKS:
+        assert min(np.abs(np.array(shape.ink[:3]) - ink).max() for shape in drawing.shapes) <= 2
+    circles = [outline for shape in drawing.shapes for outline in shape.outlines if isinstance(outline, Circle)]
+    assert sorted(circle.r for circle in circles) == pytest.approx([12.5, 12.5, 70.0], abs=0.1)
+    # A ground more than the clean one has.
+    assert drawing.segments <= draw(target("clean")).segments + 4
