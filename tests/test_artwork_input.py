@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import io
+from pathlib import Path
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
+from cubicsplat_cli.artwork.input.evenness import evenness
 from cubicsplat_cli.artwork.input.palette import noisy_inks
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.outlines import Circle
+from cubicsplat_cli.artwork.style import LEAST_EVEN, choose_style
 from cubicsplat_cli.artwork.vectorize import as_levels, draw
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.inputs import input_of, with_ground
 from cubicsplat_cli.files.convert import as_picture
 
+SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 SIDE = 160
 INKS = [(255, 204, 77), (102, 69, 0), (190, 25, 49)]
 FACE = (
@@ -95,3 +102,39 @@ def test_the_drawing_is_that_of_the_clean_picture(kind):
     assert sorted(circle.r for circle in circles) == pytest.approx([12.5, 12.5, 70.0], abs=0.1)
     # A ground more than the clean one has.
     assert drawing.segments <= draw(target("clean")).segments + 4
+
+
+# --- the style ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "noisy", "blurred", "enlarged", "palette"])
+def test_a_spoilt_drawing_is_still_a_drawing(kind):
+    lines = "".join(f'<path d="M{x} 0L{x + 9} 160" stroke="#369" stroke-width="2"/>' for x in range(0, 150, 24))
+    for body in (FACE, lines + FACE):
+        found = choose_style(target(kind, body))
+        assert found.name == "artwork", found.reason
+
+
+@pytest.mark.parametrize("scale", [0.5, 2])
+def test_a_photo_as_a_jpeg_is_still_a_photo(scale):
+    with Image.open(SAMPLES / "chelsea.png") as picture:
+        sized = picture.convert("RGB").resize([round(side * scale) for side in picture.size], Image.Resampling.BICUBIC)
+    buffer = io.BytesIO()
+    sized.save(buffer, "JPEG", quality=80)
+    found = choose_style(np.asarray(Image.open(buffer), np.float32) / 255.0)
+    assert found.name == "photo", found.reason
+    # On white as well.
+    framed = np.ones((3 * sized.height, 2 * sized.width, 3), np.float32)
+    framed[: sized.height, : sized.width] = np.asarray(Image.open(buffer), np.float32) / 255.0
+    assert evenness(np.rint(255.0 * framed), np.ones(framed.shape[:2], dtype=bool)) < LEAST_EVEN
+
+
+def test_evenness_is_of_what_lies_on_the_ground():
+    ground = np.zeros((60, 60, 3), np.float32)
+    drawn = np.ones((60, 60), dtype=bool)
+    assert evenness(ground, drawn) == 0.0
+    random = np.random.default_rng(0)
+    ground[:30] = random.integers(0, 256, (30, 60, 3))
+    assert evenness(ground, drawn) < 0.3
+    noisy = np.where(np.arange(60)[:, None, None] < 20, [200.0, 30.0, 60.0], 90.0) + random.integers(-4, 5, (60, 60, 3))
+    assert evenness(noisy.astype(np.float32), drawn) > 0.6
