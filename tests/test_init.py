@@ -146,8 +146,12 @@ def test_the_real_command_refines_grows_and_freezes(target, tmp_path, run_cli):
     ("options", "code", "text"),
     [
         (("--init", "none.svg"), 1, "none.svg: no such file"),
-        (("--init", "broken.svg"), 1, "broken.svg: the SVG is not well-formed XML"),
-        (("--init", "foreign.svg"), 1, "foreign.svg: this SVG was not written by cubicsplat"),
+        (("--init", "broken.svg"), 1, "broken.svg: is not well-formed XML"),
+        (
+            ("--init", "foreign.svg"),
+            1,
+            "the drawing foreign.svg has 9 x 9 px, another shape than the picture's",
+        ),
         (("--init", "wide.svg"), 1, "the drawing wide.svg has 80 x 28 px, another shape than the picture's 40 x 28"),
         (
             ("--init", "same.svg", "--freeze", "--curves", 1),

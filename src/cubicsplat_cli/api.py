@@ -8,6 +8,7 @@ from typing import Any
 
 from cubicsplat_cli.amounts import parse_bytes, with_segments
 from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.beginning import load_beginning
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.files.convert import PictureLike, as_picture
@@ -18,8 +19,7 @@ from cubicsplat_cli.pipeline import Result, vectorize_picture
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.report import Quality
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg.beginning import load_beginning
+from cubicsplat_cli.settings import FitSettings, Mode
 
 
 def vectorize(
@@ -55,7 +55,7 @@ def vectorize(
     SVG keeps the picture's size.
     weights: a picture of the same shape that says how much each pixel of a photo matters to the fit, from black, not at
     all, to white. focus: (x, y, width, height) in px of the picture, or with a factor behind them: a rectangle that
-    matters 4 times as much as the rest, or so many times. init: an SVG of cubicsplat, or an earlier result, that the
+    matters 4 times as much as the rest, or so many times. init: an SVG of any program, or an earlier result, that the
     fit of a photo begins with, of at most `curves` of its curves (None: all) and as many new ones as are missing;
     freeze: its own stay as they are. title: of the SVG. measure: draw the SVG by an independent renderer, for
     `report.quality` and `pixels`. on_progress: called about ten times a second; a KeyboardInterrupt that it raises ends
@@ -73,7 +73,9 @@ def vectorize(
         measure=measure,
         weights=None if weights is None else load_mask(weights),
         focus=None if focus is None else parse_focus(focus),
-        init=None if init is None else load_beginning(init.svg.encode() if isinstance(init, Result) else init),
+        init=None
+        if init is None
+        else load_beginning(init.svg.encode() if isinstance(init, Result) else init, Mode(mode)),
         freeze=freeze,
         max_bytes=None if max_bytes is None else parse_bytes(max_bytes),
         target_psnr=target_psnr,

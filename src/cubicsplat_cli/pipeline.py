@@ -212,7 +212,8 @@ def _photo(task: _Task) -> Made:
 
     within = _within(task, fine, settings, guide.weights, fit_from)
     fitted = within.fitted
-    notes = _fitted_on(task.target, rough if begun else fine, fine)
+    notes = [] if request.init is None else list(request.init.notes)
+    notes += _fitted_on(task.target, rough if begun else fine, fine)
     scene = scaled_scene(fitted.scene, *task.picture.size)
     return Made(
         scene,

@@ -14,8 +14,8 @@ from cubicsplat_cli.focus import Focus
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Setting
 
 if TYPE_CHECKING:
+    from cubicsplat_cli.beginning import Beginning
     from cubicsplat_cli.files.weights import Mask
-    from cubicsplat_cli.svg.beginning import Beginning
 
 STYLE = Setting(
     "choice",

@@ -18,14 +18,14 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.focus import parse_focus
 from cubicsplat_cli.jobs.plan import plan
 from cubicsplat_cli.request import STYLE, Request
-from cubicsplat_cli.settings import MAX_PIXELS, Setting
+from cubicsplat_cli.settings import MAX_PIXELS, Mode, Setting
 
 if TYPE_CHECKING:
     pass
 
 if TYPE_CHECKING:
+    from cubicsplat_cli.beginning import Beginning
     from cubicsplat_cli.files.weights import Mask
-    from cubicsplat_cli.svg.beginning import Beginning
 
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 
@@ -196,10 +196,10 @@ Verbose = Annotated[
 ]
 
 
-def _beginning(path: str) -> Beginning:
-    from cubicsplat_cli.svg.beginning import load_beginning
+def _beginning(path: str, mode: str) -> Beginning:
+    from cubicsplat_cli.beginning import load_beginning
 
-    return load_beginning(path)
+    return load_beginning(path, Mode(mode))
 
 
 def _mask(path: str, max_pixels: int) -> Mask:
@@ -276,7 +276,7 @@ def vectorize(
         measure=measure,
         weights=None if weights is None else _mask(weights, max_pixels),
         focus=None if focus is None else parse_focus(focus),
-        init=None if init is None else _beginning(init),
+        init=None if init is None else _beginning(init, fit["mode"]),
         freeze=freeze,
         max_bytes=None if max_bytes is None else parse_bytes(max_bytes),
         target_psnr=target_psnr,

@@ -10,8 +10,8 @@ import numpy as np
 
 from cubicsplat_cli.bench.artwork.document import Document, local_name
 from cubicsplat_cli.bench.artwork.elements import Drawn, drawn_elements
-from cubicsplat_cli.bench.artwork.transforms import transform_matrix
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
+from cubicsplat_cli.svg.transforms import transform_matrix
 
 OFF, OFF_SHARE = 0.1, 0.004  # px, and share of its size, that an outline may be off the primitive that it is
 LEAST_RADIUS = 0.5  # px of round corners

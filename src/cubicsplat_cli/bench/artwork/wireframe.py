@@ -8,8 +8,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.bench.artwork.document import Document, local_name
-from cubicsplat_cli.bench.artwork.transforms import transform_matrix
 from cubicsplat_cli.svg.pathparse import Piece, pieces
+from cubicsplat_cli.svg.transforms import transform_matrix
 
 _PRIMITIVES = {"circle", "ellipse", "rect", "line", "polygon", "polyline"}
 _GEOMETRY = {"d", "points", "cx", "cy", "r", "rx", "ry", "x", "y", "width", "height", "x1", "y1", "x2", "y2"}

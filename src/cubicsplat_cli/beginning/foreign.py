@@ -1,0 +1,237 @@
+"""An SVG of any program as a scene: near enough to begin a fit with, and a line on what is not in it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from xml.etree import ElementTree
+
+import numpy as np
+import torch
+
+from cubicsplat_cli.beginning.elements import Drawn, Elements, local, reference
+from cubicsplat_cli.beginning.outlines import Line, closed, lines_of, path_data, straight
+from cubicsplat_cli.beginning.strokes import stroke_rings
+from cubicsplat_cli.beginning.styles import Rgba, colour, declarations, length, share
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.evaluate.untrusted import check_untrusted
+from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.words import counted, one_line
+
+_SIDE = 1024  # px of the scene's longer side at the least, where rounding that would change its shape
+_MOST_POINTS = 2**23  # of all curves, each with as much room as the longest one needs
+_REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\")]+)['\"]?\s*\)\s*(.*)")
+_LEAST_OPACITY = 1.0 / 512.0
+
+
+def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Scene, list[str]]:
+    """The scene of an SVG, without a background, and what of the file is not in it, a sentence each.
+
+    Closed: fills, and strokes as the outlines of what they cover; open: strokes alone. Paths, basic shapes, groups,
+    uses, transforms, `style=` and simple style sheets are read; gradients count by their mean colour. Raises
+    InputError, with the source, for what is no SVG, or shows no shape of that kind.
+    """
+    size = check_untrusted(data, source)
+    try:
+        root = ElementTree.fromstring(data)
+    except ElementTree.ParseError as error:  # what expat alone does not mind, an unknown prefix say
+        raise InputError(f"{source}: is not well-formed XML ({error}); export it again") from error
+    whole = size.width.is_integer() and size.height.is_integer()
+    scale = 1.0 if whole else max(1.0, _SIDE / max(size.width, size.height))
+    found = _Found(mode, root)
+    try:
+        for drawn in found.elements.shapes(size.width, size.height):
+            found.add(drawn, scale)
+    except (InputError, ValueError) as error:
+        raise InputError(f"{source}: {one_line(error)}") from error
+    if not found.curves:
+        kind = "stroke" if mode is Mode.OPEN else "filled shape"
+        other = "; --mode closed reads fills" if mode is Mode.OPEN else ""
+        raise InputError(f"{source}: shows no {kind} that could be begun with{other}")
+    longest = max(sum(len(ring) for ring in rings) for rings in found.curves)
+    if 3 * longest * len(found.curves) > _MOST_POINTS:
+        raise InputError(
+            f"{source}: has {counted(len(found.curves), 'shape')}, one of {longest} segments, too many to begin with; "
+            "simplify it"
+        )
+    return found.scene(round(size.width * scale), round(size.height * scale)), found.notes(source)
+
+
+@dataclass
+class _Found:
+    """What has been found, the first at the back. curves: the cubics (M, 4, 2) of each ring, or of a stroke, in px."""
+
+    mode: Mode
+    root: ElementTree.Element
+    left_out: Counter[str] = field(default_factory=Counter)
+    gradients: int = 0
+    curves: list[list[np.ndarray]] = field(default_factory=list)
+    paints: list[Rgba] = field(default_factory=list)
+    half_widths: list[float] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.elements = Elements(self.root, self.left_out)
+
+    def add(self, drawn: Drawn, scale: float) -> None:
+        """The fill of a shape and, in front of it, its stroke."""
+        try:
+            lines = lines_of(path_data(drawn.name, drawn.length, dict(drawn.attributes)))
+            fill, stroke = (self._paint(drawn, name) for name in ("fill", "stroke"))
+            width = length(drawn.style["stroke-width"], drawn.view[0])
+        except (InputError, ValueError):
+            self.left_out[f"{drawn.name} that cannot be read"] += 1
+            return
+        matrix = np.diag([scale, scale, 1.0]) @ drawn.matrix
+        if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:2, :2])) < 1e-12:
+            return
+        if fill is not None and drawn.name != "line":
+            if self.mode is Mode.OPEN:
+                self.left_out["fill"] += 1
+            else:
+                self._add_fill([line.mapped(matrix) for line in lines], drawn.style["fill-rule"] == "evenodd", fill)
+        if stroke is not None and width > 0.0:
+            self.left_out["dash pattern"] += drawn.style["stroke-dasharray"] not in ("none", "")
+            self._add_stroke(lines, drawn.style, width / 2.0, matrix, stroke)
+
+    def _add_fill(self, lines: list[Line], even_odd: bool, paint: Rgba) -> None:
+        rings = [ring for ring in map(closed, lines) if _area(ring) != 0.0 or len(ring) > 2]
+        for group in _apart(rings):
+            self._keep(_oriented(group) if even_odd else group, paint, 0.0)
+
+    def _add_stroke(
+        self, lines: list[Line], style: dict[str, str], half: float, matrix: np.ndarray, paint: Rgba
+    ) -> None:
+        for line in lines:
+            if self.mode is Mode.OPEN:
+                cubics = line.mapped(matrix).cubics
+                start, end = cubics[0, 0], cubics[-1, 3]
+                if line.closed and not np.array_equal(start, end):
+                    cubics = np.concatenate([cubics, straight(end, start)[None]])
+                self._keep([cubics], paint, half * math.sqrt(abs(np.linalg.det(matrix[:2, :2]))))
+            else:
+                limit = length(style["stroke-miterlimit"], 1.0)
+                around = stroke_rings(line, half, style["stroke-linecap"], style["stroke-linejoin"], limit)
+                self._keep([Line(ring, True).mapped(matrix).cubics for ring in around], paint, 0.0)
+
+    def _keep(self, rings: list[np.ndarray], paint: Rgba, half_width: float) -> None:
+        self.curves.append(rings)
+        self.paints.append(paint)
+        self.half_widths.append(half_width)
+
+    def _paint(self, drawn: Drawn, name: str) -> Rgba | None:
+        """Colour and opacity of a fill or stroke, None where there is none to be seen."""
+        text, current = drawn.style[name], drawn.style["color"]
+        match = _REFERENCE.fullmatch(text)
+        if match is None:
+            found = colour(text, current)
+        else:
+            found = self._mean_of(match[1], current)
+            if found is None and match[2]:
+                found = colour(match[2], current)
+            elif found is None:
+                self.left_out["pattern"] += 1
+        if found is None:
+            return None
+        opacity = found[3] * share(drawn.style[f"{name}-opacity"]) * drawn.opacity
+        return None if opacity < _LEAST_OPACITY else (*found[:3], opacity)
+
+    def _mean_of(self, identifier: str, current: str) -> Rgba | None:
+        """The mean of a gradient's stops; None where it is none, or has none."""
+        element = self.elements.named.get(identifier)
+        for _ in range(8):
+            if element is None or local(element) not in ("linearGradient", "radialGradient"):
+                return None
+            stops = [child for child in element if local(child) == "stop"]
+            if stops:
+                break
+            element = self.elements.named.get(reference(element))
+        else:
+            return None
+        found = []
+        for stop in stops:
+            said = {**stop.attrib, **self.elements.said_by_rules(stop), **declarations(stop.get("style", ""))}
+            rgba = colour(said.get("stop-color", "black"), current) or (0.0, 0.0, 0.0, 0.0)
+            found.append((*rgba[:3], rgba[3] * share(said.get("stop-opacity", "1"))))
+        self.gradients += 1
+        red, green, blue, opacity = np.mean(found, axis=0).tolist()
+        return red, green, blue, opacity
+
+    def scene(self, width: int, height: int) -> Scene:
+        """The curves on a canvas, the last one at the front."""
+        shared = [_points(rings, self.mode) for rings in reversed(self.curves)]
+        points, ring_ends = pack_rings(self.mode, shared)
+        paints = torch.tensor(self.paints[::-1], dtype=torch.float32)
+        return Scene(
+            self.mode, width, height, points, paints[:, :3].contiguous(), paints[:, 3].contiguous(),
+            torch.tensor(self.half_widths[::-1], dtype=torch.float32), None, ring_ends,
+        )  # fmt: skip
+
+    def notes(self, source: str) -> list[str]:
+        """What is not in the scene, or not as it was."""
+        parts = [counted(count, name) for name, count in sorted(self.left_out.items()) if count]
+        found = [f"{source}: left out of the drawing to begin with: {', '.join(parts)}"] if parts else []
+        if self.gradients:
+            found.append(f"{source}: begun with the mean colours of {counted(self.gradients, 'gradient')}")
+        return found
+
+
+def _points(rings: list[np.ndarray], mode: Mode) -> list[torch.Tensor]:
+    found = []
+    for cubics in rings:
+        points = cubics[:, :3].reshape(-1, 2)
+        if mode is Mode.OPEN:
+            points = np.concatenate([points, cubics[-1, 3:]])
+        found.append(torch.from_numpy(points.astype(np.float32)))
+    return found
+
+
+def _polygon(ring: np.ndarray) -> np.ndarray:
+    """(8 M, 2) points along a ring."""
+    t = np.arange(8)[:, None, None] / 8.0
+    a, b, c, d = ring.transpose(1, 0, 2)
+    along = (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d
+    return along.transpose(1, 0, 2).reshape(-1, 2)
+
+
+def _area(ring: np.ndarray) -> float:
+    x, y = _polygon(ring).T
+    return 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+
+
+def _apart(rings: list[np.ndarray]) -> list[list[np.ndarray]]:
+    """Rings whose boxes do not meet as curves of their own: a tracer's compound path is many, and a fit moves each."""
+    if len(rings) < 2:
+        return [rings] if rings else []
+    low = np.array([ring.min((0, 1)) for ring in rings])
+    high = np.array([ring.max((0, 1)) for ring in rings])
+    group = np.arange(len(rings))
+    for index in range(len(rings)):
+        meets = ((low <= high[index]) & (high >= low[index])).all(axis=1)
+        joined = np.unique(group[meets])
+        group[np.isin(group, joined)] = joined[0]
+    return [[rings[index] for index in np.flatnonzero(group == number)] for number in np.unique(group)]
+
+
+def _oriented(rings: list[np.ndarray]) -> list[np.ndarray]:
+    """Rings turned so that the nonzero rule fills what the even-odd rule does, where they lie in one another."""
+    if len(rings) < 2:
+        return rings
+    polygons = [_polygon(ring) for ring in rings]
+    found = []
+    for index, ring in enumerate(rings):
+        depth = sum(_holds(polygon, polygons[index][0]) for other, polygon in enumerate(polygons) if other != index)
+        outwards = _area(ring) > 0.0
+        found.append(ring if outwards == (depth % 2 == 0) else ring[::-1, ::-1])
+    return found
+
+
+def _holds(polygon: np.ndarray, point: np.ndarray) -> bool:
+    x, y = polygon.T
+    across, down = np.roll(x, -1), np.roll(y, -1)
+    spans = (y > point[1]) != (down > point[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = x + (point[1] - y) * (across - x) / (down - y)
+    return bool((spans & (crossing > point[0])).sum() % 2)
