@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from cli_runs import strict_json
+from cli_runs import save_pictures, strict_json
 from PIL import Image
 
 from cubicsplat_cli import vectorize
@@ -118,7 +119,54 @@ def test_masks_and_focus_are_scaled_to_the_picture(noisy):
     assert np.array_equal(load_mask(clear).grey > 0, LEFT > 0), "what is transparent counts nothing"
 
 
+def test_a_folder_of_masks_has_one_for_each_picture_and_a_later_run_knows_them(tmp_path, run_cli):
+    save_pictures(tmp_path / "in", ["a.png", "b.png", "sub/a.png", "plain.png"])
+    masks = tmp_path / "masks"
+    (masks / "sub").mkdir(parents=True)
+    shapes = {name: Image.open(tmp_path / "in" / name).size for name in ("a.png", "b.png", "sub/a.png")}
+    for name, place in (("a.png", "a.webp"), ("b.png", "b.png"), ("b.png", "b.webp"), ("sub/a.png", "sub/a.png")):
+        Image.new("L", shapes[name], 255).save(masks / place, lossless=True)
+    run = ["vectorize", tmp_path / "in", "-r", "-o", tmp_path / "out", "--weights", masks, *OPTIONS, "--json"]
+    done = run_cli(*run)
+    assert done.returncode == 0, done.stderr
+    found = {line["output"]["svg"].split("/out/")[1]: line for line in map(strict_json, done.stdout.splitlines())}
+    used = {
+        name: line["settings"]["weights"] and Path(line["settings"]["weights"]["name"]) for name, line in found.items()
+    }
+    assert used == {
+        "a.svg": masks / "a.webp", "b.svg": masks / "b.png", "sub/a.svg": masks / "sub" / "a.png", "plain.svg": None,
+    }  # fmt: skip
+    assert done.stderr.count(b"has no mask in") == 1
+    assert b"plain.png: has no mask in" in done.stderr
+    left = Image.new("L", shapes["b.png"])
+    left.paste(255, (0, 0, 9, 9))
+    left.save(masks / "b.png")
+    again = [strict_json(line) for line in run_cli(*run).stdout.splitlines()]
+    assert sorted(line["status"] for line in again) == ["done", "unchanged", "unchanged", "unchanged"]
+    assert {Path(line["output"]["svg"]).name for line in again if line["status"] == "done"} == {"b.svg"}
+
+
+@pytest.mark.parametrize(
+    ("names", "code", "said"),
+    [
+        ([], 2, b"--weights has no picture of the name of"),
+        (["b.png", "b.jpg", "a.gif", "a.bmp"], 2, b"--weights has two masks for"),
+        (["a.png"], 1, b"does not fit"),
+    ],
+)
+def test_masks_that_are_of_no_use_are_one_line(names, code, said, tmp_path, run_cli):
+    save_pictures(tmp_path, ["a.png"])
+    (tmp_path / "masks").mkdir()
+    for name in names:
+        Image.new("L", (80, 9), 255).save(tmp_path / "masks" / name)
+    done = run_cli("vectorize", tmp_path / "a.png", "--weights", tmp_path / "masks", *OPTIONS, "-q")
+    assert (done.returncode, done.stderr.count(b"\n")) == (code, 1)
+    assert said in done.stderr
+
+
 def test_artwork_takes_no_mask():
+    with pytest.raises(UsageError, match="for photos"):
+        Request(style="artwork", masks=Path())
     with pytest.raises(UsageError, match="for photos"):
         Request(style="artwork", weights=load_mask(LEFT))
 

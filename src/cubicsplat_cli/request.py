@@ -43,7 +43,8 @@ class Request:
     max_pixels: larger pictures are refused. frame: of files with several, from 1. png, report, page, animation (a file,
     or None), compress, force: of the files. suffix: what names made of the picture's get at their end. skip_existing:
     leave pictures alone that have an SVG, whatever made it. measure: whether the SVG is drawn by an independent
-    renderer and measured. weights, focus: how much the pixels matter to the fit of a photo. init: the drawing that it
+    renderer and measured. weights, focus: how much the pixels matter to the fit of a photo; masks: a folder in
+    which each picture has weights of its own. init: the drawing that it
     begins with; freeze: whose curves stay as they are. max_bytes, target_psnr: of the file; the number of curves is
     found for it. Where any of these is given, or a loss of its own, the style is "photo";
     where artwork is to be cut out, it is "artwork".
@@ -61,6 +62,7 @@ class Request:
     page: bool = False
     animation: Path | None = None
     weights: Mask | None = None
+    masks: Path | None = None
     focus: Focus | None = None
     init: Beginning | None = None
     freeze: bool = False
@@ -102,6 +104,8 @@ class Request:
         asked = [
             name for name in ("weights", "focus", "init", "max_bytes", "target_psnr") if getattr(self, name) is not None
         ]
+        if self.masks is not None:
+            asked.insert(0, "weights")
         return asked if self.settings.loss == FitSettings.loss else [*asked, "loss"]
 
     def of_artwork(self) -> list[str]:

@@ -120,7 +120,7 @@ Weights = Annotated[
     typer.Option(
         "--weights",
         metavar="MASK",
-        help="A picture that says what matters: black not at all, white fully.",
+        help="A picture of what matters, black not at all, white fully; or a folder of such.",
         rich_help_panel=QUALITY,
     ),
 ]
@@ -274,7 +274,8 @@ def vectorize(
         force=force,
         skip_existing=skip_existing,
         measure=measure,
-        weights=None if weights is None else _mask(weights, max_pixels),
+        weights=None if weights is None or Path(weights).is_dir() else _mask(weights, max_pixels),
+        masks=Path(weights) if weights is not None and Path(weights).is_dir() else None,
         focus=None if focus is None else parse_focus(focus),
         init=None if init is None else _beginning(init, fit["mode"]),
         freeze=freeze,
@@ -283,8 +284,11 @@ def vectorize(
     )
     from cubicsplat_cli.cli.run import Run, check_stdout
     from cubicsplat_cli.jobs.execute import Means
+    from cubicsplat_cli.jobs.masks import with_masks
 
     planned = plan(inputs, output, request, recursive=recursive)
+    if request.masks is not None:
+        planned = with_masks(planned, request.masks)
     check_stdout(planned, json=json, cluster=cluster is not None)
     if planned.jobs and planned.jobs[0].path is None:
         planned = replace(planned, jobs=[replace(planned.jobs[0], data=sys.stdin.buffer.read())])

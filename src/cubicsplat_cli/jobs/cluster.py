@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import CubicSplatError, EngineError
 from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FAILED, FileSink, MemorySink, Outcome, attempt, failure
 from cubicsplat_cli.request import Request
@@ -134,12 +135,12 @@ def _submit(
             return
         assert job.path is not None  # the command refuses standard input here
         try:
-            data = read_whole(job.path)
+            data, asked = read_whole(job.path), request_of(job, request)
         except CubicSplatError as error:
             yield failure(job, error)
             continue
         events.begin(job.name)
-        running[task.remote(dataclasses.replace(job, data=data), request, share.cpus)] = job
+        running[task.remote(dataclasses.replace(job, data=data, mask=None), asked, share.cpus)] = job
 
 
 def _collect(ray: ModuleType, reference: Any, job: Job) -> Outcome:

@@ -9,6 +9,7 @@ from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare
 from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.pages import with_page
 from cubicsplat_cli.jobs.plan import Job, Plan
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure
@@ -53,7 +54,7 @@ def look(job: Job, request: Request) -> Outcome:
     if request.skip_existing and svg is not None and is_file(svg) and svg.stat().st_size > 0:
         return Outcome(job, UNCHANGED, earlier_report(job))
     try:
-        report = None if request.force else finished(job, request.digest())
+        report = None if request.force else finished(job, request_of(job, request).digest())
         if report is None:
             check_may_write(job, force=request.force)
     except CubicSplatError as error:

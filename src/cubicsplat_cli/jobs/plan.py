@@ -21,13 +21,15 @@ from cubicsplat_cli.words import printable
 @dataclass(frozen=True)
 class Job:
     """One picture to vectorise. name: as the user named it, for messages and reports. path: None for standard input,
-    whose bytes are `data`.
+    whose bytes are `data`. below: the folder in which it was found, from the one that was named. mask: of its own.
     """
 
     name: str
     path: Path | None
     outputs: Outputs
     data: bytes | None = None
+    below: Path = Path()
+    mask: Path | None = None
 
     def source(self) -> bytes:
         """The bytes of the picture's file. Raises InputError where they cannot be read."""
@@ -116,7 +118,8 @@ def plan_jobs(sources: list[Source], output: str | None, request: Request) -> li
         svg = place_for(source.path, _folder_of(source, output), suffix, shared=stem in shared)
         if (other := claimed.setdefault(_key(svg), source.path)) is not source.path:
             raise UsageError(f"{other} and {source.path} would both give {svg}; use two runs with different folders")
-        jobs.append(Job(str(source.path), source.path, beside(svg, png=request.png, report=request.report)))
+        outputs = beside(svg, png=request.png, report=request.report)
+        jobs.append(Job(str(source.path), source.path, outputs, below=source.below))
     return jobs
 
 

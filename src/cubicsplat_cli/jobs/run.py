@@ -13,6 +13,7 @@ from cubicsplat_cli.files.stdout import STDOUT, write_stdout
 from cubicsplat_cli.film import FRAMES, Film
 from cubicsplat_cli.jobs.earlier import forget, is_finished
 from cubicsplat_cli.jobs.events import Events, logged_to
+from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.report import Report, head
@@ -97,7 +98,10 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     finds all files. A finished SVG is never replaced by that of an interrupted fit. Raises what the steps raise.
     """
     stages = Stages(lambda stage: events.stage(job.name, stage))
+    if request.masks is not None and job.mask is None:
+        events.note(job.name, f"{job.name}: has no mask in {request.masks}, so all of it matters alike")
     with stages("read"):
+        request = request_of(job, request)
         picture = load_job(job, request)
     for note in picture.notes:
         events.note(job.name, f"{picture.source}: {note}")
