@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from scipy import ndimage
+from skimage.data import astronaut
 
 from cubicsplat_cli.artwork.areas import gradient_areas, smooth_parts
 from cubicsplat_cli.artwork.outlines import Circle, Rectangle
@@ -152,9 +154,24 @@ def test_who_chooses_the_inks_gets_no_gradients():
     assert not draw(target, ArtworkSettings(palette=((255, 0, 0), (0, 0, 255)))).gradients
 
 
-def test_gradients_all_over_are_artwork():
-    target = picture(LINEAR.format(THREE) + '<rect width="256" height="192" fill="url(#a)"/>')
-    assert choose_style(target).name == "artwork", choose_style(target).reason
+@pytest.mark.parametrize("body", ['<rect width="256" height="192" fill="url(#a)"/>', GROUND + BLOB])
+@pytest.mark.parametrize("markup", [LINEAR, ROUND], ids=["linear", "round"])
+def test_drawings_of_gradients_are_artwork(markup, body):
+    style = choose_style(picture(markup.format(THREE) + body))
+    assert style.name == "artwork", style.reason
+
+
+def test_smooth_photos_are_no_gradients():
+    photo = ndimage.gaussian_filter(astronaut()[:, :300].astype(np.float32) / 255, (3, 3, 0))
+    assert choose_style(photo).name == "photo"
+
+
+def test_a_search_ends_where_nothing_is_a_gradient():
+    waves = np.cumsum(np.random.default_rng(0).normal(size=(2, 160, 200)), axis=2).cumsum(axis=1)
+    smooth = ndimage.gaussian_filter(waves, (0, 12, 12))
+    levels = as_levels(np.stack([*smooth, smooth[0]], axis=-1) / np.abs(smooth).max())
+    parts, count = smooth_parts(levels)
+    assert len(gradient_areas(levels, parts, count, tries=1)) <= 1
 
 
 def test_stops_are_found_where_they_are():

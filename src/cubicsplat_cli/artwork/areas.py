@@ -19,13 +19,15 @@ BEND, STEEP, CLOSE = 2.6, 12.0, 2.0
 NEARLY = 8.0  # levels, of a few pixels that make no area of their own
 LEAST_AREA, FEW = 64, 16  # px, of a gradient, and in which one changes
 LEAST_RANGE = 3.0  # levels, within which an area has one colour
+# Uneven parts of a picture, pieces that one of them is divided into, and gradients sought.
+MOST_PARTS, MOST_PIECES, MOST_TRIES = 100, 8, 80
 EXPLAINED = 0.95  # share of an area's pixels, for one gradient to be enough
 SAME_INK, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and share of the area that has it
 CLEAR = 0.5  # levels of opacity
 ALIKE = 0.4  # share of an area's pixels that another's gradient explains, for one to be sought for both
 # Px across which a gradient may go on, px along which it must, and levels by which it may be off there.
 GAP, CONTACT, SHARP = 4, 8, 12.0
-DEEPEST, SEEDS, LEAST_SHARE = 3, 5, 0.3
+DEEPEST, SEEDS, LEAST_SHARE = 2, 3, 0.3
 RING = 4  # px of its surroundings that a part is looked at with
 PLUS = ndimage.generate_binary_structure(2, 1)
 SQUARE = np.ones((3, 3), dtype=bool)
@@ -63,8 +65,12 @@ def smooth_parts(levels: np.ndarray) -> tuple[np.ndarray, int]:
     return ndimage.label(opened, PLUS)
 
 
-def gradient_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[Area]:
-    """The gradients of a picture (H, W, 4), premultiplied levels, the largest first; none in flat pictures."""
+def gradient_areas(levels: np.ndarray, parts: np.ndarray, count: int, tries: int = MOST_TRIES) -> list[Area]:
+    """The gradients of a picture (H, W, 4), premultiplied levels, the largest first.
+
+    None in flat pictures, and in those of more than MOST_PARTS uneven parts, which are photos or textures. tries: how
+    often a gradient is sought, after which what is left stays as it is.
+    """
     index = np.arange(1, count + 1)
     spread = np.zeros(count)
     for k in range(4):
@@ -72,13 +78,28 @@ def gradient_areas(levels: np.ndarray, parts: np.ndarray, count: int) -> list[Ar
         spread = np.maximum(spread, np.asarray(high) - np.asarray(low))
     sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
     boxes = ndimage.find_objects(parts)
-    found: list[Area] = []
-    for i in np.argsort(-sizes, kind="stable"):
-        if sizes[i] < LEAST_AREA:
-            break
-        if spread[i] > LEAST_RANGE:
-            _explain(_Part(levels, parts == i + 1, boxes[i]), found, 0)
-    return _united(levels, parts, found) if found else []
+    search = _Search([], tries)
+    uneven = np.flatnonzero((sizes >= LEAST_AREA) & (spread > LEAST_RANGE))
+    if len(uneven) > MOST_PARTS:
+        return []
+    for i in uneven[np.argsort(-sizes[uneven], kind="stable")]:
+        _explain(_Part(levels, parts == i + 1, boxes[i]), search, 0)
+    return _united(levels, parts, search.found) if search.found else []
+
+
+@dataclass
+class _Search:
+    """The gradients found so far, and how often one may still be sought."""
+
+    found: list[Area]
+    left: int
+
+    def shade(self, x: np.ndarray, y: np.ndarray, values: np.ndarray) -> Shade | None:
+        """The gradient of pixels; None where none may be sought any more."""
+        if self.left <= 0:
+            return None
+        self.left -= 1
+        return shade_of(x, y, values)
 
 
 def _united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Area]:
@@ -170,11 +191,13 @@ class _Part:
         return mask
 
     def pieces(self, own: np.ndarray) -> list[_Part]:
-        """The connected parts of the pixels for which own (n,) holds, without what is thinner than 3 px."""
+        """The largest connected parts of the pixels for which own (n,) holds, without what is thinner than 3 px."""
         mask = ndimage.binary_opening(self.within(own), SQUARE)
         labels, count = ndimage.label(mask, PLUS)
         boxes = ndimage.find_objects(labels)
-        return [_Part(self.levels, labels == k + 1, boxes[k]) for k in range(count)]
+        sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+        largest = np.argsort(-sizes, kind="stable")[:MOST_PIECES]
+        return [_Part(self.levels, labels == k + 1, boxes[k]) for k in largest if sizes[k] >= LEAST_AREA]
 
     def explained(self, shade: Shade) -> np.ndarray:
         """(n,) bool."""
@@ -195,25 +218,27 @@ class _Part:
         return float((high - low).max())
 
 
-def _explain(part: _Part, found: list[Area], depth: int) -> None:
+def _explain(part: _Part, search: _Search, depth: int) -> None:
     """Adds the gradients of a part to those found."""
     if len(part.x) < LEAST_AREA or part.range() <= LEAST_RANGE or depth > DEEPEST:
         return
     ink, plateau = _plateau(part)
     clear = ink[3] <= CLEAR and plateau.any()
     if not clear:
-        shade = shade_of(part.x, part.y, part.values)
+        shade = search.shade(part.x, part.y, part.values)
+        if shade is None:
+            return
         known = part.explained(shade)
         if known.mean() >= EXPLAINED:
-            found.append(Area(shade, part.with_rests(shade, known)))
+            search.found.append(Area(shade, part.with_rests(shade, known)))
             return
     if clear or plateau.mean() >= LEAST_PLATEAU:
-        first = len(found)
+        first = len(search.found)
         for piece in part.pieces(~plateau):
-            _fading(part, piece, ink, found, depth)
-        found[first:] = [_filled(part, area) for area in found[first:]]
+            _fading(part, piece, ink, search, depth)
+        search.found[first:] = [_filled(part, area) for area in search.found[first:]]
         return
-    _largest(part, found, depth)
+    _largest(part, search, depth)
 
 
 def _filled(part: _Part, area: Area) -> Area:
@@ -229,10 +254,11 @@ def _plateau(part: _Part) -> tuple[np.ndarray, np.ndarray]:
     clear = part.values[:, 3] <= CLEAR
     if clear.mean() >= LEAST_PLATEAU:
         return np.zeros(4), clear
-    colours, index, counts = np.unique(np.rint(part.values), axis=0, return_inverse=True, return_counts=True)
+    code = np.rint(part.values).astype(np.int64) @ (256 ** np.arange(4))
+    _, first, index, counts = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
     best = int(counts.argmax())
     ink = part.values[index.reshape(-1) == best].mean(axis=0)
-    near = np.abs(part.values - colours[best]).max(axis=1) <= SAME_INK
+    near = np.abs(part.values - np.rint(part.values[first[best]])).max(axis=1) <= SAME_INK
     # A gradient passes through its colours in bands; what is even around about is none of them.
     even = ndimage.binary_erosion(part.within(near), SQUARE, iterations=RING)
     even = ndimage.binary_dilation(even, SQUARE, iterations=RING)
@@ -240,26 +266,28 @@ def _plateau(part: _Part) -> tuple[np.ndarray, np.ndarray]:
     return ink, own
 
 
-def _fading(whole: _Part, piece: _Part, ink: np.ndarray, found: list[Area], depth: int) -> None:
+def _fading(whole: _Part, piece: _Part, ink: np.ndarray, search: _Search, depth: int) -> None:
     """Adds the gradient of a piece of a part that fades into the ink beside it, or else those within the piece."""
     if len(piece.x) < LEAST_AREA or piece.range() <= LEAST_RANGE:
         return
     around = ndimage.binary_dilation(piece.mask, SQUARE, iterations=RING) & whole.mask
     wider = _Part(whole.levels, around, _widened(piece.box, around.shape))
-    shade = shade_of(wider.x, wider.y, wider.values)
+    shade = search.shade(wider.x, wider.y, wider.values)
+    if shade is None:
+        return
     known = wider.explained(shade)
     if known.mean() < EXPLAINED:
         if len(piece.x) < 0.9 * len(whole.x):
-            _explain(piece, found, depth + 1)
+            _explain(piece, search, depth + 1)
         return
     fading = _faded(shade, ink)
     if fading is None:
-        found.append(Area(shade, piece.mask))
+        search.found.append(Area(shade, piece.mask))
         return
     shade, rim, inwards = fading
     t = shade.t(wider.x, wider.y)
     own = known & ((t < rim) if inwards else (t > rim))
-    found.append(Area(shade, wider.within(own), ink, rim, inwards))
+    search.found.append(Area(shade, wider.within(own), ink, rim, inwards))
 
 
 def _faded(shade: Shade, ink: np.ndarray) -> tuple[Shade, float, bool] | None:
@@ -274,7 +302,7 @@ def _faded(shade: Shade, ink: np.ndarray) -> tuple[Shade, float, bool] | None:
     return Shade(shade.frame, shade.radial, ramp, shade.parameters), float(knots[-1 if last else 0]), last
 
 
-def _largest(part: _Part, found: list[Area], depth: int) -> None:
+def _largest(part: _Part, search: _Search, depth: int) -> None:
     """Adds the gradient that explains most of a part, of those of SEEDS places in it, and those of the rest."""
     reach = 0.5 * np.sqrt(len(part.x) / 3.0)
     picks = np.linspace(0, len(part.x) - 1, SEEDS + 2).astype(int)[1:-1]
@@ -283,17 +311,21 @@ def _largest(part: _Part, found: list[Area], depth: int) -> None:
         near = np.maximum(np.abs(part.x - part.x[pick]), np.abs(part.y - part.y[pick])) <= reach
         if near.sum() < LEAST_AREA:
             continue
-        shade = shade_of(part.x[near], part.y[near], part.values[near])
+        shade = search.shade(part.x[near], part.y[near], part.values[near])
+        if shade is None:
+            break
         known = part.explained(shade)
         if known.sum() > most:
             best, most = known, float(known.sum())
     if best is None:
         return
-    shade = shade_of(part.x[best], part.y[best], part.values[best])
+    shade = search.shade(part.x[best], part.y[best], part.values[best])
+    if shade is None:
+        return
     known = part.explained(shade)
-    found.append(Area(shade, part.within(known)))
+    search.found.append(Area(shade, part.within(known)))
     for piece in part.pieces(~known):
-        _explain(piece, found, depth + 1)
+        _explain(piece, search, depth + 1)
 
 
 def _widened(box: tuple[slice, slice], shape: tuple[int, ...]) -> tuple[slice, slice]:

@@ -17,7 +17,8 @@ MOST_TEXTURE = 0.14  # share of the pixels. Measured: Kodak photos 0.61 to 0.99,
 COUNTED_INKS = 64
 LEAST_INKED = 0.35  # share of the pixels that have the commonest inks: photos at most 0.23, drawings at least 0.87
 LEAST_EVEN = 0.6  # of 2, for a picture to be a drawing that has suffered
-LEAST_SHADED = 0.5  # share of the pixels in gradients, for a picture of many colours to be a drawing
+LEAST_SHADED = 0.75  # share of the pixels in flat inks and gradients, for a picture of many colours to be a drawing
+_TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer side looked at for that
 _BANDS_OF = 64  # rows
 _MOST_PIXELS = 2**20  # looked at
 
@@ -43,11 +44,12 @@ def choose_style(target: np.ndarray) -> Style:
     even = evenness(levels, drawn)
     if even >= LEAST_EVEN:
         return Style(ARTWORK, f"{reason}, but it was even before noise, JPEG or blur: {even:.2f} of 2")
-    if texture > MOST_TEXTURE:
+    # In a steep gradient no pixel is flat, but colours change by straight lines.
+    if texture > MOST_TEXTURE and _texture(levels, drawn, _straight(levels)) > MOST_TEXTURE:
         return Style(PHOTO, reason)
     shaded = _shaded(levels, drawn)
     style = ARTWORK if shaded >= LEAST_SHADED else PHOTO
-    return Style(style, f"{reason}, {100 * shaded:.0f} % in gradients")
+    return Style(style, f"{reason}, {100 * shaded:.0f} % in inks and gradients")
 
 
 def _sampled(target: np.ndarray) -> np.ndarray:
@@ -60,15 +62,30 @@ def _sampled(target: np.ndarray) -> np.ndarray:
     return np.concatenate([target[start : start + _BANDS_OF] for start in starts])
 
 
-def _texture(levels: np.ndarray, drawn: np.ndarray) -> float:
-    """Share of the drawn pixels in blocks without a flat pixel; blocks of 7 px, smaller in small pictures."""
+def _straight(levels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: across the pixel colours change by straight lines, along rows and columns."""
+    around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    across = np.abs(around[1:-1, :-2] - 2.0 * levels + around[1:-1, 2:]).max(axis=2)
+    down = np.abs(around[:-2, 1:-1] - 2.0 * levels + around[2:, 1:-1]).max(axis=2)
+    return np.maximum(across, down) <= FLAT_LEVELS
+
+
+def _texture(levels: np.ndarray, drawn: np.ndarray, even: np.ndarray | None = None) -> float:
+    """Share of the drawn pixels in blocks without a flat pixel, nor one that is `even` (H, W) bool; blocks of 7 px,
+    smaller in small pictures.
+    """
     longer = max(levels.shape[:2])
     block = 7 if longer >= 256 else 5 if longer >= 64 else 3
-    around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    spread = _over_blocks(around, 3, np.maximum) - _over_blocks(around, 3, np.minimum)
-    whole = _over_blocks(spread.max(-1) > FLAT_LEVELS, block, np.logical_and)
+    rough = _spread(levels) > FLAT_LEVELS
+    whole = _over_blocks(rough if even is None else rough & ~even, block, np.logical_and)
     uneven = _over_blocks(np.pad(whole, block - 1), block, np.logical_or)
     return float((uneven & drawn).sum() / drawn.sum())
+
+
+def _spread(levels: np.ndarray) -> np.ndarray:
+    """(H, W) levels between the least and the greatest of 3 x 3 pixels, in the channel with most."""
+    around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    return (_over_blocks(around, 3, np.maximum) - _over_blocks(around, 3, np.minimum)).max(axis=-1)
 
 
 def _over_blocks(values: np.ndarray, block: int, combine: np.ufunc) -> np.ndarray:
@@ -83,13 +100,18 @@ def _over_blocks(values: np.ndarray, block: int, combine: np.ufunc) -> np.ndarra
 
 
 def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
-    """Share of the drawn pixels that linear and radial gradients explain."""
+    """Share of the drawn pixels that are flat, in one of the commonest colours, or explained by a gradient."""
     from cubicsplat_cli.artwork.areas import gradient_areas, smooth_parts
 
+    step = 1 + max(levels.shape[:2]) // _SIDE
+    levels, drawn = levels[::step, ::step], drawn[::step, ::step]
+    code = levels.astype(np.int64) @ (256 ** np.arange(levels.shape[2]))
+    colours, counts = np.unique(code[drawn], return_counts=True)
+    explained = np.isin(code, colours[np.argsort(-counts, kind="stable")[:COUNTED_INKS]])
+    explained &= _spread(levels) <= FLAT_LEVELS
     if levels.shape[2] == 3:
         levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=2)
-    explained = np.zeros(drawn.shape, dtype=bool)
-    for area in gradient_areas(levels, *smooth_parts(levels)):
+    for area in gradient_areas(levels, *smooth_parts(levels), _TRIES):
         explained |= area.mask
     return float((explained & drawn).sum() / drawn.sum())
 
