@@ -50,7 +50,10 @@ def build(program: Program, extra: tuple[str, ...] = ()) -> Path:
         digest.update(path.read_bytes())
     for text in sources().values():
         digest.update(text)
-    library = LIBRARIES / f"{program.mode.value}-{program.channels}-{digest.hexdigest()[:24]}.so"
+    library = (
+        LIBRARIES
+        / f"{program.mode.value}-{program.channels}{'-painted' if program.painted else ''}-{digest.hexdigest()[:24]}.so"
+    )
     if not library.exists():
         LIBRARIES.mkdir(parents=True, exist_ok=True)
         part = library.with_suffix(f".{os.getpid()}.part")

@@ -6,6 +6,7 @@ import pytest
 from adan import ReferenceFit
 from emulated import EmulatedDriver, compiler
 from scenes import TENSORS
+from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster import reference
@@ -14,7 +15,7 @@ from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.settings import Mode
 
-PROGRAMS = [Program(mode, channels) for mode in Mode for channels in (3, 4)]
+PROGRAMS = [Program(mode, channels, painted) for painted in (False, True) for mode in Mode for channels in (3, 4)]
 CASES = [pytest.param(p, c, id=f"{p.name}, {c}") for p in PROGRAMS for c in selftest.COVERAGES]
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
 
@@ -25,10 +26,14 @@ def drawn(program, coverage):
     leaves = [getattr(scene, name).double().requires_grad_() for name in TENSORS]
     keywords = {"mode": program.mode, "width": scene.width, "height": scene.height, "background": scene.background}
     keywords["settings"] = selftest.settings(coverage)
+    fills = {}
+    if scene.gradients is not None:
+        keywords["gradients"] = scene.gradients.floating(Tensor.double)
+        fills = {name: getattr(keywords["gradients"], name).requires_grad_() for name in ("frames", "stops")}
     image = reference.render(*leaves, **keywords)
     loss = reference.image_loss(image, target)
     loss.backward()
-    found = {name: leaf.grad for name, leaf in zip(TENSORS, leaves, strict=True)}
+    found = {name: leaf.grad for name, leaf in (*zip(TENSORS, leaves, strict=True), *fills.items())}
     found["importance"] = reference.importance(*(t.detach() for t in leaves), **keywords, target=target, kind="loo")
     return selftest.digest(float(loss.detach()), [image, *(found[name] for name in selftest.gradient_names(program))])
 
@@ -44,13 +49,19 @@ def trained(program, coverage):
 @pytest.mark.parametrize(("program", "coverage"), CASES)
 def test_the_self_test_expects_what_the_reference_computes(program, coverage):
     key = (program.mode, program.channels, coverage)
-    assert drawn(program, coverage) == pytest.approx(selftest.EXPECTED[key], rel=1e-4, abs=1e-4)
-    assert trained(program, coverage) == pytest.approx(selftest.EXPECTED_STEPS[key], rel=1e-4, abs=1e-4)
+    expected = selftest.EXPECTED_PAINTED if program.painted else selftest.EXPECTED
+    assert drawn(program, coverage) == pytest.approx(expected[key], rel=1e-4, abs=1e-4)
+    if not program.painted:
+        assert trained(program, coverage) == pytest.approx(selftest.EXPECTED_STEPS[key], rel=1e-4, abs=1e-4)
 
 
 def test_the_self_test_would_notice():
     """What it compares is far from nothing, so that a wrong sign or a missing step is outside of the tolerance."""
-    for expected in (*selftest.EXPECTED.values(), *selftest.EXPECTED_STEPS.values()):
+    for expected in (
+        *selftest.EXPECTED.values(),
+        *selftest.EXPECTED_PAINTED.values(),
+        *selftest.EXPECTED_STEPS.values(),
+    ):
         assert all(abs(2.0 * value) > selftest.TOLERANCE * (1.0 + abs(value)) for value in expected if value != 0.0)
 
 

@@ -42,8 +42,7 @@ from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import Mode
 
 RELAXED, EXACT = RasterSettings("relaxed", 1.0, 8), RasterSettings("exact", 1.0, 16)
-CPUS = [each for each in ENGINES if each not in CUDA]
-every_engine = pytest.mark.parametrize("engine", CPUS[:1], indirect=True)
+every_engine = pytest.mark.parametrize("engine", [ENGINES[0], *CUDA], indirect=True)
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +206,7 @@ def test_reference_gradients_match_finite_differences(background):
             assert float(found[which].view(-1)[index]) == pytest.approx(slope, rel=2e-3, abs=2e-3), (name, index)
 
 
-@pytest.mark.parametrize("engine", CPUS, indirect=True)
+@pytest.mark.parametrize("engine", ENGINES, indirect=True)
 @pytest.mark.parametrize("background", [PAPER, None])
 @pytest.mark.parametrize("mode", MODES)
 def test_the_engine_matches_the_reference(engine, mode, background):

@@ -1,7 +1,8 @@
 """Compiles the CUDA kernels: no CUDA toolkit, no CUDA_HOME, no compiler but NVRTC, which comes with torch.
 
 The kernels lie in the package as text. They are compiled when they are first needed on a kind of GPU, about a second
-for each of the four programs (fills or strokes, three or four channels), and read from the cache afterwards.
+for each of the eight programs (fills or strokes, three or four channels, flat or with gradients), and read from the
+cache afterwards.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda import cache, nvrtc
 from cubicsplat_cli.raster.cuda.frame import COSTS, FIXED_SHARED, Frame, StepValues
+from cubicsplat_cli.raster.engine import SceneTensors
 from cubicsplat_cli.settings import Mode
 
 KERNELS = Path(__file__).parents[1] / "kernels"
@@ -25,18 +27,26 @@ _log = logging.getLogger("cubicsplat")
 
 @dataclass(frozen=True)
 class Program:
-    """What one compilation is made for: 3 channels (RGB) or 4 (premultiplied RGBA)."""
+    """What one compilation is made for: 3 channels (RGB) or 4 (premultiplied RGBA); painted: curves with gradients."""
 
     mode: Mode
     channels: int
+    painted: bool = False
+
+    @classmethod
+    def of(cls, scene: SceneTensors) -> Program:
+        """What draws a scene."""
+        return cls(scene.mode, scene.channels, scene.gradients is not None)
 
     @property
     def name(self) -> str:
-        return f"{self.mode.value}, {'RGB' if self.channels == 3 else 'RGBA'}"
+        painted = ", gradients" if self.painted else ""
+        return f"{self.mode.value}, {'RGB' if self.channels == 3 else 'RGBA'}{painted}"
 
     def definitions(self) -> list[str]:
         return [
             f"-DCS_CLOSED={int(self.mode is Mode.CLOSED)}", f"-DCS_CHANNELS={self.channels}",
+            f"-DCS_PAINTED={int(self.painted)}",
             f"-DCS_FRAME_BYTES={sizeof(Frame)}", f"-DCS_STEP_BYTES={sizeof(StepValues)}",
             f"-DCS_SHARED_BYTES={FIXED_SHARED}", f"-DCS_COSTS={COSTS}",
         ]  # fmt: skip

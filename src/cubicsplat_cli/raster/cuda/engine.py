@@ -135,8 +135,9 @@ class CudaEngine(Engine):
         frame = self._training_frame(scene, settings, training)
         values = self._training_values(scene, settings, training)
         pictures = (training.target, training.weights, training.image_gradient)
+        of_fills = (training.frames_gradient, training.stops_gradient)
         with self._driver.active():
-            plan = self._plan(frame, scene, settings, (scene, *pictures, training.state))
+            plan = self._plan(frame, scene, settings, (scene, *pictures, *of_fills, training.state))
             if training.image is None and (image := self._picture_for(scene, training.wanted_importance)) is not None:
                 values.image = image.data_ptr()
             loss = torch.empty((), dtype=torch.float64, device=self.device)
@@ -220,7 +221,7 @@ class CudaEngine(Engine):
         frame.target = pointer(target, "target", shape, self.device)
         frame.gradient = pointer(gradient, "gradient", shape, self.device)
         frame.weights = pointer(weights, "weights", shape[:2], self.device)
-        kernels = self._load(Program(scene.mode, scene.channels))
+        kernels = self._load(Program.of(scene))
         step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
         workspace = Workspace(sizes, self._allocate)
         attach(frame, workspace.tensors() | (outputs or {}) | {"step": step, "status": self._status})
@@ -244,6 +245,10 @@ class CudaEngine(Engine):
         frame.moments = pointer(state.moments, "moments", (n, values_per_curve(k), 4), self.device)
         frame.edge_moments = pointer(state.edge_moments, "edge_moments", (n, 4), self.device)
         frame.ages = pointer(state.ages, "ages", (n,), self.device, torch.int32)
+        if (fills := scene.gradients) is not None:
+            of_stops = (n, fills.most_stops, 4)
+            frame.out_frames = pointer(training.frames_gradient, "frames_gradient", (n, 2, 3), self.device)
+            frame.out_stops = pointer(training.stops_gradient, "stops_gradient", of_stops, self.device)
         return frame
 
     def _training_values(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> StepValues:
@@ -262,11 +267,11 @@ class CudaEngine(Engine):
 
         A stream has plans of its own: their buffers are of its memory, which is given out again in its order.
         """
-        key = bytes(frame) + f"{scene.mode} {scene.channels} {self._driver.stream()}".encode()
+        key = bytes(frame) + f"{Program.of(scene).name} {self._driver.stream()}".encode()
         if key in self._plans:
             self._plans.move_to_end(key)
             return self._plans[key]
-        kernels = self._load(Program(scene.mode, scene.channels))
+        kernels = self._load(Program.of(scene))
         while len(self._plans) >= PLANS_KEPT:
             self._plans.popitem(last=False)
         workspace = Workspace(Sizes.of(scene, settings, True, self.most_looks), self._allocate)

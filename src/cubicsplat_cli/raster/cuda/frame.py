@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.raster.engine import IMPORTANCE, Rates, SceneTensors
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
@@ -66,15 +67,16 @@ class Frame(ctypes.Structure):
         for name in (
             "curves", "segments", "points_per_curve", "rings", "samples", "edge_stride", "width", "height",
             "tiles_x", "tiles_y", "super_shift", "supers_x", "supers_y", "words", "slots", "logits", "backward",
-            "exact",
+            "exact", "most_stops",
         )
     ] + [
         (name, c_void_p)
         for name in (
             "points", "colours", "opacities", "half_widths", "edge_widths", "ring_ends",
-            "bounds", "edges", "inverses", "attributes", "super_masks",
+            "kinds", "counts", "frames", "offsets", "stops", "bounds", "edges", "inverses", "attributes", "super_masks",
             "target", "gradient", "weights", "vertex_gradients", "sums", "tile_sums", "order",
             "out_points", "out_colours", "out_opacities", "out_half_widths", "out_edge_widths",
+            "out_frames", "out_stops",
             "moments", "edge_moments", "ages", "status", "step",
         )
     ]  # fmt: skip
@@ -235,8 +237,6 @@ def order_places(frame: Frame) -> int:
 
 def make_frame(scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device) -> Frame:
     """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors."""
-    if scene.gradients is not None:
-        raise EngineError("the CUDA engine has no gradient fills; use --device cpu")
     n, k = sizes.curves, sizes.points_per_curve
     rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
     return Frame(
@@ -251,7 +251,22 @@ def make_frame(scene: SceneTensors, settings: RasterSettings, sizes: Sizes, slot
         half_widths=pointer(scene.half_widths, "half_widths", (n,), device),
         edge_widths=pointer(scene.edge_widths, "edge_widths", (n,), device),
         ring_ends=pointer(scene.ring_ends, "ring_ends", (n, rings), device, torch.int32),
+        **_gradient_fields(scene.gradients, n, device),
     )  # fmt: skip
+
+
+def _gradient_fields(given: Gradients | None, n: int, device: torch.device) -> dict[str, int | None]:
+    if given is None:
+        return {}
+    s = given.most_stops
+    return {
+        "most_stops": s,
+        "kinds": pointer(given.kinds, "gradients.kinds", (n,), device, torch.int32),
+        "counts": pointer(given.counts, "gradients.counts", (n,), device, torch.int32),
+        "frames": pointer(given.frames, "gradients.frames", (n, 2, 3), device),
+        "offsets": pointer(given.offsets, "gradients.offsets", (n, s), device),
+        "stops": pointer(given.stops, "gradients.stops", (n, s, 4), device),
+    }
 
 
 def attach(frame: Frame, tensors: dict[str, Tensor]) -> None:

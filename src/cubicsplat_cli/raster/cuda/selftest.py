@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors, Training
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -37,6 +38,17 @@ EXPECTED: dict[tuple[Mode, int, str], tuple[float, ...]] = {
     (Mode.OPEN, 3, "exact"): (164.139, -1.53291, 1.17734, -0.92975, -51.7525, -10.7991, 9.56208),
     (Mode.OPEN, 4, "relaxed"): (257.897, -1.17633, -0.699511, -3.7952, -103.018, -10.5145, 11.4528),
     (Mode.OPEN, 4, "exact"): (259.124, -1.72238, -0.770784, -3.94963, -101.613, -10.7345, 11.214),
+}
+# The same of curves with gradients, with the weighted sums of the gradients of their frames and stops.
+EXPECTED_PAINTED: dict[tuple[Mode, int, str], tuple[float, ...]] = {
+    (Mode.CLOSED, 3, "relaxed"): (163.398, -1.80565, -0.459191, -4.26671, -69.0166, 29.2911, 15.2853, 15.2846),
+    (Mode.CLOSED, 3, "exact"): (164.376, -1.88784, -0.438674, -4.18136, -68.147, 27.9985, 15.3348, 15.1593),
+    (Mode.CLOSED, 4, "relaxed"): (276.197, 0.266544, -0.540583, -24.4458, -66.3418, -4.16729, 17.8191, 9.93802),
+    (Mode.CLOSED, 4, "exact"): (276.78, -0.015283, -0.538028, -24.1184, -64.7437, -5.1689, 17.5482, 9.81183),
+    (Mode.OPEN, 3, "relaxed"): (163.732, -1.89195, 0.860768, -6.37194, -57.016, -12.7622, 3.83072, 10.6899, 13.3778),
+    (Mode.OPEN, 3, "exact"): (164.922, -2.23962, 0.854151, -6.28733, -55.6932, -12.9303, 2.3746, 10.7778, 13.1528),
+    (Mode.OPEN, 4, "relaxed"): (275.35, -0.686248, 0.187, -28.6292, -39.3285, -4.58277, 3.68283, 26.2827, 5.44636),
+    (Mode.OPEN, 4, "exact"): (276.41, -1.0996, 0.17749, -28.2784, -38.2673, -4.77442, 2.90103, 26.1657, 5.30485),
 }
 # The same: loss at the last of the training steps, and weighted sums of how far the parameters have come after it.
 EXPECTED_STEPS: dict[tuple[Mode, int, str], tuple[float, ...]] = {
@@ -70,7 +82,24 @@ def scene(program: Program, device: torch.device | str = "cpu") -> SceneTensors:
     background = (0.9, 0.85, 0.7) if program.channels == 3 else None
     given = (torch.stack(shapes), colours, opacities, half_widths)
     points, colours, opacities, half_widths = (t.float().contiguous().to(device) for t in given)
-    return SceneTensors(program.mode, WIDTH, HEIGHT, points, colours, opacities, half_widths, background)
+    fills = gradients(device) if program.painted else None
+    return SceneTensors(
+        program.mode, WIDTH, HEIGHT, points, colours, opacities, half_widths, background, gradients=fills
+    )  # fmt: skip
+
+
+def gradients(device: torch.device | str) -> Gradients:
+    """Flat fills, linear and radial gradients in turn, of one to three stops."""
+    curves = torch.arange(CURVES)
+    turn = 0.9 * curves[:, None, None] + torch.tensor([[0.0, 1.6], [1.6, 3.1]])
+    plane = 0.06 * (turn.cos() + torch.eye(2))
+    shift = 0.4 - plane @ torch.stack(((5.3 + 6.1 * curves) % WIDTH, (4.2 + 4.7 * curves) % HEIGHT), -1)[..., None]
+    offsets = torch.stack((0.1 + 0.0 * curves, 0.4 + 0.1 * curves.sin(), 0.9 + 0.1 * curves.cos()), 1)
+    stops = 0.5 + 0.45 * (curves[:, None, None] + 1.7 * torch.arange(12).view(3, 4)).sin()
+    kinds, counts = curves % 3, 1 + curves // 3 % 3
+    floats = (t.float().contiguous().to(device) for t in (torch.cat((plane, shift), 2), offsets, stops))
+    frames, offsets, stops = floats
+    return Gradients(kinds.int().to(device), frames, counts.int().to(device), offsets, stops)
 
 
 def target(program: Program, device: torch.device | str = "cpu") -> Tensor:
@@ -102,7 +131,8 @@ def digest(loss: float, values: list[Tensor]) -> tuple[float, ...]:
 
 def gradient_names(program: Program) -> list[str]:
     """What of `gradients()` is compared."""
-    return ["points", "colours", "opacities"] + ["half_widths"] * (program.mode is Mode.OPEN) + ["importance"]
+    strokes, fills = ["half_widths"] * (program.mode is Mode.OPEN), ["frames", "stops"] * program.painted
+    return ["points", "colours", "opacities", *strokes, *fills, "importance"]
 
 
 def _drawn(engine: Engine, program: Program, coverage: str) -> tuple[float, ...]:
@@ -124,10 +154,12 @@ def self_test(engine: Engine, program: Program) -> None:
     """Raises EngineError where the engine's numbers are not the expected ones: pictures, gradients, training steps."""
     for coverage in COVERAGES:
         key = (program.mode, program.channels, coverage)
-        for doing, got, expected in (
-            ("gradients", _drawn(engine, program, coverage), EXPECTED[key]),
-            ("training", _trained(engine, program, coverage), EXPECTED_STEPS[key]),
-        ):
+        cases = [
+            ("gradients", _drawn(engine, program, coverage), (EXPECTED_PAINTED if program.painted else EXPECTED)[key])
+        ]
+        if not program.painted:  # a step does nothing else with gradients
+            cases.append(("training", _trained(engine, program, coverage), EXPECTED_STEPS[key]))
+        for doing, got, expected in cases:
             for value, right in zip(got, expected, strict=True):
                 if not abs(value - right) <= TOLERANCE * (1.0 + abs(right)):
                     raise EngineError(

@@ -1,7 +1,7 @@
 // Stage raster, the way back: gradients of the curves that a tile's pixels see, and what each curve is worth.
 #pragma once
 
-#include "cover.cuh"
+#include "ink.cuh"
 
 namespace cs {
 
@@ -133,15 +133,17 @@ CS_INLINE void return_pair(const Frame& f, const Lists& s, const Place& p, int p
   const float* attributes = s.attributes(pair);
   const int edge = int(seeing.found.nearest.edge);
   if (!any(seeing.cover.coverage > 0.0f || edge >= 0)) return;
-  const float raw = attributes[kOpacity] * seeing.cover.coverage, alpha = limited(raw);
-  float weight, d_alpha = composite_backward<kChannels>(alpha, attributes, pixel.gradient, pixel.state, weight);
+  const Ink ink(f, attributes, curve, p.px, p.py);
+  const float raw = ink.opacity * seeing.cover.coverage, alpha = limited(raw);
+  float weight, d_alpha = composite_backward<kChannels>(alpha, ink.colour, pixel.gradient, pixel.state, weight);
   if (raw > kMaxAlpha) d_alpha = 0.0f;
-  const float d_coverage = d_alpha * attributes[kOpacity];
+  const float d_coverage = d_alpha * ink.opacity;
   float values[8];
   for (int c = 0; c < 3; c++) values[c] = weight * pixel.gradient[c];
   values[kSumOpacity] = d_alpha * seeing.cover.coverage;
+  ink.give_back(f, attributes, curve, p.px, p.py, p.lane, values);
   values[kSumHalfWidth] = d_coverage * seeing.cover.widening;
-  values[kSumImportance] = kind == 0 ? 0.0f : importance_of(f, p, kind, alpha, weight, attributes, pixel);
+  values[kSumImportance] = kind == 0 ? 0.0f : importance_of(f, p, kind, alpha, weight, ink.colour, pixel);
   values[kSumEdgeWidth] = d_coverage * seeing.cover.softening;
   values[7] = 0.0f;
   // Colour and opacity come first; a fill of common edge width has no more when nobody asks for its importance.

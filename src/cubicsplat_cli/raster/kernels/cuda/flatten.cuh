@@ -115,6 +115,11 @@ CS_INLINE void flatten_curve(const Frame& f) {
   float* gradients = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;
   for (int i = lane; i < 2 * (edges + 1); i += kWarp) gradients[i] = 0.0f;
   if (lane < kSums) f.sums[size_t(curve) * kSums + lane] = 0.0f;
+#if CS_PAINTED
+  if (f.out_frames && lane < kFrameValues) f.out_frames[size_t(curve) * kFrameValues + lane] = 0.0f;
+  const int stops = f.out_stops ? kStopValues * f.most_stops : 0;
+  for (int i = lane; i < stops; i += kWarp) f.out_stops[size_t(curve) * stops + i] = 0.0f;
+#endif
 }
 
 CS_INLINE bool touches(const float4& box, float left, float top, float right, float bottom) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "curve.h"
+#include "paint.h"
 
 // What the picture is made of is fixed when the text is compiled: one small program per mode and number of channels.
 #ifndef CS_CLOSED
@@ -9,6 +10,9 @@
 #endif
 #ifndef CS_CHANNELS
 #error "CS_CHANNELS must be 3 (RGB) or 4 (premultiplied RGBA)"
+#endif
+#ifndef CS_PAINTED
+#error "CS_PAINTED must be 1 for curves with gradients or 0 for flat ones"
 #endif
 
 namespace cs {
@@ -70,10 +74,14 @@ struct Frame {
   int words;        // of a super-tile's set of curves, one bit each
   int slots;        // of a warp
   int logits, backward, exact;
+  int most_stops;  // of a gradient
   // parameters of the curves; changed in place where moments are given
   float *points, *colours, *opacities, *half_widths;
   float* edge_widths;  // N, or null: each curve's own relaxed edge instead of step->edge_width
   const int* ring_ends;  // N x R, or null where every curve is one ring of all segments: see Rings in curve.h
+  // gradient fills, in programs for them: see Paints in paint.h
+  const int *kinds, *counts;  // N
+  const float *frames, *offsets, *stops;  // N x 2 x 3, N x most_stops, N x most_stops x 4
   // the flattened curves
   float4* bounds;     // N: left, top, right, bottom, reach included
   float4* edges;      // N x edge_stride: start and end
@@ -90,6 +98,7 @@ struct Frame {
   int* order;               // 2 x kCosts x (1 + tiles), or null: see order.cuh
   // gradients of the parameters as given; null where not wanted
   float *out_points, *out_colours, *out_opacities, *out_half_widths, *out_edge_widths;
+  float *out_frames, *out_stops;
   // optimiser; null without a training step
   float4* moments;  // N x (2K + kPaints): mean, change, square, previous gradient
   float4* edge_moments;  // N, for edge_widths
@@ -97,6 +106,9 @@ struct Frame {
   int* status;      // 1 + the first curve with a value that is not finite, 0 for none; number of that step
   const Step* step;
 
+  CS_INLINE Paint paint_of(unsigned curve) const {
+    return Paints{kinds, counts, frames, offsets, stops, most_stops}.of(curve);
+  }
   CS_INLINE Rings rings_of(int curve) const {
     return {ring_ends ? ring_ends + size_t(curve) * rings : nullptr, rings, segments};
   }

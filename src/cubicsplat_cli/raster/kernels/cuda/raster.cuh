@@ -51,9 +51,9 @@ CS_INLINE bool visit_batch(const Frame& f, const Lists& s, const Place& p, int f
     if (way.back) {
       return_pair(f, s, p, pair, curve, outline, seeing, f.step->importance_kind, pixel);
     } else {
-      const float* attributes = s.attributes(pair);
-      const float alpha = limited(attributes[kOpacity] * seeing.cover.coverage);
-      composite<kChannels>(alpha, attributes, pixel.state.transmittance, pixel.colour);
+      const Ink ink(f, s.attributes(pair), curve, p.px, p.py);
+      const float alpha = limited(ink.opacity * seeing.cover.coverage);
+      composite<kChannels>(alpha, ink.colour, pixel.state.transmittance, pixel.colour);
     }
     live = any(pixel.state.transmittance >= kMinTransmittance);
   }
