@@ -60,7 +60,11 @@ class Gatherer {
     const uint32_t count = task_.pair_count, padded = groups_for(count) * kLanes;
     Outlines all{arena_.take<Outline>(count), count, arena_.take<uint16_t>(padded)};
     uint32_t most = 0;
-    for (uint32_t i = 0; i < count; i++) most = task_.pairs[i]->edge_count > most ? task_.pairs[i]->edge_count : most;
+    for (uint32_t i = 0; i < count; i++) {
+      const Pair& pair = *task_.pairs[i];
+      most = pair.edge_count > most ? pair.edge_count : most;
+      ask_for_edges(pair);
+    }
     crossings_ = arena_.take<Lanes>(2 * most);
     for (uint32_t i = 0; i < count; i++) {
       gather(*task_.pairs[i], all.list[i]);
@@ -87,6 +91,13 @@ class Gatherer {
   Arena& arena_;
   float x0_, y0_;
   Lanes* crossings_ = nullptr;
+
+  void ask_for_edges(const Pair& pair) const {
+    if (pair.kind == PairKind::inside) return;
+    const ChunkView& chunk = task_.chunks[pair.primitive / task_.chunk_size];
+    ask_for(chunk.lines + pair.edge_begin, pair.edge_count * sizeof(Line));
+    if (task_.backward) ask_for(chunk.edge_gradients + pair.edge_begin, pair.edge_count * sizeof(EdgeGradient));
+  }
 
   void gather(Pair& pair, Outline& o) {
     o.primitive = &task_.primitives[pair.primitive];

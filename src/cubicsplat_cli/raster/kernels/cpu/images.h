@@ -67,5 +67,16 @@ struct Window {
   static int clipped(int left) { return left < kBlock ? left : kBlock; }
 };
 
+// Asks for a tile's rows of a picture of several channels: they lie far apart.
+inline void ask_for_rows(const TileTask& task, const float* image) {
+  const int left = task.tile_x * kTile, top = task.tile_y * kTile;
+  const int columns = task.scene->width - left < kTile ? task.scene->width - left : kTile;
+  const int bottom = task.scene->height - top < kTile ? task.scene->height : top + kTile;
+  for (int y = top; y < bottom; y++) {
+    const size_t first = (size_t(y) * task.scene->width + left) * task.scene->channels;
+    ask_for(image + first, size_t(columns) * task.scene->channels * sizeof(float));
+  }
+}
+
 }  // namespace CS_ISA
 }  // namespace cs

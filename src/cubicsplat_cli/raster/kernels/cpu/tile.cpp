@@ -143,6 +143,7 @@ class BlockWork {
 
 template <int C, class Ink>
 void raster(const TileTask& task) {
+  if (task.images->target) ask_for_rows(task, task.images->target);
   Arena arena{task.scratch};
   const Outlines outlines = Gatherer(task, arena).run();
   Record* records = arena.take<Record>(task.pair_count);
