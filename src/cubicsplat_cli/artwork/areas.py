@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.ramps import alike
 from cubicsplat_cli.artwork.shades import Shade, shade_of
 
 # Levels: a second difference that rounding makes, the steepest change per px, and what a gradient explains of a pixel.
@@ -27,6 +28,8 @@ CLEAR = 0.5  # levels of opacity
 ALIKE = 0.4  # share of an area's pixels that another's gradient explains, for one to be sought for both
 # Px across which a gradient may go on, px along which it must, and levels by which it may be off there.
 GAP, CONTACT, SHARP = 4, 8, 12.0
+SAME_RAMP = 2.0  # levels by which two ramps may be off each other, for one to be sought for both
+MOST_HINTS = 3
 DEEPEST, SEEDS, LEAST_SHARE = 2, 3, 0.3
 RING = 4  # px of its surroundings that a part is looked at with
 PLUS = ndimage.generate_binary_structure(2, 1)
@@ -99,7 +102,11 @@ class _Search:
         if self.left <= 0:
             return None
         self.left -= 1
-        return shade_of(x, y, values)
+        return shade_of(x, y, values, self.hints())
+
+    def hints(self) -> list[Shade]:
+        """The last few radial gradients found."""
+        return [shade for shade in {id(a.shade): a.shade for a in self.found}.values() if shade.radial][-MOST_HINTS:]
 
 
 def _united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Area]:
@@ -112,8 +119,13 @@ def _united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Ar
             continue
         part = _Part(levels, area.mask, whole)
         for k, group in enumerate(groups):
-            if part.explained(group.shade.extended()).mean() >= ALIKE or _continues(group, part):
-                one = _one(levels, [*group.members, part])
+            likely = (
+                part.explained(group.shade.extended()).mean() >= ALIKE
+                or alike(area.shade.ramp, group.shade.ramp) <= SAME_RAMP
+                or _continues(group, part)
+            )
+            if likely:
+                one = _one(levels, [*group.members, part], [group.shade, area.shade])
                 if one is not None:
                     groups[k] = _Group(one, [*group.members, part])
                     break
@@ -152,7 +164,7 @@ def _continue(levels: np.ndarray, parts: np.ndarray, claimed: np.ndarray, group:
     for name in names[sizes >= CONTACT]:
         part = _Part(levels, (parts == name) & ~claimed, whole)
         if len(part.x) >= LEAST_AREA and _continues(group, part):
-            one = _one(levels, [*group.members, part])
+            one = _one(levels, [*group.members, part], [group.shade])
             if one is not None:
                 group.shade = one
                 group.members.append(part)
@@ -166,11 +178,14 @@ def _continue(levels: np.ndarray, parts: np.ndarray, claimed: np.ndarray, group:
     claimed |= known
 
 
-def _one(levels: np.ndarray, members: list[_Part]) -> Shade | None:
+def _one(levels: np.ndarray, members: list[_Part], hints: list[Shade]) -> Shade | None:
     """The gradient that explains all of these, if there is one."""
     whole = (slice(0, levels.shape[0]), slice(0, levels.shape[1]))
     union = _Part(levels, np.logical_or.reduce([part.mask for part in members]), whole)
-    shade = shade_of(union.x, union.y, union.values)
+    shade = shade_of(union.x, union.y, union.values, hints)
+    # One that needs more stops than any of them only strings them together.
+    if len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
+        return None
     return shade if all(part.explained(shade).mean() >= EXPLAINED for part in members) else None
 
 

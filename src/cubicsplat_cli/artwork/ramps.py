@@ -34,6 +34,16 @@ class Ramp:
         return np.stack([np.interp(t, self.knots, self.colours[:, k]) for k in range(4)], axis=-1)
 
 
+def alike(first: Ramp, second: Ramp) -> float:
+    """How far, in levels, the colours of one ramp are from those of the other, the shorter of both ways."""
+    ways = []
+    for a, b in ((first, second), (second, first)):
+        here, there = (r.at(np.linspace(r.knots[0], r.knots[-1], n)) for r, n in ((a, 9), (b, 65)))
+        gaps = np.abs(here[:, None] - there[None]).max(axis=2).min(axis=1)
+        ways.append(float(np.median(gaps)))
+    return min(ways)
+
+
 def misfit(residuals: np.ndarray) -> float:
     """Half of chi^2, in nats, of residuals (n, 4) in levels."""
     chi = (residuals * residuals).sum(axis=1) / (SIGMA * SIGMA)

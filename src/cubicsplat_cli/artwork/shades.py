@@ -8,6 +8,7 @@ it spreads as an ellipse |A (p - c)| = t, it is that of A^T A (p - c). Either is
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,8 +75,11 @@ class Shade:
         return PRICE * (self.parameters + STOP_PARAMETERS * len(self.ramp.knots))
 
 
-def shade_of(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> Shade:
-    """The gradient with the shortest description of pixels: x, y (n,) px, values (n, 4) premultiplied levels."""
+def shade_of(x: np.ndarray, y: np.ndarray, values: np.ndarray, hints: Sequence[Shade] = ()) -> Shade:
+    """The gradient with the shortest description of pixels: x, y (n,) px, values (n, 4) premultiplied levels.
+
+    hints: gradients that these pixels may have too; a small part of an ellipse says little about its middle.
+    """
     places, slopes = _slopes(x, y, values)
     # Some pixels, in an order that is the same each time but follows neither rows nor columns.
     order = np.random.default_rng(0).permutation(len(x))
@@ -83,7 +87,8 @@ def shade_of(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> Shade:
     px, py, pv = x[few], y[few], values[few]
     scale = float(len(x)) / len(px)
     best, least = None, np.inf
-    for frame, radial, parameters in _likely(_frames(places, slopes), px, py, pv):
+    frames = _frames(places, slopes) + [(hint.frame, True, 5) for hint in hints if hint.radial]
+    for frame, radial, parameters in _likely(frames, px, py, pv):
         shade = _settled(Shade(frame, radial, _ramp(frame, radial, px, py, pv), parameters), px, py, pv)
         cost = scale * misfit(shade.at(px, py) - pv) + shade.price
         if cost < least:
