@@ -38,7 +38,10 @@ CS_INLINE unsigned lowest_bit(unsigned m) {
 // Asks for memory that will be needed soon: a tile's share of large lists and pictures, scattered as it is.
 CS_INLINE void ask_for(const void* begin, size_t bytes) {
 #if defined(__GNUC__)
-  for (size_t at = 0; at < bytes; at += 64) __builtin_prefetch(static_cast<const char*>(begin) + at);
+  for (size_t at = 0; at < bytes; at += 64) {
+    __builtin_prefetch(static_cast<const char*>(begin) + at);
+    __asm__ __volatile__("");  // or GCC takes the function for one without effects, and leaves out its calls
+  }
 #endif
 }
 
