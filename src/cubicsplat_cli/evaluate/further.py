@@ -95,7 +95,7 @@ def _network() -> Any:
     try:
         return library.LearnedPerceptualImagePatchSimilarity(net_type="alex", normalize=True).eval()
     except ModuleNotFoundError as error:
-        raise EngineError(f"lpips needs torchvision ({one_line(error)}); pip install 'cubicsplat[measures]'") from error
+        raise EngineError("lpips needs torchvision; pip install 'cubicsplat[measures]'") from error
     except (URLError, OSError, RuntimeError) as error:
         import torch
 
