@@ -11,6 +11,7 @@ from PIL import Image
 
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
+from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.evenness import evenness
 from cubicsplat_cli.artwork.input.palette import noisy_inks
 from cubicsplat_cli.artwork.input.restore import restored
@@ -138,3 +139,37 @@ def test_evenness_is_of_what_lies_on_the_ground():
     assert evenness(ground, drawn) < 0.3
     noisy = np.where(np.arange(60)[:, None, None] < 20, [200.0, 30.0, 60.0], 90.0) + random.integers(-4, 5, (60, 60, 3))
     assert evenness(noisy.astype(np.float32), drawn) > 0.6
+
+
+# --- enlarged pictures ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("times", [2, 3])
+@pytest.mark.parametrize("filtered", ["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS"])
+def test_an_enlarged_picture_is_known_as_it_was(times, filtered):
+    small = np.rint(255.0 * target("palette")).astype(np.uint8)
+    large = Image.fromarray(small).resize((SIDE * times, SIDE * times), Image.Resampling[filtered])
+    found, factor = before_enlargement(as_levels(as_picture(np.asarray(large)).target()))
+    assert factor == times
+    off = np.abs(found[..., :3] - small).max(axis=-1)
+    assert (off <= 3.0).mean() > 0.995
+
+
+def test_what_was_not_enlarged_stays():
+    for kind in ("clean", "palette", "jpeg", "noisy", "blurred"):
+        levels = as_levels(target(kind))
+        found, factor = before_enlargement(levels)
+        assert factor == 1 and found is levels, kind
+    # Shapes on a grid of two px are no enlarged pixels.
+    boxes = as_levels(target("clean", '<path d="M20 20H80V60H20zM100 40H140V120H100z"/>'))
+    assert before_enlargement(boxes)[1] == 1
+
+
+def test_an_enlarged_picture_is_drawn_as_it_was():
+    circle = '<circle cx="80" cy="80" r="50.4" fill="#be1931"/>'
+    small, large = draw(target("clean", circle)), draw(target("enlarged", circle))
+    assert (large.width, large.height) == (SIDE, SIDE)
+    (shape,) = large.shapes
+    (found,) = shape.outlines
+    assert isinstance(found, Circle) and shape.ink == small.shapes[0].ink
+    assert (found.cx, found.cy, found.r) == pytest.approx((80.0, 80.0, 50.4), abs=0.06)

@@ -13,6 +13,7 @@ from cubicsplat_cli.artwork.extents import Extent, extents
 from cubicsplat_cli.artwork.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
+from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged, reduced, reduction
 from cubicsplat_cli.artwork.names import shape_name
@@ -34,14 +35,19 @@ BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
 def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing:
     """The drawing of a flat picture: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1].
 
-    Very large pictures, and those of very many regions, are drawn with less detail (`limits`), which is logged. What
-    has hardly a region of more than a few px is drawn as it looks from farther away.
+    What was made larger by a whole number is drawn as it was before. Very large pictures, and those of very many
+    regions, are drawn with less detail (`limits`), which is logged. What has hardly a region of more than a few px is
+    drawn as it looks from farther away.
     """
     settings = settings or ArtworkSettings()
     full_height, full_width = target.shape[:2]
     factor = reduction(full_height, full_width)
     seen = reduced(as_levels(target), factor)
     condition = condition_of(seen)
+    small, times = (seen, 1) if condition.noise else before_enlargement(seen)
+    if times > 1:
+        drawing = draw(small / np.float32(255.0), replace(settings, min_area=settings.min_area / (factor * times) ** 2))
+        return enlarged(drawing, factor * times, full_width, full_height)
     error = condition.edge_error
     flat = without_gradients(seen, settings) if condition.clean else without_noise(seen, condition, settings)
     levels, regions, layers, parts = _planned(flat.levels, settings, factor, error)

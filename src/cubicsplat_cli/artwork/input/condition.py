@@ -85,7 +85,7 @@ def condition_of(levels: np.ndarray) -> Condition:
     if jpeg:
         near = quiet & (ndimage.uniform_filter(rough.astype(np.float32), BLOCK + 1) > 0.0)
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * LARGER))
-    blur = _blur(luma, max(2.0, 3.0 * noise))
+    blur = edge_blur(levels, noise) or 0.0
     return Condition(noise, jpeg, blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0)
 
 
@@ -132,11 +132,12 @@ def _blocks(values: np.ndarray, start: int, side: int) -> np.ndarray:
     return part.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(-1, side, side)
 
 
-def _blur(luma: np.ndarray, even: float) -> float:
-    """px that edges are wider than by their pixels, 0 where too few are fit to measure it."""
+def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
+    """px that the edges of a picture are wider than by their pixels, None where too few are fit to measure it."""
+    luma, even = levels @ LUMA, max(2.0, 3.0 * noise)
     found = np.concatenate([_variances(luma, even), _variances(luma.T, even)])
     if len(found) < FEWEST:
-        return 0.0
+        return None
     least, usual = np.sqrt(np.maximum(np.quantile(found, [0.25, 0.5]), 0.0))
     return float(usual) if least >= SHARPER * usual else 0.0
 
