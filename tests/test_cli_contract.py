@@ -292,7 +292,7 @@ def test_every_setting_of_a_fit_has_one_option_and_the_library_takes_it():
         "curves": 9, "mode": "open", "preset": "draft", "steps": 3, "time_limit": 4.5, "segments": 2, "samples": 9,
         "device": "cpu", "threads": 2, "seed": 5, "background": "teal", "opaque": True, "prune": False,
         "importance": "visibility", "geometric_reg": 0.5, "thorn_reg": 0.25, "flatten": "de-casteljau", "edges": "soft",
-        "loss": "l1",
+        "loss": "l1", "fill": "linear",
     }  # fmt: skip
     assert set(chosen) == set(names)
     settings = fit_settings(chosen)

@@ -46,7 +46,7 @@ class Request:
     renderer and measured. weights, focus: how much the pixels matter to the fit of a photo; masks: a folder in
     which each picture has weights of its own. init: the drawing that it
     begins with; freeze: whose curves stay as they are. max_bytes, target_psnr: of the file; the number of curves is
-    found for it. Where any of these is given, or a loss of its own, the style is "photo";
+    found for it. Where any of these is given, or a loss or fill other than usual, the style is "photo";
     where artwork is to be cut out, it is "artwork".
     """
 
@@ -106,7 +106,7 @@ class Request:
         ]
         if self.masks is not None:
             asked.insert(0, "weights")
-        return asked if self.settings.loss == FitSettings.loss else [*asked, "loss"]
+        return asked + [name for name in ("loss", "fill") if getattr(self.settings, name) != getattr(FitSettings, name)]
 
     def of_artwork(self) -> list[str]:
         """What is asked for that only a drawing can have."""

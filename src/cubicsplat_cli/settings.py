@@ -249,6 +249,13 @@ class FitSettings:
         metavar="LOSS",
         group="Quality",
     )
+    fill: str = setting(
+        "flat",
+        "choice",
+        "Of a curve: one colour (flat), or two and a gradient between them (linear).",
+        choices=("flat", "linear"),
+        group="Quality",
+    )
     device: str = setting(
         "auto", "choice", "Where to compute; auto takes a GPU that works.", choices=("auto", "cpu", "cuda")
     )

@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from cubicsplat_cli.photo.fills import LinearFills, middles_of
 from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -27,7 +28,17 @@ def new_curves(points: Tensor, colour_logits: Tensor, half_width: float, setting
         all_alike(OPAQUE_LOGIT if recipe.opaque else recipe.opacity_logit),
         all_alike(half_width),
         all_alike(recipe.soft_edge),
+        fills=LinearFills.flat(colour_logits, farthest(points)) if settings.fill == "linear" else None,
     )
+
+
+def farthest(points: Tensor, ring_ends: Tensor | None = None) -> Tensor:
+    """(n, 2) px: of each curve's control points (n, K, 2) one farthest from their mean, seen from there."""
+    away = points - middles_of(points, ring_ends).unsqueeze(1)
+    if ring_ends is not None:
+        away = away * (torch.arange(points.shape[1], device=points.device) < 3 * ring_ends[:, -1:]).unsqueeze(-1)
+    index = away.square().sum(-1).argmax(1)
+    return away[torch.arange(len(points), device=points.device), index]
 
 
 def control_points(centres: Tensor, radius: float, settings: FitSettings, generator: torch.Generator) -> Tensor:

@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.curvetensors import CurveTensors
+from cubicsplat_cli.gradients import Gradients
+from cubicsplat_cli.photo.fills import LinearFills, middles_of
 from cubicsplat_cli.raster.engine import SceneTensors
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
@@ -19,7 +21,8 @@ Background = tuple[float, float, float] | None
 class Parameters(CurveTensors):
     """points (N, K, 2) px, colour_logits (N, 3), opacity_logits (N,), half_widths (N,) px, edge_widths (N,) px.
 
-    Front to back. The edge widths count only where edges are soft. ring_ends (N, R) int32: as in `Scene`.
+    Front to back. The edge widths count only where edges are soft. ring_ends (N, R) int32: as in `Scene`. fills: None
+    where each curve has one colour; else the colour logits count for nothing.
     """
 
     points: Tensor
@@ -28,16 +31,26 @@ class Parameters(CurveTensors):
     half_widths: Tensor
     edge_widths: Tensor
     ring_ends: Tensor | None = None
+    fills: LinearFills | None = None
 
     @property
     def curves(self) -> int:
         return int(self.points.shape[0])
 
+    def gradients(self) -> Gradients | None:
+        """The fills as an engine draws them, in tensors of their own."""
+        return None if self.fills is None else self.fills.gradients(self.middles())
+
+    def middles(self) -> Tensor:
+        """(N, 2) px: from where the fills' ends are seen."""
+        return middles_of(self.points, self.ring_ends)
+
     def for_engine(self, mode: Mode, width: int, height: int, background: Background, *, soft: bool) -> SceneTensors:
-        """The same tensors (not copies) as the engine takes them; soft: with each curve's own edge width."""
+        """The same tensors, not copies but for gradients, as the engine takes them; soft: each curve's own edges."""
         return SceneTensors(
             mode, width, height, self.points, self.colour_logits, self.opacity_logits, self.half_widths, background,
             logits=True, edge_widths=self.edge_widths if soft else None, ring_ends=self.ring_ends,
+            gradients=self.gradients(),
         )  # fmt: skip
 
     def scene(self, mode: Mode, width: int, height: int, background: Background, *, opaque: bool) -> Scene:
@@ -46,7 +59,7 @@ class Parameters(CurveTensors):
         opacities = torch.ones_like(self.opacity_logits) if opaque else self.opacity_logits.sigmoid()
         return Scene(
             mode, width, height, self.points.clone(), self.colour_logits.sigmoid(), opacities, half_widths, background,
-            self.ring_ends,
+            self.ring_ends, self.gradients(),
         )  # fmt: skip
 
     def with_room(self, points: int, rings: int) -> Parameters:

@@ -13,6 +13,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from cubicsplat_cli.gradients import FLAT
 from cubicsplat_cli.scene import Scene
 
 LEVELS = 255
@@ -25,8 +26,14 @@ _ROUNDING = 1e-9
 def snapped(scene: Scene) -> Scene:
     """The scene with colours and opacities on the grid that 8-bit renderers keep; everything else as it is."""
     levels = (scene.opacities.double() * LEVELS).round()
-    colours = _colours(scene.colours.double(), levels.unsqueeze(1))
-    return replace(scene, opacities=_opacities(levels).float(), colours=colours.float())
+    colours = _colours(scene.colours.double(), levels.unsqueeze(1)).float()
+    opacities = _opacities(levels).float()
+    if scene.gradients is not None:
+        # Renderers composite gradients in finer steps.
+        flat = scene.gradients.kinds == FLAT
+        opacities = torch.where(flat, opacities, scene.opacities)
+        colours = torch.where(flat.unsqueeze(1), colours, scene.colours)
+    return replace(scene, opacities=opacities, colours=colours)
 
 
 def _opacities(levels: Tensor) -> Tensor:

@@ -23,7 +23,7 @@ from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.parameters import Background, Parameters
 from cubicsplat_cli.photo.schedule import Phase, Schedule
 from cubicsplat_cli.photo.snap import snapped
-from cubicsplat_cli.photo.start import parameters_of, warmed
+from cubicsplat_cli.photo.start import keep_fills, parameters_of, warmed
 from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster.engine import RATED, Engine, OptimiserState, Rates, SceneTensors, Training
@@ -187,12 +187,17 @@ class Trainer:
             self.goal, self.state, self._rates(self.schedule.phase(0.0)), importance_kind=self.recipe.importance,
             weights=self.weights, penalty=self.objective.judged_by,
         )  # fmt: skip
+        self.still: Tensor | None = None  # (N,): the curves that are frozen
         if self.frozen:
             scale = torch.ones(self.parameters.curves, RATED, device=device)
             scale[-self.frozen :] = 0.0
             self.training.rate_scale = scale
+            self.still = scale[:, 0] == 0.0
         if not self.objective.pixelwise:
             self.training.image_gradient = torch.empty_like(self.image)
+        if self.curves.gradients is not None:
+            self.training.frames_gradient = torch.empty_like(self.curves.gradients.frames)
+            self.training.stops_gradient = torch.empty_like(self.curves.gradients.stops)
         self.best = Best()
         self.saved: tuple[int, Parameters] | None = None  # what the host has of a GPU's fit, and of which step
         self.started = self.reported = time.perf_counter()
@@ -258,6 +263,8 @@ class Trainer:
                 values = getattr(sized, name)
                 kept = getattr(scene, name)[-self.frozen :]
                 (kept[:, : values.shape[1]] if values.ndim == 3 else kept).copy_(values)
+            if scene.gradients is not None:
+                keep_fills(scene.gradients, sized.gradients, self.frozen)
         return scene
 
     def relax(self) -> bool:
@@ -272,6 +279,8 @@ class Trainer:
         self.parameters.overwrite(begun.parameters)
         self.parameters.points.mul_(self.parameters.points.new_tensor([across, down]))
         self.parameters.half_widths.mul_(scale)
+        if self.parameters.fills is not None:
+            self.parameters.fills.resize(across, down)
         self.state.overwrite(begun.state)
         # The loss is a sum over the pixels: gradients of lengths grow with the scale, those of paints with the pixels.
         growth = torch.full_like(self.state.moments[0, :, 0], pixels)
@@ -352,7 +361,20 @@ class Trainer:
         self._report(loss)
 
     def _stepped(self, raster: RasterSettings) -> float | Tensor:
-        """A step of the engine; the loss before it."""
+        """A step of the engine, and of the fills, which are no business of its; the loss before it."""
+        fills, training = self.parameters.fills, self.training
+        if fills is None:
+            return self._drawn_step(raster)
+        assert self.curves.gradients is not None
+        assert training.frames_gradient is not None and training.stops_gradient is not None
+        middles = self.parameters.middles()
+        self.curves.gradients.overwrite(fills.gradients(middles))
+        loss = self._drawn_step(raster)
+        fills.learn(middles, training.frames_gradient, training.stops_gradient, training.rates, self.still)
+        return loss
+
+    def _drawn_step(self, raster: RasterSettings) -> float | Tensor:
+        """A step of the engine."""
         training = self.training
         if training.image_gradient is None:
             return self.engine.step(self.curves, raster, training)
