@@ -35,6 +35,14 @@ def refuse(source: Path | bytes, *words: str, **options) -> str:
     return message
 
 
+@pytest.mark.parametrize(
+    "beginning", [b"\x89PNG\r\n\x1a\nxx", b"\xff\xd8\xff\xe0\0", b"GIF89a\1", b"RIFF\0\0\0\0WEBPx", b"II*\0"]
+)
+def test_what_begins_like_a_picture_is_called_damaged(beginning):
+    with pytest.raises(InputError, match=r"^a\.png: .*damaged or truncated.*; save or download it again$"):
+        load_picture(beginning, name="a.png")
+
+
 def test_missing(tmp_path):
     refuse(tmp_path / "nowhere.png", "no such file")
 

@@ -67,7 +67,7 @@ BAD = {
     "missing.png": (None, "no such file"),
     "empty.png": (b"", "empty"),
     "cut.png": (PNG[: len(PNG) // 2], "damaged or truncated"),
-    "head_only.png": (PNG[:33], "is not a picture in a supported format"),
+    "head_only.png": (PNG[:33], "begins like a picture, but is damaged or truncated"),
     "text.png": (b"hello, I am text\n" * 9, "is not a picture in a supported format"),
     "drawing.svg": (b"<svg xmlns='http://www.w3.org/2000/svg'/>", "already vector"),
     "format.pdf": (b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n", "is not a picture in a supported format"),

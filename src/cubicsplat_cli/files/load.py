@@ -30,6 +30,7 @@ from cubicsplat_cli.settings import MAX_PIXELS
 from cubicsplat_cli.words import counted, one_line, printable
 
 _pillow_lock = threading.Lock()
+_BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"II*\0", b"MM\0*")
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +229,8 @@ def _not_a_picture(data: bytes, shown: str) -> str:
     head = data[:512].lstrip().lower()
     if head.startswith((b"<svg", b"<?xml")):
         return f"{shown}: is an SVG or XML file, already vector; give a raster picture ({FORMATS_TEXT})"
+    if data.startswith(_BEGINNINGS) or (data.startswith(b"RIFF") and data[8:12] == b"WEBP"):
+        return f"{shown}: begins like a picture, but is damaged or truncated; save or download it again"
     return f"{shown}: is not a picture in a supported format; give one of {FORMATS_TEXT}"
 
 
