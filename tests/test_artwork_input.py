@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.evenness import evenness
+from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
 from cubicsplat_cli.artwork.input.palette import noisy_inks
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.outlines import Circle
 from cubicsplat_cli.artwork.style import LEAST_EVEN, choose_style
-from cubicsplat_cli.artwork.vectorize import as_levels, draw
+from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.inputs import input_of, with_ground
 from cubicsplat_cli.files.convert import as_picture
@@ -32,13 +34,17 @@ FACE = (
 )
 
 
-def target(kind: str, body: str = FACE) -> np.ndarray:
-    """What tools get of a drawing, as the artwork style takes it."""
-    document = Document(
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIDE} {SIDE}">{body}</svg>'.encode(), "x", SIDE
-    )
+def pixels(kind: str, body: str = FACE) -> np.ndarray:
+    """What tools get of a drawing."""
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIDE} {SIDE}">{body}</svg>'
+    document = Document(text.encode(), "x", SIDE)
     with_ground(document, kind)
-    return as_picture(input_of(document, kind)).target()
+    return input_of(document, kind)
+
+
+def target(kind: str, body: str = FACE) -> np.ndarray:
+    """The same as the artwork style takes it."""
+    return as_picture(pixels(kind, body)).target()
 
 
 def test_clean_pictures_are_known_as_such():
@@ -173,3 +179,20 @@ def test_an_enlarged_picture_is_drawn_as_it_was():
     (found,) = shape.outlines
     assert isinstance(found, Circle) and shape.ink == small.shapes[0].ink
     assert (found.cx, found.cy, found.r) == pytest.approx((80.0, 80.0, 50.4), abs=0.06)
+
+
+# --- the command and the library ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "note"),
+    [("jpeg", "through JPEG artefacts of"), ("blurred", "through a blur of 1."), ("enlarged", "2 times as")],
+)
+def test_the_report_says_what_was_drawn_through(kind, note):
+    done = vectorize_pixels(pixels(kind), measure=False)
+    assert done.report.style == "artwork"
+    assert any(note in each for each in done.report.notes), done.report.notes
+
+
+def test_of_a_clean_picture_there_is_nothing_to_say():
+    assert taken_in(target("clean")).notes == []

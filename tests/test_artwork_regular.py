@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from test_artwork_draw import BLUE, RED, WHITE, box, disc, painted
 
+from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.regions import find_regions
 from cubicsplat_cli.artwork.sampling import samples_across
 from cubicsplat_cli.artwork.seams import without_seams
-from cubicsplat_cli.artwork.vectorize import as_levels, draw
+from cubicsplat_cli.artwork.vectorize import draw
 
 UNIT = 128 / 18  # px
 

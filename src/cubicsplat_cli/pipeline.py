@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 ARTWORK_SAMPLES = 48  # edges per cubic of the engine's own picture
 # A drawing that is further from the picture has lost something that people see.
 LEAST_ARTWORK_DB = 28.0
+# The same of pictures with noise, artefacts or blur, which a drawing has not.
+LEAST_THROUGH_DB = 18.0
 # Large pictures: the pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of
 # that are on which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/performance.md.
 ROUGH_PIXELS_PER_CURVE = 768
@@ -81,7 +83,7 @@ class Made:
 
     scene: None where the SVG holds no shape. write: gives the SVG's text for a title and a comment. samples: edges per
     cubic of the engine's own picture. paths: how many curves or shapes there are. facts: members of the report that are
-    the style's.
+    the style's. least_db: PSNR against its picture below which a drawing is too far from it.
     """
 
     scene: Scene | None
@@ -90,6 +92,7 @@ class Made:
     paths: int
     notes: list[str] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
+    least_db: float = LEAST_ARTWORK_DB
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +190,7 @@ def _styled(task: _Task) -> tuple[Style, Made]:
         return style, made
     threads = request.settings.threads
     level = psnr_db(target, of_scene(made.scene, target.width, target.height, made.samples, threads), threads)
-    if level is None or level >= LEAST_ARTWORK_DB:
+    if level is None or level >= made.least_db:
         return style, made
     reason = f"{style.reason}, but drawn as artwork it has only {level:.1f} dB"
     return Style(PHOTO, reason), _photo(task)
@@ -309,17 +312,21 @@ def _with_pixels(picture: Picture, enough: int) -> Picture:
 
 def _artwork(task: _Task) -> Made:
     """Few opaque shapes with exact outlines."""
+    from cubicsplat_cli.artwork.input.intake import taken_in
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import draw
 
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
-    drawing = scaled_drawing(draw(task.target.target(), chosen), *task.picture.size)
+    target = task.target.target()
+    intake = taken_in(target)
+    drawing = scaled_drawing(draw(target, chosen, intake), *task.picture.size)
     if chosen.stacking == CUTOUT:
         from cubicsplat_cli.artwork.planar.cutout import cut_out
 
         precision = task.request.precision
         drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
-    return _drawn(drawing, task.request)
+    least = LEAST_ARTWORK_DB if intake.condition.clean and intake.times == 1 else LEAST_THROUGH_DB
+    return replace(_drawn(drawing, task.request), notes=intake.notes, least_db=least)
 
 
 def _plain(ink: Ink, task: _Task) -> tuple[Style, Made]:

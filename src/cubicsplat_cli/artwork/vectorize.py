@@ -12,10 +12,10 @@ from cubicsplat_cli.artwork.contours import ROUNDING, crossings
 from cubicsplat_cli.artwork.extents import Extent, extents
 from cubicsplat_cli.artwork.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
-from cubicsplat_cli.artwork.input.condition import Condition, condition_of
-from cubicsplat_cli.artwork.input.enlargement import before_enlargement
+from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.intake import Intake, taken_in
 from cubicsplat_cli.artwork.input.restore import restored
-from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged, reduced, reduction
+from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.polish import polish
 from cubicsplat_cli.artwork.regions import Regions
@@ -32,25 +32,18 @@ MOST_POINTS, FEW, LEAST_AREA = 60_000, 16, 10
 BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
 
 
-def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing:
+def draw(target: np.ndarray, settings: ArtworkSettings | None = None, intake: Intake | None = None) -> Drawing:
     """The drawing of a flat picture: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1].
 
     What was made larger by a whole number is drawn as it was before. Very large pictures, and those of very many
     regions, are drawn with less detail (`limits`), which is logged. What has hardly a region of more than a few px is
-    drawn as it looks from farther away.
+    drawn as it looks from farther away. intake: `taken_in(target)`, where that is known already.
     """
-    settings = settings or ArtworkSettings()
-    full_height, full_width = target.shape[:2]
-    factor = reduction(full_height, full_width)
-    seen = reduced(as_levels(target), factor)
-    condition = condition_of(seen)
-    small, times = (seen, 1) if condition.noise else before_enlargement(seen)
-    if times > 1:
-        drawing = draw(small / np.float32(255.0), replace(settings, min_area=settings.min_area / (factor * times) ** 2))
-        return enlarged(drawing, factor * times, full_width, full_height)
+    settings, intake = settings or ArtworkSettings(), intake or taken_in(target)
+    seen, condition = intake.levels, intake.condition
     error = condition.edge_error
     flat = without_gradients(seen, settings) if condition.clean else without_noise(seen, condition, settings)
-    levels, regions, layers, parts = _planned(flat.levels, settings, factor, error)
+    levels, regions, layers, parts = _planned(flat.levels, settings, intake.scale, error)
     height, width = levels.shape[:2]
     least = _least_points(parts)
     shapes = []
@@ -64,7 +57,7 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None) -> Drawing
     if len(shapes) <= MOST_POLISHED:
         grid = samples_across(levels, regions) if condition.clean else 0
         drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail, grid, error / 255.0)
-    return enlarged(in_palette(_painted(drawing), settings.palette), factor, full_width, full_height)
+    return enlarged(in_palette(_painted(drawing), settings.palette), intake.scale, intake.width, intake.height)
 
 
 def without_gradients(levels: np.ndarray, settings: ArtworkSettings) -> Flattened:
@@ -142,11 +135,3 @@ def _least_points(parts: list[Extent]) -> int:
     sizes = np.sort([len(contour.points) for part in parts for contour in part.contours])[::-1]
     over = np.flatnonzero(np.cumsum(sizes) > MOST_POINTS)
     return int(sizes[over[0]]) + 1 if len(over) else 0
-
-
-def as_levels(target: np.ndarray) -> np.ndarray:
-    """(H, W, 4) float32 premultiplied RGBA in levels of 0..255."""
-    levels = np.asarray(target, dtype=np.float32) * np.float32(255.0)
-    if levels.shape[-1] == 3:
-        levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=-1)
-    return levels

@@ -1,0 +1,54 @@
+"""A picture as the artwork style takes it in: as it was before it was enlarged, and what else has happened to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.artwork.input.condition import Condition, condition_of
+from cubicsplat_cli.artwork.input.enlargement import before_enlargement
+from cubicsplat_cli.artwork.limits import reduced, reduction
+
+
+@dataclass(frozen=True, eq=False)
+class Intake:
+    """levels: (H, W, 4) float32 premultiplied RGBA in 0..255, what is drawn. condition: of it. scale: by which its
+    drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
+    """
+
+    levels: np.ndarray
+    condition: Condition
+    scale: int
+    times: int
+    width: int
+    height: int
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know of it, a sentence each."""
+        found = [f"drawn as it was before it was made {self.times} times as large"] if self.times > 1 else []
+        if not self.condition.clean:
+            found.append(f"drawn through {self.condition.words()}")
+        return found
+
+
+def taken_in(target: np.ndarray) -> Intake:
+    """What is drawn of a picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]."""
+    height, width = target.shape[:2]
+    factor = reduction(height, width)
+    levels = reduced(as_levels(target), factor)
+    condition, times = condition_of(levels), 1
+    if not condition.noise:
+        levels, times = before_enlargement(levels)
+        if times > 1:
+            condition = condition_of(levels)
+    return Intake(levels, condition, factor * times, times, width, height)
+
+
+def as_levels(target: np.ndarray) -> np.ndarray:
+    """(H, W, 4) float32 premultiplied RGBA in levels of 0..255."""
+    levels = np.asarray(target, dtype=np.float32) * np.float32(255.0)
+    if levels.shape[-1] == 3:
+        levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=-1)
+    return levels
