@@ -251,7 +251,8 @@ def test_the_order_of_threads_brings_out_a_missing_barrier():
     assert tuple(range(32, 64)) in seen
 
 
-def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(monkeypatch):
+@pytest.mark.parametrize("fill", ["flat", "linear"])
+def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(monkeypatch, fill):
     """The whole trainer with the CUDA engine in the CPU engine's place, exact finish included."""
     from cubicsplat_cli.photo import fit, trainer
 
@@ -260,7 +261,7 @@ def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(monkeypatch):
     for emulated in (False, True):
         if emulated:
             monkeypatch.setattr(trainer, "open_engine", lambda *_, **__: CudaEngine(driver=EmulatedDriver()))
-        result = fit(target, FitSettings.from_preset("draft", curves=16, steps=60, threads=1))
+        result = fit(target, FitSettings.from_preset("draft", curves=16, steps=60, threads=1, fill=fill))
         assert result.steps == 60
         assert result.device["name"] == ("cuda" if emulated else "cpu")
         levels.append(result.history[-1]["psnr_db"])

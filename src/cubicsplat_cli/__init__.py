@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.api import compare, vectorize
     from cubicsplat_cli.errors import CubicSplatError, EngineError, InputError, UsageError
     from cubicsplat_cli.files.load import Picture, load_picture
+    from cubicsplat_cli.gradients import Gradients
     from cubicsplat_cli.photo import FitResult, fit
     from cubicsplat_cli.pipeline import Result
     from cubicsplat_cli.progress import Progress
@@ -34,6 +35,7 @@ __all__ = [
     "EngineError",
     "FitResult",
     "FitSettings",
+    "Gradients",
     "InputError",
     "Mode",
     "Picture",
@@ -60,6 +62,7 @@ _HOME = {
     "api": ("compare", "vectorize"),
     "errors": ("CubicSplatError", "EngineError", "InputError", "UsageError"),
     "files.load": ("Picture", "load_picture"),
+    "gradients": ("Gradients",),
     "photo": ("FitResult", "fit"),
     "pipeline": ("Result",),
     "progress": ("Progress",),

@@ -49,7 +49,7 @@ ModeList = Annotated[str, typer.Option("--mode", metavar="MODE,...", help="close
 
 
 @bench.command("step", cls=Command)
-@takes_fit_options("curves", "mode", "preset", "seed", "device", "threads")
+@takes_fit_options("curves", "mode", "preset", "fill", "seed", "device", "threads")
 def step(
     image: Annotated[
         Path | None,

@@ -167,6 +167,7 @@ class Trainer:
             self.settings.threads,
             mode=self.settings.mode,
             channels=int(self.target.shape[2]),
+            painted=self.settings.fill == "linear",
             subdivide=self.recipe.flatten == "de-casteljau",
         )
         device = self.engine.device

@@ -27,19 +27,20 @@ def open_engine(
     *,
     mode: Mode = Mode.CLOSED,
     channels: int = 3,
+    painted: bool = False,
     subdivide: bool = False,
 ) -> Engine:
     """Opens the engine for `device`: "cpu", "cuda", or "auto", CUDA's where there is a GPU that passes its self-test.
 
-    mode, channels: what it will draw first, which CUDA compiles and tests at once. subdivide: it has to know de
-    Casteljau subdivision, which is the CPU's alone. Raises EngineError with the reason where the engine that was asked
-    for cannot run. Where "auto" finds a GPU that it cannot use, it logs why.
+    mode, channels, painted (with gradients): what it will draw first, which CUDA compiles and tests at once. subdivide:
+    it has to know de Casteljau subdivision, which is the CPU's alone. Raises EngineError with the reason where the
+    engine that was asked for cannot run. Where "auto" finds a GPU that it cannot use, it logs why.
     """
     if device == "cuda":
-        return _open_cuda(Program(mode, channels), subdivide)
+        return _open_cuda(Program(mode, channels, painted), subdivide)
     if device == "auto" and missing_piece() is None:
         try:
-            return _open_cuda(Program(mode, channels), subdivide)
+            return _open_cuda(Program(mode, channels, painted), subdivide)
         except EngineError as error:
             _log.warning("using the CPU: %s", error)
     return CpuEngine(threads)
