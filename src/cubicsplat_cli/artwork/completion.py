@@ -1,29 +1,35 @@
 """Outlines of the parts of layers: where upper layers hide them they continue the simplest way that stays hidden.
 
-A hidden run of a contour is tried unconstrained (the rest of a circle, a straight continuation), then as its chord,
-then ever nearer to the way along the upper layers' edge. A way is good when it covers what shows and nothing else does.
+A hidden run of a contour is tried unconstrained (the rest of a circle, a straight continuation), then as one cubic that
+goes on smoothly at both ends, as its chord, and ever nearer to the way along the upper layers' edge. A way is good when
+it covers what shows and nothing else does.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 from skimage.measure import approximate_polygon
 
+from cubicsplat_cli.artwork.continuation import continued
 from cubicsplat_cli.artwork.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.extents import Contour, Extent
 from cubicsplat_cli.artwork.fitting import fit_outline
 from cubicsplat_cli.artwork.hulls import holes_of
 from cubicsplat_cli.artwork.outlines import Outline, flattened, polygon, reversed_ring, signed_area
 
-# How a hidden run is guided, in the order of trial: standard errors in px, or its chord.
-FREE, CHORD = np.inf, -1.0
-WAYS = (FREE, CHORD, 1.5, 0.7, 0.25)
+# How a hidden run is guided, in the order of trial: standard errors in px, or a cubic, or its chord.
+FREE, SLIGHT, CHORD, ROUND = np.inf, -3.0, -1.0, -2.0
+WAYS = (FREE, SLIGHT, CHORD, ROUND, 1.5, 0.7, 0.25)
+# The most that such a cubic turns, radians; an edge less likely turns by more than a right angle.
+MOST_TURN = {SLIGHT: 0.5 * math.pi, ROUND: 1.25 * math.pi}
 CHORD_SIGMA = 0.3
 # A contour with more hidden runs than SEVERAL starts with this way: too many would have to be tried.
-SEVERAL, CROWDED = 8, 2
+SEVERAL, CROWDED = 8, 4
+FEWEST_SEEN = 4  # points of a contour, below which all of it goes along the upper layers' edge
 # Points of a hidden run that stay as they are at either end of a chord: down to the full underlap.
 DEEP = 4
 # Contours of fewer points than FEWEST are drawn as polygons, TOLERANCE px about their points.
@@ -114,9 +120,14 @@ def _completed(contour: Contour, window: _Window, detail: float) -> Outline:
     if not runs:
         return _visible(contour, detail)
     ways = np.full(len(runs), 0 if len(runs) <= SEVERAL else CROWDED)
+    if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
+        ways[:] = len(WAYS) - 1
     best, least = None, np.inf
-    for _ in range(len(WAYS)):
-        points, sigma = guided(contour, runs, ways)
+    curves = _Curves(contour, runs, window)
+    for _ in range(2 * len(WAYS)):
+        for k, way in enumerate(ways.tolist()):
+            ways[k] += WAYS[way] in MOST_TURN and curves[k, WAYS[way]] is None
+        points, sigma = guided(contour, runs, ways, curves)
         outline = fit_outline(points, sigma, detail)
         wrong = window.wrong(outline, contour.hole)
         if len(wrong) < least:
@@ -144,12 +155,34 @@ def hidden_runs(sigma: np.ndarray) -> list[np.ndarray]:
     return [np.arange(a, a + (b - a) % n + 1) % n for a, b in zip(starts, stops, strict=True)]
 
 
-def guided(contour: Contour, runs: list[np.ndarray], ways: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points and standard errors with every hidden run guided in its way."""
+class _Curves:
+    """The cubics that continue hidden runs, sought when they are asked for; None where there is none."""
+
+    def __init__(self, contour: Contour, runs: list[np.ndarray], window: _Window) -> None:
+        self.contour, self.runs, self.window = contour, runs, window
+        self.found: dict[tuple[int, float], np.ndarray | None] = {}
+
+    def __getitem__(self, key: tuple[int, float]) -> np.ndarray | None:
+        if key not in self.found:
+            run, contour = self.runs[key[0]], self.contour
+            self.found[key] = continued(contour.points, contour.sigma, run, MOST_TURN[key[1]], self._wrong)
+        return self.found[key]
+
+    def _wrong(self, points: np.ndarray) -> int:
+        return len(self.window.wrong(polygon(points), self.contour.hole))
+
+
+def guided(
+    contour: Contour, runs: list[np.ndarray], ways: np.ndarray, curves: _Curves
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and standard errors with every hidden run guided in its way; curves: the points of those that have one."""
     points, sigma = contour.points.copy(), contour.sigma.copy()
-    for run, way in zip(runs, ways, strict=True):
+    for k, (run, way) in enumerate(zip(runs, ways, strict=True)):
         kind = WAYS[way]
-        if kind == CHORD:
+        curve = curves[k, kind] if kind in MOST_TURN else None
+        if curve is not None:
+            points[run], sigma[run] = curve, CHORD_SIGMA
+        elif kind == CHORD:
             if len(run) > 2 * DEEP + 2:
                 middle = run[DEEP - 1 : len(run) - DEEP + 1]
                 t = np.linspace(0.0, 1.0, len(middle))[:, None]

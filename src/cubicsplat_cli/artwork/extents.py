@@ -53,7 +53,7 @@ def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent
     boxes = ndimage.find_objects(depth + 1)
     for place in range(len(stack.layers)):
         box = boxes[place]
-        rows, columns = (_widened(side) for side in box)
+        rows, columns = _widened(box)
         view = depth[rows, columns]
         shown, above = view == place, (view > place) & opaque[regions.labels[rows, columns]]
         grown = _grown(shown, above, joined=len(stack.layers[place].members) > 1)
@@ -63,10 +63,13 @@ def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent
             yield _extent(place, rows.start, columns.start, parts == k, shown, above, found)
 
 
-def _widened(side: slice) -> slice:
-    """A side of a box with as much room as the rest of a primitive may take that upper layers hide."""
-    room = UNDERLAP + 1 + (side.stop - side.start) // 2
-    return slice(max(side.start - room, 0), side.stop + room)
+def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:
+    """A box with as much room as the rest of a primitive may take that upper layers hide: half a circle shows as long
+    as the whole one is, and half as high.
+    """
+    room = UNDERLAP + 1 + max(side.stop - side.start for side in box) // 2
+    rows, columns = (slice(max(side.start - room, 0), side.stop + room) for side in box)
+    return rows, columns
 
 
 def _grown(shown: np.ndarray, above: np.ndarray, joined: bool) -> np.ndarray:

@@ -20,11 +20,14 @@ from cubicsplat_cli.artwork.regions import Regions
 # A disc of this radius, px, around a meeting point of three regions; the share of it that a straight outline leaves.
 DISC = 6
 STRAIGHT = (0.44, 0.56)
+NARROWEST = 0.095  # share of it that each of the others takes, a wedge of 35 degrees
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
 # Votes: being enclosed outweighs everything, a junction counts 1, a hull at most 0.9.
 ENCLOSED = 1000.0
 MOST_HULLS = 400
+NO_LOAD = 1e-3  # votes below which nothing stands against coming next
+MOST_WAITING = 8  # how many groups may wait for each other in a row
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,9 @@ def _junctions(labels: np.ndarray) -> list[tuple[int, int]]:
         if len(names) != 3:
             continue
         top = int(sizes.argmax())
-        if STRAIGHT[0] <= sizes[top] / len(around) <= STRAIGHT[1] and np.delete(sizes, top).min() > 0.1 * len(around):
+        if STRAIGHT[0] <= sizes[top] / len(around) <= STRAIGHT[1] and np.delete(sizes, top).min() > NARROWEST * len(
+            around
+        ):
             found += [(int(names[top]), int(other)) for other in np.delete(names, top)]
     return found
 
@@ -207,11 +212,16 @@ def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
     span = np.array([_span(facts, group, n) for n in names])
     _settle_enclosures(facts, group, weight, index)
     net = np.maximum(weight - weight.T, 0.0)
+    # What a large one waits for comes as early as the large one would, lest all small ones come between.
+    for _ in range(MOST_WAITING):
+        span = np.maximum(span, np.where(net > NO_LOAD, span[:, None], 0.0).max(axis=0, initial=0.0))
     left = np.ones(count, dtype=bool)
     load = net.sum(axis=1)
     order = []
     for _ in range(count):
-        best = min(np.nonzero(left)[0].tolist(), key=lambda i: (load[i] > 1e-3, load[i] >= 2.5, -span[i], -size[i], i))
+        best = min(
+            np.nonzero(left)[0].tolist(), key=lambda i: (load[i] > NO_LOAD, load[i] >= 2.5, -span[i], -size[i], i)
+        )
         left[best] = False
         load -= net[:, best]
         order.append(names[best])

@@ -1,0 +1,88 @@
+"""What goes on beneath: outlines behind what hides them, in the simplest way that stays hidden."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.completion import hidden_runs
+from cubicsplat_cli.artwork.continuation import continued
+from cubicsplat_cli.artwork.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.vectorize import draw
+
+FINE = 8
+
+
+def picture(size: int, *layers: tuple[object, tuple[float, float, float]]) -> np.ndarray:
+    """White with layers (a function of x and y, colour) from back to front, (size, size, 3) in [0, 1]."""
+    y, x = (np.mgrid[: size * FINE, : size * FINE] + 0.5) / FINE
+    image = np.ones((*x.shape, 3))
+    for inside, colour in layers:
+        image = np.where(inside(x, y)[..., None], colour, image)
+    return image.reshape(size, FINE, size, FINE, 3).mean(axis=(1, 3)).astype(np.float32)
+
+
+def disc(cx: float, cy: float, r: float):
+    return lambda x, y: (x - cx) ** 2 + (y - cy) ** 2 < r * r
+
+
+def box(left: float, top: float, right: float, bottom: float):
+    return lambda x, y: (x > left) & (x < right) & (y > top) & (y < bottom)
+
+
+RED, BLUE = (0.8, 0.1, 0.1), (0.1, 0.2, 0.7)
+
+
+@pytest.mark.parametrize("top", [10.0, 60.0])
+def test_a_disc_of_which_half_shows_is_a_circle(top):
+    # The bar hides the upper or the lower half; the disc's other half is as high as the part that shows.
+    found = draw(picture(120, (disc(60.0, 60.0, 30.0), RED), (box(5.0, top, 115.0, top + 50.0), BLUE)))
+    circles = [outline for shape in found.shapes for outline in shape.outlines if isinstance(outline, Circle)]
+    assert len(circles) == 1
+    assert (circles[0].cx, circles[0].cy, circles[0].r) == pytest.approx((60.0, 60.0, 30.0), abs=0.3)
+    assert any(isinstance(outline, Rectangle) for shape in found.shapes[1:] for outline in shape.outlines)
+
+
+def half_hidden(bend: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A circle of radius 40 with `bend` radians of it, about its top, replaced by the chord: points, sigma, the run."""
+    angle = np.arange(250) * 2.0 * math.pi / 250
+    points = 60.0 + 40.0 * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+    hidden = np.minimum(angle, 2.0 * math.pi - angle) < 0.5 * bend
+    sigma = np.where(hidden, np.inf, 0.05)
+    (run,) = hidden_runs(sigma)
+    ends = points[[run[0] - 1, run[-1] + 1]]
+    t = np.linspace(0.0, 1.0, len(run) + 2)[1:-1, None]
+    points[run] = ends[0] * (1.0 - t) + ends[1] * t
+    return points, sigma, run
+
+
+def test_an_arc_goes_on_as_the_arc_that_it_was():
+    points, sigma, run = half_hidden(1.2)
+    found = continued(points, sigma, run, math.pi / 2.0, lambda _: 0)
+    assert found is not None
+    assert np.abs(np.hypot(*(found - 60.0).T) - 40.0).max() < 0.8
+    # In order, and evenly.
+    assert np.ptp(np.hypot(*np.diff(found, axis=0).T)) < 0.05
+
+
+def test_what_turns_too_far_or_does_not_stay_hidden_is_not_continued():
+    points, sigma, run = half_hidden(2.6)
+    assert continued(points, sigma, run, math.pi / 2.0, lambda _: 0) is None
+    assert continued(points, sigma, run, math.pi, lambda _: 5) is None
+    # Of the cubics the first is taken that stays hidden, here below a height.
+    free = continued(points, sigma, run, math.pi, lambda _: 0)
+    assert free is not None
+    highest = float(free[:, 1].min()) + 2.0
+    low = continued(points, sigma, run, math.pi, lambda trial: int((trial[:, 1] < highest).sum()))
+    assert low is not None
+    assert low[:, 1].min() >= highest - 0.5
+
+
+def test_nothing_is_continued_from_too_few_points():
+    points, sigma, _ = half_hidden(1.2)
+    sigma[40:215] = np.inf
+    sigma[[38, 39, 216]] = np.inf
+    runs = hidden_runs(sigma)
+    assert continued(points, np.where(np.arange(250) < 36, np.inf, sigma), runs[0], math.pi, lambda _: 0) is None
