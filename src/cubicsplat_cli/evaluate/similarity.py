@@ -72,11 +72,11 @@ def _smoothed(planes: np.ndarray) -> np.ndarray:
     down = np.empty((count, height, planes.shape[2]), np.float32)
     for rows, reach, band in _blocks(height):
         np.matmul(band, planes[:, reach], out=down[:, rows])
-    across = np.empty((count * height, width), np.float32)
-    lines = down.reshape(count * height, -1)
+    across = np.empty((count, height, width), np.float32)
     for columns, reach, band in _blocks(width):
-        np.matmul(lines[:, reach], band.T, out=across[:, columns])
-    return across.reshape(count, height, width)
+        # A plane at a time: how the library rounds depends on the rows that it is given at once.
+        np.matmul(down[:, :, reach], band.T, out=across[:, :, columns])
+    return across
 
 
 def _blocks(size: int) -> Iterator[tuple[slice, slice, np.ndarray]]:
