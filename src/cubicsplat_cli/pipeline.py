@@ -37,7 +37,7 @@ from cubicsplat_cli.progress import Progress, Stages, nothing
 from cubicsplat_cli.report import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.settings import USUAL_CURVES, FitSettings, listed
+from cubicsplat_cli.settings import USUAL_CURVES, FitSettings, Mode, listed
 from cubicsplat_cli.svg import write_drawing, write_svg
 from cubicsplat_cli.svg.drawing import suggested_precision
 
@@ -319,7 +319,12 @@ def _artwork(task: _Task) -> Made:
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
     target = task.target.target()
     intake = taken_in(target)
-    drawing = scaled_drawing(draw(target, chosen, intake), *task.picture.size)
+    drawing = draw(target, chosen, intake)
+    if task.request.settings.mode is Mode.OPEN:
+        from cubicsplat_cli.artwork.strokes.find import with_strokes
+
+        drawing = with_strokes(drawing, chosen.detail)
+    drawing = scaled_drawing(drawing, *task.picture.size)
     if chosen.stacking == CUTOUT:
         from cubicsplat_cli.artwork.planar.cutout import cut_out
 
@@ -346,13 +351,15 @@ def _plain(ink: Ink, task: _Task) -> tuple[Style, Made]:
 def _drawn(drawing: Drawing, request: Request) -> Made:
     from cubicsplat_cli.artwork.outlines import Ring
     from cubicsplat_cli.artwork.scene import scene_of
+    from cubicsplat_cli.artwork.strokes.stroke import Chain
 
-    outlines = [outline for shape in drawing.shapes for outline in shape.outlines]
+    outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
     facts = {
         "shapes": len(drawing.shapes),
         "segments": drawing.segments,
-        "primitives": sum(not isinstance(outline, Ring) for outline in outlines),
+        "primitives": sum(not isinstance(outline, (Ring, Chain)) for outline in outlines),
         "gradients": len(drawing.gradients),
+        "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
         "inks": ["#{:02x}{:02x}{:02x}{:02x}".format(*ink) for ink in drawing.inks],
     }
     return Made(

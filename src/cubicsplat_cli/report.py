@@ -123,7 +123,7 @@ class Qualities:
 class Report:
     """The figures of one vectorised picture.
 
-    style: "photo" or "artwork", and why. shapes, segments, primitives, gradients, inks (#rrggbbaa): of
+    style: "photo" or "artwork", and why. shapes, segments, primitives, gradients, strokes, inks (#rrggbbaa): of
     artwork, else None.
     settings: all that decides the result; settings_hash: the hash of those that do. quality: None where it was not
     measured. replaced, dropped: curves seeded anew during the fit, and left out at its end (None: not known). history:
@@ -142,6 +142,7 @@ class Report:
     segments: int | None = None
     primitives: int | None = None
     gradients: int | None = None
+    strokes: int | None = None
     inks: list[str] | None = None
     replaced: int = 0
     interrupted: bool = False

@@ -11,7 +11,7 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.files.ownership import MOVING
 from cubicsplat_cli.focus import Focus
-from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Setting
+from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode, Setting
 
 if TYPE_CHECKING:
     from cubicsplat_cli.beginning import Beginning
@@ -85,6 +85,8 @@ class Request:
         if self.of_photos() and self.of_artwork():
             other = self.of_photos()[0].replace("_", "-")
             raise UsageError(f"is for artwork, --{other} for photos; give one of them", self.of_artwork()[0])
+        if self.of_artwork() and self.settings.mode is Mode.OPEN:
+            raise UsageError("cutout has shapes only; leave out --mode open, which is for strokes", "stacking")
         if self.freeze and self.init is None:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
         budgets = [name for name in ("max_bytes", "target_psnr") if getattr(self, name) is not None]

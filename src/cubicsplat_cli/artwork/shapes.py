@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.outlines import Outline, Ring, reversed_ring, signed_area
+from cubicsplat_cli.artwork.strokes.stroke import Stroke, pieces_of, scaled_stroke
 from cubicsplat_cli.paint import Gradient, Ink
 
 _ALIKE = 1e-3
@@ -18,13 +19,14 @@ class Shape:
 
     ink: sRGB and opacity, 8 bits each, not premultiplied; of a gradient about its mean. outlines: first the outer one,
     then its holes, which may run either way: whoever draws them turns them round (`oriented`). name: what an editor's
-    list of layers shows. gradient: in px of the drawing, or None.
+    list of layers shows. gradient: in px of the drawing, or None. stroke: whose outlines these are, or None.
     """
 
     ink: Ink
     outlines: tuple[Outline, ...]
     name: str
     gradient: Gradient | None = None
+    stroke: Stroke | None = None
 
     def oriented(self) -> tuple[Ring, ...]:
         """The rings, the outer one clockwise as seen, holes the other way: the nonzero rule leaves holes empty."""
@@ -58,12 +60,20 @@ class Drawing:
     @property
     def segments(self) -> int:
         """How many lines and cubics the outlines have, primitives counted as their rings."""
-        return sum(outline.ring().pieces for shape in self.shapes for outline in shape.outlines)
+        return sum(
+            len(pieces_of(line)[1])
+            for shape in self.shapes
+            for line in (shape.outlines if shape.stroke is None else (shape.stroke.path,))
+        )
 
     @property
     def coordinates(self) -> int:
         """How many numbers an artist would write for the outlines."""
-        return sum(outline.coordinates for shape in self.shapes for outline in shape.outlines)
+        return sum(
+            line.coordinates
+            for shape in self.shapes
+            for line in (shape.outlines if shape.stroke is None else (shape.stroke,))
+        )
 
 
 def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
@@ -80,15 +90,21 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
             shape,
             outlines=tuple(scaled_outline(outline, across, down) for outline in shape.outlines),
             gradient=shape.gradient and shape.gradient.scaled(across, down),
+            # A pen is round: where sides grow differently its outline is all that is left.
+            stroke=scaled_stroke(shape.stroke, across) if shape.stroke and _alike(across, down) else None,
         )
         for shape in drawing.shapes
     )
     return Drawing(width, height, shapes)
 
 
+def _alike(across: float, down: float) -> bool:
+    return abs(across / down - 1.0) <= _ALIKE
+
+
 def scaled_outline(outline: Outline, across: float, down: float) -> Outline:
     """An outline with its x times `across` and its y times `down`."""
-    if isinstance(outline, Ring) or abs(across / down - 1.0) > _ALIKE:
+    if isinstance(outline, Ring) or not _alike(across, down):
         ring = outline.ring()
         factors = np.array([across, down])
         return replace(ring, anchors=ring.anchors * factors, controls=ring.controls * factors)

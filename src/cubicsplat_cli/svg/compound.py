@@ -8,11 +8,14 @@ import numpy as np
 
 from cubicsplat_cli.artwork.outlines import Ring
 from cubicsplat_cli.artwork.shapes import Shape
+from cubicsplat_cli.artwork.strokes.stroke import Stroke
 from cubicsplat_cli.paint import Gradient, Ink
+from cubicsplat_cli.svg.strokes import joinable
 
 # Two shapes of one ink may be a pair of eyes; so many are lettering or a pattern.
 LEAST_SHAPES = 3
 _OPAQUE = 255
+Pen = tuple[float, str, str, bool]
 # Shapes that come nearer than this to each other keep their order.
 _MARGIN = 1.0  # px
 
@@ -25,11 +28,11 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     touches it, so the picture stays the same.
     """
     boxes = np.array([_box(shape) for shape in shapes]).reshape(-1, 4)
-    paints = [shape.gradient or shape.ink for shape in shapes]
+    paints = [(shape.gradient or shape.ink, _pen(shape.stroke)) for shape in shapes]
     known = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
     numbers = np.array([known[paint] for paint in paints], dtype=int)
     leaders = np.arange(len(shapes))
-    last: dict[Ink | Gradient, int] = {}
+    last: dict[tuple[Ink | Gradient, Pen | None], int] = {}
     for index, shape in enumerate(shapes):
         if not _may_join(shape):
             continue
@@ -39,6 +42,11 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
         else:
             last[paints[index]] = index
     return _groups(shapes, leaders)
+
+
+def _pen(stroke: Stroke | None) -> Pen | None:
+    """What strokes of one path have in common: how wide they are drawn, with which caps and joins."""
+    return None if stroke is None else (stroke.width, stroke.cap, stroke.join, stroke.closed)
 
 
 def _groups(shapes: Sequence[Shape], leaders: np.ndarray) -> list[list[Shape]]:
@@ -53,7 +61,10 @@ def _groups(shapes: Sequence[Shape], leaders: np.ndarray) -> list[list[Shape]]:
 
 def _may_join(shape: Shape) -> bool:
     """Primitives are worth more as such; two translucent shapes are not one where they overlap."""
-    primitive = len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
+    if shape.stroke is not None:
+        primitive = not joinable(shape.stroke)
+    else:
+        primitive = len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
     inks = [shape.ink] if shape.gradient is None else [stop.ink for stop in shape.gradient.stops]
     return all(ink[3] == _OPAQUE for ink in inks) and not primitive
 

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.steps import to_steps
+from cubicsplat_cli.artwork.strokes.stroke import Chain
 from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.gradients import Gradients
@@ -17,6 +18,7 @@ from cubicsplat_cli.svg.pathdata import format_number
 from cubicsplat_cli.svg.quantise import check_precision
 from cubicsplat_cli.svg.ringgrid import grid_ring
 from cubicsplat_cli.svg.ringpath import PathText, add_ring
+from cubicsplat_cli.svg.strokes import add_stroke, pen
 
 _OPAQUE = 255
 # Steps of the grid across the longer side: 0.01 px at 512 px.
@@ -53,7 +55,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     for group in groups:
         element = _element(group, precision, drawing.abutting)
         if element is not None:
-            root.extend(_finished(element, group[0], names, gradients))
+            root.extend(_finished(element, group[0], names, gradients, precision))
     root.text = "\n"
     for child in root:
         child.tail = "\n"
@@ -62,13 +64,18 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
 
 
 def _finished(
-    element: ElementTree.Element, shape: Shape, names: Identifiers, gradients: Gradients
+    element: ElementTree.Element, shape: Shape, names: Identifiers, gradients: Gradients, precision: int
 ) -> list[ElementTree.Element]:
     """The element with its id in front and its paint behind; before it its gradient, where that is new."""
     red, green, blue, alpha = shape.ink
     attributes = {"id": names.unique(shape.name), **element.attrib}
     before = None
-    if shape.gradient is not None:
+    if shape.stroke is not None:
+        attributes |= {"fill": "none", "stroke": short_colour(red, green, blue)}
+        if alpha != _OPAQUE:
+            attributes["stroke-opacity"] = format_number(round(1000 * alpha / _OPAQUE), 3)
+        attributes |= pen(shape.stroke, precision)
+    elif shape.gradient is not None:
         attributes["fill"], before = gradients.fill(shape.gradient)
     else:
         attributes["fill"] = short_colour(red, green, blue)
@@ -84,11 +91,17 @@ def _element(group: Sequence[Shape], precision: int, exact: bool) -> ElementTree
 
     exact: every point of a path stands at its own step, as in the paths that share it.
     """
+    stroke = group[0].stroke
+    if stroke is not None and not isinstance(stroke.path, (Chain, Ring)):
+        return _primitive(stroke.path, precision)
     first = group[0].outlines
-    if len(group) == 1 and len(first) == 1 and not isinstance(first[0], Ring):
+    if stroke is None and len(group) == 1 and len(first) == 1 and not isinstance(first[0], Ring):
         return _primitive(first[0], precision)
     path = PathText(precision)
     for shape in group:
+        if shape.stroke is not None:
+            add_stroke(path, shape.stroke.path, precision)
+            continue
         for index, outline in enumerate(shape.outlines):
             _add_outline(path, outline, precision, clockwise=index == 0, exact=exact)
     return ElementTree.Element("path", {"d": path.text}) if path.text else None

@@ -14,12 +14,15 @@ import numpy as np
 
 from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
+from cubicsplat_cli.artwork.strokes.stroke import Path
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.paint import Ink, mean_ink
 from cubicsplat_cli.svg.canvas import canvas_size
 from cubicsplat_cli.svg.gradient_reader import LINEAR, RADIAL, STOP, GradientReader
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
+from cubicsplat_cli.svg.strokes import STROKE_PAINT, read_chain, read_pen
 from cubicsplat_cli.words import printable
 
 _COLOUR = re.compile(r"#([0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
@@ -137,6 +140,9 @@ class _Collector:
         return self.shapes
 
     def _add(self, name: str, attributes: dict[str, str]) -> None:
+        if attributes.get("fill") == "none":
+            self.shapes += self._strokes(name, attributes)
+            return
         match = _REFERENCE.fullmatch(attributes.get("fill", ""))
         if match is None:
             self.shapes += self._shapes(name, attributes)
@@ -177,6 +183,24 @@ class _Collector:
             groups[-1].append(outline)
         return [Shape(ink, tuple(group), identifier) for group in groups]
 
+    def _strokes(self, name: str, attributes: dict[str, str]) -> list[Shape]:
+        """One stroke, of a path one for each of its subpaths."""
+        self._check(attributes, STROKE_PAINT | set(_LENGTHS[name]) | _MORE[name])
+        paint = {"fill": attributes.get("stroke", ""), "fill-opacity": attributes.get("stroke-opacity", "1")}
+        ink, drawn = self._ink(paint), read_pen(attributes, self._number, self.foreign)
+        paths: list[Path] = []
+        if name != "path":
+            paths = [self._primitive(name, attributes)]
+        else:
+            for subpath in self._subpaths(attributes.get("d", "")):
+                closed = bool(subpath) and subpath[-1].command == "Z"
+                if not closed and not re.fullmatch(r"[LHVCS]+", "".join(piece.command for piece in subpath)):
+                    raise self.foreign("has an open path of other than L, H, V, C and S")
+                paths.append(self._outline(subpath)[0] if closed else read_chain(self._bounded(subpath)))
+        strokes = [replace(drawn, path=path) for path in paths]
+        identifier = attributes.get("id", "")
+        return [Shape(ink, outlines_of_stroke(stroke), identifier, stroke=stroke) for stroke in strokes]
+
     def _ink(self, attributes: dict[str, str]) -> Ink:
         match = _COLOUR.fullmatch(attributes.get("fill", ""))
         if match is None:
@@ -216,18 +240,26 @@ class _Collector:
 
     def _rings(self, d: str) -> list[tuple[Outline, bool]]:
         """Each ring, and whether it runs clockwise as seen."""
+        return [self._outline(subpath) for subpath in self._subpaths(d)]
+
+    def _subpaths(self, d: str) -> list[list[Piece]]:
         try:
             found = subpaths(d)
         except InputError as error:
             raise self.foreign(f"has {error}") from error
         if not found:
             raise self.foreign("has a path without data")
-        return [self._outline(subpath) for subpath in found]
+        return found
 
-    def _outline(self, subpath: list[Piece]) -> tuple[Outline, bool]:
+    def _bounded(self, subpath: list[Piece]) -> list[Piece]:
+        """The subpath, none of whose points lies too far away."""
         numbers = [*(v for p in subpath for point in (p.start, p.end, *p.handles) for v in point)]
         if not all(abs(number) <= MAX_COORDINATE for number in numbers):  # false for NaN too
             raise self.foreign(f"has a point more than {MAX_COORDINATE:.0f} px from the origin")
+        return subpath
+
+    def _outline(self, subpath: list[Piece]) -> tuple[Outline, bool]:
+        self._bounded(subpath)
         letters = "".join(piece.command for piece in subpath)
         if letters == "AAZ":
             return self._ellipse(*subpath[:2]), subpath[0].numbers[4] == 1.0

@@ -84,20 +84,30 @@ def add_ring(path: PathText, ring: GridRing, exact: bool = False) -> None:
     """Appends a closed ring; nothing where it is only a point. exact: no handle is written a step off."""
     if ring.pieces == 0:
         return
+    _add_pieces(path, ring, [*range(1, ring.pieces), 0], 0 if exact else _MIRROR_REACH)
+    path.close()
+
+
+def add_chain(path: PathText, chain: GridRing) -> None:
+    """Appends an open row of lines and cubics, of which there is one less than anchors."""
+    _add_pieces(path, chain, list(range(1, len(chain.anchors))), _MIRROR_REACH)
+
+
+def _add_pieces(path: PathText, ring: GridRing, ends: Sequence[int], reach: int) -> None:
+    """The pieces from one anchor to the next; the line that closes a ring is drawn by closing it."""
     anchors, controls = ring.anchors.tolist(), ring.controls.tolist()
     path.move(tuple(anchors[0]))
     mirror: Point | None = None
-    for index in range(ring.pieces):
-        end = tuple(anchors[(index + 1) % ring.pieces])
+    for index, following in enumerate(ends):
+        end = tuple(anchors[following])
         if ring.lines[index]:
-            if index < ring.pieces - 1:
+            if following:
                 path.line(end)
             mirror = None
             continue
         first, second = (tuple(control) for control in controls[index])
-        path.cubic(first, second, end, mirrored=_near(first, mirror, 0 if exact else _MIRROR_REACH))
+        path.cubic(first, second, end, mirrored=_near(first, mirror, reach))
         mirror = (2 * end[0] - second[0], 2 * end[1] - second[1])
-    path.close()
 
 
 def _near(first: Point, mirror: Point | None, reach: int) -> bool:

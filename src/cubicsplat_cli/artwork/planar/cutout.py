@@ -45,14 +45,15 @@ def cut_out(drawing: Drawing, precision: int) -> Drawing:
         if outlines:
             found.append((int(shown[number]), tuple(outlines)))
     found.sort(key=lambda each: (each[0], -abs(signed_area(each[1][0].ring()))))
-    shapes = tuple(replace(drawing.shapes[shape], outlines=outlines) for shape, outlines in found)
+    shapes = tuple(replace(drawing.shapes[shape], outlines=outlines, stroke=None) for shape, outlines in found)
     return replace(drawing, shapes=shapes, abutting=True)
 
 
 def _inks(drawing: Drawing) -> np.ndarray:
     """(shapes,) a number for each way to be painted."""
     known: dict[Shape, int] = {}
-    return np.array([known.setdefault(replace(s, outlines=(), name=""), len(known)) for s in drawing.shapes])
+    alike = [replace(shape, outlines=(), name="", stroke=None) for shape in drawing.shapes]
+    return np.array([known.setdefault(shape, len(known)) for shape in alike])
 
 
 def _whole_outlines(borders: Borders, sources: Sources) -> dict[int, Outline]:

@@ -1,0 +1,1 @@
+"""Shapes of even width as pen strokes: centre line, width, caps and joins."""

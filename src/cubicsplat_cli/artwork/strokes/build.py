@@ -1,0 +1,141 @@
+"""Strokes of one shape: skeleton, centres, rows of branches, centre lines, caps and joins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.outlines import Ring, flattened, signed_area
+from cubicsplat_cli.artwork.strokes.centre_line import closed_line, open_line, with_corners
+from cubicsplat_cli.artwork.strokes.centres import Centres, Sides, centres_of
+from cubicsplat_cli.artwork.strokes.chains import Link, chains_of
+from cubicsplat_cli.artwork.strokes.ends import onward, trimmed, with_ends
+from cubicsplat_cli.artwork.strokes.skeleton import Graph, skeleton_of
+from cubicsplat_cli.artwork.strokes.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
+
+LEAST_EVEN = 0.5  # share of a shape's skeleton that must have an even width
+SHORTEST = 1.2  # widths, of a shape's skeleton
+GAP = 2.5  # px between points of the centre line that are neighbours
+LEAST_TRUE = 0.6  # widths: a branch to an end that is even for less is a spur of a corner
+
+
+def strokes_of(rings: tuple[Ring, ...], detail: float) -> list[Stroke]:
+    """The strokes whose union rings (outer clockwise as seen, holes the other way) may be; none where hardly any is
+    of an even width.
+    """
+    area = sum(signed_area(ring) for ring in rings)
+    around = sum(
+        float(np.hypot(*np.diff(flattened(ring, 1.0), axis=0, append=ring.anchors[:1]).T).sum()) for ring in rings
+    )
+    width = 2.0 * area / max(around, 1e-9)
+    if not width > 0.5:
+        return []
+    graph, sides = skeleton_of(rings, width), Sides.of(rings)
+    centres = [centres_of(_spaced(branch.points), sides) for branch in graph.branches]
+    spurs = [b for b, own in enumerate(centres) if graph.dangling(b) and own.even(width).sum() < LEAST_TRUE * width]
+    if spurs:
+        graph = graph.without(spurs)
+        centres = [centres_of(_spaced(branch.points), sides) for branch in graph.branches]
+    widths = np.array([_width(own) for own in centres])
+    even = sum(int(own.even(w).sum()) for own, w in zip(centres, widths, strict=True) if np.isfinite(w))
+    total = sum(len(own.points) for own in centres)
+    if even < LEAST_EVEN * total or total < SHORTEST * width:
+        return []
+    rows = chains_of(graph, centres, widths)
+    found = [_stroke(row, closed, graph, centres, widths, sides, detail) for row, closed in rows]
+    strokes = [stroke for stroke in found if stroke is not None]
+    if len(strokes) < len(found):
+        return []
+    # Whoever draws several strokes gives them one cap; where it is hidden it may yet show beside what hides it.
+    free = [s.cap for s, (row, closed) in zip(strokes, rows, strict=True) if not closed and _shows_cap(row, graph)]
+    usual = max(free, key=free.count) if free else BUTT
+    return [
+        stroke if stroke.closed or _shows_cap(row, graph) else replace(stroke, cap=usual)
+        for stroke, (row, _) in zip(strokes, rows, strict=True)
+    ]
+
+
+def _shows_cap(row: list[Link], graph: Graph) -> bool:
+    """Whether a row of branches has a free end."""
+    return any(len(graph.at(_node(row, graph, end))) == 1 for end in (0, 1))
+
+
+def _spaced(points: np.ndarray) -> np.ndarray:
+    """Points about one px apart along a skeleton."""
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    count = max(3, round(float(s[-1])) + 1)
+    at = np.linspace(0.0, s[-1], count)
+    return np.stack([np.interp(at, s, points[:, c]) for c in (0, 1)], axis=1)
+
+
+def _width(own: Centres) -> float:
+    """The usual width of a branch, NaN where its sides are nowhere opposite."""
+    good = own.widths[own.true]
+    return float(np.median(good)) if len(good) >= 3 else math.nan
+
+
+def _stroke(
+    row: list[Link], closed: bool, graph: Graph, centres: list[Centres], widths: np.ndarray, sides: Sides, detail: float
+) -> Stroke | None:
+    """The stroke along a row of branches; None where its points or its ends are no stroke's."""
+    points, own_widths = [], []
+    for branch, entered in row:
+        own = centres[branch]
+        good = own.even(float(widths[branch]))
+        run, values = own.points[good], own.widths[good]
+        points.append(run if entered == 0 else run[::-1])
+        own_widths.append(values)
+    line, width = np.concatenate(points), float(np.median(np.concatenate(own_widths)))
+    hidden = [_beside(row, graph, widths, end) for end in (0, 1)]
+    line = onward(line, closed)
+    if not closed:
+        line = trimmed(line, width, hidden)
+    if len(line) < 3:
+        return None
+    gaps = np.hypot(*(np.roll(line, -1, axis=0) - line).T) > max(GAP, 0.4 * width)
+    if not closed:
+        line, gaps, cap = with_ends(line, gaps, width, sides, hidden)
+        line, corners = with_corners(line, gaps, closed=False)
+        return Stroke(open_line(line, corners, detail), width, cap, _join(line, corners, width, sides))
+    line, corners = with_corners(line, gaps, closed=True)
+    if len(line) < 8:
+        return None
+    return Stroke(closed_line(line, detail), width, BUTT, _join(line, corners, width, sides))
+
+
+def _node(row: list[Link], graph: Graph, end: int) -> int:
+    """The node at which a row of branches begins (0) or ends (1)."""
+    branch, entered = row[-1] if end else row[0]
+    return graph.branches[branch].nodes[1 - entered if end else entered]
+
+
+def _beside(row: list[Link], graph: Graph, widths: np.ndarray, end: int) -> float:
+    """The greatest width of what else meets where a row ends, 0 at a free end."""
+    branch = (row[-1] if end else row[0])[0]
+    others = [widths[b] for b, _ in graph.at(_node(row, graph, end)) if b != branch]
+    return float(np.nanmax(others)) if others and np.isfinite(others).any() else 0.0
+
+
+def _join(line: np.ndarray, corners: np.ndarray, width: float, sides: Sides) -> str:
+    """The join that reaches as far out of the corners as the outline does."""
+    votes = {MITER: 0, ROUND: 0, BEVEL: 0}
+    for i in corners.tolist():
+        before, after = line[i] - line[i - 1], line[(i + 1) % len(line)] - line[i]
+        before, after = (v / max(float(np.hypot(*v)), 1e-9) for v in (before, after))
+        out = before - after
+        size = float(np.hypot(*out))
+        if size < 1e-6:
+            continue
+        out = out / size
+        half_turn = math.asin(min(0.5 * size, 1.0))
+        off = sides.points - line[i]
+        ahead = (np.abs(off @ np.array([-out[1], out[0]])) < 0.08) & (off @ out > 0.0)
+        if not ahead.any():
+            continue
+        reach = float((off @ out)[ahead].min()) / (0.5 * width)
+        stretch = math.cos(half_turn)
+        wanted = {MITER: 1.0 / max(stretch, 1e-6), ROUND: 1.0, BEVEL: stretch}
+        votes[min(wanted, key=lambda join: abs(wanted[join] - reach))] += 1
+    return max(votes, key=lambda join: votes[join])

@@ -1,0 +1,158 @@
+"""The centre line through points of a stroke: corners where its flanks meet, lines and cubics between them."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from cubicsplat_cli.artwork.fitting import fit_outline, parameter_price
+from cubicsplat_cli.artwork.outlines import Outline
+from cubicsplat_cli.artwork.refine import Feet, Pieces, refine
+from cubicsplat_cli.artwork.sections import Division, Section, divide
+from cubicsplat_cli.artwork.smoothing import arc_lengths, local_fits
+from cubicsplat_cli.artwork.strokes.stroke import Chain, line_chain
+
+SIGMA = 0.05  # px, of a point of the centre line
+CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
+FLANK = 8  # points on either side of a gap that tell its direction
+END_ERRORS = (0.05, 0.05)  # px and radians
+FEWEST = 6  # points
+
+
+def closed_line(points: np.ndarray, detail: float) -> Outline:
+    """The closed centre line through a loop of points (n, 2), about one per px."""
+    return fit_outline(points, np.full(len(points), SIGMA), detail)
+
+
+def open_line(points: np.ndarray, corners: np.ndarray, detail: float) -> Chain:
+    """The centre line through points (n, 2), its ends included; corners: indices of those where it bends sharply."""
+    stops = np.unique(np.concatenate([[0], corners, [len(points) - 1]]))
+    price = parameter_price(points, detail)
+    parts = []
+    for first, last in pairwise(stops.tolist()):
+        run = points[first : last + 1]
+        parts.append(line_chain(run[[0, -1]]) if len(run) < FEWEST else _between_corners(run, price))
+    anchors = [parts[0].anchors, *(part.anchors[1:] for part in parts[1:])]
+    smooth = np.concatenate([part.smooth[:-1] for part in parts] + [[False]])
+    return Chain(
+        np.concatenate(anchors),
+        np.concatenate([part.controls for part in parts]),
+        np.concatenate([part.lines for part in parts]),
+        smooth,
+    )
+
+
+def _between_corners(points: np.ndarray, price: float) -> Chain:
+    weights = np.full(len(points), 1.0 / SIGMA**2)
+    fits = local_fits(points, weights, closed=False)
+    ends, tangents = points[[0, -1]], fits.tangents[[0, -1]]
+    division = divide(Section(fits, weights, ends, tangents, np.array([END_ERRORS, END_ERRORS]), True), price)
+    pieces, _, _ = refine(_pieces(division, ends), points, weights, _feet(division))
+    cubics = pieces.cubics
+    return Chain(pieces.anchors, cubics[:, 1:3].copy(), pieces.lines.copy(), pieces.smooth.copy())
+
+
+def _pieces(division: Division, ends: np.ndarray) -> Pieces:
+    count, anchors = len(division.anchors), division.anchors.copy()
+    anchors[[0, -1]] = ends
+    nothing = np.zeros((1, 2))
+    outgoing = np.concatenate([division.cubics[:, 1] - division.cubics[:, 0], nothing])
+    incoming = np.concatenate([nothing, division.cubics[:, 2] - division.cubics[:, 3]])
+    smooth = np.zeros(count, dtype=bool)
+    smooth[1:-1] = ~(division.lines[1:] & division.lines[:-1])
+    # Both ends are where they are: their points tell nothing of the way along.
+    tied = np.full((count, 2), -1)
+    tied[1:-1] = np.arange(2 * (count - 2)).reshape(-1, 2)
+    return Pieces(anchors, incoming, outgoing, division.lines, smooth, division.level & smooth, tied)
+
+
+def _feet(division: Division) -> Feet:
+    sizes = np.diff(division.breaks)
+    piece = np.repeat(np.arange(len(sizes)), sizes)
+    return Feet(piece, np.concatenate([(np.arange(size) + 0.5) / size for size in sizes]))
+
+
+def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Points about one px apart with corners put into gaps, and the corners' indices.
+
+    points: (n, 2) px; gaps: (n,) bool, whether there is one between a point and the next.
+    """
+    count = len(points)
+    out: list[np.ndarray] = []
+    corners: list[int] = []
+    for i in range(count):
+        out.append(points[i])
+        if not gaps[i] or (i == count - 1 and not closed):
+            continue
+        before, after = _flank(points, gaps, i, -1, closed), _flank(points, gaps, (i + 1) % count, 1, closed)
+        corner = _meeting(points[i], before, points[(i + 1) % count], after)
+        if corner is None:
+            continue
+        out += list(_between(points[i], corner))
+        corners.append(len(out))
+        out.append(corner)
+        out += list(_between(corner, points[(i + 1) % count]))
+    return np.array(out), np.array(corners, dtype=int)
+
+
+def _between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Points on the way, about one px apart, ends left out."""
+    count = round(float(np.hypot(*(b - a))))
+    t = np.arange(1, max(count, 1)) / max(count, 1)
+    return a + (b - a) * t[:, None]
+
+
+def _flank(points: np.ndarray, gaps: np.ndarray, start: int, step: int, closed: bool) -> np.ndarray:
+    """(2,) the direction of the line, towards growing indices, at a point beside a gap."""
+    index, i = [start], start
+    while len(index) < FLANK:
+        following = i + step
+        if closed:
+            following %= len(points)
+        if (
+            not 0 <= following < len(points)
+            or gaps[min(i, following) if not closed else (i if step > 0 else following)]
+        ):
+            break
+        i = following
+        index.append(i)
+    own = points[index[::-1] if step < 0 else index]
+    if len(own) < 2:
+        return np.zeros(2)
+    return _end_tangent(own, at_end=step < 0)
+
+
+def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(2,) the unit tangent at the last of a run of points, and (2,) how it bends there, 1/px."""
+    s = arc_lengths(points)
+    degree = 2 if len(points) >= 6 and _bent(points) else 1
+    x, y = (np.polyfit(s - s[-1], points[:, c], degree)[::-1] for c in (0, 1))
+    way = np.array([x[1], y[1]])
+    way = way / max(float(np.hypot(*way)), 1e-9)
+    bend = 2.0 * np.array([x[2], y[2]]) if degree == 2 else np.zeros(2)
+    return way, bend - (bend @ way) * way
+
+
+def _end_tangent(points: np.ndarray, at_end: bool) -> np.ndarray:
+    """(2,) the unit tangent at an end of a run of points, by a parabola where they suffice."""
+    return end_of(points)[0] if at_end else -end_of(points[::-1])[0]
+
+
+def _bent(points: np.ndarray) -> bool:
+    """Whether points are off their chord by more than chance."""
+    way = points[-1] - points[0]
+    off = (points - points[0]) @ np.array([-way[1], way[0]]) / max(float(np.hypot(*way)), 1e-9)
+    return bool(np.abs(off).max() > 2.0 * SIGMA)
+
+
+def _meeting(a: np.ndarray, way: np.ndarray, b: np.ndarray, onward: np.ndarray) -> np.ndarray | None:
+    """Where the line on from a meets the line back from b; None where both are about one line."""
+    turn = float(way[0] * onward[1] - way[1] * onward[0])
+    if abs(math.atan2(turn, float(way @ onward))) < CORNER:
+        return None
+    gap = b - a
+    s = (gap[0] * onward[1] - gap[1] * onward[0]) / turn
+    u = (gap[0] * way[1] - gap[1] * way[0]) / turn
+    return a + s * way if s > 0.0 > u else None

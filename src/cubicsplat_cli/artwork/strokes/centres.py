@@ -1,0 +1,72 @@
+"""Points on the centre line of a stroke, halfway between both of its sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cubicsplat_cli.artwork.cubics import point
+from cubicsplat_cli.artwork.outlines import Ring
+
+STEP = 0.05  # px between the points of an outline
+OPPOSITE = -0.97  # cosine between the ways to both sides
+# A width is even where it is off the usual one by no more than a share of it and so many px.
+EVEN_SHARE, EVEN_PX = 0.05, 0.2
+_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Sides:
+    """The outline of a shape as closely spaced points (n, 2), with a tree to find the nearest."""
+
+    points: np.ndarray
+    tree: cKDTree
+
+    @classmethod
+    def of(cls, rings: tuple[Ring, ...]) -> Sides:
+        """Points STEP px apart along the rings."""
+        found = []
+        for ring in rings:
+            for cubic in ring.cubics:
+                length = float(np.hypot(*np.diff(cubic, axis=0).T).sum())
+                t = np.arange(max(1, int(np.ceil(length / STEP)))) / max(1, int(np.ceil(length / STEP)))
+                found.append(point(cubic[None], t[None])[0])
+        points = np.concatenate(found)
+        return cls(points, cKDTree(points))
+
+    def nearest(self, places: np.ndarray) -> np.ndarray:
+        """(n, 2) the points of the outline nearest to places (n, 2)."""
+        return self.points[self.tree.query(places)[1]]
+
+
+@dataclass(frozen=True)
+class Centres:
+    """Along a branch: points (n, 2) px, widths (n,) px, and true (n,), whether both sides lie opposite each other."""
+
+    points: np.ndarray
+    widths: np.ndarray
+    true: np.ndarray
+
+    def even(self, width: float) -> np.ndarray:
+        """(n,) bool: points where the stroke has a width."""
+        return self.true & (np.abs(self.widths - width) <= EVEN_SHARE * width + EVEN_PX)
+
+
+def centres_of(places: np.ndarray, sides: Sides) -> Centres:
+    """The centres near places (n, 2) of a skeleton: from the nearest point of the outline across to the other side."""
+    middle = places
+    for _ in range(_ROUNDS):
+        near = sides.nearest(middle)
+        far = sides.nearest(2.0 * middle - near)
+        middle = 0.5 * (near + far)
+    one, other = near - middle, far - middle
+    lengths = np.maximum(np.hypot(*one.T), 1e-9), np.maximum(np.hypot(*other.T), 1e-9)
+    again = sides.nearest(middle)
+    # The other side is opposite where a disc between the two reaches the outline nowhere else.
+    radius = np.hypot(*(again - middle).T)
+    widths = np.hypot(*(near - far).T)
+    moved = np.hypot(*(middle - places).T)
+    true = (radius > 0.46 * widths) & (moved < 0.3 * np.maximum(widths, 1.0)) & (lengths[0] > 1e-6)
+    return Centres(middle, widths, true)

@@ -1,0 +1,129 @@
+"""The ends of centre lines: how far they reach, and their caps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.artwork.strokes.centre_line import end_of
+from cubicsplat_cli.artwork.strokes.centres import Sides
+from cubicsplat_cli.artwork.strokes.stroke import BUTT, ROUND
+
+NEAREST = 0.3  # px between points of a centre line
+TIP = 0.3  # widths at a free end where the skeleton wavers
+# A round end is shorter by 0.143 widths at 0.35 widths to the side.
+BESIDE, ROUND_DROP = 0.35, 0.07
+SLIT = 0.08  # px: half of how wide a look ahead is
+AHEAD, CAP = 0.6, 0.2  # cosines
+_ROUNDS = 6
+RUN = 10  # points that tell the direction of an end
+ROUND_MEAN = (0.5 + 2.0 * (0.25 - BESIDE**2) ** 0.5) / 3.0  # widths: the three reaches of a half disc
+
+
+def onward(line: np.ndarray, closed: bool) -> np.ndarray:
+    """The points (n, 2) without repetitions and steps back."""
+    kept = [0]
+    for i in range(1, len(line)):
+        step = line[i] - line[kept[-1]]
+        back = len(kept) > 1 and float(step @ (line[kept[-1]] - line[kept[-2]])) < 0.0
+        if np.hypot(*step) >= NEAREST and not back:
+            kept.append(i)
+    line = line[kept]
+    if closed and len(line) > 2 and np.hypot(*(line[-1] - line[0])) < NEAREST:
+        line = line[:-1]
+    return line
+
+
+def trimmed(line: np.ndarray, width: float, hidden: list[float]) -> np.ndarray:
+    """The points without those at free ends where a skeleton wavers; as many as there are where few would be left."""
+    first, last = 0, len(line)
+    if not hidden[0]:
+        first = int(np.argmax(np.hypot(*(line - line[0]).T) > TIP * width))
+    if not hidden[1]:
+        last -= int(np.argmax(np.hypot(*(line[::-1] - line[-1]).T) > TIP * width))
+    return line[first:last] if last - first >= 4 else line
+
+
+def with_ends(
+    line: np.ndarray, gaps: np.ndarray, width: float, sides: Sides, hidden: list[float]
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """The points with both ends of the stroke, the gaps between them, and the cap.
+
+    hidden: the widths of the strokes in which an end lies, where no cap shows; 0 for free ends.
+    """
+    tips = [_Tip.of(line[::-1]), _Tip.of(line)]
+    reaches = [None if inside else _reaches(tip, width, sides) for tip, inside in zip(tips, hidden, strict=True)]
+    drops = [r[0] - 0.5 * (r[1] + r[2]) for r in reaches if r is not None]
+    cap = ROUND if drops and float(np.mean(drops)) > ROUND_DROP * width else BUTT
+    places = []
+    for tip, inside in zip(tips, hidden, strict=True):
+        if inside:
+            places.append(tip.on(_to_middle(tip, width, inside, sides)).place)
+            continue
+        for _ in range(2):
+            tip = tip.on(float(_reaches(tip, width, sides).mean()) - (ROUND_MEAN * width if cap == ROUND else 0.0))
+        places.append(_middle_of_cap(tip, width, sides) if cap == ROUND else tip.place)
+    return (
+        np.concatenate([places[0][None], line, places[1][None]]),
+        np.concatenate([[False], gaps[:-1], [False, False]]),
+        cap,
+    )
+
+
+def _middle_of_cap(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
+    """(2,) the point that is half a width from the outline ahead, by least squares."""
+    place = tip.place
+    for _ in range(_ROUNDS):
+        off = sides.points - place
+        distance = np.maximum(np.hypot(*off.T), 1e-9)
+        own = (distance < width) & (off @ tip.way > CAP * distance)
+        if own.sum() < 3:
+            return tip.place
+        out = off[own] / distance[own, None]
+        place = place - np.linalg.lstsq(out, 0.5 * width - distance[own], rcond=None)[0]
+    return place if np.hypot(*(place - tip.place)) < 0.5 * width else tip.place
+
+
+@dataclass(frozen=True)
+class _Tip:
+    """An end of a line: its place, unit tangent and bend, (2,) each."""
+
+    place: np.ndarray
+    way: np.ndarray
+    bend: np.ndarray
+
+    @classmethod
+    def of(cls, line: np.ndarray) -> _Tip:
+        """The last of some points."""
+        return cls(line[-1], *end_of(line[-RUN:]))
+
+    def on(self, reach: float) -> _Tip:
+        """The end if the line went on by so many px, bending as it does."""
+        way = self.way + reach * self.bend
+        return _Tip(self.place + reach * self.way + 0.5 * reach**2 * self.bend, way / np.hypot(*way), self.bend)
+
+
+def _reaches(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
+    """(3,) how far ahead the outline lies in the middle, and beside it to the left and to the right."""
+    off = sides.points - tip.place
+    along, across = off @ tip.way, off @ np.array([-tip.way[1], tip.way[0]])
+    found = []
+    for side in (0.0, -BESIDE * width, BESIDE * width):
+        near = (np.abs(across - side) < SLIT) & (along > -0.2 * width) & (along < 2.0 * width)
+        found.append(float(along[near].min()) if near.any() else 0.0)
+    return np.array(found)
+
+
+def _to_middle(tip: _Tip, width: float, beside: float, sides: Sides) -> float:
+    """How far ahead the middle is of the stroke, `beside` px wide, that this one ends in: half of that from its far
+    side."""
+    off = sides.points - tip.place
+    off = off[np.hypot(*off.T) < 2.0 * (width + beside)]
+    for reach in np.arange(0.0, width + beside, max(0.02 * width, 0.1)):
+        rest = off - reach * tip.way
+        distance = np.hypot(*rest.T)
+        ahead = rest @ tip.way > AHEAD * distance
+        if ahead.any() and distance[ahead].min() <= 0.5 * beside:
+            return float(reach)
+    return 0.0

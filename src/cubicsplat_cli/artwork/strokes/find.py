@@ -1,0 +1,122 @@
+"""Shapes of even width found and drawn as strokes; all others stay as they are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.outlines import Circle, Outline, Rectangle, Ring, flattened, reversed_ring, signed_area
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.strokes.build import strokes_of
+from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
+from cubicsplat_cli.artwork.strokes.stroke import BUTT, MITER, ROUND, Stroke, line_chain, pieces_of
+
+LONGEST_MEAN = 0.06  # px that the outline of strokes is off a shape's in the mean
+MOST_OFF = 0.75  # of a pixel's coverage
+LEAST_ASPECT = 3.0  # of a bar that is a stroke
+ALIKE_PX, ALIKE_SHARE = 0.08, 0.015  # widths that differ by less are one
+
+
+def with_strokes(drawing: Drawing, detail: float = 1.0) -> Drawing:
+    """The drawing with every shape of even width as strokes: one for each line that a pen would draw.
+
+    A shape is given up where its strokes would cover anything else than it does. Widths that are alike become one.
+    """
+    found = [_strokes(shape, detail) for shape in drawing.shapes]
+    width_of = _common([stroke for strokes in found for stroke in strokes])
+    shapes: list[Shape] = []
+    for shape, strokes in zip(drawing.shapes, found, strict=True):
+        tied = [replace(stroke, width=width_of[stroke.width]) for stroke in strokes]
+        shapes += [replace(shape, outlines=outlines_of_stroke(stroke), stroke=stroke) for stroke in tied] or [shape]
+    return replace(drawing, shapes=tuple(shapes))
+
+
+def _strokes(shape: Shape, detail: float) -> list[Stroke]:
+    """The strokes that cover what a shape does; none where there are no such, and of gradients none."""
+    if shape.gradient is not None:
+        return []
+    simple = _simple(shape.outlines)
+    if simple is not None:
+        return [simple]
+    if len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring):
+        return []
+    strokes = strokes_of(shape.oriented(), detail)
+    return strokes if strokes and _same(shape, strokes) else []
+
+
+def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
+    """The stroke that a ring of two circles or a long bar is."""
+    first = outlines[0]
+    if len(outlines) == 2 and isinstance(first, Circle) and isinstance(hole := outlines[1], Circle):
+        width = first.r - hole.r
+        if math.hypot(first.cx - hole.cx, first.cy - hole.cy) < 0.05 and width < hole.r:
+            return Stroke(Circle(first.cx, first.cy, 0.5 * (first.r + hole.r)), width, BUTT, MITER)
+    if len(outlines) == 1 and isinstance(first, Rectangle):
+        long, short = max(first.width, first.height), min(first.width, first.height)
+        rounded = first.radius > 0.45 * short
+        if long >= LEAST_ASPECT * short and (rounded or first.radius == 0.0):
+            angle = first.angle + (0.0 if first.width >= first.height else 0.5 * math.pi)
+            half = 0.5 * (long - short if rounded else long) * np.array([math.cos(angle), math.sin(angle)])
+            middle = np.array([first.x + 0.5 * first.width, first.y + 0.5 * first.height])
+            return Stroke(
+                line_chain(np.stack([middle - half, middle + half])), short, ROUND if rounded else BUTT, MITER
+            )
+    return None
+
+
+def _same(shape: Shape, strokes: list[Stroke]) -> bool:
+    """Whether strokes cover what a shape does, to a few hundredths of a px along its outline."""
+    rings = shape.oriented()
+    low, high = _box([ring.cubics for ring in rings])
+    # A line that has gone astray need not be drawn to be seen.
+    first, last = _box([pieces_of(stroke.path)[0] for stroke in strokes])
+    size = high - low
+    if (first < low - size).any() or (last > high + size).any():
+        return False
+    drawn = [_oriented(outlines_of_stroke(stroke)) for stroke in strokes]
+    margin = math.ceil(2.0 * max(stroke.width for stroke in strokes))
+    low, high = low - margin, high + margin
+    off = np.abs(_covered([rings], low, high) - _covered(drawn, low, high))
+    length = sum(float(np.hypot(*np.diff(flattened(ring), axis=0).T).sum()) for ring in rings)
+    return bool(off.sum() <= LONGEST_MEAN * length and off.max() <= MOST_OFF)
+
+
+def _box(cubics: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The corners (2,) int of the pixels that hold all control points."""
+    points = np.concatenate([each.reshape(-1, 2) for each in cubics])
+    return np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int)
+
+
+def _oriented(outlines: tuple[Outline, ...]) -> tuple[Ring, ...]:
+    rings = [outline.ring() for outline in outlines]
+    return tuple(reversed_ring(ring) if (signed_area(ring) > 0.0) == (i > 0) else ring for i, ring in enumerate(rings))
+
+
+def _covered(groups: list[tuple[Ring, ...]], low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The share of each pixel, of those from low to high (2,), under groups of rings."""
+    width, height = (high - low).tolist()
+    total = np.zeros((height, width))
+    for rings in groups:
+        cubics = np.concatenate([ring.cubics for ring in rings])
+        lines = np.concatenate([ring.lines for ring in rings])
+        total += coverage(edges_of(cubics, lines), int(low[1]), int(low[0]), height, width)
+    return np.minimum(total, 1.0)
+
+
+def _common(strokes: list[Stroke]) -> dict[float, float]:
+    """For each width the one that it and those like it become, their mean by length."""
+    order = sorted(strokes, key=lambda stroke: stroke.width)
+    groups: list[list[Stroke]] = []
+    for stroke in order:
+        if groups and stroke.width - groups[-1][0].width <= ALIKE_PX + ALIKE_SHARE * stroke.width:
+            groups[-1].append(stroke)
+        else:
+            groups.append([stroke])
+    common: dict[float, float] = {}
+    for group in groups:
+        width = float(np.mean([stroke.width for stroke in group]))
+        common |= {stroke.width: width for stroke in group}
+    return common

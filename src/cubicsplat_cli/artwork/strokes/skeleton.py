@@ -1,0 +1,166 @@
+"""The skeleton of a shape as a graph: its branches between ends and junctions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from skimage.morphology import skeletonize
+
+from cubicsplat_cli.artwork.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.outlines import Ring
+
+FINEST = 8  # pixels of the skeleton per px
+PIXELS_ACROSS = 8.0  # a stroke is drawn with so many at least
+SPUR, BRIDGE = 0.75, 0.9  # of the width: shorter branches to an end, and between junctions, are none
+_AROUND = [(-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1)]
+
+
+@dataclass(eq=False)
+class Branch:
+    """points: (n, 2) px along it, its ends included; nodes: the numbers of the junctions or ends at both, -1 of a
+    loop."""
+
+    points: np.ndarray
+    nodes: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Graph:
+    """branches: of the skeleton. places: (N, 2) px, of the nodes, junctions and ends."""
+
+    branches: list[Branch]
+    places: np.ndarray
+
+    def dangling(self, branch: int) -> bool:
+        """Whether a branch runs from a junction to a free end."""
+        a, b = self.branches[branch].nodes
+        return a != b and 1 in (len(self.at(a)), len(self.at(b))) and len(self.at(a)) + len(self.at(b)) > 2
+
+    def without(self, branches: list[int]) -> Graph:
+        """The graph without some branches; what they held apart is joined."""
+        return Graph(
+            _joined([each for b, each in enumerate(self.branches) if b not in branches], self.places), self.places
+        )
+
+    def at(self, node: int) -> list[tuple[int, int]]:
+        """(branch, which end) of all that meet at a node."""
+        return [(b, k) for b, branch in enumerate(self.branches) for k in (0, 1) if branch.nodes[k] == node]
+
+
+def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
+    """The skeleton of what the rings (outer clockwise as seen, holes the other way) cover, a stroke about so wide.
+
+    Spurs into corners are taken off, and junctions that a crossing falls apart into are joined again.
+    """
+    scale = int(np.clip(np.ceil(PIXELS_ACROSS / max(width, 1e-6)), 1, FINEST))
+    cubics = np.concatenate([ring.cubics for ring in rings])
+    lines = np.concatenate([ring.lines for ring in rings])
+    low = np.floor(cubics.min(axis=(0, 1))) - 2.0
+    size = np.ceil(cubics.max(axis=(0, 1))) + 3.0 - low
+    columns, rows = (size * scale).astype(int)
+    mask = coverage(edges_of((cubics - low) * scale, lines), 0, 0, int(rows), int(columns)) > 0.5
+    graph = _graph(skeletonize(mask))
+    for branch in graph.branches:
+        branch.points = (branch.points + 0.5) / scale + low
+    return _tidied(Graph(graph.branches, (graph.places + 0.5) / scale + low), width)
+
+
+def _graph(skeleton: np.ndarray) -> Graph:
+    """The graph of a skeleton one pixel wide, in x, y of its pixels."""
+    pixels = {(int(y), int(x)) for y, x in np.argwhere(skeleton)}
+
+    def neighbours(pixel: tuple[int, int]) -> list[tuple[int, int]]:
+        y, x = pixel
+        straight = [(y + dy, x + dx) for dy, dx in _AROUND[:4] if (y + dy, x + dx) in pixels]
+        out = list(straight)
+        for dy, dx in _AROUND[4:]:
+            # A diagonal step that two straight ones make as well is none.
+            if (y + dy, x + dx) in pixels and (y + dy, x) not in pixels and (y, x + dx) not in pixels:
+                out.append((y + dy, x + dx))
+        return out
+
+    around = {pixel: neighbours(pixel) for pixel in pixels}
+    special = np.zeros(skeleton.shape, dtype=bool)
+    for pixel, beside in around.items():
+        special[pixel] = len(beside) != 2
+    labels, count = ndimage.label(special, np.ones((3, 3)))
+    places = np.array(ndimage.center_of_mass(special, labels, np.arange(1, count + 1))).reshape(-1, 2)[:, ::-1]
+    branches: list[Branch] = []
+    seen: set[tuple[int, int]] = set()
+    for pixel in sorted(p for p in pixels if special[p]):
+        node = int(labels[pixel]) - 1
+        for step in around[pixel]:
+            if (special[step] and labels[step] == labels[pixel]) or step in seen:
+                continue
+            row, before, here = [pixel], pixel, step
+            while not special[here]:
+                seen.add(here)
+                row.append(here)
+                onward = [p for p in around[here] if p != before]
+                before, here = here, onward[0]
+            if special[here] and len(row) == 1 and (int(labels[here]) - 1 < node):
+                continue  # two nodes side by side, met from the other one
+            row.append(here)
+            branches.append(Branch(np.array(row)[:, ::-1].astype(float), (node, int(labels[here]) - 1)))
+    for pixel in sorted(pixels):
+        if special[pixel] or pixel in seen:
+            continue
+        row, before, here = [pixel], pixel, around[pixel][0]
+        while here != pixel:
+            row.append(here)
+            onward = [p for p in around[here] if p != before]
+            before, here = here, onward[0]
+        seen.update(row)
+        branches.append(Branch(np.array(row)[:, ::-1].astype(float), (-1, -1)))
+    return Graph(branches, places)
+
+
+def _length(branch: Branch) -> float:
+    return float(np.hypot(*np.diff(branch.points, axis=0).T).sum())
+
+
+def _tidied(graph: Graph, width: float) -> Graph:
+    """The graph without spurs, with bridges between junctions contracted, and branches joined at nodes of two."""
+    places = graph.places.copy()
+    branches = list(graph.branches)
+
+    def degree(node: int) -> int:
+        return sum(branch.nodes.count(node) for branch in branches)
+
+    for branch in sorted(branches, key=_length):
+        a, b = branch.nodes
+        free = [degree(a) == 1, degree(b) == 1]
+        if a >= 0 and sum(free) == 1 and degree(b if free[0] else a) >= 3 and _length(branch) < SPUR * width:
+            branches.remove(branch)
+        elif a >= 0 and a != b and not any(free) and _length(branch) < BRIDGE * width and degree(a) > 2 < degree(b):
+            branches.remove(branch)
+            places[a] = 0.5 * (places[a] + places[b])
+            for other in branches:
+                other.nodes = (
+                    a if other.nodes[0] == b else other.nodes[0],
+                    a if other.nodes[1] == b else other.nodes[1],
+                )
+    return Graph(_joined(branches, places), places)
+
+
+def _joined(branches: list[Branch], places: np.ndarray) -> list[Branch]:
+    """The branches, those in one where only two meet."""
+    joined = True
+    while joined:
+        joined = False
+        for node in range(len(places)):
+            met = [(branch, k) for branch in branches for k in (0, 1) if branch.nodes[k] == node]
+            if len(met) != 2:
+                continue
+            (first, i), (second, j) = met
+            if first is second:
+                first.nodes = (-1, -1)
+                continue
+            start = first.points if i == 1 else first.points[::-1]
+            rest = second.points if j == 0 else second.points[::-1]
+            new = Branch(np.concatenate([start, rest]), (first.nodes[1 - i], second.nodes[1 - j]))
+            branches = [branch for branch in branches if branch is not first and branch is not second] + [new]
+            joined = True
+    return branches

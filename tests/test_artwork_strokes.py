@@ -1,0 +1,193 @@
+"""Pen strokes: widths, centre lines, caps and joins found in pictures, written, and read back."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial import cKDTree
+from stroke_icons import ICONS, SIZE, Pen, line_of, picture_of
+
+from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.cubics import point
+from cubicsplat_cli.artwork.outlines import Circle, Rectangle, polygon
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
+from cubicsplat_cli.artwork.strokes.find import with_strokes
+from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
+from cubicsplat_cli.artwork.strokes.stroke import Chain, Stroke, line_chain, pieces_of
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.svg import read_drawing, read_svg, write_drawing
+
+INK = (26, 43, 109, 255)
+
+
+def strokes_in(picture: np.ndarray) -> list[Stroke]:
+    drawing = with_strokes(draw(picture.astype(np.float32) / 255.0))
+    return [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
+
+
+def points_on(stroke: Stroke) -> np.ndarray:
+    cubics, _ = pieces_of(stroke.path)
+    return np.concatenate([point(cubic[None], np.linspace(0.0, 1.0, 2000)[None])[0] for cubic in cubics])
+
+
+@pytest.mark.parametrize("name", sorted(ICONS))
+def test_widths_and_centre_lines_of_icons(name):
+    pens = ICONS[name]
+    found = strokes_in(picture_of(pens))
+    assert len(found) == len(pens)
+    widths = sorted(stroke.width for stroke in found)
+    assert widths == pytest.approx(sorted(pen.width for pen in pens), abs=0.1)
+    # An end that lies beneath another stroke may be a little off, and the tight inner bends of a broad pen show less.
+    lines = np.concatenate([line_of(pen) for pen in pens])
+    off = cKDTree(lines).query(np.concatenate([points_on(stroke) for stroke in found]))[0]
+    assert np.percentile(off, 95) < 0.06 and off.max() < 0.2
+    missed = cKDTree(np.concatenate([points_on(stroke) for stroke in found])).query(lines)[0]
+    assert missed.max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("name", "caps", "joins"),
+    [
+        ("checkmark", {"round"}, {"round"}),
+        ("checkmark with sharp ends", {"butt"}, {"miter"}),
+        ("round arrow", {"round"}, {"round", "miter"}),
+        ("triangle", {"butt"}, {"miter"}),
+    ],
+)
+def test_caps_and_joins(name, caps, joins):
+    found = strokes_in(picture_of(ICONS[name]))
+    assert {stroke.cap for stroke in found} == caps and {stroke.join for stroke in found} <= joins
+
+
+def test_square_caps_are_butt_caps_of_a_longer_line():
+    (found,) = strokes_in(picture_of([Pen("M60 200L128 60L190 200", 14, "square")]))
+    assert found.cap == "butt" and isinstance(found.path, Chain)
+    ends = np.array([[60.0, 200.0], [190.0, 200.0]])
+    out = np.array([[60.0 - 128.0, 200.0 - 60.0], [190.0 - 128.0, 200.0 - 60.0]])
+    longer = ends + 7.0 * out / np.hypot(*out.T)[:, None]
+    assert np.sort(found.path.anchors[[0, -1]], axis=0) == pytest.approx(np.sort(longer, axis=0), abs=0.1)
+
+
+def test_widths_that_are_alike_become_one():
+    found = strokes_in(picture_of(ICONS["grid"]))
+    assert len({stroke.width for stroke in found}) == 1
+
+
+def test_what_no_pen_drew_stays_a_shape():
+    wedge = polygon(np.array([[20.0, 20.0], [200.0, 30.0], [60.0, 180.0]]))
+    drawing = Drawing(SIZE, SIZE, (Shape(INK, (wedge,), "wedge"), Shape(INK, (Circle(200.0, 200.0, 20.0),), "disc")))
+    assert with_strokes(drawing) == drawing
+
+
+def test_rings_and_bars_are_strokes_as_they_stand():
+    ring = Shape(INK, (Circle(60.0, 60.0, 40.0), Circle(60.0, 60.0, 34.0)), "ring")
+    bar = Shape(INK, (Rectangle(20.0, 150.0, 100.0, 8.0, 4.0),), "bar")
+    found = [shape.stroke for shape in with_strokes(Drawing(SIZE, SIZE, (ring, bar))).shapes]
+    assert found[0] is not None and found[0].path == Circle(60.0, 60.0, 37.0) and found[0].width == 6.0
+    assert found[1] is not None and found[1].cap == "round"
+    assert isinstance(found[1].path, Chain)
+    assert found[1].path.anchors == pytest.approx(np.array([[24.0, 154.0], [116.0, 154.0]]))
+
+
+def shares(text: str) -> np.ndarray:
+    """(SIZE, SIZE) how much of each pixel an SVG covers, drawn by an independent renderer four times as large."""
+    fine = rerender(text.encode(), 4 * SIZE, 4 * SIZE).pixels[..., 3].astype(float) / 255.0
+    return fine.reshape(SIZE, 4, SIZE, 4).mean(axis=(1, 3))
+
+
+WAVE = "M30 128C80 20 120 240 160 128S220 60 230 150"
+
+
+@pytest.mark.parametrize("cap", ["butt", "round", "square"])
+@pytest.mark.parametrize("join", ["miter", "round", "bevel"])
+@pytest.mark.parametrize(
+    "d", ["M40 200L128 60L200 200", "M128 40L220 210H36z", WAVE, ICONS["infinity"][0].d, "M40 40L200 60L60 62"]
+)
+def test_outlines_are_those_that_viewers_draw(d, cap, join):
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" width="{SIZE}" height="{SIZE}" viewBox="0 0 {SIZE} {SIZE}"><path '
+    text += f'id="a" d="{d}" fill="none" stroke="#000" stroke-width="13" '
+    text += f'stroke-linecap="{cap}" stroke-linejoin="{join}"/></svg>'
+    (shape,) = read_drawing(text).shapes
+    assert shape.stroke is not None
+    filled = Drawing(SIZE, SIZE, (replace(shape, stroke=None),))
+    off = np.abs(shares(write_drawing(filled, precision=4, title="t", comment="c")) - shares(text))
+    assert off.max() < 0.06 and off.sum() < 8.0
+
+
+def test_a_file_with_strokes_is_read_back():
+    found = with_strokes(draw(picture_of(ICONS["house"]).astype(np.float32) / 255.0))
+    text = write_drawing(found, title="t", comment="c")
+    again = read_drawing(text)
+    assert write_drawing(again, title="t", comment="c") == text
+    assert [s.stroke is None for s in again.shapes] == [s.stroke is None for s in found.shapes]
+    assert read_svg(text).curves == len(found.shapes)
+
+
+def test_strokes_alike_are_one_path_and_say_only_what_differs_from_the_usual():
+    pen = {"width": 4.0, "cap": "butt", "join": "miter"}
+    rows = [Stroke(line_chain(np.array([[10.0, y], [90.0, y]])), **pen) for y in (20.0, 40.0, 60.0)]
+    shapes = [Shape(INK, outlines_of_stroke(stroke), "line", stroke=stroke) for stroke in rows]
+    dot = Stroke(line_chain(np.array([[50.0, 80.0], [60.0, 90.0]])), 4.0, "round", "round")
+    shapes.append(Shape((0, 0, 0, 128), outlines_of_stroke(dot), "dash", stroke=dot))
+    text = write_drawing(Drawing(100, 100, tuple(shapes)), precision=1, title="t", comment="c")
+    assert '<path id="line" d="M10 20h80M10 40h80M10 60h80" fill="none" stroke="#1a2b6d" stroke-width="4"/>' in text
+    assert (
+        'stroke="#000" stroke-opacity=".502" stroke-width="4" stroke-linecap="round" stroke-linejoin="round"/>' in text
+    )
+
+
+def test_a_scaled_stroke_stays_one_where_both_sides_grow_alike():
+    stroke = Stroke(line_chain(np.array([[10.0, 10.0], [90.0, 50.0]])), 4.0)
+    drawing = Drawing(100, 100, (Shape(INK, outlines_of_stroke(stroke), "line", stroke=stroke),))
+    twice = scaled_drawing(drawing, 200, 200).shapes[0].stroke
+    assert twice is not None and twice.width == 8.0
+    assert scaled_drawing(drawing, 200, 100).shapes[0].stroke is None
+
+
+@pytest.mark.parametrize(
+    ("attributes", "why"),
+    [
+        ('d="M0 0L5 5" stroke="#000" stroke-width="0"', "without a width"),
+        ('d="M0 0L5 5" stroke="#000" stroke-linecap="flat"', "stroke-linecap 'flat'"),
+        ('d="M0 0A5 5 0 0 1 5 5" stroke="#000"', "open path of other than"),
+        ('d="M0 0L5 5" stroke="#000" stroke-dasharray="1 2"', "unexpected attribute 'stroke-dasharray'"),
+        ('d="M0 0L5 5"', "has the colour"),
+    ],
+)
+def test_strokes_of_others_are_refused(attributes, why):
+    text = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9" viewBox="0 0 9 9">'
+    with pytest.raises(InputError, match=re.escape(why)):
+        read_drawing(f'{text}<path id="a" fill="none" {attributes}/></svg>')
+
+
+def test_the_command_draws_strokes(run_cli, tmp_path):
+    Image.fromarray(picture_of(ICONS["checkmark"])).save(tmp_path / "check.png")
+    done = run_cli("vectorize", str(tmp_path / "check.png"), "--mode", "open", "--style", "artwork", "--threads", "1")
+    assert done.returncode == 0, done.stderr
+    text = (tmp_path / "check.svg").read_text()
+    assert text.count("<path") == 1 and 'stroke-width="14" stroke-linecap="round" stroke-linejoin="round"' in text
+    report = json.loads((tmp_path / "check.json").read_text())
+    assert (report["shapes"], report["strokes"]) == (2, 1)
+    assert report["quality"]["svg"]["psnr_db"] > 45.0
+    assert run_cli("eval", str(tmp_path / "check.png"), str(tmp_path / "check.svg")).returncode == 0
+    assert run_cli("render", str(tmp_path / "check.svg"), "-o", str(tmp_path / "drawn.png")).returncode == 0
+
+
+def test_the_library_draws_strokes_where_the_picture_is_flat():
+    result = vectorize(picture_of(ICONS["triangle"]), mode="open", threads=1, measure=False)
+    assert (result.report.style, result.report.strokes, result.report.segments) == ("artwork", 1, 7)
+
+
+def test_cutouts_have_no_strokes():
+    with pytest.raises(UsageError, match="leave out --mode open"):
+        Request(artwork=ArtworkSettings(stacking="cutout"), settings=FitSettings.from_preset("standard", "open"))
