@@ -78,6 +78,13 @@ def test_what_is_transparent_was_no_jpeg():
     assert not condition_of(levels).jpeg
 
 
+def test_a_picture_that_was_scaled_down_was_no_jpeg():
+    levels = np.full((40, 48, 3), 240, np.uint8)
+    levels[8:30, 10:34] = (20, 90, 160)
+    small = Image.fromarray(levels).resize((24, 20), Image.Resampling.LANCZOS)
+    assert not condition_of(as_levels(as_picture(np.asarray(small)).target())).jpeg
+
+
 @pytest.mark.parametrize("kind", ["jpeg", "noisy"])
 def test_noise_gives_no_inks_and_hides_none(kind):
     levels = as_levels(target(kind))

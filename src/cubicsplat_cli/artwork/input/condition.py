@@ -23,7 +23,7 @@ LEAST_NOISE = 0.7  # levels, which rounding and dither do not reach
 BLOCK, ZERO, BUSY = 8, 1.2, 12.0
 MORE_ZEROS, ERROR, FEWEST_BLOCKS = 1.25, 0.8, 20  # times as many; the difference times the root of their number
 # Without such blocks: the roughness lies in blocks of 16 x 16 px with edges, and not in those half a block away.
-INSIDE, MUCH_LESS = 0.9, 0.3
+INSIDE, MUCH_LESS, LEAST_SIDE = 0.9, 0.3, 64  # shares, and px of the picture that tell them
 LEAST_ROUGH = 0.008  # share of the quiet pixels of a JPEG
 # Opacity counts as well: black on nothing has edges.
 LUMA = np.array([0.299, 0.587, 0.114, 0.7], dtype=np.float32)
@@ -105,6 +105,8 @@ def _in_blocks(luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
     apart, _ = _zeros(luma, BLOCK // 2)
     if number >= FEWEST_BLOCKS:
         return own > MORE_ZEROS * apart and (own - apart) * number**0.5 > ERROR
+    if min(rough.shape) < LEAST_SIDE:
+        return False
     inside = _inside(rough, quiet, 0)
     return inside > INSIDE and inside - _inside(rough, quiet, BLOCK) > MUCH_LESS
 
