@@ -99,6 +99,16 @@ def test_a_radial_gradient_has_its_middle_and_radius():
     assert (found.cx, found.cy) == pytest.approx((120, 80), abs=0.3) and found.rx == pytest.approx(found.ry, rel=0.01)
 
 
+def test_the_tip_of_a_sphere_is_the_middle_of_its_gradient():
+    stops = '<stop stop-color="#fff"/><stop offset=".4" stop-color="#60a0f0"/><stop offset="1" stop-color="#103070"/>'
+    body = '<rect width="256" height="192" fill="#fff"/><circle cx="128" cy="96" r="70" fill="url(#a)"/>'
+    drawing = draw(picture(ROUND.replace("110", "100").format(stops) + body))
+    ground, sphere = drawing.shapes
+    assert ground.gradient is None and 3 <= len(sphere.gradient.stops) <= 4
+    first = sphere.gradient.stops[0]
+    assert first.offset == 0.0 and min(first.ink) >= 250
+
+
 def test_what_lies_over_a_gradient_does_not_divide_it():
     bars = '<path fill="#fff" d="M90 0h14v192H90zM150 0h10v192h-10z"/><circle cx="60" cy="90" r="12" fill="#222"/>'
     body = ROUND.format(TWO) + '<circle cx="128" cy="96" r="80" fill="url(#a)"/>' + bars

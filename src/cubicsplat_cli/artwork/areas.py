@@ -27,7 +27,7 @@ SAME_INK, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and s
 CLEAR = 0.5  # levels of opacity
 ALIKE = 0.4  # share of an area's pixels that another's gradient explains, for one to be sought for both
 # Px across which a gradient may go on, px along which it must, and levels by which it may be off there.
-GAP, CONTACT, SHARP = 4, 8, 12.0
+GAP, CONTACT, SHARP = 4, 8, 24.0
 SAME_RAMP = 2.0  # levels by which two ramps may be off each other, for one to be sought for both
 MOST_HINTS = 3
 DEEPEST, SEEDS, LEAST_SHARE = 2, 3, 0.3
@@ -122,7 +122,7 @@ def _united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Ar
             likely = (
                 part.explained(group.shade.extended()).mean() >= ALIKE
                 or alike(area.shade.ramp, group.shade.ramp) <= SAME_RAMP
-                or _continues(group, part)
+                or _meets(group, area)
             )
             if likely:
                 one = _one(levels, [*group.members, part], [group.shade, area.shade])
@@ -143,6 +143,16 @@ class _Group:
 
     shade: Shade
     members: list[_Part]
+
+
+def _meets(group: _Group, area: Area) -> bool:
+    """Whether the ramps of a group and an area, carried on, have about the same colours between the two."""
+    near = np.logical_or.reduce([ndimage.binary_dilation(p.mask, SQUARE, iterations=GAP) for p in group.members])
+    y, x = np.nonzero(near & ndimage.binary_dilation(area.mask, SQUARE, iterations=GAP))
+    if len(y) < CONTACT:
+        return False
+    first, second = (shade.extended().at(x + 0.5, y + 0.5) for shade in (group.shade, area.shade))
+    return bool(np.median(np.abs(first - second).max(axis=1)) <= SHARP)
 
 
 def _continues(group: _Group, part: _Part) -> bool:

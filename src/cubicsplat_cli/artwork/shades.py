@@ -31,6 +31,7 @@ from cubicsplat_cli.paint import Gradient, LinearGradient, Stop, radial_from
 # Pixels looked at to choose and to settle; blocks, each of which gives a direction, px of one and pixels that it needs.
 FEW_PIXELS, MOST_PIXELS, BLOCKS, LEAST_BLOCK, FULL = 1000, 4000, 300, 3, 5
 ROUNDS, ENOUGH = 12, 1e-3
+PEAK = 6.0  # px around a middle, where a ramp that rises to it has a tip that looks like an edge
 UNLIKELY = 4.0  # times the least scatter
 HUBER = 2.0  # levels, beyond which a pixel hardly counts
 NEAR_AXIS = 0.05  # tangent of the angle to an axis
@@ -149,10 +150,11 @@ def _reaching(shade: Shade, x: np.ndarray, y: np.ndarray, values: np.ndarray) ->
         beyond = t < knots[0] if end == 0 else t > knots[-1]
         slope = (colours[end] - colours[beside]) / (knots[end] - knots[beside])
         off = colours[end] - values[beyond]
-        if (off**2).sum() < ((off + slope * (t[beyond] - knots[end])[:, None]) ** 2).sum():
+        tip = shade.radial and end == 0 and knots[0] < PEAK * margin
+        if not tip and (off**2).sum() < ((off + slope * (t[beyond] - knots[end])[:, None]) ** 2).sum():
             continue
         place = min(float(t.min()), knots[0]) - margin if end == 0 else max(float(t.max()), knots[-1]) + margin
-        place = max(place, 0.0) if shade.radial else place
+        place = 0.0 if tip else max(place, 0.0) if shade.radial else place
         colours[end] += slope * (place - knots[end])
         knots[end] = place
         goes_on[end] = True
