@@ -36,7 +36,7 @@ def complaints(text: str) -> str:
     """What the compiler says of a text; empty where it is content."""
     options = ["-std=c++17", "-fsyntax-only", "-x", "c++", f"-I{KERNELS}", f"-I{EMULATOR}"]
     options += [*(f"-I{KERNELS / folder}" for folder in ("cuda", "shared"))]
-    options += ["-DCS_CLOSED=1", "-DCS_CHANNELS=3", "-"]
+    options += ["-DCS_CLOSED=1", "-DCS_CHANNELS=3", "-DCS_PAINTED=1", "-"]
     return subprocess.run([compiler(), *options], input=text, capture_output=True, text=True, check=False).stderr
 
 
