@@ -203,3 +203,17 @@ def test_the_report_says_what_was_drawn_through(kind, note):
 
 def test_of_a_clean_picture_there_is_nothing_to_say():
     assert taken_in(target("clean")).notes == []
+
+
+def test_an_ink_of_thin_lines_alone_is_found_and_drawn():
+    lines = "".join(f'<path d="M0 {y}L160 {y + 40}" stroke="#000" stroke-width="1.8"/>' for y in range(-10, 110, 30))
+    body = f'<path d="M0 0H160V160H0z" fill="#fff"/><path d="M0 0H80V160H0z" fill="#0071bd"/>{lines}'
+    levels = as_levels(target("jpeg", body))
+    condition = condition_of(levels)
+    palette = noisy_inks(levels, levels, condition.noise)
+    assert np.abs(palette[:, :3]).max(axis=1).min() > 100.0
+    done = restored(levels, condition)
+    clean = as_levels(target("clean", body))
+    black = (clean[..., :3] < 8.0).all(axis=-1)
+    assert black.sum() > 300
+    assert (done[black][:, :3].max(axis=1) < 60.0).mean() > 0.9

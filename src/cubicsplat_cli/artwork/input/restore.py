@@ -11,6 +11,7 @@ from scipy import ndimage
 from scipy.special import ndtri
 
 from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.lines import line_inks
 from cubicsplat_cli.artwork.input.palette import noisy_inks
 from cubicsplat_cli.artwork.regions import near_inks
 
@@ -22,6 +23,7 @@ CHROMA = 0.4
 # Nats for each neighbour of another ink, and for an ink of which nothing solid is near.
 NEIGHBOUR, STRANGE = 0.7, 3.0
 ROUNDS = 6
+MOST_THICK = 24  # inks, beyond which those of thin lines are not sought
 SNAP = 0.08  # shares this near to 0 or 1 are
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two inks to be told
 _TO_YCC = np.array(
@@ -42,16 +44,21 @@ def restored(levels: np.ndarray, condition: Condition, most: int | None = None) 
     seen = (levels @ space).astype(np.float32)
     palette = noisy_inks(levels, seen, condition.noise, most)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
-    labels = _labels(seen, palette @ space, sigma)
+    thick = len(palette)
+    if most is None and thick <= MOST_THICK:
+        _, gap = _nearest(seen, palette @ space)
+        far = gap > MOST * sigma
+        palette = np.vstack([palette, line_inks(levels[far], seen[far], palette, space, sigma)])
+    labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
     return _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
 
 
-def _labels(seen: np.ndarray, inks: np.ndarray, sigma: float) -> np.ndarray:
-    """(H, W) int32 the ink that each pixel has most of."""
+def _labels(seen: np.ndarray, inks: np.ndarray, sigma: float, thick: int) -> np.ndarray:
+    """(H, W) int32 the ink that each pixel has most of; of inks from `thick` on there are only thin lines."""
     nearest, gap = _nearest(seen, inks)
     pure = np.where(gap <= MOST * sigma, nearest, -1).astype(np.int32)
-    solid = _solid(pure)
+    solid = np.where(pure >= thick, pure, _solid(pure))
     y, x = np.nonzero(solid < 0)
     labels = np.where(solid >= 0, solid, nearest).astype(np.int32)
     if not len(y):
