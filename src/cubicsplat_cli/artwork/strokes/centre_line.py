@@ -111,10 +111,7 @@ def _flank(points: np.ndarray, gaps: np.ndarray, start: int, step: int, closed: 
         following = i + step
         if closed:
             following %= len(points)
-        if (
-            not 0 <= following < len(points)
-            or gaps[min(i, following) if not closed else (i if step > 0 else following)]
-        ):
+        if not 0 <= following < len(points) or gaps[i if step > 0 else following]:
             break
         i = following
         index.append(i)

@@ -11,7 +11,8 @@ from cubicsplat_cli.artwork.cubics import point
 from cubicsplat_cli.artwork.outlines import Ring
 
 STEP = 0.05  # px between the points of an outline
-OPPOSITE = -0.97  # cosine between the ways to both sides
+REST = 0.46  # of a width, that the outline is from a point halfway across at the least
+MOST_MOVED = 0.3  # widths, that such a point lies off the skeleton at the most
 # A width is even where it is off the usual one by no more than a share of it and so many px.
 EVEN_SHARE, EVEN_PX = 0.05, 0.2
 _ROUNDS = 3
@@ -61,12 +62,9 @@ def centres_of(places: np.ndarray, sides: Sides) -> Centres:
         near = sides.nearest(middle)
         far = sides.nearest(2.0 * middle - near)
         middle = 0.5 * (near + far)
-    one, other = near - middle, far - middle
-    lengths = np.maximum(np.hypot(*one.T), 1e-9), np.maximum(np.hypot(*other.T), 1e-9)
-    again = sides.nearest(middle)
     # The other side is opposite where a disc between the two reaches the outline nowhere else.
-    radius = np.hypot(*(again - middle).T)
+    radius = np.hypot(*(sides.nearest(middle) - middle).T)
     widths = np.hypot(*(near - far).T)
     moved = np.hypot(*(middle - places).T)
-    true = (radius > 0.46 * widths) & (moved < 0.3 * np.maximum(widths, 1.0)) & (lengths[0] > 1e-6)
+    true = (widths > 0.0) & (radius > REST * widths) & (moved < MOST_MOVED * np.maximum(widths, 1.0))
     return Centres(middle, widths, true)
