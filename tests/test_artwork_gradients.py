@@ -172,6 +172,12 @@ def test_drawings_of_gradients_are_artwork(markup, body):
     assert style.name == "artwork", style.reason
 
 
+def test_a_steep_gradient_is_no_blur():
+    drawing = draw(picture(ROUND.format(THREE) + GROUND + BLOB))
+    ground, blob = drawing.shapes
+    assert ground.ink == (16, 48, 80, 255) and isinstance(blob.gradient, RadialGradient)
+
+
 def test_smooth_photos_are_no_gradients():
     photo = ndimage.gaussian_filter(astronaut()[:, :300].astype(np.float32) / 255, (3, 3, 0))
     assert choose_style(photo).name == "photo"

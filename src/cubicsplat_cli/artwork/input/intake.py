@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.flattening import flattened
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.limits import reduced, reduction
@@ -43,6 +44,9 @@ def taken_in(target: np.ndarray) -> Intake:
         levels, times = before_enlargement(levels)
         if times > 1:
             condition = condition_of(levels)
+    if condition.blur and not (condition.noise or condition.jpeg):
+        # The ramps of gradients are as wide as blurred edges: it is told by what is left without them.
+        condition = condition_of(flattened(levels).levels)
     return Intake(levels, condition, factor * times, times, width, height)
 
 
