@@ -15,12 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from cli_runs import SHORT, contents, start, strict_json, wait_until
 from conftest import smooth_pixels
 from image_files import encode
 from PIL import Image
 from warm import WarmCommand, run_warm
 
+from cubicsplat_cli.cli.interrupt import interrupt
 from cubicsplat_cli.svg import read_svg
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions, limits and signals of POSIX")
@@ -196,6 +198,18 @@ def test_two_runs_on_one_output(jpeg, tmp_path):
     assert read_svg((results / "x.svg").read_bytes()).width == 24
     report = strict_json((results / "x.json").read_bytes())
     assert report["output"]["svg_sha256"] == hashlib.sha256((results / "x.svg").read_bytes()).hexdigest()
+
+
+def test_an_interrupt_waits_for_the_import_of_torch(monkeypatch):
+    monkeypatch.setattr(torch.__spec__, "_initializing", True, raising=False)
+    before = signal.signal(signal.SIGINT, lambda _number, _frame: interrupt())
+    try:
+        signal.raise_signal(signal.SIGINT)  # raises nothing yet
+        monkeypatch.setattr(torch.__spec__, "_initializing", False)
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(30)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.3, 0.8, 1.4])

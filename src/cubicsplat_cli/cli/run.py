@@ -13,6 +13,7 @@ from types import FrameType
 
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.display import Display
+from cubicsplat_cli.cli.interrupt import interrupt
 from cubicsplat_cli.cli.summary import Tally, summary_line
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.ownership import check_ownership
@@ -154,12 +155,11 @@ class Run(Events):
         """
 
         def stop(_number: int, _frame: FrameType | None) -> None:
-            if self.stopped:
-                raise KeyboardInterrupt
-            self.stopped = True
-            self.reporter.note("interrupted: a fit under way ends with what it has; Ctrl-C again ends at once")
-            if self.means.inline:
-                raise KeyboardInterrupt
+            again, self.stopped = self.stopped, True
+            if not again:
+                self.reporter.note("interrupted: a fit under way ends with what it has; Ctrl-C again ends at once")
+            if again or self.means.inline:
+                interrupt()
 
         if threading.current_thread() is not threading.main_thread():
             yield
