@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.cubics import point
+from cubicsplat_cli.artwork.tracing.cubics import point
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.svg.pathparse import subpaths
 

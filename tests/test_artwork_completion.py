@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.completion import hidden_runs
-from cubicsplat_cli.artwork.continuation import continued
-from cubicsplat_cli.artwork.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.layers.completion import hidden_runs
+from cubicsplat_cli.artwork.layers.continuation import continued
 from cubicsplat_cli.artwork.vectorize import draw
 
 FINE = 8

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.finish import begin, goal_of
-from cubicsplat_cli.artwork.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.finish.finish import begin, goal_of
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.coverage import coverage, edges_of
-from cubicsplat_cli.artwork.fine import fine_ring
-from cubicsplat_cli.artwork.finish import begin, drawn, goal_of, settle
-from cubicsplat_cli.artwork.freedom import Held, freedom_of
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
+from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
+from cubicsplat_cli.artwork.finish.freedom import Held, freedom_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 RED, BLUE = (255, 0, 0, 255), (0, 0, 255, 255)

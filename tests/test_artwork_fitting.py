@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.fitting import fit_outline
-from cubicsplat_cli.artwork.outlines import (
+from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
     Outline,
@@ -19,7 +18,8 @@ from cubicsplat_cli.artwork.outlines import (
     polygon,
     signed_area,
 )
-from cubicsplat_cli.artwork.primitives import fit_primitive
+from cubicsplat_cli.artwork.tracing.fitting import fit_outline
+from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
 from cubicsplat_cli.errors import InputError
 
 NOISE = 0.02

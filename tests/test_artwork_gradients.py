@@ -9,11 +9,11 @@ import pytest
 from scipy import ndimage
 from skimage.data import astronaut
 
-from cubicsplat_cli.artwork.areas import gradient_areas, smooth_parts
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.gradients.areas import gradient_areas, smooth_parts
+from cubicsplat_cli.artwork.gradients.shades import gradient_of, shade_of
 from cubicsplat_cli.artwork.input.intake import as_levels
-from cubicsplat_cli.artwork.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.artwork.shades import gradient_of, shade_of
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender

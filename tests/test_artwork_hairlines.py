@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.contours import crossings
-from cubicsplat_cli.artwork.inks import picture_inks
-from cubicsplat_cli.artwork.regions import Regions, find_regions
+from cubicsplat_cli.artwork.regions.inks import picture_inks
+from cubicsplat_cli.artwork.regions.regions import Regions, find_regions
+from cubicsplat_cli.artwork.tracing.contours import crossings
 
 
 def regions_of(line: np.ndarray) -> Regions:

@@ -11,13 +11,13 @@ from PIL import Image
 
 from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import vectorize
+from cubicsplat_cli.artwork.geometry.outlines import Circle
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.evenness import evenness
 from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
 from cubicsplat_cli.artwork.input.palette import noisy_inks
 from cubicsplat_cli.artwork.input.restore import restored
-from cubicsplat_cli.artwork.outlines import Circle
 from cubicsplat_cli.artwork.style import LEAST_EVEN, choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.bench.artwork.document import Document

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork import limits, vectorize
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.coverage import coverage, edges_of
-from cubicsplat_cli.artwork.edits import cornered, curved, divided, rounded
-from cubicsplat_cli.artwork.finish import begin, goal_of
-from cubicsplat_cli.artwork.outlines import Circle, flattened, polygon, signed_area
-from cubicsplat_cli.artwork.polish import polish
+from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
+from cubicsplat_cli.artwork.finish.finish import begin, goal_of
+from cubicsplat_cli.artwork.finish.polish import polish
+from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.outlines import Circle, flattened, polygon, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 RED = (255, 0, 0, 255)

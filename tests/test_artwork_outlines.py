@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.outlines import (
+from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
     Rectangle,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from test_artwork_fitting import sampled, star
 
-from cubicsplat_cli.artwork.corners import find_corners
-from cubicsplat_cli.artwork.cubics import Ends, basis, fit_cubics
-from cubicsplat_cli.artwork.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.refine import Feet, Pieces, Variables, refine
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.tracing.corners import find_corners
+from cubicsplat_cli.artwork.tracing.cubics import Ends, basis, fit_cubics
+from cubicsplat_cli.artwork.tracing.refine import Feet, Pieces, Variables, refine
 
 SIGMA = 0.02
 

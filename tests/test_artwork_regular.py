@@ -5,9 +5,9 @@ import pytest
 from test_artwork_draw import BLUE, RED, WHITE, box, disc, painted
 
 from cubicsplat_cli.artwork.input.intake import as_levels
-from cubicsplat_cli.artwork.regions import find_regions
-from cubicsplat_cli.artwork.sampling import samples_across
-from cubicsplat_cli.artwork.seams import without_seams
+from cubicsplat_cli.artwork.layers.seams import without_seams
+from cubicsplat_cli.artwork.regions.regions import find_regions
+from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.vectorize import draw
 
 UNIT = 128 / 18  # px

@@ -13,13 +13,13 @@ from scipy.spatial import cKDTree
 from stroke_icons import ICONS, SIZE, Pen, line_of, picture_of
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork.cubics import point
-from cubicsplat_cli.artwork.outlines import Circle, Rectangle, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pieces_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.artwork.strokes.stroke import Chain, Stroke, line_chain, pieces_of
+from cubicsplat_cli.artwork.tracing.cubics import point
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import rerender

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.coverage import coverage, edges_of
-from cubicsplat_cli.artwork.fine import fine_ring
-from cubicsplat_cli.artwork.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.stack import Goal, StackPieces, draw_stack, normal_equations
 

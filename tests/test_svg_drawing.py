@@ -11,7 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, Ring, polygon, ring_of_cubics, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import (
+    Circle,
+    Ellipse,
+    Rectangle,
+    Ring,
+    polygon,
+    ring_of_cubics,
+    signed_area,
+)
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError, UsageError

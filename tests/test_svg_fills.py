@@ -9,7 +9,7 @@ import torch
 from scenes import MODES, PAPER, random_scene, rectangle, scene_of
 from test_gradients import one, painted, random_gradients
 
-from cubicsplat_cli.artwork.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.scene import scene_of as scene_of_drawing
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError

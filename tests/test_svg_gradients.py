@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.outlines import Circle, Rectangle, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Rectangle, polygon, ring_of_cubics
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon, ring_of_cubics
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode

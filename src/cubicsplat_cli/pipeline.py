@@ -349,9 +349,9 @@ def _plain(ink: Ink, task: _Task) -> tuple[Style, Made]:
 
 
 def _drawn(drawing: Drawing, request: Request) -> Made:
-    from cubicsplat_cli.artwork.outlines import Ring
+    from cubicsplat_cli.artwork.geometry.outlines import Ring
+    from cubicsplat_cli.artwork.geometry.stroke import Chain
     from cubicsplat_cli.artwork.scene import scene_of
-    from cubicsplat_cli.artwork.strokes.stroke import Chain
 
     outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
     facts = {

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions import Regions, find_regions
+from cubicsplat_cli.artwork.regions.regions import Regions, find_regions
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 
 # A drawing loses nothing visible with this many px; outlines are as exact as ever, in px of the copy.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import colorsys
 
-from cubicsplat_cli.artwork.outlines import Outline, Rectangle
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle
 from cubicsplat_cli.paint import Ink
 
 # Hues in degrees up to which a colour has this name.

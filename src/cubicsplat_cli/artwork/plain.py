@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.names import shape_name
-from cubicsplat_cli.artwork.outlines import Rectangle
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.paint import Ink

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from cubicsplat_cli.artwork.fine import fine_ring
-from cubicsplat_cli.artwork.outlines import Outline, Ring, reversed_ring, signed_area
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.gradients import gradients_of

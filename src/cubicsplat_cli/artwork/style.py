@@ -101,7 +101,7 @@ def _over_blocks(values: np.ndarray, block: int, combine: np.ufunc) -> np.ndarra
 
 def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
     """Share of the drawn pixels that are flat, in one of the commonest colours, or explained by a gradient."""
-    from cubicsplat_cli.artwork.areas import gradient_areas, smooth_parts
+    from cubicsplat_cli.artwork.gradients.areas import gradient_areas, smooth_parts
 
     step = 1 + max(levels.shape[:2]) // _SIDE
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]

@@ -7,23 +7,23 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.completion import outlines_of
-from cubicsplat_cli.artwork.contours import ROUNDING, crossings
-from cubicsplat_cli.artwork.extents import Extent, extents
-from cubicsplat_cli.artwork.flattening import Flattened, flattened
-from cubicsplat_cli.artwork.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
+from cubicsplat_cli.artwork.finish.polish import polish
+from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.intake import Intake, taken_in
 from cubicsplat_cli.artwork.input.restore import restored
+from cubicsplat_cli.artwork.layers.completion import outlines_of
+from cubicsplat_cli.artwork.layers.extents import Extent, extents
+from cubicsplat_cli.artwork.layers.seams import without_seams
+from cubicsplat_cli.artwork.layers.stacking import Stack, stack
 from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged
 from cubicsplat_cli.artwork.names import shape_name
-from cubicsplat_cli.artwork.polish import polish
-from cubicsplat_cli.artwork.regions import Regions
-from cubicsplat_cli.artwork.sampling import samples_across
-from cubicsplat_cli.artwork.seams import without_seams
+from cubicsplat_cli.artwork.regions.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
+from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.stacking import Stack, stack
+from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
 from cubicsplat_cli.paint import mean_ink
 
 # Contours hold at most MOST_POINTS points, the smallest beyond become polygons. A picture of more than FEW regions has

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.stroke import Stroke
 from cubicsplat_cli.artwork.shapes import Shape
-from cubicsplat_cli.artwork.strokes.stroke import Stroke
 from cubicsplat_cli.paint import Gradient, Ink
 from cubicsplat_cli.svg.strokes import joinable
 

@@ -6,10 +6,18 @@ import math
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, reversed_ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import (
+    Circle,
+    Ellipse,
+    Outline,
+    Rectangle,
+    Ring,
+    reversed_ring,
+    signed_area,
+)
+from cubicsplat_cli.artwork.geometry.steps import to_steps
+from cubicsplat_cli.artwork.geometry.stroke import Chain
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.steps import to_steps
-from cubicsplat_cli.artwork.strokes.stroke import Chain
 from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.gradients import Gradients

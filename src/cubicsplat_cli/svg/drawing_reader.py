@@ -12,10 +12,10 @@ from xml.parsers import expat
 
 import numpy as np
 
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
+from cubicsplat_cli.artwork.geometry.stroke import Path
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.artwork.strokes.stroke import Path
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.paint import Ink, mean_ink
 from cubicsplat_cli.svg.canvas import canvas_size

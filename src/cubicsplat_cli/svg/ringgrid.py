@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.outlines import Ring
-from cubicsplat_cli.artwork.steps import aligned, to_steps
+from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 
 
 @dataclass(frozen=True)

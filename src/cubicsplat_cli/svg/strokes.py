@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cubicsplat_cli.artwork.outlines import Ring
-from cubicsplat_cli.artwork.steps import aligned, to_steps
-from cubicsplat_cli.artwork.strokes.stroke import BEVEL, BUTT, MITER, ROUND, SQUARE, Chain, Path, Stroke
+from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
+from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQUARE, Chain, Path, Stroke
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.svg.pathdata import format_number
 from cubicsplat_cli.svg.pathparse import Piece

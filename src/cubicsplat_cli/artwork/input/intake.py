@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.flattening import flattened
+from cubicsplat_cli.artwork.gradients.flattening import flattened
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.limits import reduced, reduction

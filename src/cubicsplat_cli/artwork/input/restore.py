@@ -13,7 +13,7 @@ from scipy.special import ndtri
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.lines import line_inks
 from cubicsplat_cli.artwork.input.palette import noisy_inks
-from cubicsplat_cli.artwork.regions import near_inks
+from cubicsplat_cli.artwork.regions.regions import near_inks
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
 # JPEG; residuals count up to MOST standard deviations.

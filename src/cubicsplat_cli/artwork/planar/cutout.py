@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
 from cubicsplat_cli.artwork.planar.borders import Borders, borders_of
 from cubicsplat_cli.artwork.planar.edges import Edges, edges_of_borders
 from cubicsplat_cli.artwork.planar.faces import NOTHING, faces_of

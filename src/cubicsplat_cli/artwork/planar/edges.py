@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.cubics import derivatives, nearer, point
 from cubicsplat_cli.artwork.planar.borders import Borders
 from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID
 from cubicsplat_cli.artwork.planar.sources import Sources
+from cubicsplat_cli.artwork.tracing.cubics import derivatives, nearer, point
 
 SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
 AT_END = 1e-6  # of the parameter

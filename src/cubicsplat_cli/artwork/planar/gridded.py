@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.planar.edges import Edges
-from cubicsplat_cli.artwork.steps import aligned, to_steps
 
 
 def on_grid(edges: Edges, precision: int) -> Edges:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.cubics import point
-from cubicsplat_cli.artwork.fine import fine_ring
-from cubicsplat_cli.artwork.outlines import (
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
     Outline,
@@ -19,6 +18,7 @@ from cubicsplat_cli.artwork.outlines import (
     signed_area,
 )
 from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.tracing.cubics import point
 
 
 @dataclass(frozen=True)

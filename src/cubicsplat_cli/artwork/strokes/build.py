@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.outlines import Ring, flattened, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, signed_area
+from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
 from cubicsplat_cli.artwork.strokes.centre_line import closed_line, open_line, with_corners
 from cubicsplat_cli.artwork.strokes.centres import Centres, Sides, centres_of
 from cubicsplat_cli.artwork.strokes.chains import Link, chains_of
 from cubicsplat_cli.artwork.strokes.ends import onward, trimmed, with_ends
 from cubicsplat_cli.artwork.strokes.skeleton import Graph, skeleton_of
-from cubicsplat_cli.artwork.strokes.stroke import BEVEL, BUTT, MITER, ROUND, Stroke
 
 LEAST_EVEN = 0.5  # share of a shape's skeleton that must have an even width
 SHORTEST = 1.2  # widths, of a shape's skeleton

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cubicsplat_cli.artwork.cubics import point
-from cubicsplat_cli.artwork.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.tracing.cubics import point
 
 STEP = 0.05  # px between the points of an outline
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least

@@ -7,12 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.coverage import coverage, edges_of
-from cubicsplat_cli.artwork.outlines import Circle, Outline, Rectangle, Ring, flattened, reversed_ring, signed_area
+from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.outlines import (
+    Circle,
+    Outline,
+    Rectangle,
+    Ring,
+    flattened,
+    reversed_ring,
+    signed_area,
+)
+from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, ROUND, Stroke, line_chain, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.build import strokes_of
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.artwork.strokes.stroke import BUTT, MITER, ROUND, Stroke, line_chain, pieces_of
 
 LONGEST_MEAN = 0.06  # px that the outline of strokes is off a shape's in the mean
 MOST_OFF = 0.75  # of a pixel's coverage

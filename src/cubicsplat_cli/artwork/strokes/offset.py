@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.cubics import derivatives, point
-from cubicsplat_cli.artwork.outlines import Outline, Ring, signed_area
-from cubicsplat_cli.artwork.strokes.stroke import MITER, ROUND, SQUARE, Chain, Stroke, pieces_of
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, signed_area
+from cubicsplat_cli.artwork.geometry.stroke import MITER, ROUND, SQUARE, Chain, Stroke, pieces_of
+from cubicsplat_cli.artwork.tracing.cubics import derivatives, point
 
 MOST_TURN = math.radians(25.0)  # of a part of a cubic
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width

@@ -8,8 +8,8 @@ import numpy as np
 from scipy import ndimage
 from skimage.morphology import skeletonize
 
-from cubicsplat_cli.artwork.coverage import coverage, edges_of
-from cubicsplat_cli.artwork.outlines import Ring
+from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.outlines import Ring
 
 FINEST = 8  # pixels of the skeleton per px
 PIXELS_ACROSS = 8.0  # a stroke is drawn with so many at least

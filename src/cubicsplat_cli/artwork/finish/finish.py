@@ -1,0 +1,195 @@
+"""The finish: all free parameters of the drawing optimised against the pixels, through their exact coverage.
+
+The picture of a stack of shapes is composed pixel by pixel from exact coverages, as the engines and SVG viewers do. Its
+derivative by every parameter is as exact, so damped Gauss-Newton needs few steps where gradient descent takes hundreds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from cubicsplat_cli.artwork.finish.freedom import NO_PINS, Freedom, Held, Pins, freedom_of
+from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack, normal_equations
+
+ROUNDS = 14
+# Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
+PIXEL_SIGMA, FREE = 0.02, 0.5
+HUBER = 0.15  # residuals beyond count linearly: they are details that no shape draws
+ENOUGH = 2e-3  # relative gain of a round below which it is finished
+# Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
+START, RELAXED, HOPELESS = 1e-3, 1e-2, 1e3
+TAKEN_BACK, SAME = 3, 1e-12  # times that outlines are taken back after a step, for a misfit that has grown by more
+LONGEST = 1.5  # px that a control point moves at most in a step
+WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
+
+
+@dataclass
+class Layer:
+    """A shape while it is optimised. ink: (4,) premultiplied; signs: (outlines,) +1 where a ring runs as it must."""
+
+    shape: Shape
+    ink: np.ndarray
+    outlines: list[Freedom]
+    signs: list[float]
+
+
+@dataclass
+class State:
+    """A drawing against its picture. layers: back to front; image: (H, W, 4) what they draw; misfit: (H W,) of every
+    pixel; crossings: of its pieces, numbered through all outlines; pieces, marks: (outlines + 1,) where those of each
+    outline begin.
+    """
+
+    layers: list[Layer]
+    image: np.ndarray
+    misfit: np.ndarray
+    crossings: Crossings
+    pieces: np.ndarray
+    marks: np.ndarray
+
+    @classmethod
+    def of(cls, layers: list[Layer], goal: Goal) -> State:
+        outlines = [o for layer in layers for o in layer.outlines]
+        sizes = [len(o.lines) for o in outlines]
+        pieces = np.cumsum([0, *sizes])
+        ends = pieces[np.cumsum([len(layer.outlines) for layer in layers])].astype(np.int32)
+        signs = np.repeat([sign for layer in layers for sign in layer.signs], sizes)
+        stack = StackPieces(
+            ends,
+            np.concatenate([o.cubics for o in outlines]),
+            np.concatenate([o.lines for o in outlines]),
+            signs,
+            np.array([layer.ink for layer in layers]),
+        )
+        image, misfit, crossings = draw_stack(stack, goal)
+        marks = np.searchsorted(crossings.piece, pieces)
+        return cls(layers, image, misfit.ravel(), crossings, pieces, marks)
+
+    @property
+    def value(self) -> float:
+        return float(self.misfit.sum())
+
+    def crossed(self, number: int) -> np.ndarray:
+        """The pixels that an outline crosses, some of them twice."""
+        return self.crossings.pixel[self.marks[number] : self.marks[number + 1]]
+
+
+def goal_of(target: np.ndarray, grid: int = 0) -> Goal:
+    """What a drawing is fitted to: a picture (H, W, 4) premultiplied in [0, 1], drawn with grid x grid samples a pixel,
+    or (0) with true areas.
+    """
+    return Goal(np.ascontiguousarray(target, dtype=np.float64), WHITE.tolist(), HUBER, grid)
+
+
+def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
+    """The state of a drawing against its picture; what is pinned stays where it is."""
+    held = Held(drawing.width, drawing.height, pins)
+    return State.of([_layer(shape, held) for shape in drawing.shapes], goal)
+
+
+def settle(state: State, goal: Goal, rounds: int = ROUNDS) -> State:
+    """The nearest state to the picture that has the same pieces."""
+    damping = np.full(sum(len(layer.outlines) for layer in state.layers), START)
+    for _ in range(rounds):
+        following = _improved(state, goal, damping)
+        gain = state.value - following.value
+        state = _trimmed(following, goal)
+        if gain < ENOUGH * state.value and not ((damping > RELAXED) & (damping < HOPELESS)).any():
+            break
+    return state
+
+
+def drawn(drawing: Drawing, state: State) -> Drawing:
+    """The drawing with the outlines of a state."""
+    shapes = [replace(layer.shape, outlines=tuple(o.outline() for o in layer.outlines)) for layer in state.layers]
+    return replace(drawing, shapes=tuple(shapes))
+
+
+def _improved(state: State, goal: Goal, damping: np.ndarray) -> State:
+    """The state after a step, without the outlines that fit their own pixels worse by it; `damping` is brought up to
+    date in place.
+
+    What one outline spoils is held against its neighbours too, so the worst ones are taken back first.
+    """
+    layers = _stepped(state.layers, *_normal_equations(state, goal), damping)
+    refused = np.zeros(len(damping), dtype=bool)
+    for left in reversed(range(TAKEN_BACK + 1)):
+        trial = State.of(kept(state.layers, layers, refused), goal)
+        loss = np.where(refused, 0.0, _losses(state, trial))
+        if left == 0 or not (loss > SAME).any():
+            break
+        refused |= loss > (SAME if left == 1 else 0.2 * loss.max())
+    damping[:] = np.where(refused, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
+    if trial.value < state.value:
+        return trial
+    damping *= 10.0
+    return state
+
+
+def _trimmed(state: State, goal: Goal) -> State:
+    """The state without pieces that have become too short to matter."""
+    layers = [replace(layer, outlines=[o.trimmed() for o in layer.outlines]) for layer in state.layers]
+    kept = [o for layer in state.layers for o in layer.outlines]
+    same = all(a is b for a, b in zip(kept, (o for layer in layers for o in layer.outlines), strict=True))
+    return state if same else State.of(layers, goal)
+
+
+def _losses(old: State, new: State) -> np.ndarray:
+    """(outlines,) by how much the misfit has grown on the pixels that an outline crosses before or after a step."""
+    grown = new.misfit - old.misfit
+    out = []
+    for k in range(len(old.marks) - 1):
+        pixels = np.unique(np.concatenate([old.crossed(k), new.crossed(k)]))
+        out.append(float(grown[pixels].sum()))
+    return np.array(out)
+
+
+def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
+    """The new layers, with the old outlines where the new ones are worse."""
+    refused = iter(worse.tolist())
+    return [
+        replace(b, outlines=[x if next(refused) else y for x, y in zip(a.outlines, b.outlines, strict=True)])
+        for a, b in zip(old, new, strict=True)
+    ]
+
+
+def _layer(shape: Shape, held: Held) -> Layer:
+    r, g, b, a = (v / 255.0 for v in shape.ink)
+    outlines = [freedom_of(outline, held) for outline in shape.outlines]
+    signs = []
+    for i, outline in enumerate(outlines):
+        ring = Ring(outline.cubics[:, 0], outline.cubics[:, 1:3], outline.lines, outline.lines)
+        signs.append(1.0 if (signed_area(ring) > 0.0) == (i == 0) else -1.0)
+    return Layer(shape, np.array([r * a, g * a, b * a, a]), outlines, signs)
+
+
+def _normal_equations(state: State, goal: Goal) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
+    """Gram matrix, gradient, and the first variable of each outline, the number of variables last."""
+    parts = [o.jacobian for layer in state.layers for o in layer.outlines]
+    starts = np.cumsum([0] + [part.shape[1] for part in parts]).tolist()
+    jacobian = sparse.block_diag(parts, format="csr")
+    gram, gradient = normal_equations(goal, state.image, state.crossings, int(state.pieces[-1]))
+    return (jacobian.T @ (gram.tocsr() @ jacobian)).tocsc(), jacobian.T @ gradient, starts
+
+
+def _stepped(
+    layers: list[Layer], gram: sparse.csc_matrix, gradient: np.ndarray, starts: list[int], damping: np.ndarray
+) -> list[Layer]:
+    keep = (PIXEL_SIGMA / FREE) ** 2 + np.repeat(damping, np.diff(starts)) * gram.diagonal()
+    step = splu((gram + sparse.diags(keep)).tocsc()).solve(-gradient)
+    moved, number = [], 0
+    for layer in layers:
+        outlines = []
+        for outline in layer.outlines:
+            own = step[starts[number] : starts[number + 1]]
+            reach = np.abs(outline.jacobian @ own).max(initial=0.0)
+            outlines.append(outline.moved(own * min(1.0, LONGEST / max(reach, 1e-12))))
+            number += 1
+        moved.append(replace(layer, outlines=outlines))
+    return moved

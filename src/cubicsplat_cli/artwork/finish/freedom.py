@@ -1,0 +1,231 @@
+"""The free parameters of outlines, and how their cubics move with them."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from scipy import sparse
+
+from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.tracing.refine import Pieces, Variables
+
+# Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
+ON_BORDER = 0.06
+LEAST_SIZE = 0.05  # px, of a primitive
+FINEST_TURN = 1e-9
+SPECK, SMOOTH_SPECK = 0.3, 1.5  # px
+MOST_BEND = 0.05  # tangent of the angle by which a joint that is called smooth may be off
+
+
+class Freedom(Protocol):
+    """An outline with its variables. cubics: (S, 4, 2); lines: (S,) bool; jacobian: (8 S, variables), rows by piece,
+    control point and coordinate; moved: the same after a step (variables,); trimmed: without pieces that have become
+    too short to matter, itself where there are none; outline: as it stands."""
+
+    cubics: np.ndarray
+    lines: np.ndarray
+
+    @property
+    def jacobian(self) -> sparse.csr_matrix: ...
+
+    def moved(self, step: np.ndarray) -> Freedom: ...
+
+    def trimmed(self) -> Freedom: ...
+
+    def outline(self) -> Outline: ...
+
+
+@dataclass(frozen=True)
+class Pins:
+    """Numbers that are known: the x and y of edges and middles, and radii."""
+
+    x: tuple[float, ...] = ()
+    y: tuple[float, ...] = ()
+    lengths: tuple[float, ...] = ()
+
+    def hold(self, axis: int, value: float) -> bool:
+        """Whether a number is pinned; axis: 0 for x, 1 for y, 2 for lengths."""
+        return any(abs(value - pin) < FINEST_TURN for pin in (self.x, self.y, self.lengths)[axis])
+
+
+NO_PINS = Pins()
+
+
+@dataclass(frozen=True)
+class Held:
+    """What stays where it is: all that lies on the border of a canvas of width x height px, and what is pinned."""
+
+    width: int
+    height: int
+    pins: Pins = NO_PINS
+
+
+def freedom_of(outline: Outline, held: Held) -> Freedom:
+    """The freedom of an outline."""
+    if isinstance(outline, Ring):
+        return RingFreedom(_pieces(without_specks(outline), held), held)
+    if isinstance(outline, Rectangle) and _on_border(outline, held):
+        return RingFreedom(_pieces(outline.ring(), held), held, outline)
+    return PrimitiveFreedom(outline, _pinned(outline, held.pins))
+
+
+def _on_border(box: Rectangle, held: Held) -> bool:
+    """Whether a rectangle with sharp corners has a side that stays where it is."""
+    x, y = (box.x, box.x + box.width), (box.y, box.y + box.height)
+    ends = np.array([x[0], y[0], x[1] - held.width, y[1] - held.height])
+    pinned = any(held.pins.hold(0, v) for v in x) or any(held.pins.hold(1, v) for v in y)
+    return box.angle == 0.0 and box.radius == 0.0 and (pinned or bool((np.abs(ends) < ON_BORDER).any()))
+
+
+def _pinned(shape: Circle | Ellipse | Rectangle, pins: Pins) -> np.ndarray:
+    """(numbers,) bool: which numbers of a primitive are pinned; a side is where both of its ends are."""
+    values = astuple(shape)
+    if isinstance(shape, Rectangle):
+        starts = [pins.hold(axis, values[axis]) for axis in (0, 1)]
+        ends = [pins.hold(axis, values[axis] + values[axis + 2]) for axis in (0, 1)]
+        sides = [start and end for start, end in zip(starts, ends, strict=True)]
+        return np.array([*starts, *sides, pins.hold(2, shape.radius), False])
+    held = [pins.hold(axis, value) for axis, value in zip((0, 1, 2, 2), values, strict=False)]
+    return np.array(held[: len(values)] + [False] * (len(values) - len(held)))
+
+
+def without_specks(ring: Ring) -> Ring:
+    """The ring without pieces that no pixel sees and that turn what hangs on them about: those shorter than SPECK px,
+    and than SMOOTH_SPECK px where they go on smoothly.
+    """
+    while ring.pieces > 3:
+        lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+        limit = np.where(ring.smooth | np.roll(ring.smooth, -1), SMOOTH_SPECK, SPECK)
+        i = int((lengths / limit).argmin())
+        if lengths[i] >= limit[i]:
+            break
+        j = (i + 1) % ring.pieces
+        anchors, controls, smooth = ring.anchors.copy(), ring.controls.copy(), ring.smooth.copy()
+        shift = 0.5 * (anchors[j] - anchors[i])
+        controls[i - 1, 1] += shift
+        controls[j, 0] -= shift
+        anchors[j] -= shift
+        smooth[j] &= smooth[i]
+        rest = np.arange(ring.pieces) != i
+        ring = Ring(anchors[rest], controls[rest], ring.lines[rest], smooth[rest])
+    return ring
+
+
+class RingFreedom:
+    """A ring: its anchors, the directions of smooth joints, handle lengths, and handles at corners."""
+
+    def __init__(self, pieces: Pieces, held: Held, origin: Rectangle | None = None) -> None:
+        self.pieces, self.held, self.origin = pieces, held, origin
+        self.cubics, self.lines = pieces.cubics, pieces.lines
+        self._variables = Variables(pieces)
+
+    @cached_property
+    def jacobian(self) -> sparse.csr_matrix:
+        return self._variables.jacobian()
+
+    def moved(self, step: np.ndarray) -> RingFreedom:
+        return RingFreedom(self._variables.moved(np.append(step, 0.0)), self.held, self.origin)
+
+    def trimmed(self) -> RingFreedom:
+        ring = self._ring()
+        shorter = ring if self.origin is not None else without_specks(ring)
+        return self if shorter is ring else RingFreedom(_pieces(shorter, self.held), self.held)
+
+    def _ring(self) -> Ring:
+        p = self.pieces
+        return Ring(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
+
+    def outline(self) -> Outline:
+        p = self.pieces
+        if self.origin is not None:
+            low, high = p.anchors.min(axis=0), p.anchors.max(axis=0)
+            return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
+        return self._ring()
+
+
+def _pieces(ring: Ring, held: Held) -> Pieces:
+    anchors = ring.anchors.copy()
+    borders = np.array([[0.0, 0.0], [float(held.width), float(held.height)]])
+    fixed = np.zeros(anchors.shape, dtype=bool)
+    for border in borders:
+        near = np.abs(anchors - border) < ON_BORDER
+        anchors[near] = np.broadcast_to(border, anchors.shape)[near]
+        fixed |= near
+    for axis, known in enumerate((held.pins.x, held.pins.y)):
+        for pin in known:
+            fixed[:, axis] |= np.abs(anchors[:, axis] - pin) < FINEST_TURN
+    outgoing = ring.controls[:, 0] - ring.anchors
+    incoming = np.roll(ring.controls[:, 1] - np.roll(ring.anchors, -1, axis=0), 1, axis=0)
+    along = np.abs(np.concatenate([outgoing, incoming], axis=1))
+    smooth = ring.smooth & ~_bent(outgoing, incoming)
+    level = smooth & ((along[:, [0, 2]].max(axis=1) < FINEST_TURN) | (along[:, [1, 3]].max(axis=1) < FINEST_TURN))
+    pieces = Pieces(anchors, incoming, outgoing, ring.lines, smooth, level, _tied(anchors, ring.lines, fixed))
+    variables = Variables(pieces)
+    return variables.moved(np.zeros(variables.total + 1))
+
+
+def _bent(outgoing: np.ndarray, incoming: np.ndarray) -> np.ndarray:
+    """(A,) bool: the handles on either side of an anchor are not in line."""
+    cross = outgoing[:, 0] * incoming[:, 1] - outgoing[:, 1] * incoming[:, 0]
+    dot = (outgoing * incoming).sum(axis=1)
+    return (np.abs(cross) > MOST_BEND * np.abs(dot)) | (dot > 0.0)
+
+
+def _tied(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """(A, 2) the variable of each coordinate: one for both ends of a level or upright line, -1 where fixed."""
+    tied = np.arange(anchors.size).reshape(anchors.shape)
+    for i in np.flatnonzero(lines):
+        j = (i + 1) % len(anchors)
+        for c in np.flatnonzero(np.abs(anchors[j] - anchors[i]) < FINEST_TURN):
+            tied[tied == tied[j, c]] = tied[i, c]
+    # What is tied to the border is on it.
+    tied[np.isin(tied, tied[fixed])] = -1
+    free = tied >= 0
+    _, numbers = np.unique(tied[free], return_inverse=True)
+    tied[free] = numbers.reshape(-1)
+    return tied
+
+
+class PrimitiveFreedom:
+    """A circle, ellipse or rectangle: its own numbers; a rounded one keeps its corners round, a level one level."""
+
+    def __init__(self, shape: Circle | Ellipse | Rectangle, pinned: np.ndarray) -> None:
+        self.shape, self.pinned = shape, pinned
+        self.values = np.array(astuple(shape), dtype=float)
+        self.free = np.ones(len(self.values), dtype=bool)
+        if isinstance(shape, Rectangle):
+            self.free[4] = shape.radius > 0.0
+        if not isinstance(shape, Circle):
+            self.free[-1] = shape.angle != 0.0
+        self.free &= ~pinned
+        ring = fine_ring(shape)
+        self.cubics, self.lines = ring.cubics, ring.lines
+
+    @cached_property
+    def jacobian(self) -> sparse.csr_matrix:
+        columns = np.stack([change.ravel() for change in changes(self.shape)], axis=1)
+        return sparse.csr_matrix(columns[:, self.free])
+
+    def moved(self, step: np.ndarray) -> PrimitiveFreedom:
+        values = self.values.copy()
+        values[self.free] += np.clip(step, -2.0, 2.0)
+        return PrimitiveFreedom(self._at(values), self.pinned)
+
+    def _at(self, values: np.ndarray) -> Circle | Ellipse | Rectangle:
+        v = values.tolist()
+        if isinstance(self.shape, Circle):
+            return Circle(v[0], v[1], max(v[2], LEAST_SIZE))
+        across, down = max(v[2], LEAST_SIZE), max(v[3], LEAST_SIZE)
+        if isinstance(self.shape, Ellipse):
+            return Ellipse(v[0], v[1], across, down, v[4])
+        return Rectangle(v[0], v[1], across, down, min(max(v[4], 0.0), 0.5 * min(across, down)), v[5])
+
+    def trimmed(self) -> PrimitiveFreedom:
+        return self
+
+    def outline(self) -> Outline:
+        return self.shape

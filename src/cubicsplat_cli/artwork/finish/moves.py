@@ -1,0 +1,131 @@
+"""Moves of the finish: where the pixels ask for more than an outline's pieces can do, it gets a piece more.
+
+Every move is tried with a short finish, and kept only where the description of the picture becomes shorter: half of
+chi^2 over the pixels that the outline crosses, plus a price for every parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
+from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State
+from cubicsplat_cli.artwork.finish.freedom import Freedom, Held, freedom_of
+from cubicsplat_cli.artwork.geometry.outlines import Ring
+
+# Coverages are known to this much: drawing programs take 4x4 samples a pixel.
+SHARE_SIGMA = 0.04
+PRICE = 4.0  # nats a parameter
+# Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
+WORTH, MOST_CHI = 12.0, 60.0
+UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
+NEAR = 2.5  # px: misfit within this of a joint is the joint's
+CONCENTRATED = 0.5
+LEAST_LENGTH = 3.0  # px of a piece that may be cut
+
+
+@dataclass(frozen=True)
+class Complaint:
+    """What the pixels hold against a piece. chi: half of the excess of chi^2; t: the parameter in its middle; start,
+    end: the shares of it near the piece's ends."""
+
+    chi: float
+    t: float
+    start: float
+    end: float
+
+
+def with_moves(state: State, held: Held, detail: float, error: float = 0.0) -> tuple[list[Layer], np.ndarray]:
+    """Layers with a piece more wherever the pixels ask for one, and which outlines have changed (outlines,) bool.
+
+    error: of pixels on edges beyond that of a clean picture, of full scale.
+    """
+    layers, changed = [], []
+    found = complaints(state, error)
+    first = 0
+    for layer in state.layers:
+        outlines: list[Freedom] = []
+        for outline in layer.outlines:
+            own = {i - first: c for i, c in found.items() if first <= i < first + len(outline.lines)}
+            first += len(outline.lines)
+            better = _edited(outline, {i: c for i, c in own.items() if c.chi * detail > WORTH}, held)
+            outlines.append(better or outline)
+            changed.append(better is not None)
+        layers.append(replace(layer, outlines=outlines))
+    return layers, np.array(changed)
+
+
+def complaints(state: State, error: float = 0.0) -> dict[int, Complaint]:
+    """The complaints against the pieces of a drawing, numbered through all its outlines."""
+    c, count = state.crossings, int(state.pieces[-1])
+    floor = _floor(c.slope, error)
+    chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / np.maximum(floor, UNSEEN), MOST_CHI) - 1.0, 0.0)
+    cubics = np.concatenate([o.cubics for layer in state.layers for o in layer.outlines])
+    lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    along = c.t * lengths[c.piece]
+    weight = np.maximum(chi, 0.0)
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.bincount(c.piece, values, count)
+
+    excess, sums = 0.5 * total(chi), np.maximum(total(weight), 1e-12)
+    middle, start = total(weight * c.t) / sums, total(weight * (along < NEAR)) / sums
+    end = total(weight * (along > lengths[c.piece] - NEAR)) / sums
+    return {
+        int(i): Complaint(float(excess[i]), float(middle[i]), float(start[i]), float(end[i]))
+        for i in np.flatnonzero(excess > 0.0)
+    }
+
+
+def _floor(slope: np.ndarray, error: float) -> np.ndarray:
+    """(m,) the misfit that a pixel has by chance where coverage changes it by slope (m, 4)."""
+    return SHARE_SIGMA**2 * ((slope * WHITE) ** 2).sum(axis=1) + error**2
+
+
+def _edited(outline: Freedom, found: dict[int, Complaint], held: Held) -> Freedom | None:
+    """The outline with the moves that its complaints suggest, from the last piece on; None without any."""
+    ring = outline.outline().ring()
+    if not found or not isinstance(outline.outline(), Ring):
+        return None
+    done = ring
+    joints: set[int] = set()
+    for i in sorted(found, reverse=True):
+        done = _move(done, i, found[i], joints)
+    return None if done is ring else freedom_of(done, held)
+
+
+def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
+    length = float(np.hypot(*np.diff(ring.cubics[i], axis=0).T).sum())
+    if max(complaint.start, complaint.end) > CONCENTRATED and length > 2.0 * NEAR:
+        anchor = i if complaint.start >= complaint.end else (i + 1) % ring.pieces
+        if anchor in joints or anchor == 0:
+            return ring
+        joints.add(anchor)
+        if ring.smooth[anchor]:
+            return cornered(ring, anchor)
+        return rounded(ring, anchor, 2.0)
+    if length < LEAST_LENGTH:
+        return ring
+    if ring.lines[i]:
+        return curved(ring, i)
+    return divided(ring, i, float(np.clip(complaint.t, 0.25, 0.75)))
+
+
+def shorter(before: State, after: State, changed: np.ndarray, detail: float, error: float = 0.0) -> np.ndarray:
+    """(outlines,) bool: which changed outlines make the whole description longer rather than shorter."""
+    old, new = ([o for layer in state.layers for o in layer.outlines] for state in (before, after))
+    worse = np.zeros(len(changed), dtype=bool)
+    for k in np.flatnonzero(changed):
+        cost = PRICE * (new[k].outline().parameters - old[k].outline().parameters)
+        worse[k] = _gain(before, after, int(k), error) * detail < cost
+    return worse
+
+
+def _gain(before: State, after: State, number: int, error: float) -> float:
+    """By how much half of chi^2 falls on the pixels that an outline crosses before or after."""
+    pixels = np.unique(np.concatenate([before.crossed(number), after.crossed(number)]))
+    own = _floor(before.crossings.slope[before.marks[number] : before.marks[number + 1]], error)
+    floor = max(float(np.median(own)) if len(own) else 0.0, SHARE_SIGMA**2 * 1e-4)
+    return 0.5 * float((before.misfit[pixels] - after.misfit[pixels]).sum()) / floor

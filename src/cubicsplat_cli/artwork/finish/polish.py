@@ -1,0 +1,52 @@
+"""The whole finish of a drawing: its pieces settled against the pixels, pieces added where those ask, settled again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cubicsplat_cli.artwork.finish.finish import ROUNDS, State, begin, drawn, goal_of, kept, settle
+from cubicsplat_cli.artwork.finish.freedom import NO_PINS, Held
+from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
+from cubicsplat_cli.artwork.finish.regular import regular
+from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.raster.stack import Goal
+
+# Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
+PASSES, CROWDED, FULL = 3, 400, 1500
+TRIAL_ROUNDS = 6
+
+
+def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0, grid: int = 0, error: float = 0.0) -> Drawing:
+    """The drawing fitted to a picture (H, W, 4) premultiplied in [0, 1]; detail as in ArtworkSettings.
+
+    grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas. error: of pixels on edges
+    beyond that of a clean picture, of full scale.
+    """
+    if not drawing.shapes:
+        return drawing
+    pieces = drawing.segments
+    goal, held = goal_of(target), Held(drawing.width, drawing.height)
+    state = settle(begin(drawing, goal), goal, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
+    for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
+        following = _moved(state, goal, held, detail, error)
+        if following is state:
+            break
+        state = following
+    done, pins = regular(drawn(drawing, state), state, 1.0 / grid if grid else 0.0)
+    if pins == NO_PINS:
+        return done
+    goal = goal_of(target, grid)
+    return drawn(done, settle(begin(done, goal, pins), goal, TRIAL_ROUNDS))
+
+
+def _moved(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
+    """The state after one pass of moves, the same where none paid."""
+    layers, changed = with_moves(state, held, detail, error)
+    if not changed.any():
+        return state
+    trial = settle(State.of(layers, goal), goal, TRIAL_ROUNDS)
+    refused = shorter(state, trial, changed, detail, error)
+    if refused.any():
+        trial = State.of(kept(state.layers, trial.layers, refused), goal)
+        trial = settle(trial, goal, 2)
+    return trial if not refused[changed].all() else state

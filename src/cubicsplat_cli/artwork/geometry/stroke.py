@@ -1,0 +1,88 @@
+"""A pen stroke: a line or closed outline drawn with a pen of one width."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
+
+BUTT, ROUND, SQUARE = "butt", "round", "square"
+MITER, BEVEL = "miter", "bevel"
+
+
+@dataclass(frozen=True)
+class Chain:
+    """An open row of lines and cubics. anchors: (A, 2) px, A >= 2; controls: (A - 1, 2, 2) the inner control points of
+    the piece from each anchor to the next, at its thirds for a line; lines: (A - 1,) bool; smooth: (A,) bool, at which
+    anchors the tangent is continuous."""
+
+    anchors: np.ndarray
+    controls: np.ndarray
+    lines: np.ndarray
+    smooth: np.ndarray
+
+    @property
+    def pieces(self) -> int:
+        """A - 1, the number of lines and cubics."""
+        return len(self.lines)
+
+    @property
+    def cubics(self) -> np.ndarray:
+        """(A - 1, 4, 2) the control points of every piece."""
+        return np.concatenate([self.anchors[:-1, None], self.controls, self.anchors[1:, None]], axis=1)
+
+    @property
+    def coordinates(self) -> int:
+        """Numbers in its path data: 2 to start, 6 a cubic, 2 a line (1 along an axis)."""
+        axis = (np.abs(np.diff(self.anchors, axis=0)) < 1e-9).any(axis=1)
+        return 2 + int(np.where(self.lines, np.where(axis, 1, 2), 6).sum())
+
+
+Path = Chain | Ring | Circle | Ellipse | Rectangle
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """path: the centre line, an outline where it is closed. width: px, > 0. cap: "butt", "round" or "square"; join:
+    "miter", "round" or "bevel"."""
+
+    path: Path
+    width: float
+    cap: str = BUTT
+    join: str = MITER
+
+    @property
+    def closed(self) -> bool:
+        """Whether it returns to its start."""
+        return not isinstance(self.path, Chain)
+
+    @property
+    def coordinates(self) -> int:
+        """Numbers of its path, and its width."""
+        return self.path.coordinates + 1
+
+
+def line_chain(points: np.ndarray) -> Chain:
+    """The chain of straight lines through points (A, 2)."""
+    steps = np.diff(points, axis=0)
+    controls = points[:-1, None] + steps[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
+    return Chain(points, controls, np.ones(len(steps), dtype=bool), np.zeros(len(points), dtype=bool))
+
+
+def scaled_stroke(stroke: Stroke, factor: float) -> Stroke:
+    """The stroke on a canvas that is `factor` times as large."""
+    path = stroke.path
+    if isinstance(path, (Chain, Ring)):
+        scaled: Path = replace(path, anchors=path.anchors * factor, controls=path.controls * factor)
+    else:
+        # Every number of a primitive but its angle is a length.
+        scaled = replace(path, **{f.name: getattr(path, f.name) * factor for f in fields(path) if f.name != "angle"})
+    return replace(stroke, path=scaled, width=stroke.width * factor)
+
+
+def pieces_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Control points (S, 4, 2) of a path's pieces, and which are lines (S,)."""
+    ring = path if isinstance(path, Chain) else path.ring()
+    return ring.cubics, ring.lines

@@ -1,0 +1,87 @@
+"""How an outline goes on behind what hides it: one cubic, from its tangent where it vanishes to where it comes back.
+
+Among the cubics that stay hidden, the one that bends least is taken, by the integral of the squared curvature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from cubicsplat_cli.artwork.geometry.outlines import bezier_points
+from cubicsplat_cli.artwork.tracing.cubics import derivatives
+
+# px along an outline from which its tangent is taken, those nearest to a junction left out; points at least.
+REACH, NEAREST, FEWEST = 14.0, 1.5, 4
+HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, of the distance between the ends
+MOST_TRIED = 8
+SAMPLES = np.linspace(0.0, 1.0, 33)
+TOLERATED = 1  # px that a continuation may be wrong in
+
+
+def continued(
+    points: np.ndarray, sigma: np.ndarray, run: np.ndarray, most: float, wrong: Callable[[np.ndarray], int]
+) -> np.ndarray | None:
+    """(len(run), 2) points along the cubic that continues a closed outline where it is hidden; None where none does.
+
+    points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. most: radians
+    that it may turn. wrong: how many px an outline of points (n, 2) covers or leaves wrongly.
+    """
+    first, leaving = _end(points, sigma, run[0], -1)
+    last, arriving = _end(points, sigma, run[-1], 1)
+    span = float(np.hypot(*(last - first)))
+    if leaving is None or arriving is None or span < 1.0 or _turn(last - first, leaving, arriving) > most:
+        return None
+    cubics = np.array(
+        [[first, first + a * span * leaving, last + b * span * arriving, last] for a in HANDLES for b in HANDLES]
+    )
+    for k in np.argsort(_bending(cubics), kind="stable")[:MOST_TRIED]:
+        trial = points.copy()
+        trial[run] = _spread(cubics[k], len(run))
+        if wrong(trial) <= TOLERATED:
+            return trial[run]
+    return None
+
+
+def _end(points: np.ndarray, sigma: np.ndarray, start: int, step: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """The last visible point before a hidden run that begins at `start`, and the unit tangent towards the run there."""
+    n = len(points)
+    index = (start + step * np.arange(1, n)) % n
+    known = np.isfinite(sigma[index])
+    index = index[: int(np.argmin(known)) if not known.all() else n]
+    at = points[index[:1] if len(index) else [start]][0]
+    if len(index) < FEWEST:
+        return at, None
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[index], axis=0).T))])
+    near = (along <= REACH) & (along >= NEAREST)
+    if near.sum() < FEWEST:
+        return at, None
+    t = along[near]
+    design = np.stack([np.ones_like(t), t, t * t], axis=1) / sigma[index][near, None]
+    value, *_ = np.linalg.lstsq(design, points[index][near] / sigma[index][near, None], rcond=None)
+    tangent = -value[1]
+    return value[0], tangent / max(float(np.hypot(*tangent)), 1e-9)
+
+
+def _turn(way: np.ndarray, leaving: np.ndarray, arriving: np.ndarray) -> float:
+    """By how much the way from one end to the other turns off both tangents, radians."""
+    cosines = np.array([way @ leaving, -(way @ arriving)]) / max(float(np.hypot(*way)), 1e-9)
+    return float(np.arccos(np.clip(cosines, -1.0, 1.0)).sum())
+
+
+def _bending(cubics: np.ndarray) -> np.ndarray:
+    """(k,) the integral of the squared curvature along cubics (k, 4, 2), times their chord."""
+    first, second = derivatives(cubics, np.broadcast_to(SAMPLES, (len(cubics), len(SAMPLES))))
+    speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-9)
+    cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+    chord = np.hypot(*(cubics[:, 3] - cubics[:, 0]).T)
+    return (cross**2 / speed**5).mean(axis=1) * chord
+
+
+def _spread(cubic: np.ndarray, count: int) -> np.ndarray:
+    """(count, 2) points evenly along a cubic, its ends left out."""
+    fine = bezier_points(cubic, np.linspace(0.0, 1.0, 4 * count + 8))
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(fine, axis=0).T))])
+    at = (np.arange(count) + 1.0) / (count + 1.0) * length[-1]
+    return np.stack([np.interp(at, length, fine[:, c]) for c in (0, 1)], axis=1)

@@ -1,0 +1,106 @@
+"""How far each layer reaches: what shows, the holes that upper layers fill, and some way under its neighbours.
+
+The pixel masks decide only the topology; where the outlines run follows from the points that are visible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.geometry.hulls import hull_mask
+from cubicsplat_cli.artwork.layers.stacking import Stack
+from cubicsplat_cli.artwork.regions.cracks import Loop, trace
+from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.tracing.contours import Crossings, loop_points
+
+# px that a layer reaches under its upper neighbours, so that no hairline shows.
+UNDERLAP = 3
+# Levels of opacity from which an ink hides what is beneath it.
+OPAQUE = 254.0
+PLUS = ndimage.generate_binary_structure(2, 1)
+
+
+@dataclass(frozen=True)
+class Contour:
+    """A closed contour to be fitted. points: (n, 2) px; sigma: (n,) px, inf where hidden; hole: whether it is one."""
+
+    points: np.ndarray
+    sigma: np.ndarray
+    hole: bool
+
+
+@dataclass(frozen=True)
+class Extent:
+    """A connected part of a layer. top, left: its window's corner, px. shown: the window's pixels (h, w) bool that
+    show it; allowed: those that it may cover. contours: the outer one first."""
+
+    layer: int
+    top: int
+    left: int
+    shown: np.ndarray
+    allowed: np.ndarray
+    contours: tuple[Contour, ...]
+
+
+def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent]:
+    """The parts of all layers, back to front."""
+    depth = stack.rank[regions.labels]
+    opaque = regions.inks[:, 3] >= OPAQUE
+    boxes = ndimage.find_objects(depth + 1)
+    for place in range(len(stack.layers)):
+        box = boxes[place]
+        rows, columns = _widened(box)
+        view = depth[rows, columns]
+        shown, above = view == place, (view > place) & opaque[regions.labels[rows, columns]]
+        grown = _grown(shown, above, joined=len(stack.layers[place].members) > 1)
+        parts, _ = ndimage.label(grown)
+        # What a hull adds apart from all that shows is of no use.
+        for k in np.unique(parts[shown]):
+            yield _extent(place, rows.start, columns.start, parts == k, shown, above, found)
+
+
+def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:
+    """A box with as much room as the rest of a primitive may take that upper layers hide: half a circle shows as long
+    as the whole one is, and half as high.
+    """
+    room = UNDERLAP + 1 + max(side.stop - side.start for side in box) // 2
+    rows, columns = (slice(max(side.start - room, 0), side.stop + room) for side in box)
+    return rows, columns
+
+
+def _grown(shown: np.ndarray, above: np.ndarray, joined: bool) -> np.ndarray:
+    grown = shown | (ndimage.binary_dilation(shown, PLUS, UNDERLAP) & above)
+    if joined:
+        grown |= hull_mask(shown) & above
+    holes, count = ndimage.label(~grown)
+    if count:
+        index = np.arange(1, count + 1)
+        covered = ndimage.minimum(above, holes, index).astype(bool)
+        edge = np.unique(np.concatenate([holes[0], holes[-1], holes[:, 0], holes[:, -1]]))
+        covered[edge[edge > 0] - 1] = False
+        grown |= np.concatenate([[False], covered])[holes]
+    return grown
+
+
+def _extent(
+    place: int, top: int, left: int, part: np.ndarray, shown: np.ndarray, above: np.ndarray, found: Crossings
+) -> Extent:
+    contours = []
+    for loop in sorted(trace(part), key=lambda loop: -loop.area):
+        contours.append(_contour(loop, shown, top, left, found))
+    return Extent(place, top, left, shown & part, shown | above, tuple(contours))
+
+
+def _contour(loop: Loop, shown: np.ndarray, top: int, left: int, found: Crossings) -> Contour:
+    row, column = loop.inside
+    visible = shown[row, column]
+    placed = Loop(loop.x + left, loop.y + top, loop.direction)
+    points, sigma, index = loop_points(placed, found)
+    hidden = ~visible[index]
+    points[hidden] = placed.middles[index[hidden]]
+    sigma[hidden] = np.inf
+    return Contour(points, sigma, loop.area < 0.0)

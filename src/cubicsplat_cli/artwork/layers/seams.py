@@ -1,0 +1,111 @@
+"""The seams of the input itself: where two shapes abut within a pixel, what is beneath them shines through.
+
+A shape in front covers a share a of the pixel, the one behind 1 - a, and of what the front leaves only: the pixel is
+a F + (1 - a)^2 B + a (1 - a) G. Nobody wants to see the ground G there, and taken for a blend of the two inks such a
+pixel says the wrong place; what it should have been follows from a.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.regions.regions import Regions
+
+# Levels: a pixel that its two inks explain worse than this, and a seam between them better than that, is a seam.
+ODD, SEEN = 6.0, 4.0
+RUN = 9  # px
+STEPS = 32  # of the share
+MOST_ODD = 20_000  # pixels, beyond which a picture is no clean drawing
+MOST_GROUNDS = 8  # inks, beside none at all, that may shine through: the commonest
+CHUNK = 4096  # pixels at a time
+
+
+def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
+    """The picture (H, W, 4) in levels with the pixels of seams as they should have been; itself without any."""
+    y, x, other = _odd(levels, regions)
+    if not 0 < len(y) <= MOST_ODD:
+        return levels
+    nothing, inks = np.zeros((1, 4)), _common_inks(regions)
+    clear = _shares(levels, regions, (y, x), other, nothing)
+    share = np.where(np.isnan(clear), _along_runs(_shares(levels, regions, (y, x), other, inks)), clear)[y, x]
+    seam = ~np.isnan(share)
+    y, x, other, share = y[seam], x[seam], other[seam], share[seam]
+    healed = levels.copy()
+    own, beside = regions.inks[regions.labels[y, x]], regions.inks[other]
+    healed[y, x] = own + (beside - own) * share[:, None]
+    return healed
+
+
+def _shares(
+    levels: np.ndarray,
+    regions: Regions,
+    place: tuple[np.ndarray, np.ndarray],
+    other: np.ndarray,
+    grounds: np.ndarray,
+) -> np.ndarray:
+    """(H, W) the share of the other ink in pixels that are seams over one of the grounds, NaN elsewhere."""
+    out = np.full(regions.labels.shape, np.nan)
+    y, x = place
+    for start in range(0, len(y), CHUNK):
+        part = slice(start, start + CHUNK)
+        rows, columns = y[part], x[part]
+        own, beside = regions.inks[regions.labels[rows, columns]], regions.inks[other[part]]
+        share, rest = _best_share(levels[rows, columns], own, beside, grounds)
+        out[rows, columns] = np.where(rest <= SEEN, share, np.nan)
+    return out
+
+
+def _along_runs(shares: np.ndarray) -> np.ndarray:
+    """The shares (H, W) that are the same along a level or upright run of RUN px: another ink than those two explains
+    single pixels in many ways.
+    """
+    known = np.nan_to_num(shares, nan=-9.0)
+    even = np.zeros(shares.shape, dtype=bool)
+    for axis in (0, 1):
+        spread = ndimage.maximum_filter1d(known, RUN, axis) - ndimage.minimum_filter1d(known, RUN, axis)
+        even |= ndimage.maximum_filter1d((spread <= 1.5 / STEPS) & (known >= 0.0), RUN, axis)
+    return np.where(even, shares, np.nan)
+
+
+def _odd(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows and columns (n,) of pixels that border on one other region and are no blend with it, and that region."""
+    labels = regions.labels
+    around = np.stack([ndimage.minimum_filter(labels, 3), ndimage.maximum_filter(labels, 3)])
+    y, x = np.nonzero(around[0] != around[1])
+    low, high, own = around[0][y, x], around[1][y, x], labels[y, x]
+    other = np.where(low == own, high, low)
+    # Where three regions meet nothing is certain.
+    two = (low == own) | (high == own)
+    y, x, own, other = y[two], x[two], own[two], other[two]
+    base, span = regions.inks[own], regions.inks[other] - regions.inks[own]
+    value = levels[y, x]
+    t = np.clip(((value - base) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9), 0.0, 1.0)
+    odd = np.abs(value - base - t[:, None] * span).max(axis=1) > ODD
+    return y[odd], x[odd], other[odd]
+
+
+def _common_inks(regions: Regions) -> np.ndarray:
+    """(k, 4) the commonest inks."""
+    inks, index = np.unique(regions.inks, axis=0, return_inverse=True)
+    areas = np.bincount(index.reshape(-1), regions.areas(), len(inks))
+    return inks[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
+
+
+def _best_share(
+    values: np.ndarray, own: np.ndarray, beside: np.ndarray, grounds: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) the share of the ink beside in seams, and (n,) the residual in levels, inf without a third ink."""
+    a = (np.arange(STEPS + 1) / STEPS)[None, :, None]
+    best, rest = np.zeros(len(values)), np.full(len(values), np.inf)
+    for ground in grounds:
+        third = np.minimum(np.abs(own - ground).max(axis=1), np.abs(beside - ground).max(axis=1)) > ODD
+        for front, back, forward in ((beside, own, True), (own, beside, False)):
+            seam = a * front[:, None] + (1.0 - a) ** 2 * back[:, None] + a * (1.0 - a) * ground
+            gap = np.abs(seam - values[:, None]).max(axis=2)
+            k = gap.argmin(axis=1)
+            least = np.where(third, gap[np.arange(len(gap)), k], np.inf)
+            better = least + 0.5 < rest
+            share = k / STEPS if forward else 1.0 - k / STEPS
+            best, rest = np.where(better, share, best), np.where(better, least, rest)
+    return best, rest

@@ -1,0 +1,250 @@
+"""Which regions make one shape, and which shape lies over which.
+
+Evidence that a region lies above another: it is enclosed by it; its outline runs straight on where three regions
+meet; little of it lies in the other's convex hull. Regions of one ink with only higher regions between them are pieces
+of one shape that continues beneath.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
+from cubicsplat_cli.artwork.regions.inks import CLEAR
+from cubicsplat_cli.artwork.regions.regions import Regions
+
+# A disc of this radius, px, around a meeting point of three regions; the share of it that a straight outline leaves.
+DISC = 6
+STRAIGHT = (0.44, 0.56)
+NARROWEST = 0.095  # share of it that each of the others takes, a wedge of 35 degrees
+# Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
+EXPOSED = 0.004
+# Votes: being enclosed outweighs everything, a junction counts 1, a hull at most 0.9.
+ENCLOSED = 1000.0
+MOST_HULLS = 400
+NO_LOAD = 1e-3  # votes below which nothing stands against coming next
+MOST_WAITING = 8  # how many groups may wait for each other in a row
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One shape to be drawn. members: the regions that show of it, ascending. region: the largest of them."""
+
+    members: tuple[int, ...]
+    region: int
+
+
+@dataclass(frozen=True)
+class Stack:
+    """layers: back to front. rank: (R,) the layer of each region, -1 where nothing is drawn."""
+
+    layers: tuple[Layer, ...]
+    rank: np.ndarray
+
+
+def stack(regions: Regions) -> Stack:
+    """The layers of a picture's regions, back to front."""
+    clear = regions.inks[:, 3] <= CLEAR
+    facts = _Facts(regions, clear)
+    group = _merged(facts)
+    order = _ordered(facts, group)
+    rank = np.full(regions.count, -1)
+    layers = []
+    areas = regions.areas()
+    for place, name in enumerate(order):
+        members = np.nonzero(group == name)[0]
+        rank[members] = place
+        layers.append(Layer(tuple(int(m) for m in members), int(members[areas[members].argmax()])))
+    return Stack(tuple(layers), rank)
+
+
+class _Facts:
+    """What is measured of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
+
+    def __init__(self, regions: Regions, clear: np.ndarray) -> None:
+        self.regions, self.clear = regions, clear
+        self.boxes = ndimage.find_objects(regions.labels + 1)
+        self.areas = regions.areas()
+        self.touching = _touching(regions.labels)
+        self.inside = self._enclosures()
+        self.votes: dict[tuple[int, int], float] = {}
+        for above, below in _junctions(regions.labels):
+            self.votes[above, below] = self.votes.get((above, below), 0.0) + 1.0
+        for outer, held in self.inside.items():
+            for i in held:
+                self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED
+        # The regions that each one lies above.
+        self.beneath: dict[int, set[int]] = {}
+        for above, below in self.votes:
+            if self.vote(above, below) > 0.0:
+                self.beneath.setdefault(above, set()).add(below)
+
+    def _enclosures(self) -> dict[int, set[int]]:
+        """For each region the regions within its holes."""
+        inside: dict[int, set[int]] = {}
+        for i, box in enumerate(self.boxes):
+            mask = self.regions.labels[box] == i
+            held = set(np.unique(self.regions.labels[box][holes_of(mask)]).tolist())
+            if held:
+                inside[i] = held
+        return inside
+
+    def vote(self, above: int, below: int) -> float:
+        """The evidence that one lies above the other, less that for the contrary."""
+        return self.votes.get((above, below), 0.0) - self.votes.get((below, above), 0.0)
+
+
+def _touching(labels: np.ndarray) -> dict[int, dict[int, int]]:
+    """For each region its neighbours and how many cracks they share."""
+    count = int(labels.max()) + 1
+    out: dict[int, dict[int, int]] = {i: {} for i in range(count)}
+    for a, b in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
+        edge = a != b
+        u, v = a[edge].astype(np.int64), b[edge].astype(np.int64)
+        keys, sizes = np.unique(np.minimum(u, v) * count + np.maximum(u, v), return_counts=True)
+        for key, size in zip(keys.tolist(), sizes.tolist(), strict=True):
+            i, j = divmod(key, count)
+            out[i][j] = out[i].get(j, 0) + size
+            out[j][i] = out[j].get(i, 0) + size
+    return out
+
+
+def _junctions(labels: np.ndarray) -> list[tuple[int, int]]:
+    """(above, below) for every meeting point of three regions where one of them takes half of the surroundings."""
+    quads = np.stack([labels[:-1, :-1], labels[:-1, 1:], labels[1:, :-1], labels[1:, 1:]], axis=-1)
+    ordered = np.sort(quads, axis=-1)
+    kinds = 1 + (np.diff(ordered, axis=-1) != 0).sum(axis=-1)
+    found = []
+    yy, xx = np.mgrid[-DISC:DISC, -DISC:DISC] + 0.5
+    disc = yy * yy + xx * xx <= DISC * DISC
+    for y, x in np.argwhere(kinds >= 3) + 1:
+        if not (DISC <= y <= labels.shape[0] - DISC and DISC <= x <= labels.shape[1] - DISC):
+            continue
+        around = labels[y - DISC : y + DISC, x - DISC : x + DISC][disc]
+        names, sizes = np.unique(around, return_counts=True)
+        if len(names) != 3:
+            continue
+        top = int(sizes.argmax())
+        if STRAIGHT[0] <= sizes[top] / len(around) <= STRAIGHT[1] and np.delete(sizes, top).min() > NARROWEST * len(
+            around
+        ):
+            found += [(int(names[top]), int(other)) for other in np.delete(names, top)]
+    return found
+
+
+def _merged(facts: _Facts) -> np.ndarray:
+    """(R,) the group of each region, named by its smallest member; -1 for clear regions."""
+    regions = facts.regions
+    group = np.where(facts.clear, -1, np.arange(regions.count))
+    budget = MOST_HULLS
+    for a, b in _candidates(facts):
+        p, q = group[a], group[b]
+        if p == q:
+            continue
+        members = np.nonzero((group == p) | (group == q))[0]
+        if _shows_through(facts, a, b):
+            group[members] = members.min()
+        elif budget > 0:
+            budget -= 1
+            if _continues(facts, members):
+                group[members] = members.min()
+    return group
+
+
+def _candidates(facts: _Facts) -> list[tuple[int, int]]:
+    """Pairs of regions of one ink with a common neighbour that is drawn, the largest first."""
+    pairs = set()
+    for between, beside in facts.touching.items():
+        if facts.clear[between]:
+            continue
+        by_ink: dict[int, list[int]] = {}
+        for i in beside:
+            if not facts.clear[i]:
+                by_ink.setdefault(int(facts.regions.ink_of[i]), []).append(i)
+        for same in by_ink.values():
+            same.sort(key=lambda i: (-facts.areas[i], i))
+            hub = same[0]
+            pairs |= {(hub, i) for i in same[1:]}
+            pairs |= set(pairwise(same[1:]))
+    return sorted(pairs, key=lambda p: (-min(facts.areas[p[0]], facts.areas[p[1]]), p))
+
+
+def _shows_through(facts: _Facts, a: int, b: int) -> bool:
+    """Whether one lies in a hole of a region that the other encloses: then that region has a hole."""
+    for outer, inner in ((a, b), (b, a)):
+        held = facts.inside.get(outer, set())
+        if inner in held and any(inner in facts.inside.get(k, set()) for k in facts.touching[outer] if k in held):
+            return True
+    return False
+
+
+def _continues(facts: _Facts, members: np.ndarray) -> bool:
+    """Whether the hull of the members holds nothing but them and regions that may lie above them."""
+    boxes = [facts.boxes[m] for m in members]
+    rows = slice(min(b[0].start for b in boxes), max(b[0].stop for b in boxes))
+    columns = slice(min(b[1].start for b in boxes), max(b[1].stop for b in boxes))
+    view = facts.regions.labels[rows, columns]
+    own = np.isin(view, members)
+    between = hull_mask(own) & ~own
+    names, sizes = np.unique(view[between], return_counts=True)
+    below = set().union(*(facts.beneath.get(int(m), set()) for m in members))
+    shut = [bool(facts.clear[n]) or int(n) in below for n in names]
+    exposed = int(sizes[np.array(shut, dtype=bool)].sum()) if len(names) else 0
+    # Outlines are only known to a pixel here, so a rim of the hull may be exposed.
+    return exposed <= EXPOSED * own.size + 0.02 * between.sum()
+
+
+def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
+    """The groups back to front: the one with the least evidence of lying above the others first, then the largest."""
+    names = [int(n) for n in np.unique(group) if n >= 0]
+    index = {n: i for i, n in enumerate(names)}
+    count = len(names)
+    weight = np.zeros((count, count), dtype=np.float32)
+    for (above, below), votes in facts.votes.items():
+        p, q = group[above], group[below]
+        if p >= 0 and q >= 0 and p != q:
+            weight[index[int(p)], index[int(q)]] += votes
+    size = np.bincount(group[group >= 0], facts.areas[group >= 0].astype(float), minlength=len(group))[names]
+    span = np.array([_span(facts, group, n) for n in names])
+    _settle_enclosures(facts, group, weight, index)
+    net = np.maximum(weight - weight.T, 0.0)
+    # What a large one waits for comes as early as the large one would, lest all small ones come between.
+    for _ in range(MOST_WAITING):
+        span = np.maximum(span, np.where(net > NO_LOAD, span[:, None], 0.0).max(axis=0, initial=0.0))
+    left = np.ones(count, dtype=bool)
+    load = net.sum(axis=1)
+    order = []
+    for _ in range(count):
+        best = min(
+            np.nonzero(left)[0].tolist(), key=lambda i: (load[i] > NO_LOAD, load[i] >= 2.5, -span[i], -size[i], i)
+        )
+        left[best] = False
+        load -= net[:, best]
+        order.append(names[best])
+    return order
+
+
+def _settle_enclosures(facts: _Facts, group: np.ndarray, weight: np.ndarray, index: dict[int, int]) -> None:
+    """Groups with pieces around and within another one lie beneath it: what is within shows through its holes."""
+    for outer, held in facts.inside.items():
+        below = group[outer]
+        if below < 0:
+            continue
+        for inner in held:
+            above = group[inner]
+            if above >= 0 and above != below and facts.areas[outer] > facts.areas[inner]:
+                through = (group == below) & np.isin(np.arange(len(group)), list(held))
+                if through.any():
+                    weight[index[int(below)], index[int(above)]] = 0.0
+
+
+def _span(facts: _Facts, group: np.ndarray, name: int) -> float:
+    """The px^2 of the box around a group: what it would cover."""
+    boxes = [facts.boxes[m] for m in np.nonzero(group == name)[0]]
+    height = max(b[0].stop for b in boxes) - min(b[0].start for b in boxes)
+    width = max(b[1].stop for b in boxes) - min(b[1].start for b in boxes)
+    return float(height * width)

@@ -1,0 +1,278 @@
+"""The regions of a flat picture: every pixel belongs to one, blends on edges to the nearer of their two inks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
+from cubicsplat_cli.artwork.regions.hairlines import level_lines, line_inks, missing_inks, strangers
+from cubicsplat_cli.artwork.regions.inks import SAME, flat_pixels
+
+# A pixel within so many levels of an ink is that ink.
+PURE = 2.5
+# Inks are sought in a window of this reach, px, around a blend; so many different ones at most.
+REACH = 3
+CANDIDATES = 4
+MOST_PALETTE = 64  # inks, beyond which a picture has gradients and textures rather than lines in more inks
+CHUNK = 4096  # colours at a time
+# A region below SPECK px must have a pixel that is its ink by MOSTLY.
+SPECK, MOSTLY = 9, 0.9
+
+
+@dataclass(frozen=True)
+class Regions:
+    """labels: (H, W) int32, 0..R-1, each label one connected region. inks: (R, 4) levels, premultiplied; ink_of: (R,)
+    the index of each region's ink in the palette."""
+
+    labels: np.ndarray
+    inks: np.ndarray
+    ink_of: np.ndarray
+
+    @property
+    def count(self) -> int:
+        return len(self.inks)
+
+    def areas(self) -> np.ndarray:
+        """(R,) px of every region."""
+        return np.bincount(self.labels.ravel(), minlength=self.count)
+
+
+def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0) -> Regions:
+    """Regions of a picture (H, W, 4) in levels, in the inks of a palette (P, 4)."""
+    palette, pure = _with_inks_of_lines(levels, palette)
+    inks = joined_at_corners(_blends_shared_out(levels, palette, pure), levels, palette)
+    labels = _components(inks)
+    sure = _sure(levels, palette, labels, inks, pure)
+    labels = _without_specks(labels, sure, max(min_area, 3.0))
+    labels = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
+    ink_of = _majority(labels, inks)
+    return Regions(labels, palette[ink_of], ink_of)
+
+
+def _with_inks_of_lines(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The palette with the inks that only thin lines have, and (H, W) int32 the ink of pixels that are one."""
+    pure = _pure_inks(levels, palette)
+    y, x = np.nonzero(pure < 0)
+    if len(y) == 0 or len(palette) >= MOST_PALETTE:
+        return palette, pure
+    near = near_inks(pure, y, x)
+    strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
+    y, x, beside = y[strange], x[strange], palette[near[strange, 0]]
+    other = ~level_lines(levels, (y, x), palette, beside)
+    new = missing_inks(levels[y, x][other], beside[other])
+    if len(new) == 0:
+        return palette, pure
+    palette = np.vstack([palette, new])
+    return palette, _pure_inks(levels, palette)
+
+
+def _pure_inks(levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
+    """(H, W) int32 the ink of pixels that are one, -1 for blends; a blend that looks like a third ink is a blend."""
+    nearest, gap = nearest_inks(levels, palette)
+    pure = np.where(gap <= PURE, nearest, -1).astype(np.int32)
+    flat = flat_pixels(levels, SAME)
+    solid = _has_square(pure)
+    # Whole components count that somewhere are flat or two pixels thick; thin ones are often edges between others.
+    parts = _components(pure)
+    good = np.zeros(parts.max() + 1, dtype=bool)
+    good[parts[flat | solid]] = True
+    return np.where(good[parts] & (pure >= 0), pure, _thin_but_real(levels, palette, pure, good[parts]))
+
+
+def _thin_but_real(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Thin components whose colour is no blend of two inks beside it keep it."""
+    doubtful = (pure >= 0) & ~good
+    settled = np.where(good, pure, -1)
+    y, x = np.nonzero(doubtful)
+    out = np.full(pure.shape, -1, dtype=np.int32)
+    if len(y) == 0:
+        return out
+    near = near_inks(settled, y, x)
+    _, residual, _ = best_blend(levels[y, x], palette, near)
+    kept = residual > 12.0
+    out[y[kept], x[kept]] = pure[y[kept], x[kept]]
+    return out
+
+
+def nearest_inks(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) int32 index of the nearest ink, and its distance in levels (greatest channel), to half a level."""
+    halves = np.rint(levels * 2.0).astype(np.uint64)
+    keys = ((halves[..., 0] << 30) | (halves[..., 1] << 20) | (halves[..., 2] << 10) | halves[..., 3]).ravel()
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    colours = levels.reshape(-1, 4)[first]
+    index = np.empty(len(colours), dtype=np.int32)
+    gap = np.empty(len(colours), dtype=np.float32)
+    for start in range(0, len(colours), CHUNK):
+        part = slice(start, start + CHUNK)
+        gaps = np.abs(colours[part, None] - palette[None].astype(np.float32)).max(axis=-1)
+        index[part] = gaps.argmin(axis=1)
+        gap[part] = gaps.min(axis=1)
+    shape = levels.shape[:2]
+    return index[inverse].reshape(shape), gap[inverse].reshape(shape)
+
+
+def _has_square(pure: np.ndarray) -> np.ndarray:
+    """(H, W) bool: belongs to a 2x2 square of one ink."""
+    same = (pure[:-1, :-1] == pure[1:, :-1]) & (pure[:-1, :-1] == pure[:-1, 1:]) & (pure[:-1, :-1] == pure[1:, 1:])
+    out = np.zeros(pure.shape, dtype=bool)
+    for dy in (0, 1):
+        for dx in (0, 1):
+            out[dy : dy + same.shape[0], dx : dx + same.shape[1]] |= same
+    return out & (pure >= 0)
+
+
+def near_inks(inks: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(n, CANDIDATES) the different inks >= 0 nearest to the pixels y, x of a map (H, W); -1 where there are fewer."""
+    offsets = [(dy, dx) for dy in range(-REACH, REACH + 1) for dx in range(-REACH, REACH + 1)]
+    offsets.sort(key=lambda o: (o[0] ** 2 + o[1] ** 2, o))
+    padded = np.pad(inks, REACH, constant_values=-1)
+    slots = np.full((len(y), CANDIDATES), -1, dtype=np.int32)
+    used = np.zeros(len(y), dtype=np.int32)
+    for dy, dx in offsets:
+        found = padded[y + dy + REACH, x + dx + REACH]
+        new = (found >= 0) & (used < CANDIDATES) & ~(slots == found[:, None]).any(axis=1)
+        rows = np.nonzero(new)[0]
+        slots[rows, used[rows]] = found[rows]
+        used[rows] += 1
+    return slots
+
+
+def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The pair of near inks (n, CANDIDATES) that blends best to values (n, 4).
+
+    Returns the ink with the greater share (n,), the residual in levels (n,), and the pair (n, 2); -1 and infinity
+    where there is no ink near. Inks farther away must explain clearly better than nearer ones.
+    """
+    count = len(values)
+    score = np.full(count, np.inf)
+    residual = np.full(count, np.inf)
+    winner = np.full(count, -1, dtype=np.int32)
+    pair = np.full((count, 2), -1, dtype=np.int32)
+    colours = np.vstack([palette, np.zeros(4)])
+    slots = near.shape[1]
+    for i in range(slots):
+        for j in range(i, slots):
+            a, b = colours[near[:, i]], colours[near[:, j]]
+            span = a - b
+            length = (span * span).sum(axis=1)
+            t = np.clip(((values - b) * span).sum(axis=1) / np.maximum(length, 1e-9), 0.0, 1.0)
+            gap = np.abs(values - b - t[:, None] * span).max(axis=1)
+            cost = np.where((near[:, i] >= 0) & (near[:, j] >= 0), gap + 1.5 * (i + j), np.inf)
+            better = cost < score
+            score[better], residual[better] = cost[better], gap[better]
+            winner[better] = np.where(t >= 0.5, near[:, i], near[:, j])[better]
+            pair[better] = near[better][:, [i, j]]
+    return winner, residual, pair
+
+
+def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray) -> np.ndarray:
+    """(H, W) int32 an ink for every pixel: blends go to the ink with the greater share."""
+    y, x = np.nonzero(pure < 0)
+    out = pure.copy()
+    if len(y) == 0:
+        return out
+    near = near_inks(pure, y, x)
+    winner, residual, _ = best_blend(levels[y, x], palette, near)
+    nearest, gap = nearest_inks(levels[y, x][:, None], palette)
+    # Far from every ink, or not explained by those near: the nearest ink of all if that is closer.
+    lost = (winner < 0) | ((residual > 40.0) & (gap[:, 0] < residual))
+    out[y, x] = np.where(lost, nearest[:, 0], winner)
+    strange = _strange(levels, palette, y, x, near, residual)
+    if not strange.any():
+        return out
+    y, x, near = y[strange], x[strange], near[strange]
+    ink, own = line_inks(levels[y, x], (y, x), pure.shape, palette, near)
+    out[y, x] = np.where(own, ink, np.where(ink >= 0, winner[strange], out[y, x]))
+    return out
+
+
+def _strange(
+    levels: np.ndarray, palette: np.ndarray, y: np.ndarray, x: np.ndarray, near: np.ndarray, residual: np.ndarray
+) -> np.ndarray:
+    """(n,) bool: the pixels y, x that the inks near them do not explain; those on the canvas's rim, which blend with
+    what is beyond it, are none.
+    """
+    height, width = levels.shape[:2]
+    within = (y > 0) & (x > 0) & (y < height - 1) & (x < width - 1) & (near[:, 0] >= 0)
+    return within & strangers(levels[y, x], palette, near, residual)
+
+
+def _components(inks: np.ndarray) -> np.ndarray:
+    """(H, W) int32 number of the 4-connected component of equal ink."""
+    out = np.zeros(inks.shape, dtype=np.int32)
+    total = 0
+    boxes = ndimage.find_objects(inks + 2)
+    for value, box in enumerate(boxes):
+        if box is None:
+            continue
+        parts, count = ndimage.label(inks[box] == value - 1)
+        view = out[box]
+        mask = parts > 0
+        view[mask] = parts[mask] + (total - 1)
+        total += count
+    return out
+
+
+def _sure(
+    levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, inks: np.ndarray, pure: np.ndarray
+) -> np.ndarray:
+    """(H, W) bool: pixels that are their ink, or for the most part their ink rather than that of the region which their
+    own touches most.
+    """
+    sure = pure >= 0
+    count = int(labels.max()) + 1
+    lacking = (np.bincount(labels.ravel(), sure.ravel(), count) == 0) & (
+        np.bincount(labels.ravel(), None, count) < SPECK
+    )
+    if not lacking.any():
+        return sure
+    beside = _most_touched(labels, count, lacking)
+    ink_of = _majority(labels, inks)
+    y, x = np.nonzero(lacking[labels])
+    base = palette[ink_of[beside[labels[y, x]]]]
+    span = palette[inks[y, x]] - base
+    share = ((levels[y, x] - base) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
+    sure = sure.copy()
+    sure[y, x] = share >= MOSTLY
+    return sure
+
+
+def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.ndarray:
+    """Components below `area` px, and small ones without a pixel that is surely theirs, go to the neighbour that they
+    touch most.
+    """
+    for _ in range(8):
+        count = labels.max() + 1
+        sizes = np.bincount(labels.ravel(), minlength=count)
+        has_sure = np.bincount(labels.ravel(), sure.ravel(), count) > 0
+        doomed = (sizes < area) | (~has_sure & (sizes < SPECK))
+        doomed[sizes == 0] = False
+        if not doomed.any() or doomed.all():
+            break
+        target = _most_touched(labels, count, doomed)
+        labels = target[labels]
+    return labels
+
+
+def _most_touched(labels: np.ndarray, count: int, doomed: np.ndarray) -> np.ndarray:
+    """(count,) label to take over: itself where not doomed."""
+    pairs = []
+    for a, b in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
+        edge = a != b
+        pairs += [np.stack([a[edge], b[edge]]), np.stack([b[edge], a[edge]])]
+    u, v = np.concatenate(pairs, axis=1).astype(np.int64)
+    keep = doomed[u] & ~doomed[v]
+    key, touches = np.unique(u[keep] * count + v[keep], return_counts=True)
+    target = np.arange(count)
+    order = np.argsort(touches, kind="stable")
+    target[key[order] // count] = key[order] % count
+    return target
+
+
+def _majority(labels: np.ndarray, inks: np.ndarray) -> np.ndarray:
+    most = int(inks.max()) + 1
+    votes = np.bincount(labels.ravel().astype(np.int64) * most + inks.ravel(), minlength=(labels.max() + 1) * most)
+    return votes.reshape(-1, most).argmax(axis=1)
