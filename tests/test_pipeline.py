@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from cubicsplat_cli import pipeline, vectorize
+from cubicsplat_cli import vectorize
 from cubicsplat_cli.evaluate import measurable
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.trainer import Trainer
-from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.pipeline import artwork, copies, vectorize_picture
 from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
@@ -36,7 +36,7 @@ def test_a_flat_picture_is_drawn_and_the_report_says_why():
 
 
 def test_a_drawing_too_far_from_its_picture_gives_way_to_a_photo(monkeypatch):
-    monkeypatch.setattr(pipeline, "LEAST_ARTWORK_DB", 99.0)
+    monkeypatch.setattr(artwork, "LEAST_DB", 99.0)
     noisy = flat_picture()
     noisy[10, 12] = (23, 92, 163)
     report = vectorize_picture(as_picture(noisy), Request(SETTINGS, measure=False)).report
@@ -69,8 +69,8 @@ def fitted(monkeypatch):
 
     Copies of 120 pixels, and 480 for the finish, are enough for up to 4 curves.
     """
-    monkeypatch.setattr(pipeline, "USUAL_CURVES", 4)
-    monkeypatch.setattr(pipeline, "ROUGH_PIXELS_PER_CURVE", 30)
+    monkeypatch.setattr(copies, "USUAL_CURVES", 4)
+    monkeypatch.setattr(copies, "ROUGH_PIXELS_PER_CURVE", 30)
     sizes = []
 
     def noted(target, settings, on_progress, film, guide, rough=None):

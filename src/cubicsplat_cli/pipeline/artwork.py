@@ -1,0 +1,83 @@
+"""The artwork style: few clean shapes; and pictures of one colour."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cubicsplat_cli.artwork.plain import plain_drawing
+from cubicsplat_cli.artwork.settings import CUTOUT
+from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.style import ARTWORK, Style
+from cubicsplat_cli.paint import Ink
+from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg import write_drawing
+from cubicsplat_cli.svg.drawing import suggested_precision
+
+SAMPLES = 48  # edges per cubic of the engine's own picture
+# A drawing that is further from the picture has lost something that people see.
+LEAST_DB = 28.0
+# The same of pictures with noise, artefacts or blur, which a drawing has not.
+LEAST_THROUGH_DB = 18.0
+
+
+def drawn_artwork(task: Task) -> Made:
+    """Few opaque shapes with exact outlines."""
+    from cubicsplat_cli.artwork.input.intake import taken_in
+    from cubicsplat_cli.artwork.shapes import scaled_drawing
+    from cubicsplat_cli.artwork.vectorize import draw
+
+    chosen = replace(task.request.artwork, curves=task.request.settings.curves)
+    target = task.target.target()
+    intake = taken_in(target)
+    drawing = draw(target, chosen, intake)
+    if task.request.settings.mode is Mode.OPEN:
+        from cubicsplat_cli.artwork.strokes.find import with_strokes
+
+        drawing = with_strokes(drawing, chosen.detail)
+    drawing = scaled_drawing(drawing, *task.picture.size)
+    if chosen.stacking == CUTOUT:
+        from cubicsplat_cli.artwork.planar.cutout import cut_out
+
+        precision = task.request.precision
+        drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
+    least = LEAST_DB if intake.condition.clean and intake.times == 1 else LEAST_THROUGH_DB
+    return replace(_drawn(drawing, task.request), notes=intake.notes, least_db=least)
+
+
+def plain(ink: Ink, task: Task) -> tuple[Style, Made]:
+    """A picture of one colour: its ground and no curve, in either style."""
+    request = task.request
+    drawing = plain_drawing(ink, *task.picture.size)
+    style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
+    if style.name == ARTWORK:
+        if request.artwork.palette:
+            from cubicsplat_cli.artwork.vectorize import in_palette
+
+            drawing = in_palette(drawing, request.artwork.palette)
+        return style, _drawn(drawing, request)
+    return style, replace(_drawn(drawing, request), paths=0, facts={})
+
+
+def _drawn(drawing: Drawing, request: Request) -> Made:
+    from cubicsplat_cli.artwork.geometry.outlines import Ring
+    from cubicsplat_cli.artwork.geometry.stroke import Chain
+    from cubicsplat_cli.artwork.scene import scene_of
+
+    outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
+    facts = {
+        "shapes": len(drawing.shapes),
+        "segments": drawing.segments,
+        "primitives": sum(not isinstance(outline, (Ring, Chain)) for outline in outlines),
+        "gradients": len(drawing.gradients),
+        "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
+        "inks": ["#{:02x}{:02x}{:02x}{:02x}".format(*ink) for ink in drawing.inks],
+    }
+    return Made(
+        scene_of(drawing) if drawing.shapes else None,
+        lambda title, comment: write_drawing(drawing, precision=request.precision, title=title, comment=comment),
+        SAMPLES,
+        len(drawing.shapes),
+        facts=facts,
+    )

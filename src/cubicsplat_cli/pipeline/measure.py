@@ -1,0 +1,54 @@
+"""The figures of a result: its SVG in an independent renderer, and the seconds of the stages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
+from cubicsplat_cli.evaluate.measurable import measurable
+from cubicsplat_cli.evaluate.metrics import measure, weighted_psnr_db
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.pipeline.task import Result, Task
+from cubicsplat_cli.progress import Stages
+from cubicsplat_cli.report import FileQuality, OwnQuality, Qualities, Report, gap_db
+
+
+def measured(result: Result, task: Task, samples: int) -> Result:
+    """Draw the SVG's bytes with an independent renderer, and compare that and the engine's picture with the input."""
+    stages, threads = task.stages, task.request.settings.threads
+    with stages("measure"):
+        reference = measurable(task.picture, task.seconds_left())
+    with stages("draw"):
+        drawn = rerender(result.svg.encode(), reference.width, reference.height)
+    with stages("measure"):
+        own = of_scene(result.scene, reference.width, reference.height, samples, threads)
+        (file, surrogate), agreement = measure(reference, [of_pixels(drawn.pixels), own], threads)
+        quality = Qualities(
+            FileQuality(**vars(file), renderer=drawn.renderer),
+            OwnQuality(**vars(surrogate), samples=samples),
+            agreement,
+            gap_db(file, surrogate),
+        )
+        weights = task.weights(reference)
+        if weights is not None:
+            level = weighted_psnr_db(reference, of_pixels(drawn.pixels), weights)
+            quality = replace(quality, weighted_psnr_db=level)
+    notes = [] if drawn.note is None else [drawn.note]
+    if (reference.width, reference.height) != task.picture.size:
+        notes.append(f"quality measured at {reference.width} x {reference.height} pixels")
+    report = replace(result.report, quality=quality, notes=[*result.report.notes, *notes])
+    return replace(result, report=report, pixels=drawn.pixels)
+
+
+def timed(report: Report, stages: Stages) -> Report:
+    """The report with the seconds of the stages so far."""
+    seconds = stages.seconds
+    timing = replace(
+        report.timing,
+        total_s=stages.total(),
+        read_s=seconds.get("read"),
+        write_s=seconds.get("write"),
+        draw_s=seconds.get("draw"),
+        measure_s=seconds.get("measure"),
+    )
+    return replace(report, timing=timing)
