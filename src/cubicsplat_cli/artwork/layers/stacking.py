@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 # A disc of this radius, px, around a meeting point of three regions; the share of it that a straight outline leaves.
 DISC = 6
 STRAIGHT = (0.44, 0.56)
-NARROWEST = 0.095  # share of it that each of the others takes, a wedge of 35 degrees
+NARROWEST = 0.1  # share of it that each of the others takes, a wedge of 36 degrees
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
 # Votes: being enclosed outweighs everything, a junction counts 1, a hull at most 0.9.
