@@ -188,8 +188,8 @@ _PAPER = {
 # Of each preset by mode: what it says of `FitSettings`, and where its `Recipe` differs from the usual one.
 PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
     "draft": {Mode.CLOSED: _CLOSED | {"steps": 600}, Mode.OPEN: _OPEN | {"steps": 400}},
-    "standard": {Mode.CLOSED: _CLOSED | {"steps": 2500}, Mode.OPEN: _OPEN | {"steps": 2000}},
-    "high": {Mode.CLOSED: _CLOSED | {"steps": 6000}, Mode.OPEN: _OPEN | {"steps": 6000}},
+    "standard": {Mode.CLOSED: _CLOSED | {"steps": 2300}, Mode.OPEN: _OPEN | {"steps": 2000}},
+    "high": {Mode.CLOSED: _CLOSED | {"segments": 5, "steps": 6000}, Mode.OPEN: _OPEN | {"steps": 6000}},
     "paper": {
         Mode.CLOSED: _PAPER | {"samples": 12},
         Mode.OPEN: _PAPER | {"samples": 24, "half_width_size": 5e-3, "rate_half_widths": 8e-4},
