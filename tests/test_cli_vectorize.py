@@ -226,7 +226,7 @@ def test_progress_bar_on_a_terminal_and_its_colours(photo, monkeypatch):
     # Square brackets in the name must not be taken for markup.
     path = photo.with_name("[red]a[bold].png")
     photo.rename(path)
-    arguments = ["vectorize", path, "--curves", 12, "--steps", 1500, "--no-png", "--force"]
+    arguments = ["vectorize", path, "--curves", 12, "--steps", 8000, "--no-png", "--force"]
     code, text = on_terminal(arguments, monkeypatch)
     assert code == 0
     assert "[red]a[bold].png" in text
@@ -244,7 +244,7 @@ def test_progress_bar_on_a_terminal_and_its_colours(photo, monkeypatch):
 def test_one_display_for_many_pictures(tmp_path, monkeypatch):
     save_pictures(tmp_path / "in", ("a.png", "b.png", "c.png"))
     (tmp_path / "in" / "bad.png").write_text("no picture")
-    arguments = ["vectorize", tmp_path / "in", "-o", tmp_path / "out", "-j", 2, "--curves", 12, "--steps", 2500]
+    arguments = ["vectorize", tmp_path / "in", "-o", tmp_path / "out", "-j", 2, "--curves", 12, "--steps", 6000]
     code, text = on_terminal(arguments, monkeypatch, NO_COLOR="1")
     assert code == 1
     assert re.search(r"[0-4]/4 pictures", text), "the whole"
