@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.svg.arcs import arc_of
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
 
 SHAPES = ("path", "rect", "circle", "ellipse", "line", "polyline", "polygon")
@@ -95,30 +96,16 @@ def _cubics(piece: Piece) -> list[np.ndarray]:
 
 
 def _arc(piece: Piece, start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
-    """An elliptical arc by its middle (SVG 2, appendix B.2.4), in quarters or less."""
-    rx, ry, degrees, large, sweep = piece.numbers
-    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    turn, radii = np.array([[cos, -sin], [sin, cos]]), np.array([rx, ry])
-    half = turn.T @ (start - end) / 2.0 / radii
-    size = float(half @ half)
-    if size > 1.0:
-        radii, half, size = radii * math.sqrt(size), half / math.sqrt(size), 1.0
-    reach = (1.0 if large != sweep else -1.0) * math.sqrt(max(1.0 / max(size, 1e-12) - 1.0, 0.0))
-    middle = reach * np.array([half[1], -half[0]])
-    first = math.atan2(half[1] - middle[1], half[0] - middle[0])
-    last = math.atan2(-half[1] - middle[1], -half[0] - middle[0])
-    span = (last - first) % (2.0 * math.pi)
-    if not sweep:
-        span -= 2.0 * math.pi
-    count = max(1, math.ceil(abs(span) / (math.pi / 2.0) - 1e-9))
-    step = span / count
+    """An elliptical arc in quarters or less."""
+    arc = arc_of(piece, start, end)
+    count = max(1, math.ceil(abs(arc.span) / (math.pi / 2.0) - 1e-9))
+    step = arc.span / count
     handle = 4.0 / 3.0 * math.tan(step / 4.0)
     cubics = []
     for index in range(count):
-        a, b = first + index * step, first + (index + 1) * step
+        a, b = arc.first + index * step, arc.first + (index + 1) * step
         p, q = np.array([math.cos(a), math.sin(a)]), np.array([math.cos(b), math.sin(b)])
         ahead, back = np.array([-p[1], p[0]]) * handle, np.array([-q[1], q[0]]) * handle
-        unit = middle + np.stack([p, p + ahead, q - back, q])
-        cubics.append((unit * radii) @ turn.T + (start + end) / 2.0)
+        cubics.append(arc.placed(np.stack([p, p + ahead, q - back, q])))
     cubics[0][0], cubics[-1][3] = start, end
     return cubics

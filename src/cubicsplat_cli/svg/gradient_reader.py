@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.paint import Gradient, LinearGradient, Stop, radial_from
+from cubicsplat_cli.svg.transforms import one_transform
 
 LINEAR, RADIAL, STOP = "linearGradient", "radialGradient", "stop"
 _HREF = ("href", "xlink:href")
@@ -165,7 +165,7 @@ class GradientReader:
             numbers = re.split(r"[\s,]+", match[2].strip()) if match else []
             if match is None or len(numbers) not in _COUNTS[match[1]]:
                 raise self._foreign(f"has the transform {text!r}, which cannot be read")
-            whole = whole @ _matrix(match[1], [self._length(n, "gradientTransform", False) for n in numbers])
+            whole = whole @ one_transform(match[1], [self._length(n, "gradientTransform", False) for n in numbers])
             position = match.end()
         return whole
 
@@ -173,24 +173,3 @@ class GradientReader:
         for name in attributes:
             if name not in known:
                 raise self._foreign(f"has an unexpected attribute {name!r}")
-
-
-def _matrix(kind: str, numbers: list[float]) -> np.ndarray:
-    """(3, 3) of one transform (SVG 1.1, section 7.6)."""
-    if kind == "matrix":
-        a, b, c, d, e, f = numbers
-        return np.array([[a, c, e], [b, d, f], [0.0, 0.0, 1.0]])
-    if kind == "translate":
-        x, y = (*numbers, 0.0)[:2]
-        return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
-    if kind == "scale":
-        x, y = (*numbers, numbers[0])[:2]
-        return np.diag([x, y, 1.0])
-    angle = math.radians(numbers[0])
-    if kind == "rotate":
-        x, y = (*numbers[1:], 0.0, 0.0)[:2]
-        cos, sin = math.cos(angle), math.sin(angle)
-        return np.array([[cos, -sin, x - cos * x + sin * y], [sin, cos, y - sin * x - cos * y], [0.0, 0.0, 1.0]])
-    skew = np.eye(3)
-    skew[(0, 1) if kind == "skewX" else (1, 0)] = math.tan(angle)
-    return skew

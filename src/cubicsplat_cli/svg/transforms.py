@@ -17,11 +17,12 @@ def transform_matrix(transform: str) -> np.ndarray:
         numbers = [float(number) for number in text.replace(",", " ").split()]
         if len(numbers) < (6 if name == "matrix" else 1):
             raise ValueError(f"{name}({text}) lacks numbers")
-        total = total @ _step(name, numbers)
+        total = total @ one_transform(name, numbers)
     return total
 
 
-def _step(name: str, n: list[float]) -> np.ndarray:
+def one_transform(name: str, n: list[float]) -> np.ndarray:
+    """(3, 3) of a transform by its name and as many numbers as it may have."""
     if name == "matrix":
         return np.array([[n[0], n[2], n[4]], [n[1], n[3], n[5]], [0.0, 0.0, 1.0]])
     if name == "translate":
@@ -37,4 +38,4 @@ def _step(name: str, n: list[float]) -> np.ndarray:
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     if len(n) < 3:
         return turn
-    return _step("translate", n[1:3]) @ turn @ _step("translate", [-n[1], -n[2]])
+    return one_transform("translate", n[1:3]) @ turn @ one_transform("translate", [-n[1], -n[2]])

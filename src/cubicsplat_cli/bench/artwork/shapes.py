@@ -10,6 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.bench.artwork.document import Document, local_name
 from cubicsplat_cli.bench.artwork.elements import Drawn, drawn_elements
+from cubicsplat_cli.svg.arcs import arc_of
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
 from cubicsplat_cli.svg.transforms import transform_matrix
 
@@ -125,26 +126,10 @@ def along(piece: Piece) -> list[tuple[float, float]]:
 
 
 def _arc(piece: Piece, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """An elliptical arc by its middle (SVG 2, appendix B.2.4)."""
-    rx, ry, degrees, large, sweep = piece.numbers
-    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    turn = np.array([[cos, -sin], [sin, cos]])
-    radii = np.array([rx, ry])
-    half = turn.T @ (start - end) / 2.0 / radii
-    size = float(half @ half)
-    if size > 1.0:
-        radii, half, size = radii * math.sqrt(size), half / math.sqrt(size), 1.0
-    sign = 1.0 if large != sweep else -1.0
-    reach = sign * math.sqrt(max(1.0 / max(size, 1e-12) - 1.0, 0.0))
-    middle = reach * np.array([half[1], -half[0]])
-    first = math.atan2(half[1] - middle[1], half[0] - middle[0])
-    last = math.atan2(-half[1] - middle[1], -half[0] - middle[0])
-    span = (last - first) % (2.0 * math.pi)
-    if not sweep:
-        span -= 2.0 * math.pi
-    angle = first + span * _STEPS[:, 0]
-    unit = middle + np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return (unit * radii) @ turn.T + (start + end) / 2.0
+    """Points along an elliptical arc."""
+    arc = arc_of(piece, start, end)
+    angle = arc.first + arc.span * _STEPS[:, 0]
+    return arc.placed(np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
 def kind_of(points: np.ndarray) -> str:
