@@ -80,12 +80,15 @@ class Task:
     film: Film | None
     title: str
 
+    def comment(self) -> str:
+        """The line by which the command knows its own files."""
+        request = self.request
+        return provenance_comment(__version__, request.settings.seed, request.digest(), self.picture.sha256)
+
     def text(self, scene: Scene, precision: int) -> str:
         """The SVG of a photo's curves, at the picture's size."""
-        request, picture = self.request, self.picture
-        comment = provenance_comment(__version__, request.settings.seed, request.digest(), picture.sha256)
-        sized = scaled_scene(scene, *picture.size)
-        return with_checksum(write_svg(sized, precision=precision, title=self.title, comment=comment))
+        sized = scaled_scene(scene, *self.picture.size)
+        return with_checksum(write_svg(sized, precision=precision, title=self.title, comment=self.comment()))
 
     def seconds_left(self) -> float:
         """Until the time limit, infinite without one; below 0 beyond it."""

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.plain import only_ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
 from cubicsplat_cli.evaluate.layers import of_scene
 from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
-from cubicsplat_cli.files.marks import provenance_comment, sha256_of, with_checksum
+from cubicsplat_cli.files.marks import sha256_of, with_checksum
 from cubicsplat_cli.film import Film
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, plain
 from cubicsplat_cli.pipeline.measure import measured, timed
@@ -55,8 +54,7 @@ def vectorize_picture(
 
             film_shapes(film, made.scene, target, request.settings.threads)
     with stages("write"):
-        comment = provenance_comment(__version__, request.settings.seed, request.digest(), picture.sha256)
-        svg = with_checksum(made.write(title or picture.source, comment))
+        svg = with_checksum(made.write(task.title, task.comment()))
         result = Result(svg, made.scene, _report(picture, target, style, made, svg, request, stages))
         on_svg(result)
     if request.measure:
