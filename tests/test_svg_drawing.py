@@ -54,14 +54,14 @@ def test_primitives_are_elements_of_their_own():
         shape(Rectangle(0, 0, 200, 100), name="background"),
         shape(Circle(10.004, 20.5, 5.25), ink=(255, 255, 254, 255)),
         shape(Ellipse(50, 40, 10, 5, math.radians(30))),
-        shape(Rectangle(100, 10, 40, 20, 4), ink=GLASS),
+        shape(Rectangle(100, 10, 40, 20, 2.5), ink=GLASS),
         shape(Rectangle(100.25, 50, 40.5, 20, 0, -math.pi / 6)),
     )
     assert [re.sub("{.*}", "", element.tag) for element in found] == ["rect", "circle", "ellipse", "rect", "rect"]
     assert found[0].attrib == {"id": "background", "width": "200", "height": "100", "fill": "red"} | {"fill": "#f00"}
     assert found[1].attrib == {"id": "shape", "cx": "10", "cy": "20.5", "r": "5.25", "fill": "#fffffe"}
     assert found[2].get("transform") == "rotate(30 50 40)"
-    assert (found[3].get("rx"), found[3].get("fill"), found[3].get("fill-opacity")) == ("4", "#0012ab", ".2")
+    assert (found[3].get("rx"), found[3].get("fill"), found[3].get("fill-opacity")) == ("2.5", "#0012ab", ".2")
     assert found[4].get("transform") == "rotate(-30 120.5 60)"
 
 
@@ -360,3 +360,40 @@ def test_other_drawings_are_refused_with_the_line(body):
 def test_what_is_no_file_of_ours_is_refused(text):
     with pytest.raises(InputError):
         read_drawing(text)
+
+
+ROUNDED = [
+    Rectangle(10, 20, 120, 60, 25),
+    Rectangle(10, 20, 120, 60, 30),
+    Rectangle(40, 10, 50, 80, 25),
+    Rectangle(40.5, 10.25, 90, 70, 8.13, 0.4),
+]
+
+
+@pytest.mark.parametrize("box", ROUNDED)
+def test_viewers_agree_about_round_corners(box):
+    text = write_drawing(Drawing(200, 100, (shape(box),)), title="t", comment="c")
+    exact = render_scene(read_svg(text), coverage="exact", samples=48)
+    for renderer in ("cairosvg", "resvg"):
+        drawn = rerender(text.encode(), 200, 100, renderer=renderer).pixels
+        assert agreement_db(exact, drawn) > 45.0
+
+
+@pytest.mark.parametrize(
+    "outlines", [*((box,) for box in ROUNDED), *((Rectangle(2, 2, 196, 96, 9), b) for b in ROUNDED[:3])]
+)
+def test_rounded_rectangles_are_read_back(outlines):
+    text = write_drawing(Drawing(200, 100, (shape(*outlines),)), title="t", comment="c")
+    (found,) = read_drawing(text).shapes
+    assert write_drawing(Drawing(200, 100, (found,)), title="t", comment="c") == text
+    assert all(isinstance(outline, Rectangle) and outline.radius > 0.0 for outline in found.outlines)
+
+
+def test_only_rounded_rectangles_among_paths_are_turned():
+    text = write_drawing(Drawing(200, 100, (shape(ROUNDED[3]),)), title="t", comment="c")
+    with pytest.raises(InputError, match="transform of a path other than a rounded rectangle"):
+        read_drawing(re.sub(' d="[^"]*"', ' d="M9 9h9v9z"', text))
+
+
+def test_small_round_corners_stay_a_rect():
+    assert [e.tag.rpartition("}")[2] for e in written(shape(Rectangle(5, 5, 20, 9, 3)))] == ["rect"]

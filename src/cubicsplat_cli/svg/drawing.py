@@ -26,6 +26,7 @@ from cubicsplat_cli.svg.pathdata import format_number
 from cubicsplat_cli.svg.quantise import check_precision
 from cubicsplat_cli.svg.ringgrid import grid_ring
 from cubicsplat_cli.svg.ringpath import PathText, add_ring
+from cubicsplat_cli.svg.rounded import MOST_ON_RECT, add_rounded
 from cubicsplat_cli.svg.strokes import add_stroke, pen
 
 _OPAQUE = 255
@@ -123,15 +124,25 @@ def _primitive(outline: Circle | Ellipse | Rectangle, precision: int) -> Element
         lengths = {"cx": outline.cx, "cy": outline.cy, "rx": outline.rx, "ry": outline.ry}
         return _turned(_shown("ellipse", lengths, "rx", precision), outline.angle, outline.cx, outline.cy, precision)
     unit = 10.0**precision
-    if max(outline.width, outline.height) - 2.0 * outline.radius < 1.0 / unit:  # nothing but round corners
-        middle = (outline.x + outline.width / 2.0, outline.y + outline.height / 2.0)
-        return _primitive(Circle(*middle, outline.radius), precision)
+    if (disc := _disc(outline, precision)) is not None:
+        return _primitive(disc, precision)
     # Both ends of a side are rounded, so that it meets its neighbours'.
     left, right = (int(to_steps(x, precision)) / unit for x in (outline.x, outline.x + outline.width))
     top, bottom = (int(to_steps(y, precision)) / unit for y in (outline.y, outline.y + outline.height))
     lengths = {"x": left, "y": top, "width": right - left, "height": bottom - top, "rx": outline.radius}
     middle = ((left + right) / 2.0, (top + bottom) / 2.0)
+    if outline.radius > MOST_ON_RECT:
+        path = PathText(precision)
+        add_rounded(path, outline, precision, clockwise=True)
+        return _turned(ElementTree.Element("path", {"d": path.text}), outline.angle, *middle, precision)
     return _turned(_shown("rect", lengths, "width", precision), outline.angle, *middle, precision)
+
+
+def _disc(box: Rectangle, precision: int) -> Circle | None:
+    """The circle that a rectangle is which has nothing but round corners; None for others."""
+    if max(box.width, box.height) - 2.0 * box.radius >= 10.0**-precision:
+        return None
+    return Circle(box.x + box.width / 2.0, box.y + box.height / 2.0, box.radius)
 
 
 def _shown(name: str, lengths: dict[str, float], extent: str, precision: int) -> ElementTree.Element | None:
@@ -158,8 +169,13 @@ def _degrees(angle: float) -> str:
 
 def _add_outline(path: PathText, outline: Outline, precision: int, *, clockwise: bool, exact: bool) -> None:
     """One ring of a compound path: the outer ones clockwise as seen, holes the other way."""
+    if isinstance(outline, Rectangle):
+        outline = _disc(outline, precision) or outline
     if isinstance(outline, (Circle, Ellipse)):
         _add_ellipse(path, outline, precision, clockwise)
+        return
+    if isinstance(outline, Rectangle) and outline.radius > 0.0 and outline.angle == 0.0:
+        add_rounded(path, outline, precision, clockwise=clockwise)
         return
     ring = outline.ring()
     if (signed_area(ring) > 0.0) != clockwise:

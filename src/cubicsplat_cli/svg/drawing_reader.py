@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 from xml.parsers import expat
 
 import numpy as np
@@ -22,6 +23,7 @@ from cubicsplat_cli.svg.canvas import canvas_size
 from cubicsplat_cli.svg.gradient_reader import LINEAR, RADIAL, STOP, GradientReader
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
+from cubicsplat_cli.svg.rounded import rounded_of
 from cubicsplat_cli.svg.strokes import STROKE_PAINT, read_chain, read_pen
 from cubicsplat_cli.words import printable
 
@@ -37,8 +39,9 @@ _LENGTHS = {
     "rect": ("x", "y", "width", "height", "rx"),
     "path": (),
 }
-_MORE = {"circle": set(), "ellipse": {"transform"}, "rect": {"transform"}, "path": {"d"}}
+_MORE = {"circle": set(), "ellipse": {"transform"}, "rect": {"transform"}, "path": {"d", "transform"}}
 _ROOT = {"width", "height", "viewBox", "xmlns", "xmlns:xlink"}
+AnyPath = TypeVar("AnyPath", bound=Path)
 # A joint that turns by less is meant to be smooth.
 _SMOOTH = math.radians(0.5)
 
@@ -180,7 +183,7 @@ class _Collector:
         for outline, clockwise in self._rings(attributes.get("d", "")):
             if clockwise or not groups:
                 groups.append([])
-            groups[-1].append(outline)
+            groups[-1].append(self._turned(outline, attributes))
         return [Shape(ink, tuple(group), identifier) for group in groups]
 
     def _strokes(self, name: str, attributes: dict[str, str]) -> list[Shape]:
@@ -197,6 +200,7 @@ class _Collector:
                 if not closed and not re.fullmatch(r"[LHVCS]+", "".join(piece.command for piece in subpath)):
                     raise self.foreign("has an open path of other than L, H, V, C and S")
                 paths.append(self._outline(subpath)[0] if closed else read_chain(self._bounded(subpath)))
+            paths = [self._turned(path, attributes) for path in paths]
         strokes = [replace(drawn, path=path) for path in paths]
         identifier = attributes.get("id", "")
         return [Shape(ink, outlines_of_stroke(stroke), identifier, stroke=stroke) for stroke in strokes]
@@ -238,6 +242,14 @@ class _Collector:
             raise self.foreign("has a transform other than a rotation about the middle")
         return math.radians(self._number(match[1]))
 
+    def _turned(self, path: AnyPath, attributes: dict[str, str]) -> AnyPath:
+        """What an element holds, turned as it says: of paths only rounded rectangles are."""
+        if "transform" not in attributes:
+            return path
+        if not isinstance(path, Rectangle):
+            raise self.foreign("has a transform of a path other than a rounded rectangle")
+        return replace(path, angle=self._angle(attributes))
+
     def _rings(self, d: str) -> list[tuple[Outline, bool]]:
         """Each ring, and whether it runs clockwise as seen."""
         return [self._outline(subpath) for subpath in self._subpaths(d)]
@@ -263,8 +275,13 @@ class _Collector:
         letters = "".join(piece.command for piece in subpath)
         if letters == "AAZ":
             return self._ellipse(*subpath[:2]), subpath[0].numbers[4] == 1.0
+        rounded = rounded_of(subpath)
+        if rounded is not None:
+            return rounded
         if not re.fullmatch(r"[LHVCS]+Z", letters):
-            raise self.foreign("has path data other than closed rings of L, H, V, C, S, or two half ellipses")
+            raise self.foreign(
+                "has path data other than closed rings of L, H, V, C, S, two half ellipses, or a rounded rectangle"
+            )
         ring = _ring(subpath)
         return ring, signed_area(ring) > 0.0
 
