@@ -23,10 +23,13 @@ struct EdgeGroup {
 
   TileEdge edge(unsigned i) const { return {{ax[i], ay[i], vx[i], vy[i], ux[i], uy[i]}, bx[i], by[i]}; }
 
-  // Takes sixteen lines to the coordinates of a tile whose corner is (x, y).
-  void fetch(const Line* lines, float x, float y) {
+  // Takes so many lines, 1 or more, to the coordinates of a tile whose corner is (x, y). Behind them as many are read as
+  // make four, and no more: they may not be in the nearest memory.
+  void fetch(const Line* lines, uint32_t count, float x, float y) {
+    const float* rows[4];
+    for (uint32_t i = 0; i < 4; i++) rows[i] = &lines[4 * i < count ? 4 * i : 0].ax;
     Lanes ends[4];
-    load_pixels<4>(&lines->ax, 4 * kBlock, ends);
+    load_pixels<4>(rows, ends);
     (ends[0] - Lanes(x)).store(ax);
     (ends[1] - Lanes(y)).store(ay);
     (ends[2] - Lanes(x)).store(bx);

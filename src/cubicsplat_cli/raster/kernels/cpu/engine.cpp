@@ -1,5 +1,6 @@
 // The C interface: checks, the thread pool, and the order of the stages.
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -161,7 +162,6 @@ struct CsEngine {
 
   void raster_tile(int index, int thread) {
     cs::Frame& f = frame;
-    uint32_t begin = f.tile_starts[index], end = f.tile_starts[index + 1];
     cs::TileTask task;
     task.scene = &f.scene;
     task.settings = &f.settings;
@@ -169,8 +169,11 @@ struct CsEngine {
     task.tile_x = index % f.tiles_x;
     task.tile_y = index / f.tiles_x;
     task.backward = f.backward;
-    task.pairs = f.tile_pairs.data() + begin;
-    task.pair_count = end - begin;
+    task.pairs = f.pairs_of(index);
+    task.next_pairs = f.pairs_of(index + 1);
+    task.pairs_behind = f.pairs_of(index + 2);
+    task.next_x = (index + 1) % f.tiles_x;
+    task.next_y = (index + 1) / f.tiles_x;
     task.primitives = f.primitives.data();
     task.chunks = f.views.data();
     task.chunk_size = cs::kChunk;
@@ -178,6 +181,11 @@ struct CsEngine {
     task.background = &f.tile_background[size_t(index) * 4];
     task.scratch = scratch[thread].reserve(isa.scratch(task));
     isa.raster(task);
+  }
+
+  void raster_strip(int index, int thread) {
+    const int end = std::min((index + 1) * cs::kStrip, frame.tiles());
+    for (int i = index * cs::kStrip; i < end; i++) raster_tile(i, thread);
   }
 
   void run(const CsScene& scene, const CsSettings& settings, const CsImages& images, bool backward,
@@ -190,7 +198,7 @@ struct CsEngine {
     marks[1] = Clock::now();
     cs::bin(frame);
     marks[2] = Clock::now();
-    pool.run(frame.tiles(), [this](int i, int thread) { raster_tile(i, thread); });
+    pool.run((frame.tiles() + cs::kStrip - 1) / cs::kStrip, [this](int i, int thread) { raster_strip(i, thread); });
     marks[3] = Clock::now();
     if (backward)
       pool.run(frame.chunk_count(), [&](int i, int) { cs::update(frame, i, gradients, training); });

@@ -9,6 +9,7 @@
 namespace cs {
 
 constexpr int kChunk = 16;       // primitives per unit of parallel work; fixed, so that results do not depend on threads
+constexpr int kStrip = 8;        // tiles that a thread takes at a time: each asks the memory for what the next one needs
 constexpr int kMaxSamples = 64;  // edges per cubic
 
 // The tile columns [begin, end) of a tile row that an edge is near.
@@ -52,6 +53,11 @@ struct Frame {
   std::vector<float> tile_background;  // tiles x 4
 
   int tiles() const { return tiles_x * tiles_y; }
+  // None for a tile past the last one.
+  PairList pairs_of(int tile) const {
+    if (tile >= tiles()) return {nullptr, 0};
+    return {tile_pairs.data() + tile_starts[tile], tile_starts[tile + 1] - tile_starts[tile]};
+  }
   int chunk_count() const { return (scene.curves + kChunk - 1) / kChunk; }
   Rings rings(int p) const {
     return {scene.ring_ends ? scene.ring_ends + size_t(p) * scene.rings : nullptr, scene.rings, scene.segments};

@@ -57,17 +57,14 @@ class Gatherer {
       : task_(task), arena_(arena), x0_(float(task.tile_x * kTile)), y0_(float(task.tile_y * kTile)) {}
 
   Outlines run() {
-    const uint32_t count = task_.pair_count, padded = groups_for(count) * kLanes;
+    const uint32_t count = task_.pairs.count, padded = groups_for(count) * kLanes;
     Outlines all{arena_.take<Outline>(count), count, arena_.take<uint16_t>(padded)};
     uint32_t most = 0;
-    for (uint32_t i = 0; i < count; i++) {
-      const Pair& pair = *task_.pairs[i];
-      most = pair.edge_count > most ? pair.edge_count : most;
-      ask_for_edges(pair);
-    }
+    for (const Pair* pair : task_.pairs) most = pair->edge_count > most ? pair->edge_count : most;
+    ask_for_next();
     crossings_ = arena_.take<Lanes>(2 * most);
     for (uint32_t i = 0; i < count; i++) {
-      gather(*task_.pairs[i], all.list[i]);
+      gather(*task_.pairs.first[i], all.list[i]);
       all.visible[i] = all.list[i].full | all.list[i].mixed;
     }
     for (uint32_t i = count; i < padded; i++) all.visible[i] = 0;
@@ -75,13 +72,12 @@ class Gatherer {
   }
 
   static size_t scratch(const TileTask& task) {
-    size_t bytes = aligned(task.pair_count * sizeof(Outline)) +
-                   aligned(groups_for(task.pair_count) * kLanes * sizeof(uint16_t));
+    size_t bytes = aligned(task.pairs.count * sizeof(Outline)) +
+                   aligned(groups_for(task.pairs.count) * kLanes * sizeof(uint16_t));
     uint32_t most = 0;
-    for (uint32_t i = 0; i < task.pair_count; i++) {
-      const uint32_t edges = task.pairs[i]->edge_count;
-      most = edges > most ? edges : most;
-      bytes += aligned(groups_for(edges) * sizeof(EdgeGroup));
+    for (const Pair* pair : task.pairs) {
+      most = pair->edge_count > most ? pair->edge_count : most;
+      bytes += aligned(groups_for(pair->edge_count) * sizeof(EdgeGroup));
     }
     return bytes + aligned(2 * most * sizeof(Lanes));
   }
@@ -91,6 +87,12 @@ class Gatherer {
   Arena& arena_;
   float x0_, y0_;
   Lanes* crossings_ = nullptr;
+
+  // The pairs of the tile after the next, and what those of the next one, which have come by now, lead to.
+  void ask_for_next() const {
+    for (const Pair* pair : task_.pairs_behind) ask_for(pair, sizeof(Pair));
+    for (const Pair* pair : task_.next_pairs) ask_for_edges(*pair);
+  }
 
   void ask_for_edges(const Pair& pair) const {
     if (pair.kind == PairKind::inside) return;
@@ -120,7 +122,7 @@ class Gatherer {
 
   void fetch(const Line* lines, Outline& o) const {
     for (uint32_t g = 0; g < o.group_count; g++) {
-      o.groups[g].fetch(lines + g * kLanes, x0_, y0_);
+      o.groups[g].fetch(lines + g * kLanes, o.pair->edge_count - g * kLanes, x0_, y0_);
       o.groups[g].derive(o.primitive->reach);
     }
     if (!o.gradients) return;

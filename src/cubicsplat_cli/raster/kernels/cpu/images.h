@@ -38,7 +38,11 @@ struct Window {
 
   template <int C>
   CS_INLINE void load(const float* image, Lanes* planes) const {
-    if (whole()) return load_pixels<C>(image + first, stride, planes);
+    if (whole()) {
+      const float* const at = image + first;
+      const float* const rows[kBlock] = {at, at + stride, at + 2 * stride, at + 3 * stride};
+      return load_pixels<C>(rows, planes);
+    }
     float values[C][kLanes] = {};
     each_pixel<C>([&](int lane, size_t at) {
       for (int c = 0; c < C; c++) values[c][lane] = image[at + c];
@@ -67,15 +71,13 @@ struct Window {
   static int clipped(int left) { return left < kBlock ? left : kBlock; }
 };
 
-// Asks for a tile's rows of a picture of several channels: they lie far apart.
-inline void ask_for_rows(const TileTask& task, const float* image) {
-  const int left = task.tile_x * kTile, top = task.tile_y * kTile;
+// Asks for the next tile's row j of a picture of several channels: the rows lie far apart.
+CS_INLINE void ask_for_next_row(const TileTask& task, const float* image, int j) {
+  const int left = task.next_x * kTile, y = task.next_y * kTile + j;
+  if (!image || y >= task.scene->height) return;
   const int columns = task.scene->width - left < kTile ? task.scene->width - left : kTile;
-  const int bottom = task.scene->height - top < kTile ? task.scene->height : top + kTile;
-  for (int y = top; y < bottom; y++) {
-    const size_t first = (size_t(y) * task.scene->width + left) * task.scene->channels;
-    ask_for(image + first, size_t(columns) * task.scene->channels * sizeof(float));
-  }
+  const size_t first = (size_t(y) * task.scene->width + left) * task.scene->channels;
+  ask_for(image + first, size_t(columns) * task.scene->channels * sizeof(float));
 }
 
 }  // namespace CS_ISA

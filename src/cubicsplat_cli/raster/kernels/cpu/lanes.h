@@ -19,6 +19,10 @@ namespace CS_ISA {
 
 constexpr int kLanes = 16;
 
+// Every kind of Lanes has, beside its operations:
+// load_pixels<C>(rows, planes): four rows of four pixels, C values each, as one vector for each of the C.
+// having_bit(words, bit): which of sixteen words have the bit.
+
 // The sums of four vectors, in their order.
 struct Four {
   float v[4];
@@ -68,12 +72,11 @@ CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
   const __m512i index = _mm512_set_epi32(3, 3, 3, 3, 2, 2, 2, 2, 1, 1, 1, 1, 0, 0, 0, 0);
   return _mm512_permutexvar_ps(index, _mm512_castps128_ps512(_mm_setr_ps(a, b, c, d)));
 }
-// Four rows of four pixels, C values each: one vector for each of the C.
 template <int C>
-CS_INLINE void load_pixels(const float* first, size_t stride, Lanes* planes) {
+CS_INLINE void load_pixels(const float* const* rows, Lanes* planes) {
   const __mmask16 row = __mmask16((1u << (4 * C)) - 1u);
   __m512 r[4];
-  for (int i = 0; i < 4; i++) r[i] = _mm512_maskz_loadu_ps(row, first + i * stride);
+  for (int i = 0; i < 4; i++) r[i] = _mm512_maskz_loadu_ps(row, rows[i]);
   for (int c = 0; c < C; c++) {
     const __m512i from = _mm512_add_epi32(
         _mm512_setr_epi32(0, C, 2 * C, 3 * C, 16, 16 + C, 16 + 2 * C, 16 + 3 * C, 0, 0, 0, 0, 0, 0, 0, 0),
@@ -172,11 +175,10 @@ CS_INLINE void load_row(const float* p, __m128 (&planes)[4]) {
   for (int i = 0; i < 4; i++) planes[i] = _mm_loadu_ps(p + 4 * i);
   _MM_TRANSPOSE4_PS(planes[0], planes[1], planes[2], planes[3]);
 }
-// Four rows of four pixels, C values each: one vector for each of the C.
 template <int C>
-CS_INLINE void load_pixels(const float* first, size_t stride, Lanes* planes) {
+CS_INLINE void load_pixels(const float* const* rows, Lanes* planes) {
   __m128 r[4][C];
-  for (int i = 0; i < 4; i++) load_row(first + i * stride, r[i]);
+  for (int i = 0; i < 4; i++) load_row(rows[i], r[i]);
   for (int c = 0; c < C; c++) planes[c] = {_mm256_setr_m128(r[0][c], r[1][c]), _mm256_setr_m128(r[2][c], r[3][c])};
 }
 CS_INLINE Four sum_of_four(Lanes x, Lanes y, Lanes z, Lanes w) {
@@ -264,11 +266,10 @@ CS_INLINE void load_row(const float* p, int row, Lanes (&planes)[4]) {
   const float32x4x4_t r = vld4q_f32(p);
   for (int c = 0; c < 4; c++) planes[c].v[row] = r.val[c];
 }
-// Four rows of four pixels, C values each: one vector for each of the C.
 template <int C>
-CS_INLINE void load_pixels(const float* first, size_t stride, Lanes* planes) {
+CS_INLINE void load_pixels(const float* const* rows, Lanes* planes) {
   Lanes loaded[C];
-  for (int i = 0; i < 4; i++) load_row(first + i * stride, i, loaded);
+  for (int i = 0; i < 4; i++) load_row(rows[i], i, loaded);
   for (int c = 0; c < C; c++) planes[c] = loaded[c];
 }
 CS_INLINE Four sum_of_four(Lanes a, Lanes b, Lanes c, Lanes d) {
@@ -349,11 +350,10 @@ CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
   for (int i = 0; i < kLanes; i++) r.v[i] = four[i / 4];
   return r;
 }
-// Four rows of four pixels, C values each: one vector for each of the C.
 template <int C>
-CS_INLINE void load_pixels(const float* first, size_t stride, Lanes* planes) {
+CS_INLINE void load_pixels(const float* const* rows, Lanes* planes) {
   for (int i = 0; i < kLanes; i++)
-    for (int c = 0; c < C; c++) planes[c].v[i] = first[i / 4 * stride + i % 4 * C + c];
+    for (int c = 0; c < C; c++) planes[c].v[i] = rows[i / 4][i % 4 * C + c];
 }
 CS_INLINE Four sum_of_four(const Lanes& a, const Lanes& b, const Lanes& c, const Lanes& d) {
   return {{sum(a), sum(b), sum(c), sum(d)}};

@@ -143,16 +143,16 @@ class BlockWork {
 
 template <int C, class Ink>
 void raster(const TileTask& task) {
-  if (task.images->target) ask_for_rows(task, task.images->target);
   Arena arena{task.scratch};
   const Outlines outlines = Gatherer(task, arena).run();
-  Record* records = arena.take<Record>(task.pair_count);
+  Record* records = arena.take<Record>(task.pairs.count);
   double loss = 0.0;
   Lanes background[C];
   for (Lanes& b : background) b = Lanes(0.0f);
   for (int number = 0; number < kBlocks; number++) {
     BlockWork<C, Ink> work(task, outlines, records, number);
     if (!work.empty()) loss += work.run(background);
+    ask_for_next_row(task, task.images->target, number);
   }
   *task.loss = loss;
   for (int c = 0; c < C; c++) task.background[c] = sum(background[c]);
@@ -162,7 +162,7 @@ void raster(const TileTask& task) {
 
 // Scratch memory that a tile takes.
 size_t tile_scratch(const TileTask& task) {
-  return Gatherer::scratch(task) + aligned(task.pair_count * sizeof(Record)) + 64;
+  return Gatherer::scratch(task) + aligned(task.pairs.count * sizeof(Record)) + 64;
 }
 
 void raster_tile(const TileTask& task) {

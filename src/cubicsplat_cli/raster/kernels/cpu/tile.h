@@ -19,7 +19,7 @@ struct Line {
   float ax, ay, bx, by;
 };
 
-constexpr int kSpareLines = 16;  // lie behind every list of lines, so that it can be read by whole vectors
+constexpr int kSpareLines = 3;  // lie behind every list of lines, so that it can be read by whole vectors
 
 // Gradient of the loss with respect to the two ends of an edge.
 struct EdgeGradient {
@@ -67,14 +67,26 @@ inline size_t paint_stride(int most_stops) { return size_t(kStopValues) * most_s
 
 inline Paints paints_of(const CsScene& s) { return {s.kinds, s.counts, s.frames, s.offsets, s.stops, s.most_stops}; }
 
+// Some of a tile's pairs, front to back.
+struct PairList {
+  Pair* const* first;
+  uint32_t count;
+
+  Pair* const* begin() const { return first; }
+  Pair* const* end() const { return first + count; }
+};
+
 struct TileTask {
   const CsScene* scene;
   const CsSettings* settings;
   const CsImages* images;
   int tile_x, tile_y;
   bool backward;
-  Pair* const* pairs;  // front to back
-  uint32_t pair_count;
+  PairList pairs;
+  // What comes next on the same thread, to be asked of the memory in time: the pairs of the next tile and of the one
+  // behind it, and the place of the first.
+  PairList next_pairs, pairs_behind;
+  int next_x, next_y;
   const Primitive* primitives;
   const ChunkView* chunks;
   int chunk_size;
