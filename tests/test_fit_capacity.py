@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
 
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.photo import Resizing, fit
 from cubicsplat_cli.photo.blobs import blob_points, find_blobs
 from cubicsplat_cli.photo.capacity import error_density, gini, reallocate
+from cubicsplat_cli.photo.guide import UNGUIDED
 from cubicsplat_cli.photo.initial import colours_at, control_points, draw_pixels, new_curves, random_centres
 from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.photo.smoothing import box_mean
@@ -237,3 +241,52 @@ def test_copies_are_copies_and_scenes_are_activated():
     assert scene.colours[1].tolist() == pytest.approx(torch.tensor([0.03, 0.04, 0.05]).sigmoid().tolist())
     assert (parameters.scene(Mode.OPEN, 40, 30, None, opaque=True).opacities == 1).all()
     assert (parameters.scene(Mode.CLOSED, 40, 30, None, opaque=False).half_widths == 0).all()
+
+
+# --- another number of curves on the way -----------------------------------------------------------------------
+
+
+def resized(picture, *counts: int, at=(0.3, 0.6), **changes):
+    """A short fit of ten curves, of which the most useful stay, with so many in all."""
+
+    def choose(count):
+        return lambda scene, worth: (worth.argsort(descending=True)[:count], count)
+
+    resizings = [Resizing(share, choose(count)) for share, count in zip(at, counts, strict=False)]
+    return fit(picture, settings(steps=60, **changes), resizings=resizings)
+
+
+@MODES
+def test_a_fit_grows_and_shrinks_on_its_way(mode):
+    picture = np.random.default_rng(2).random((12, 16, 3)).repeat(3, 0).repeat(3, 1).astype(np.float32)
+    plain = fit(picture, settings(mode, steps=60))
+    same = resized(picture, 10, 10, mode=mode)
+    assert same.scene.points.equal(plain.scene.points) and same.scene.colours.equal(plain.scene.colours)
+    for counts in ((25, 14), (4, 14), (3,)):
+        found = resized(picture, *counts, mode=mode)
+        assert found.settings.curves == counts[-1]
+        assert counts[-1] - 2 <= found.scene.curves + found.dropped <= counts[-1]
+        assert found.steps == 60 and found.history[-1]["step"] == 60
+    grown, shrunk = resized(picture, 25, mode=mode), resized(picture, 3, mode=mode)
+    assert shrunk.history[-1]["psnr_db"] < plain.history[-1]["psnr_db"] < grown.history[-1]["psnr_db"]
+
+
+def test_a_fit_to_a_smaller_copy_takes_its_number_of_curves_along():
+    whole = np.random.default_rng(2).random((12, 16, 3)).repeat(6, 0).repeat(6, 1).astype(np.float32)
+    grow = Resizing(0.5, lambda scene, _: (torch.arange(scene.curves), 17))
+    found = fit(whole, settings(steps=60), rough=(whole[::2, ::2].copy(), UNGUIDED), resizings=[grow])
+    assert found.scene.curves + found.dropped == 17
+    assert (found.scene.width, found.scene.height) == (96, 72)
+
+
+@pytest.mark.parametrize("shared", [0.0, 0.75])
+def test_curves_share_an_opacity_where_the_recipe_says_so(shared):
+    picture = np.random.default_rng(2).random((12, 16, 3)).repeat(3, 0).repeat(3, 1).astype(np.float32)
+    opacities = fit(picture, settings(steps=30, shared_opacity=shared)).scene.opacities
+    if shared:
+        assert torch.allclose(opacities, torch.tensor(shared), atol=0.003)
+        assert opacities.unique().numel() == 1
+    else:
+        assert opacities.std() > 0.01
+    with pytest.raises(UsageError, match="shared_opacity must lie between 0 and 1"):
+        settings(shared_opacity=1.0)

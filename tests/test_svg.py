@@ -225,6 +225,25 @@ def test_small_closed_curves_of_three_segments_are_compact(opaque, limit):
     assert np.mean([len(line) + 1 for line in paths]) <= limit
 
 
+@pytest.mark.parametrize("mode", list(Mode))
+def test_an_opacity_that_all_curves_have_is_said_once(mode):
+    paint = "fill" if mode is Mode.CLOSED else "stroke"
+    scene = small_curves(3, opaque=False)
+    if mode is Mode.OPEN:
+        scene = dataclasses.replace(scene, mode=mode, points=scene.points[:, :4], half_widths=torch.ones(3))
+    alike = dataclasses.replace(scene, opacities=torch.full((3,), 0.541))
+    text = written(alike)
+    assert group_of(text).get(f"{paint}-opacity") == ".541"
+    assert not [path for path in paths_of(text) if path.get(f"{paint}-opacity")]
+    assert_same(read_svg(text), quantise_scene(alike, 2))
+    one_differs = dataclasses.replace(scene, opacities=torch.tensor([0.541, 0.541, 0.25]))
+    assert group_of(written(one_differs)).get(f"{paint}-opacity") is None
+    assert_same(read_svg(written(one_differs)), quantise_scene(one_differs, 2))
+    other = "stroke" if mode is Mode.CLOSED else "fill"
+    with pytest.raises(InputError, match=f"unexpected attribute '{other}-opacity'"):
+        read_svg(text.replace(f' {paint}-opacity="', f' {other}-opacity="'))
+
+
 def test_each_cubic_takes_the_shorter_form():
     # Near the origin absolute numbers are shorter, far from it relative ones; both occur in one path.
     points = torch.tensor(

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
 from cubicsplat_cli.photo.parameters import Parameters
-from cubicsplat_cli.settings import FitSettings, Mode
+from cubicsplat_cli.settings import FitSettings, Mode, Recipe
 
 COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the optimiser
 OPAQUE_LOGIT = 9.0  # an opacity of 0.99988
@@ -25,11 +25,19 @@ def new_curves(points: Tensor, colour_logits: Tensor, half_width: float, setting
     return Parameters(
         points.contiguous(),
         colour_logits.contiguous(),
-        all_alike(OPAQUE_LOGIT if recipe.opaque else recipe.opacity_logit),
+        all_alike(first_opacity(recipe)),
         all_alike(half_width),
         all_alike(recipe.soft_edge),
         fills=LinearFills.flat(colour_logits, farthest(points)) if settings.fill == "linear" else None,
     )
+
+
+def first_opacity(recipe: Recipe) -> float:
+    """The logit of a new curve's opacity."""
+    if recipe.opaque:
+        return OPAQUE_LOGIT
+    shared = recipe.shared_opacity
+    return math.log(shared / (1.0 - shared)) if shared > 0.0 else recipe.opacity_logit
 
 
 def farthest(points: Tensor, ring_ends: Tensor | None = None) -> Tensor:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from cubicsplat_cli.photo.guide import UNGUIDED, Guide, spread_of
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
 from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.parameters import Background, Parameters
+from cubicsplat_cli.photo.resizing import Choose, Resizing
 from cubicsplat_cli.photo.schedule import Phase, Schedule
 from cubicsplat_cli.photo.snap import snapped
 from cubicsplat_cli.photo.start import keep_fills, parameters_of, warmed
@@ -77,27 +78,36 @@ def fit(
     film: Film | None = None,
     guide: Guide = UNGUIDED,
     rough: tuple[np.ndarray, Guide] | None = None,
+    resizings: Sequence[Resizing] = (),
 ) -> FitResult:
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
     film: keeps scenes on the way. guide: what else the fit is told. rough: a smaller copy of the picture, on which all
     but the exact finish is done, and what a fit to it is told; only for fits that do not begin with a drawing.
+    resizings: when on the way the number of curves changes, in order; for such fits as well.
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
     form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
     leaves the state that the fit had come to, with a note.
     """
     picture = _checked(target, guide)
-    if rough is not None and settings.recipe.finish > 0.0:
-        copy, copy_guide = rough
-        settings = settings.for_size(target.shape[1], target.shape[0])
-        begun = Trainer(_checked(copy, copy_guide), settings, on_progress, film, copy_guide)
-        if not begun.relax():
-            return begun.run()
+    settings = settings.for_size(target.shape[1], target.shape[0])
+    smaller = rough is not None and settings.recipe.finish > 0.0
+    if rough is not None and smaller:
+        trainer = Trainer(_checked(*rough), settings, on_progress, film, rough[1])
+    else:
         trainer = Trainer(picture, settings, on_progress, film, guide)
-        trainer.go_on_from(begun)
-        return trainer.run()
-    return Trainer(picture, settings, on_progress, film, guide).run()
+    for resizing in resizings:
+        if not trainer.relax(resizing.at):
+            return trainer.run()
+        trainer = trainer.resized(resizing.choose)
+    if smaller:
+        if not trainer.relax():
+            return trainer.run()
+        whole = Trainer(picture, trainer.settings, on_progress, film, guide)
+        whole.go_on_from(trainer)
+        return whole.run()
+    return trainer.run()
 
 
 def _checked(target: np.ndarray, guide: Guide) -> Tensor:
@@ -268,10 +278,31 @@ class Trainer:
                 keep_fills(scene.gradients, sized.gradients, self.frozen)
         return scene
 
-    def relax(self) -> bool:
-        """The steps before the exact finish. Returns whether they ended as they should; if not, only `run` is left."""
-        self._advance_to(self.schedule.finish_start)
+    def relax(self, share: float = 1.0) -> bool:
+        """The steps before the exact finish, or a share of them. Returns whether they ended as they should; if not,
+        only `run` is left.
+        """
+        self._advance_to(share * self.schedule.finish_start)
         return not self.stopped
+
+    def resized(self, choose: Choose) -> Trainer:
+        """A fit that goes on from here with the curves that `choose` keeps, and new ones in front where it wants more.
+
+        This one is at its end. Not for fits that began with a drawing.
+        """
+        keep, wanted = choose(self._scene(), self._worth(self.parameters).cpu())
+        keep = keep.to(self.engine.device).sort().values
+        after = Trainer(self.target, self.settings.with_(curves=wanted), self.on_progress, self.film, self.guide)
+        parameters, state, fresh = self.parameters.chosen(keep), self.state.chosen(keep), wanted - len(keep)
+        if fresh > 0:
+            image = self.engine.render(self._tensors(self.parameters), self._exact())
+            seeds = seeded(fresh, image, self.goal, after.settings, self.generator, after.unit, self.weights)
+            parameters = in_front(seeds, parameters)
+            state = OptimiserState.zeros(fresh, parameters.points.shape[1]).to(self.engine.device).joined(state)
+        after.parameters.overwrite(parameters)
+        after.state.overwrite(state)
+        after.keep_course_of(self)
+        return after
 
     def go_on_from(self, begun: Trainer) -> None:
         """Takes over a fit to a copy of the picture of another size, at the step that it has come to."""
@@ -288,6 +319,10 @@ class Trainer:
         growth[: 2 * self.parameters.points.shape[1]] = scale
         growth[-1] = scale  # the half-width
         self.state.moments.mul_(torch.stack([growth, growth, growth.square(), growth], -1))
+        self.keep_course_of(begun)
+
+    def keep_course_of(self, begun: Trainer) -> None:
+        """Goes on where another fit ends: with its ground, schedule, random numbers and history."""
         self.background, self.curves = begun.background, replace(self.curves, background=begun.background)
         self.generator, self.schedule, self.step = begun.generator, begun.schedule, begun.step
         self.history, self.replaced, self.inequality = begun.history, begun.replaced, begun.inequality
@@ -412,7 +447,7 @@ class Trainer:
         return Rates(
             points=phase.rate * recipe.rate_points * self.unit,
             colours=phase.rate * recipe.rate_colours,
-            opacities=0.0 if recipe.opaque else phase.rate * recipe.rate_opacities,
+            opacities=0.0 if recipe.alike else phase.rate * recipe.rate_opacities,
             half_widths=phase.rate * recipe.rate_half_widths * self.unit,
             edge_widths=phase.rate * recipe.rate_edge_widths,
             keep=(recipe.keep_mean, recipe.keep_change, recipe.keep_square),

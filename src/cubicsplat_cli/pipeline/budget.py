@@ -1,46 +1,57 @@
-"""As many curves as fit into so many bytes, or as few as give so many decibels: found by growing or shrinking one fit.
+"""As many curves as fit into so many bytes, or as few as give so many decibels: found on the way of one fit.
 
-A first, shorter fit tells what a curve costs and gives; a second begins with it, with the number of curves that follows
-and a few more; then curves go, those of the least use for their bytes first, until the budget is met.
+The fit begins with a guess. On its way the file of what it has come to is written, or drawn, and says what a curve
+takes, or how far it still is; then curves go, those of the least use first, or new ones come. Before the exact finish
+all but a few go that will not be in the file, so that the finish settles what is left.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
 import torch
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
+from cubicsplat_cli.settings import FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitResult
+    from cubicsplat_cli.photo import FitResult, Resizing
     from cubicsplat_cli.scene import Scene
 
-FIRST_SHARE, SECOND_SHARE = 0.4, 1.2  # of the steps asked for
-SPARE, SPARE_COMPRESSED = 1.03, 1.08  # times the curves that should be enough, so that some may go
-GUESSED_BYTES = (40, 30)  # of a curve at one decimal, and of each segment
-# Measured: kodim08 and 23 gain 1.0 and 1.7 dB from twice the curves.
+# All measured on Kodak photos, docs/quality.md.
+BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
+SHARED_OPACITY = 0.75  # of curves whose bytes count: 20 of a curve's 105 would say an opacity of its own
+COMPRESSED = 0.45  # of a file's bytes are left by gzip
+MIDWAY = 0.5  # of the steps before the exact finish
+SPARE, SPARE_AT_FINISH = 1.15, 1.01  # times the curves that are enough, until the finish and from then on
+CLOSE = 0.995  # of the bytes allowed, which is near enough
+# At which share of the steps before the finish the level is measured, and how many dB it rises from there to the end.
+LOOKS = ((0.15, 3.9), (0.4, 2.0), (0.65, 1.0), (0.9, 0.55))
 DB_PER_DOUBLING = 1.4
-EXPECTED_GAIN = 0.4  # dB, of the second fit with the same curves
-MOST_GROWTH = 8.0
-TOLERANCE = 0.2  # dB
-PRECISIONS = (2, 1, 0)
+BEGINNING = 256  # curves of a fit that is to reach a level
+AIM = 0.2  # dB above the level asked for, since what is left to rise is known to 0.15 dB (standard deviation)
+NEAR = 0.1  # dB above it, at which no more curves are tried to leave out
+MOST_DRAWN, LEAST_FACTOR = 8, 0.01  # files drawn to find how many curves can go; of what they are worth, counted
+MOST_GROWTH = 8.0  # times the curves, at one look
+PIXELS_PER_CURVE = 16.0  # with fewer there would be more numbers than the picture has
+ROUNDS, ROUND_SHARE = 2, 0.5  # of growing after the fit, of its steps
 
 
 @dataclass(frozen=True)
 class Means:
-    """How things are done: fit(settings, start), size(scene, precision) in bytes, level(scene, precision) in dB, and
-    worth(scene), (N,): by how much the loss would rise without each curve.
+    """How things are done: fit(settings, resizings, start), size(scene, precision) in bytes, level(scene, precision) in
+    dB, and worth(scene): the loss, and (N,) by how much it would rise without each curve.
     """
 
-    fit: Callable[[FitSettings, Scene | None], FitResult]
+    fit: Callable[[FitSettings, Sequence[Resizing], Scene | None], FitResult]
     size: Callable[[Scene, int], int]
     level: Callable[[Scene, int], float]
-    worth: Callable[[Scene], torch.Tensor]
+    worth: Callable[[Scene], tuple[float, torch.Tensor]]
 
 
 @dataclass(frozen=True)
@@ -52,92 +63,148 @@ class Within:
     notes: list[str]
 
 
-def within_bytes(most: int, settings: FitSettings, precision: int | None, means: Means, spare: float = SPARE) -> Within:
-    """The best picture in at most so many bytes. precision: decimals, or None for those that pay; spare:
-    times the curves that should be enough, which the second fit gets.
+def within_bytes(most: int, settings: FitSettings, precision: int, means: Means, share: float = 1.0) -> Within:
+    """The best picture in at most so many bytes. share: of a file's bytes that count, about; below 1 where it is to be
+    compressed.
 
     Raises InputError where not even one curve fits.
     """
-    guess = max(1, min(1_000_000, most // (GUESSED_BYTES[0] + GUESSED_BYTES[1] * settings.segments)))
-    first = means.fit(_shared(settings, FIRST_SHARE, guess), None)
-    chosen = _paying_precision(first.scene, means) if precision is None else precision
-    head, size = means.size(_only(first.scene, 1), chosen), means.size(first.scene, chosen)
-    if head > most:
-        raise InputError(f"not even one curve fits into {most} bytes; allow at least {head}")
-    each = max(1.0, (size - head) / max(1, first.scene.curves - 1))
-    wanted = max(1, math.ceil(spare * (1 + (most - head) / each)))
-    fitted = first if first.interrupted else _joined(first, means.fit(_rest(settings, first, wanted), first.scene))
-    order = _by_use(fitted.scene, means, chosen)
-    count = _most(fitted.scene.curves, lambda n: means.size(_kept(fitted.scene, order, n), chosen) <= most)
-    if count == 0:
-        raise InputError(f"not even one curve fits into {most} bytes; allow at least {head}")
-    return Within(_trimmed(fitted, order, count), chosen, [])
+    from cubicsplat_cli.photo import Resizing
+
+    def fitting(scene: Scene, worth: torch.Tensor) -> tuple[torch.Tensor, float]:
+        """The curves by use, and how many of them the file can hold; that may be more than there are."""
+        order = _by_use(scene, worth, precision)
+        size, head = means.size(scene, precision), means.size(scene.chosen(order[:1]), precision)
+        if head > most:
+            raise InputError(f"not even one curve fits into {most} bytes; allow at least {head}")
+        each = max(1.0, (size - head) / max(1, scene.curves - 1))
+        return order, 1 + (most - head) / each
+
+    def midway(scene: Scene, worth: torch.Tensor) -> tuple[torch.Tensor, int]:
+        order, count = fitting(scene, worth)
+        wanted = max(1, math.ceil(SPARE * count))
+        return order[:wanted], wanted
+
+    def before_finish(scene: Scene, worth: torch.Tensor) -> tuple[torch.Tensor, int]:
+        order, count = fitting(scene, worth)
+        keep = order[: max(1, math.ceil(SPARE_AT_FINISH * count))]
+        return keep, len(keep)
+
+    begun = settings.with_(curves=_guessed(most / share, settings, precision))
+    fitted = means.fit(begun, [Resizing(MIDWAY, midway), Resizing(1.0, before_finish)], None)
+    scene = fitted.scene
+    if means.size(scene, precision) <= most:
+        return Within(fitted, precision, [])
+    order, _ = fitting(scene, means.worth(scene)[1])
+    count = most_within(scene.curves, most, lambda n: means.size(_kept(scene, order, n), precision))
+    return Within(_trimmed(fitted, order, count), precision, [])
 
 
-def within_level(least: float, settings: FitSettings, precision: int, means: Means) -> Within:
-    """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was."""
-    base = max(1, settings.curves or USUAL_CURVES)
-    fitted = means.fit(_shared(settings, FIRST_SHARE, base), None)
-    gain, slope, before = EXPECTED_GAIN, DB_PER_DOUBLING, (0.0, -math.inf)
+def within_level(least: float, settings: FitSettings, precision: int, means: Means, pixels: int) -> Within:
+    """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was. pixels: of the
+    picture.
+    """
+    from cubicsplat_cli.photo import Resizing
+
+    limit = max(1, min(1_000_000, int(pixels / PIXELS_PER_CURVE)))
+
+    def grown(curves: int, missing: float) -> int:
+        factor = min(MOST_GROWTH, 2.0 ** (missing / DB_PER_DOUBLING))
+        return max(1, min(limit, math.ceil(factor * curves)))
+
+    def look(at: float, rise: float) -> Resizing:
+        def choose(scene: Scene, worth: torch.Tensor) -> tuple[torch.Tensor, int]:
+            wanted = grown(scene.curves, least + AIM - means.level(scene, precision) - rise)
+            return worth.argsort(descending=True)[:wanted], wanted
+
+        return Resizing(at, choose)
+
+    looks = [look(at, rise) for at, rise in LOOKS]
+    fitted = means.fit(settings.with_(curves=min(limit, BEGINNING)), looks, None)
     level = means.level(fitted.scene, precision)
-    for _ in range(2):
-        if fitted.interrupted or (level >= least and before[0]):
+    for number in range(ROUNDS):
+        if level >= least or fitted.interrupted or settings.time_limit is not None:
             break
-        here = (math.log2(fitted.scene.curves), level)
-        if before[0] and here[0] > before[0] + 0.2:
-            slope, gain = max(0.5, (here[1] - before[1]) / (here[0] - before[0])), 0.0
-        growth = min(math.log2(MOST_GROWTH), (least - level - gain) / slope)
-        wanted = max(1, min(1_000_000, math.ceil(SPARE * fitted.scene.curves * 2.0**growth)))
-        fitted = _joined(fitted, means.fit(_rest(settings, fitted, wanted), fitted.scene))
-        before, level = here, means.level(fitted.scene, precision)
+        more = settings.with_(
+            steps=max(1, round(ROUND_SHARE * settings.steps)),
+            curves=grown(fitted.scene.curves, least + AIM - level),
+            seed=(settings.seed + 1 + number) % 2**31,
+        )
+        fitted = _joined(fitted, means.fit(more, [], fitted.scene))
+        level = means.level(fitted.scene, precision)
     if level < least:
         return Within(fitted, precision, [f"reached {level:.2f} dB of the {least:g} dB asked for; allow more --steps"])
-    order = _by_use(fitted.scene, means, precision)
-    total = fitted.scene.curves
-    spare = _most(total, lambda n: n < total and means.level(_kept(fitted.scene, order, total - n), precision) >= least)
-    return Within(_trimmed(fitted, order, total - spare), precision, [])
+    order, spare = _to_spare(fitted.scene, least, level, precision, means)
+    return Within(_trimmed(fitted, order, fitted.scene.curves - spare), precision, [])
 
 
-def _paying_precision(scene: Scene, means: Means) -> int:
-    """The decimals that leave most dB when what they save in bytes goes into more curves."""
-    facts = [(means.level(scene, p) - DB_PER_DOUBLING * math.log2(means.size(scene, p)), p) for p in PRECISIONS]
-    return max(facts)[1]
+def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
+    """The largest number up to a limit, or one whose size is nearly `most`, with size(number) <= most; 0 if there is
+    none. size: rises with the number, about evenly.
+    """
+    low, high, number = 0, limit + 1, limit
+    before: tuple[int, int] | None = None
+    while high - low > 1:
+        found = size(number)
+        if found <= most:
+            low = number
+            if found >= CLOSE * most:
+                break
+        else:
+            high = number
+        here = (number, found)
+        each = found / number if before is None else (found - before[1]) / (number - before[0])
+        number = max(low + 1, min(high - 1, number + math.floor((most - found) / max(each, 1e-3))))
+        before = here
+    return low
 
 
-def _shared(settings: FitSettings, share: float, curves: int) -> FitSettings:
-    seconds = None if settings.time_limit is None else settings.time_limit * share / (FIRST_SHARE + SECOND_SHARE)
-    return settings.with_(steps=max(1, round(share * settings.steps)), curves=curves, time_limit=seconds)
+def _guessed(most: float, settings: FitSettings, precision: int) -> int:
+    """About how many curves a file of so many bytes holds."""
+    numbers = 2 + 6 * settings.segments
+    return max(1, min(1_000_000, int(most / (28 + (3.0 + precision) * numbers))))
 
 
-def _rest(settings: FitSettings, first: FitResult, curves: int) -> FitSettings:
-    """Settings of a fit that goes on with a first one, whose result says the mode and segments."""
-    return _shared(settings, SECOND_SHARE, curves).with_(seed=settings.seed + 1 if settings.seed < 2**31 - 1 else 0)
+def _to_spare(scene: Scene, least: float, level: float, precision: int, means: Means) -> tuple[torch.Tensor, int]:
+    """The curves, those of most worth first, and how many of the last of them a file of at least `least` dB can spare.
+
+    The loss without several curves is about what it is with them and what they are worth; files that are drawn say
+    how nearly so.
+    """
+    loss, worth = means.worth(scene)
+    order = worth.argsort(descending=True)
+    rises = list(accumulate((worth[order].flip(0).double().clamp(min=0.0) / loss).tolist()))
+    allowed, factor, reached = _rise(level, least), 1.0, level
+    low, high = 0, scene.curves
+    for _ in range(MOST_DRAWN):
+        if reached < least + NEAR or high - low < 2:
+            break
+        number = max(low + 1, min(high - 1, bisect_right(rises, allowed / factor)))
+        found = means.level(_kept(scene, order, scene.curves - number), precision)
+        factor = max(LEAST_FACTOR, _rise(level, found) / max(rises[number - 1], 1e-12))
+        if found >= least:
+            low, reached = number, found
+        else:
+            high = number
+    return order, low
 
 
-def _by_use(scene: Scene, means: Means, precision: int) -> torch.Tensor:
+def _rise(before: float, after: float) -> float:
+    """By which share the squared error rises between two levels in dB."""
+    return 10.0 ** ((before - after) / 10.0) - 1.0
+
+
+def _by_use(scene: Scene, worth: torch.Tensor, precision: int) -> torch.Tensor:
     """The curves' numbers, those of most use for a byte first."""
     from cubicsplat_cli.svg.sizes import bytes_by_curve
 
-    worth = means.worth(scene).double()
-    return (worth / torch.tensor(bytes_by_curve(scene, precision), dtype=torch.float64)).argsort(descending=True)
-
-
-def _only(scene: Scene, count: int) -> Scene:
-    return _kept(scene, torch.arange(scene.curves), count)
+    sizes = torch.tensor(bytes_by_curve(scene, precision), dtype=torch.float64)
+    return (worth.double() / sizes).argsort(descending=True)
 
 
 def _kept(scene: Scene, order: torch.Tensor, count: int) -> Scene:
     """The first `count` curves of an order, in the scene's own."""
     return scene.chosen(order[:count].sort().values)
-
-
-def _most(limit: int, holds: Callable[[int], bool]) -> int:
-    """The largest number up to a limit for which something holds that holds for all smaller ones; 0 if for none."""
-    low, high = 0, limit
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (middle, high) if holds(middle) else (low, middle - 1)
-    return low
 
 
 def _trimmed(fitted: FitResult, order: torch.Tensor, count: int) -> FitResult:

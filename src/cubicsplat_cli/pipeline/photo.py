@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,15 @@ from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.read import packed
-from cubicsplat_cli.pipeline.budget import SPARE, SPARE_COMPRESSED, Means, Within, within_bytes, within_level
+from cubicsplat_cli.pipeline.budget import (
+    BYTES_PRECISION,
+    COMPRESSED,
+    SHARED_OPACITY,
+    Means,
+    Within,
+    within_bytes,
+    within_level,
+)
 from cubicsplat_cli.pipeline.copies import copies_of, fitted_on
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.report import Timing
@@ -26,7 +34,7 @@ from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitResult
+    from cubicsplat_cli.photo import FitResult, Resizing
 
 
 def fitted_photo(task: Task) -> Made:
@@ -41,9 +49,9 @@ def fitted_photo(task: Task) -> Made:
     guide = Guide(task.weights(fine), start, request.freeze)
     pixels = fine.target()
 
-    def fit_from(chosen: FitSettings, before: Scene | None) -> FitResult:
+    def fit_from(chosen: FitSettings, resizings: Sequence[Resizing], before: Scene | None) -> FitResult:
         if before is None:
-            return fit(pixels, chosen, task.on_progress, task.film, guide, begun)
+            return fit(pixels, chosen, task.on_progress, task.film, guide, begun, resizings)
         return fit(pixels, chosen, task.on_progress, task.film, replace(guide, start=before))
 
     within = _within(task, fine, settings, guide.weights, fit_from)
@@ -70,15 +78,16 @@ def fitted_photo(task: Task) -> Made:
 
 def _within(
     task: Task, target: Picture, settings: FitSettings, weights: np.ndarray | None,
-    fit_from: Callable[[FitSettings, Scene | None], FitResult],
+    fit_from: Callable[[FitSettings, Sequence[Resizing], Scene | None], FitResult],
 ) -> Within:  # fmt: skip
     """One fit, or those that meet the budget that was asked for."""
     from cubicsplat_cli.raster.worth import worth_of
 
     request, threads = task.request, settings.threads
-    precision = PHOTO_PRECISION if request.precision is None else request.precision
+    usual = PHOTO_PRECISION if request.max_bytes is None else BYTES_PRECISION
+    precision = usual if request.precision is None else request.precision
     if request.max_bytes is None and request.target_psnr is None:
-        return Within(fit_from(settings, None), precision, [])
+        return Within(fit_from(settings, (), None), precision, [])
     reference = measurable(task.picture, math.inf)
 
     def level(scene: Scene, decimals: int) -> float:
@@ -90,13 +99,23 @@ def _within(
         fit_from,
         lambda scene, decimals: len(packed(task.text(scene, decimals), compressed=request.compress)),
         level,
-        lambda scene: worth_of(scene, target.target(), weights, settings.finish_samples, threads)[1],
+        lambda scene: worth_of(scene, target.target(), weights, settings.finish_samples, threads),
     )
     if request.max_bytes is not None:
-        spare = SPARE_COMPRESSED if request.compress else SPARE
-        return within_bytes(request.max_bytes, settings, request.precision, means, spare)
+        share = COMPRESSED if request.compress else 1.0
+        return within_bytes(request.max_bytes, _one_opacity(settings, target), precision, means, share)
     assert request.target_psnr is not None
-    return within_level(request.target_psnr, settings, precision, means)
+    return within_level(request.target_psnr, settings, precision, means, target.width * target.height)
+
+
+def _one_opacity(settings: FitSettings, target: Picture) -> FitSettings:
+    """The settings with one opacity for all curves, unless something shall stay transparent or opaque, or gradients are
+    asked for, which say theirs anyway.
+    """
+    recipe = settings.recipe
+    if target.alpha is not None or settings.background == "none" or recipe.alike or settings.fill != "flat":
+        return settings
+    return settings.with_(recipe=replace(recipe, shared_opacity=SHARED_OPACITY))
 
 
 def _with_curves(task: Task) -> FitSettings:

@@ -57,6 +57,11 @@ class GridScene:
         """Decimals of the stroke widths."""
         return max(self.precision, MIN_WIDTH_DECIMALS)
 
+    @property
+    def one_opacity(self) -> bool:
+        """Whether several curves all have one opacity, to be said once."""
+        return len(self.opacities) > 1 and bool((self.opacities == self.opacities[0]).all())
+
 
 def check_precision(precision: int) -> None:
     """Raise UsageError unless `precision` is a whole number in 0..6."""

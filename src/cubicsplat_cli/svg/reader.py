@@ -98,6 +98,7 @@ class _Collector:
     size: tuple[int, int] | None = None
     background: tuple[float, float, float] | None = None
     mode: Mode | None = None
+    opacity: str = "1"  # of curves that say none
     shift: int = 0  # the paths' unit is 10^-shift px
     stack: list[str] = field(default_factory=list)
     curves: list[list[list[tuple[float, float]]]] = field(default_factory=list)  # the rings of each
@@ -164,6 +165,8 @@ class _Collector:
         if scale is None:
             raise self.foreign("has a transform other than the scale of a precision")
         self.shift = 0 if scale[1] is None else len(scale[1]) + 1
+        # Of fills where the group does not say that there are none.
+        self.opacity = attributes.pop("stroke-opacity" if "fill" in attributes else "fill-opacity", "1")
         self._known(attributes, set(_GROUP_ATTRIBUTES))
         for name, value in attributes.items():
             if value != _GROUP_ATTRIBUTES[name]:
@@ -186,7 +189,7 @@ class _Collector:
         match = _REFERENCE.fullmatch(fill)
         self.fills.append(match[1] if match else None)
         self.colours.append(_FILLED if match else self._colour(fill))
-        self.opacities.append(self._decimal(attributes.get(f"{paint}-opacity", "1"), 1.0))
+        self.opacities.append(self._decimal(attributes.get(f"{paint}-opacity", self.opacity), 1.0))
         width = attributes.get("stroke-width", "") if self.mode is Mode.OPEN else "0"
         self.half_widths.append(self._decimal(width, float("inf"), self.shift) / 2.0)
 

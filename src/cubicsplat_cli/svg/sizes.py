@@ -12,8 +12,9 @@ from cubicsplat_cli.svg.gridgradients import gradient_decimals
 from cubicsplat_cli.svg.pathdata import path_strings
 from cubicsplat_cli.svg.quantise import to_grid
 
-# Bytes of a path beside its data: its tag, colour, opacity and width.
-MARKUP = {Mode.CLOSED: 36, Mode.OPEN: 66}
+# Bytes of a path beside its data: its tag, colour and width; and its opacity, where that is not said for all at once.
+MARKUP = {Mode.CLOSED: 28, Mode.OPEN: 50}
+OPACITY_MARKUP = {Mode.CLOSED: 20, Mode.OPEN: 22}
 # Those of a gradient beside what `gradient_element` writes: its name, twice, and transform in place of its units.
 GRADIENT_MARKUP = 34
 
@@ -23,9 +24,9 @@ def bytes_by_curve(scene: Scene, precision: int) -> list[int]:
     grid = to_grid(scene, precision)
     paths = path_strings(grid.points, grid.ring_ends, closed=scene.mode is Mode.CLOSED)
     gradients = grid.gradients or [None] * scene.curves
+    markup = MARKUP[scene.mode] + (0 if grid.one_opacity else OPACITY_MARKUP[scene.mode])
     return [
-        MARKUP[scene.mode] + len(data) + _of_gradient(gradient, precision)
-        for data, gradient in zip(paths, gradients, strict=True)
+        markup + len(data) + _of_gradient(gradient, precision) for data, gradient in zip(paths, gradients, strict=True)
     ]
 
 

@@ -91,10 +91,14 @@ def _curve_group(drawing: svgwrite.Drawing, grid: GridScene, fills: list[str]) -
     paint = "fill" if closed else "stroke"
     data = path_strings(grid.points, grid.ring_ends, closed=closed)
     opacities, widths = grid.opacities.tolist(), grid.stroke_widths.tolist()
+    opaque = 10**OPACITY_DECIMALS
+    if grid.one_opacity and opacities[0] < opaque:
+        group.update({f"{paint}_opacity": format_number(opacities[0], OPACITY_DECIMALS)})
+        opacities = [opaque] * len(opacities)  # said once, for all
     for index in reversed(range(len(data))):
         # A list of one string: svgwrite would take a bare string apart into characters.
         attributes = {paint: fills[index]}
-        if opacities[index] < 10**OPACITY_DECIMALS:
+        if opacities[index] < opaque:
             attributes[f"{paint}_opacity"] = format_number(opacities[index], OPACITY_DECIMALS)
         if not closed:
             attributes["stroke_width"] = format_number(widths[index], grid.width_decimals - grid.precision)

@@ -196,7 +196,7 @@
   function describe(element, index) {
     const stroked = !element.hasAttribute("fill");
     const paint = element.getAttribute(stroked ? "stroke" : "fill");
-    const opacity = +(element.getAttribute(stroked ? "stroke-opacity" : "fill-opacity") || 1);
+    const opacity = +getComputedStyle(element)[stroked ? "strokeOpacity" : "fillOpacity"];
     chip.style.background = paint;
     const box = element.getBBox(), drawn = find("svg", drawing);
     const unit = Math.abs(element.getScreenCTM().a / drawn.getScreenCTM().a) || 1;
