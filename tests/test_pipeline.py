@@ -73,9 +73,9 @@ def fitted(monkeypatch):
     monkeypatch.setattr(copies, "ROUGH_PIXELS_PER_CURVE", 30)
     sizes = []
 
-    def noted(target, settings, on_progress, film, guide, rough=None):
+    def noted(target, settings, on_progress, film, guide, rough=None, resizings=()):
         sizes.append((target.shape[1::-1], None if rough is None else rough[0].shape[1::-1]))
-        return fit(target, settings, on_progress, film, guide, rough)
+        return fit(target, settings, on_progress, film, guide, rough, resizings)
 
     monkeypatch.setattr("cubicsplat_cli.photo.fit", noted)
     return sizes

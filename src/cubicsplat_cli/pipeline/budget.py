@@ -63,9 +63,8 @@ class Within:
     notes: list[str]
 
 
-def within_bytes(most: int, settings: FitSettings, precision: int, means: Means, share: float = 1.0) -> Within:
-    """The best picture in at most so many bytes. share: of a file's bytes that count, about; below 1 where it is to be
-    compressed.
+def within_bytes(most: int, settings: FitSettings, precision: int, means: Means) -> Within:
+    """The best picture in at most so many bytes. settings: with about as many curves as they are for.
 
     Raises InputError where not even one curve fits.
     """
@@ -90,8 +89,7 @@ def within_bytes(most: int, settings: FitSettings, precision: int, means: Means,
         keep = order[: max(1, math.ceil(SPARE_AT_FINISH * count))]
         return keep, len(keep)
 
-    begun = settings.with_(curves=_guessed(most / share, settings, precision))
-    fitted = means.fit(begun, [Resizing(MIDWAY, midway), Resizing(1.0, before_finish)], None)
+    fitted = means.fit(settings, [Resizing(MIDWAY, midway), Resizing(1.0, before_finish)], None)
     scene = fitted.scene
     if means.size(scene, precision) <= most:
         return Within(fitted, precision, [])
@@ -159,10 +157,9 @@ def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
     return low
 
 
-def _guessed(most: float, settings: FitSettings, precision: int) -> int:
-    """About how many curves a file of so many bytes holds."""
-    numbers = 2 + 6 * settings.segments
-    return max(1, min(1_000_000, int(most / (28 + (3.0 + precision) * numbers))))
+def guessed_curves(most: float, segments: int, precision: int) -> int:
+    """About how many curves of so many segments a file of so many bytes holds, not compressed."""
+    return max(1, min(1_000_000, int(most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
 
 
 def _to_spare(scene: Scene, least: float, level: float, precision: int, means: Means) -> tuple[torch.Tensor, int]:

@@ -22,13 +22,14 @@ from cubicsplat_cli.pipeline.budget import (
     SHARED_OPACITY,
     Means,
     Within,
+    guessed_curves,
     within_bytes,
     within_level,
 )
 from cubicsplat_cli.pipeline.copies import copies_of, fitted_on
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.report import Timing
-from cubicsplat_cli.request import PHOTO_PRECISION
+from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
@@ -84,8 +85,7 @@ def _within(
     from cubicsplat_cli.raster.worth import worth_of
 
     request, threads = task.request, settings.threads
-    usual = PHOTO_PRECISION if request.max_bytes is None else BYTES_PRECISION
-    precision = usual if request.precision is None else request.precision
+    precision = _precision(request)
     if request.max_bytes is None and request.target_psnr is None:
         return Within(fit_from(settings, (), None), precision, [])
     reference = measurable(task.picture, math.inf)
@@ -102,10 +102,15 @@ def _within(
         lambda scene: worth_of(scene, target.target(), weights, settings.finish_samples, threads),
     )
     if request.max_bytes is not None:
-        share = COMPRESSED if request.compress else 1.0
-        return within_bytes(request.max_bytes, _one_opacity(settings, target), precision, means, share)
+        return within_bytes(request.max_bytes, _one_opacity(settings, target), precision, means)
     assert request.target_psnr is not None
     return within_level(request.target_psnr, settings, precision, means, target.width * target.height)
+
+
+def _precision(request: Request) -> int:
+    """The decimals of the file."""
+    usual = PHOTO_PRECISION if request.max_bytes is None else BYTES_PRECISION
+    return usual if request.precision is None else request.precision
 
 
 def _one_opacity(settings: FitSettings, target: Picture) -> FitSettings:
@@ -119,13 +124,18 @@ def _one_opacity(settings: FitSettings, target: Picture) -> FitSettings:
 
 
 def _with_curves(task: Task) -> FitSettings:
-    """The settings with as many curves as were asked for, as the drawing has that the fit begins with, or as suit."""
-    settings, init = task.settings(), task.request.init
+    """The settings with as many curves as were asked for, as the drawing has that the fit begins with, as the bytes are
+    for, or as suit the picture.
+    """
+    settings, request, init = task.settings(), task.request, task.request.init
+    if request.max_bytes is not None:
+        most = request.max_bytes / (COMPRESSED if request.compress else 1.0)
+        return settings.with_(curves=guessed_curves(most, settings.segments, _precision(request)))
     if init is None:
         return settings.for_size(*task.target.size)
     init.check_shape(*task.picture.size)
     usual = settings.for_size(*task.target.size)
-    if task.request.freeze:
+    if request.freeze:
         if usual.curves <= init.scene.curves:
             raise UsageError(
                 f"the drawing's {init.scene.curves} curves are frozen, so that --curves {usual.curves} leaves "
