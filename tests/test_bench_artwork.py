@@ -190,15 +190,44 @@ def test_primitives_are_known_however_they_are_written(body, kinds):
     assert [form.kind or "-" for form in forms_of(document(body))] == kinds.split()
 
 
+def counts(truth: str, made: str) -> tuple[int, int, int, int]:
+    first, second = document(truth), document(made)
+    return primitive_counts(first, pieces_of(first), second, pieces_of(second))
+
+
 def test_recall_and_precision_of_primitives():
-    truth = document('<path d="M10 10h20v20H10z"/><circle cx="46" cy="20" r="9"/><path d="M5 40l20-5 3 9z"/>')
-    pieces = pieces_of(truth)
-    assert primitive_counts(truth, pieces, truth) == (1, 2, 1, 1)
-    made = document('<rect x="10.2" y="10" width="20" height="20"/><rect x="37" y="11" width="18" height="18"/>')
-    assert primitive_counts(truth, pieces, made) == (1, 2, 1, 2)
+    truth = '<path d="M10 10h20v20H10z"/><circle cx="46" cy="20" r="9"/><path d="M5 40l20-5 3 9z"/>'
+    assert counts(truth, truth) == (1, 2, 1, 1)
+    made = '<rect x="10.2" y="10" width="20" height="20"/><rect x="37" y="11" width="18" height="18"/>'
+    assert counts(truth, made) == (1, 2, 1, 2)
     # What hardly shows is not asked for.
-    hidden = document('<circle cx="20" cy="20" r="9"/><path fill="#fff" d="M0 0h23v48H0z"/>')
-    assert primitive_counts(hidden, pieces_of(hidden), truth)[:2] == (0, 1)
+    hidden = '<circle cx="20" cy="20" r="9"/><path fill="#fff" d="M0 0h23v48H0z"/>'
+    assert counts(hidden, truth)[:2] == (0, 1)
+
+
+def test_a_primitive_whose_outline_is_lost_in_its_own_ink_is_not_asked_for():
+    box = '<rect x="9" y="9" width="30" height="20" fill="#08f"/>'
+    disc = '<circle cx="35" cy="19" r="7" fill="{}"/>'
+    assert counts(box + disc.format("#08f"), "")[1] == 1
+    assert counts(box + disc.format("#fd0"), "")[1] == 2
+
+
+def test_areas_that_show_as_primitives_are_right():
+    stripes = '<path fill="#08f" d="M0 0h64v48H0z"/><path fill="#fd0" d="M0 20.5h64V40H0z"/>'
+    assert counts(stripes, '<rect width="64" height="20.5" fill="#08f"/>')[2:] == (1, 1)
+    wedge = '<path fill="#08f" d="M0 0h64v25.5H0z"/><path fill="#fd0" d="M0 20.5L64 22.5V40H0z"/>'
+    assert counts(wedge, '<rect width="64" height="21.5" fill="#08f"/>')[2:] == (0, 1)
+    # Too small to be told from others.
+    assert counts(wedge, '<rect x="9" y="9" width="4" height="4"/>')[2:] == (0, 0)
+
+
+def test_primitives_of_compound_paths_are_known_by_their_notation():
+    truth = '<rect x="4" y="4" width="30" height="30"/><circle cx="20" cy="20" r="9" fill="#fff"/>'
+    made = '<path d="M4 4h30v30H4zM11 20a9 9 0 1 0 18 0 9 9 0 1 0-18 0z"/>'
+    assert counts(truth, made) == (2, 2, 2, 2)
+    cubics = "M11 20c0 4.97 4.03 9 9 9s9-4.03 9-9-4.03-9-9-9-9 4.03-9 9z"
+    assert counts(truth, f'<path d="M4 4h30v30H4z{cubics}"/>')[:2] == (1, 2)
+    assert counts(truth, '<path d="M4 4h30v30H4z"/>')[0] == 0
 
 
 def both(truth: str, made: str) -> tuple[Pieces, Pieces]:

@@ -134,7 +134,7 @@ def _structure(truth: Truth, document: Document) -> tuple[float | None, float | 
     pieces = pieces_of(document)
     if truth.pieces is None or pieces is None:
         return None, None, None, None
-    found, wanted, right, written = primitive_counts(truth.document, truth.pieces, document)
+    found, wanted, right, written = primitive_counts(truth.document, truth.pieces, document, pieces)
     whole, covered = restored(truth.pieces, pieces)
     return _share(found, wanted), _share(right, written), _share(whole, covered), exposed(truth.pieces, pieces)
 

@@ -3,45 +3,122 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 from skimage.draw import polygon2mask
+from skimage.measure import find_contours
 
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.pieces import LEAST_SEEN, Pieces
-from cubicsplat_cli.bench.artwork.shapes import Form, forms_of
+from cubicsplat_cli.bench.artwork.shapes import NEAR_SHARE, Form, forms_of, kind_of
 
-SEEN = 0.5  # share of a primitive that must show
+SEEN = 0.5  # share of a primitive, and of its outline, that must show
+BESIDE = 1.0  # px to either side of an outline at which what shows must differ
 PLACE, PLACE_SHARE = 0.5, 0.01  # px, and share of its size, that each side of the box around a primitive may be off
+# An even area of the truth is looked at in so many times the size, at most so many px across; its edge is known to so
+# many of those px.
+FINEST, WIDEST, STEP = 8, 2048, 0.75
+MARGIN = 3  # px around a primitive in which the truth is looked at
+
+Box = tuple[str, np.ndarray]
 
 
-def primitive_counts(truth: Document, pieces: Pieces, made: Document) -> tuple[int, int, int, int]:
-    """(found, wanted, right, written): of the truth's primitives that show for the greater part those which the file
-    has written as such; and of the file's those which some outline of the truth is.
+def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces: Pieces) -> tuple[int, int, int, int]:
+    """(found, wanted, right, written): of the truth's primitives that show for the greater part, with most of their
+    outline, those which the file has written as such; and of the file's, of those that show at all, those which some
+    outline of the truth is, or might be, or an area of one colour that shows in it.
 
     Primitives are circles and ellipses, rectangles, rounded rectangles; in the truth also where they are written as
     paths. Two are the same if they are of one kind and the boxes around them agree.
     """
-    forms, own = forms_of(truth), [form for form in forms_of(made) if form.written]
+    forms = [form for form in forms_of(truth) if form.near]
+    every = [form for form in forms_of(made) if form.written and form.near]
     size = np.array([truth.width, truth.height], dtype=float)
-    wanted = [form for form in forms if form.kind and _seen(form, pieces)]
-    boxes = [(form.kind, box) for form in own for box in _boxes(form, size)]
-    found = sum(any(_same(form.kind, box, *other) for box in _boxes(form, size) for other in boxes) for form in wanted)
-    known = [(form.kind, box) for form in forms if form.kind for box in _boxes(form, size)]
-    right = sum(any(_same(form.kind, box, *other) for box in _boxes(form, size) for other in known) for form in own)
-    return found, len(wanted), right, len(own)
+    wanted = [form for form in forms if form.kind and _shows(form, pieces)]
+    written = [form for form in every if _seen(form, own_pieces) >= LEAST_SEEN]
+    boxes = [(form.near, box) for form in every for box in _boxes(form, size)]
+    found = sum(_among(form.near, _boxes(form, size), boxes) for form in wanted)
+    known = [(form.near, box) for form in forms for box in _boxes(form, size)]
+    right = sum(
+        _among(form.near, _boxes(form, size), known) or _among(form.near, _boxes(form, size), _area_seen(form, truth))
+        for form in written
+    )
+    return found, len(wanted), right, len(written)
 
 
-def _seen(form: Form, pieces: Pieces) -> bool:
-    mask = polygon2mask(pieces.shape, form.points[:, ::-1] - 0.5)
-    seen = int((mask & (pieces.element == form.element)).sum())
-    return seen >= LEAST_SEEN and seen >= SEEN * mask.sum()
+def _shows(form: Form, pieces: Pieces) -> bool:
+    """Whether the greater part of a primitive shows, and of its outline, but for what lies on the canvas's border."""
+    if _seen(form, pieces) < max(LEAST_SEEN, SEEN * _mask(form, pieces).sum()):
+        return False
+    points = _evenly(form.points)
+    way = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    x, y = points.T
+    clockwise = float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 0.0
+    out = np.stack([way[:, 1], -way[:, 0]], axis=1) / np.maximum(np.hypot(*way.T), 1e-9)[:, None]
+    out *= 1.0 if clockwise else -1.0
+    places = [np.floor(points + out * (0.5 * form.width + side)).astype(int) for side in (-BESIDE, BESIDE)]
+    height, width = pieces.shape
+    on_canvas = np.ones(len(points), dtype=bool)
+    for column, row in (place.T for place in places):
+        on_canvas &= (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    (column, row), (outer_column, outer_row) = (place[on_canvas].T for place in places)
+    own = pieces.element[row, column] == form.element
+    edge = own & (pieces.shown[row, column] != pieces.shown[outer_row, outer_column])
+    return bool(not on_canvas.any() or edge.mean() >= SEEN)
+
+
+def _evenly(points: np.ndarray) -> np.ndarray:
+    """Points about half a px apart along a closed outline."""
+    closed = np.vstack([points, points[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
+    at = np.linspace(0.0, along[-1], max(8, int(2.0 * along[-1])), endpoint=False)
+    return np.stack([np.interp(at, along, closed[:, c]) for c in (0, 1)], axis=1)
+
+
+def _seen(form: Form, pieces: Pieces) -> int:
+    return int((_mask(form, pieces) & (pieces.element == form.element)).sum())
+
+
+def _mask(form: Form, pieces: Pieces) -> np.ndarray:
+    return polygon2mask(pieces.shape, form.points[:, ::-1] - 0.5)
 
 
 def _boxes(form: Form, size: np.ndarray) -> list[np.ndarray]:
     """(4,) left, top, right, bottom on the canvas; of a stroke those of its outer and its inner edge too."""
-    low, high = form.points.min(axis=0), form.points.max(axis=0)
     half = 0.5 * form.width
-    offsets = (0.0, half, -half) if half else (0.0,)
-    return [np.clip([low - o, high + o], 0.0, size).ravel() for o in offsets]
+    return [_box(form.points, size, offset) for offset in ((0.0, half, -half) if half else (0.0,))]
+
+
+def _box(points: np.ndarray, size: np.ndarray, offset: float = 0.0) -> np.ndarray:
+    return np.clip([points.min(axis=0) - offset, points.max(axis=0) + offset], 0.0, size).ravel()
+
+
+def _area_seen(form: Form, truth: Document) -> list[Box]:
+    """The kind of, and the box around, the area of one colour of the truth that fills most of a form's middle."""
+    size = np.array([truth.width, truth.height], dtype=float)
+    low = np.maximum(np.floor(form.points.min(axis=0)) - MARGIN, 0.0)
+    high = np.minimum(np.ceil(form.points.max(axis=0)) + MARGIN, size)
+    extent = (high - low).astype(int)
+    if (extent <= 0).any():
+        return []
+    scale = max(1, min(FINEST, WIDEST // int(extent.max())))
+    window = (int(low[0]), int(low[1]), int(extent[0]), int(extent[1]))
+    pixels = truth.draw(scale, window=window, smooth=False)
+    inside = polygon2mask(pixels.shape[:2], (form.points - low)[:, ::-1] * scale - 0.5)
+    colours = np.ascontiguousarray(pixels).view(np.uint32)[..., 0]
+    if not inside.any():
+        return []
+    values, counts = np.unique(colours[inside], return_counts=True)
+    labels, _ = ndimage.label(colours == values[counts.argmax()])
+    area = labels == np.bincount(labels[inside & (labels > 0)]).argmax()
+    # The outermost contour; a ring of px of other colour makes it closed along the window.
+    edges = find_contours(np.pad(ndimage.binary_fill_holes(area), 1).astype(float), 0.5)
+    points = max(edges, key=len)[:-1, ::-1] - 0.5
+    points = points / scale + low
+    return [(kind_of(points, NEAR_SHARE, STEP / scale), _box(points, size))]
+
+
+def _among(kind: str, boxes: list[np.ndarray], others: list[Box]) -> bool:
+    return any(_same(kind, box, *other) for box in boxes for other in others)
 
 
 def _same(kind: str, box: np.ndarray, other_kind: str, other: np.ndarray) -> bool:

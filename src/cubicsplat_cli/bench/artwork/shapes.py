@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from cubicsplat_cli.bench.artwork.document import Document, local_name
 from cubicsplat_cli.bench.artwork.elements import Drawn, drawn_elements
@@ -14,18 +16,22 @@ from cubicsplat_cli.svg.arcs import arc_of
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
 from cubicsplat_cli.svg.transforms import transform_matrix
 
-OFF, OFF_SHARE = 0.1, 0.004  # px, and share of its size, that an outline may be off the primitive that it is
+# px, and shares of its size, that an outline may be off the primitive that it is, and off one that it might be.
+OFF, OFF_SHARE, NEAR_SHARE = 0.1, 0.002, 0.004
 LEAST_RADIUS = 0.5  # px of round corners
 _STEPS = np.linspace(0.0, 1.0, 17)[1:, None]
 
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """A closed outline. element: number of its element; kind: "round", "box", "rounded", or "" for any other; written:
-    whether as a primitive; points: (n, 2) px of the canvas; width: px of its stroke, 0 without one."""
+    """A closed outline. element: number of its element; kind: "round", "box", "rounded", or "" for any other; near: the
+    same, of what might be one; written: whether as a primitive, in path data by its arcs or, among other outlines, by
+    its level and upright lines; points: (n, 2) px of the canvas; width: px of its stroke, 0 without one.
+    """
 
     element: int
     kind: str
+    near: str
     written: bool
     points: np.ndarray
     width: float
@@ -39,12 +45,12 @@ def forms_of(document: Document) -> list[Form]:
         matrix[:2, 2] = [-document.origin[0] / document.unit, -document.origin[1] / document.unit]
         for element in (*drawn.above, drawn.element):
             matrix = matrix @ transform_matrix(element.get("transform", ""))
-        written = local_name(drawn.element) in ("circle", "ellipse", "rect")
         width = 0.0 if drawn.stroke == "none" else _stroke_width(drawn) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
-        for points in _outlines(drawn):
+        for points, written in _outlines(drawn):
             placed = points @ matrix[:2, :2].T + matrix[:2, 2]
             if len(placed) >= 3 and np.ptp(placed, axis=0).min() > 0.0:
-                found.append(Form(number, kind_of(placed), written, placed, width))
+                near = kind_of(placed, NEAR_SHARE)
+                found.append(Form(number, near and kind_of(placed), near, written, placed, width))
     return found
 
 
@@ -56,30 +62,35 @@ def _stroke_width(drawn: Drawn) -> float:
     return 1.0
 
 
-def _outlines(drawn: Drawn) -> Iterator[np.ndarray]:
-    """(n, 2) points of each closed outline, in the element's own units."""
+def _outlines(drawn: Drawn) -> Iterator[tuple[np.ndarray, bool]]:
+    """(n, 2) points of each closed outline, in the element's own units, and whether it is written as a primitive."""
     element, name = drawn.element, local_name(drawn.element)
     number = {k: float(v) for k, v in element.attrib.items() if k in _LENGTHS and _is_number(v)}
     if name in ("circle", "ellipse"):
         radii = [number.get("rx", number.get("r", 0.0)), number.get("ry", number.get("r", 0.0))]
         angle = np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False)
         middle = [number.get("cx", 0.0), number.get("cy", 0.0)]
-        yield np.array(middle) + radii * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        yield np.array(middle) + radii * np.stack([np.cos(angle), np.sin(angle)], axis=1), True
     elif name == "rect":
         across, down = number.get("width", 0.0), number.get("height", 0.0)
         rx, ry = number.get("rx", number.get("ry", 0.0)), number.get("ry", number.get("rx", 0.0))
         corner = np.array([number.get("x", 0.0), number.get("y", 0.0)])
-        yield corner + _box(across, down, min(rx, across / 2.0), min(ry, down / 2.0))
+        yield corner + _box(across, down, min(rx, across / 2.0), min(ry, down / 2.0)), True
     elif name == "polygon":
         values = np.array(element.get("points", "").replace(",", " ").split(), dtype=float)
-        yield values[: len(values) // 2 * 2].reshape(-1, 2)
+        yield values[: len(values) // 2 * 2].reshape(-1, 2), False
     elif name == "path":
-        for pieces in subpaths(element.get("d", "")):
+        found = subpaths(element.get("d", ""))
+        for pieces in found:
             points = [point for piece in pieces for point in along(piece)]
+            letters = "".join(piece.command for piece in pieces)
+            written = bool(_ARCS.fullmatch(letters) or (len(found) > 1 and _LEVEL.fullmatch(letters)))
             if points:
-                yield without_repeats(np.array(points))
+                yield without_repeats(np.array(points)), written
 
 
+# Path data of ellipses and rounded rectangles, and of rectangles.
+_ARCS, _LEVEL = re.compile(r"A{2,4}Z|([HV]A){2,4}Z"), re.compile(r"HVHV?Z|VHVH?Z")
 _LENGTHS = {"cx", "cy", "r", "rx", "ry", "x", "y", "width", "height"}
 
 
@@ -132,30 +143,50 @@ def _arc(piece: Piece, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return arc.placed(np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
-def kind_of(points: np.ndarray) -> str:
-    """Whether a closed outline of points (n, 2), px, is "round" (circle, ellipse), a "box", or a "rounded" box."""
-    allowed = OFF + OFF_SHARE * float(np.ptp(points, axis=0).max())
+def kind_of(points: np.ndarray, share: float = OFF_SHARE, slack: float = 0.0) -> str:
+    """Whether a closed outline of points (n, 2), px, is "round" (circle, ellipse), a "box", or a "rounded" box.
+
+    share: of its size that it may be off. slack: px that the points themselves may be off.
+    """
+    allowed = slack + OFF + share * float(np.ptp(points, axis=0).max())
     dense = _dense(points)
     if len(points) >= 8 and _off_ellipse(dense) <= allowed:
         return "round"
-    # A box lies along its longest side.
+    radius, off = min(_boxes(points, dense, slack), key=lambda found: found[1])
+    if off > allowed:
+        return ""
+    return "rounded" if radius else "box"
+
+
+def _boxes(points: np.ndarray, dense: np.ndarray, slack: float) -> Iterator[tuple[float, float]]:
+    """The radius of the corners of the box around points, with sharp corners and with round ones by its area, and how
+    far the farthest point is off it.
+    """
+    # A box lies along its longest side; where sides are steps, along that of the smallest box.
     sides = np.roll(points, -1, axis=0) - points
-    side = sides[int(np.hypot(*sides.T).argmax())]
+    side = sides[int(np.hypot(*sides.T).argmax())] if not slack else _smallest_way(points)
     along_side = side / math.hypot(*side)
     turned = dense @ np.array([[along_side[0], -along_side[1]], [along_side[1], along_side[0]]])
     half = np.ptp(turned, axis=0) / 2.0
     middle = turned.min(axis=0) + half
     x, y = points.T
     area = 0.5 * abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()))
-    radius = math.sqrt(max(4.0 * half[0] * half[1] - area, 0.0) / (4.0 - math.pi))
-    if radius > half.min() + allowed:
-        return ""
-    radius = min(radius, float(half.min())) if radius > LEAST_RADIUS else 0.0
-    q = np.abs(turned - middle) - half + radius
-    off = np.hypot(*np.maximum(q, 0.0).T) + np.minimum(q.max(axis=1), 0.0) - radius
-    if np.abs(off).max() > allowed:
-        return ""
-    return "rounded" if radius else "box"
+    round_corner = math.sqrt(max(4.0 * half[0] * half[1] - area, 0.0) / (4.0 - math.pi))
+    for radius in {0.0, min(round_corner, float(half.min()))}:
+        if radius == 0.0 or LEAST_RADIUS < round_corner <= half.min() + OFF + slack:
+            q = np.abs(turned - middle) - half + radius
+            off = np.hypot(*np.maximum(q, 0.0).T) + np.minimum(q.max(axis=1), 0.0) - radius
+            yield radius, float(np.abs(off).max())
+
+
+def _smallest_way(points: np.ndarray) -> np.ndarray:
+    """(2,) the direction of a side of the smallest box around points, one of the sides of their hull."""
+    corners = points[ConvexHull(points).vertices]
+    ways = np.roll(corners, -1, axis=0) - corners
+    ways /= np.hypot(*ways.T)[:, None]
+    across = np.ptp(corners @ ways.T, axis=0)
+    down = np.ptp(corners @ np.stack([-ways[:, 1], ways[:, 0]]), axis=0)
+    return ways[int((across * down).argmin())]
 
 
 def _dense(points: np.ndarray) -> np.ndarray:
