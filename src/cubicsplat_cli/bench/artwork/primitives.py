@@ -34,7 +34,7 @@ def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces
     every = [form for form in forms_of(made) if form.written and form.near]
     size = np.array([truth.width, truth.height], dtype=float)
     wanted = [form for form in forms if form.kind and _shows(form, pieces)]
-    written = [form for form in every if _seen(form, own_pieces) >= LEAST_SEEN]
+    written = [form for form in every if _matters(form, own_pieces)]
     boxes = [(form.near, box) for form in every for box in _boxes(form, size)]
     found = sum(_among(form.near, _boxes(form, size), boxes) for form in wanted)
     known = [(form.near, box) for form in forms for box in _boxes(form, size)]
@@ -72,6 +72,13 @@ def _evenly(points: np.ndarray) -> np.ndarray:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     at = np.linspace(0.0, along[-1], max(8, int(2.0 * along[-1])), endpoint=False)
     return np.stack([np.interp(at, along, closed[:, c]) for c in (0, 1)], axis=1)
+
+
+def _matters(form: Form, pieces: Pieces) -> bool:
+    """Whether enough of a primitive shows, within it or, where it is a hole, around it."""
+    mask = _mask(form, pieces)
+    near = ndimage.binary_dilation(mask, iterations=2) & (pieces.element == form.element)
+    return bool(min(mask.sum(), near.sum()) >= LEAST_SEEN)
 
 
 def _seen(form: Form, pieces: Pieces) -> int:
