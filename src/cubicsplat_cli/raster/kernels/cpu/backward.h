@@ -54,13 +54,8 @@ CS_INLINE void pull_edges(const Outline& o, const Block& b, const Record& r, Lan
 // Gradients of a mixed block's other parameters: those of the coverage.
 CS_INLINE void add_cover_gradient(const CsScene& scene, const Outline& o, const Record& r, Lanes d_coverage) {
   PairGradient& g = o.pair->gradient;
-  if (!scene.closed) g.half_width += sum(d_coverage * r.cover.widening);
+  if (!scene.closed) o.sums->half_width = fused(d_coverage, r.cover.widening, o.sums->half_width);
   if (scene.edge_widths) g.edge_width += sum(d_coverage * r.cover.softening) / o.primitive->edge_width;
-}
-
-CS_INLINE void add_paint_gradient(PairGradient& g, const Four& sums) {
-  for (int c = 0; c < 3; c++) g.colour[c] += sums.v[c];
-  g.opacity += sums.v[3];
 }
 
 }  // namespace CS_ISA

@@ -38,8 +38,10 @@ CS_INLINE unsigned lowest_bit(unsigned m) {
 // Asks for memory that will be needed soon: a tile's share of large lists and pictures, scattered as it is.
 CS_INLINE void ask_for(const void* begin, size_t bytes) {
 #if defined(__GNUC__)
-  for (size_t at = 0; at < bytes; at += 64) {
-    __builtin_prefetch(static_cast<const char*>(begin) + at);
+  const char* at = static_cast<const char*>(begin);
+  const char* const end = at + bytes;
+  for (at -= reinterpret_cast<uintptr_t>(at) & 63; at < end; at += 64) {
+    __builtin_prefetch(at);
     __asm__ __volatile__("");  // or GCC takes the function for one without effects, and leaves out its calls
   }
 #endif

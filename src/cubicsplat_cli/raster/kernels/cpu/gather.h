@@ -7,10 +7,25 @@
 namespace cs {
 namespace CS_ISA {
 
+// Of a pair, on the way back: sums over the blocks so far, pixel by pixel of a block, since only the tile's are wanted.
+struct PairSums {
+  Lanes colour[3], opacity, half_width;
+
+  void clear() { colour[0] = colour[1] = colour[2] = opacity = half_width = Lanes(0.0f); }
+
+  void add_to(PairGradient& g) const {
+    const Four paint = sum_of_four(colour[0], colour[1], colour[2], opacity);
+    for (int c = 0; c < 3; c++) g.colour[c] += paint.v[c];
+    g.opacity += paint.v[3];
+    g.half_width += sum(half_width);
+  }
+};
+
 // A pair in the tile's coordinates.
 struct Outline {
   const Primitive* primitive;
   Pair* pair;
+  PairSums* sums;           // this and the next on the way back only
   EdgeGradient* gradients;  // of its edges
   EdgeGroup* groups;
   uint32_t group_count;
@@ -72,7 +87,7 @@ class Gatherer {
   }
 
   static size_t scratch(const TileTask& task) {
-    size_t bytes = aligned(task.pairs.count * sizeof(Outline)) +
+    size_t bytes = aligned(task.pairs.count * sizeof(Outline)) + task.pairs.count * aligned(sizeof(PairSums)) +
                    aligned(groups_for(task.pairs.count) * kLanes * sizeof(uint16_t));
     uint32_t most = 0;
     for (const Pair* pair : task.pairs) {
@@ -104,6 +119,10 @@ class Gatherer {
   void gather(Pair& pair, Outline& o) {
     o.primitive = &task_.primitives[pair.primitive];
     o.pair = &pair;
+    if (task_.backward) {
+      o.sums = arena_.take<PairSums>(1);
+      o.sums->clear();
+    }
     o.full = pair.kind == PairKind::inside ? 0xffffu : 0u;
     o.mixed = 0;
     o.group_count = 0;

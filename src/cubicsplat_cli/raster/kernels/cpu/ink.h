@@ -18,6 +18,12 @@ CS_INLINE void add_to(float* sums, const Four& more, int count) {
   for (int i = 0; i < count; i++) sums[i] += more.v[i];
 }
 
+// seen: T alpha dL/dF by colour; d_opacity: dL/d(opacity) by pixel.
+CS_INLINE void add_paint_gradient(PairSums& s, const Lanes* seen, Lanes d_opacity) {
+  for (int c = 0; c < 3; c++) s.colour[c] = s.colour[c] + seen[c];
+  s.opacity = s.opacity + d_opacity;
+}
+
 struct FlatInk {
   const float* colour;
   Lanes opacity;
@@ -25,9 +31,8 @@ struct FlatInk {
   CS_INLINE FlatInk(const TileTask&, const Outline& o, const Block&)
       : colour(o.primitive->colour), opacity(o.primitive->opacity) {}
 
-  // seen: T alpha dL/dF by colour; d_opacity: dL/d(opacity) by pixel.
   CS_INLINE void give_back(const TileTask&, const Outline& o, const Block&, const Lanes* seen, Lanes d_opacity) const {
-    add_paint_gradient(o.pair->gradient, sum_of_four(seen[0], seen[1], seen[2], d_opacity));
+    add_paint_gradient(*o.sums, seen, d_opacity);
   }
 };
 
@@ -48,9 +53,8 @@ struct GradientInk {
   }
 
   CS_INLINE void give_back(const TileTask& task, const Outline& o, const Block& b, const Lanes* seen, Lanes d_opacity) const {
-    PairGradient& g = o.pair->gradient;
-    if (paint.kind == kFlat) return add_paint_gradient(g, sum_of_four(seen[0], seen[1], seen[2], d_opacity));
-    g.opacity += sum(d_opacity * colour[3]);
+    if (paint.kind == kFlat) return add_paint_gradient(*o.sums, seen, d_opacity);
+    o.sums->opacity = fused(d_opacity, colour[3], o.sums->opacity);
     const Lanes d[kStopValues] = {seen[0], seen[1], seen[2], d_opacity * Lanes(o.primitive->opacity)};
     float* const sums = paint_gradient(task, o);
     const OnTheWay<Lanes> at = place(task, b);

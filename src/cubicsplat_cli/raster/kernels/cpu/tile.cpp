@@ -32,14 +32,14 @@ class BlockWork {
 
   bool empty() const { return window_.empty(); }
 
-  // Returns the loss; adds the background's gradient.
-  double run(Lanes* background) {
+  // Adds to the loss and the background's gradient.
+  void run(Lanes& loss, Lanes* background) {
     Finished<C> done;
-    const double loss = forward(done);
-    if (!task_.backward) return loss;
+    forward(done);
+    if (task_.images->target) loss = fused(pixel_loss<C>(done.error, penalty()), done.factor, loss);
+    if (!task_.backward) return;
     for (int c = 0; c < C; c++) background[c] = fused(transmittance_, done.gradient[c], background[c]);
     backward(done);
-    return loss;
   }
 
  private:
@@ -68,7 +68,7 @@ class BlockWork {
       cover_block_by_stroke(o, block_, exact, r);
   }
 
-  double forward(Finished<C>& done) {
+  void forward(Finished<C>& done) {
     start();
     Record* next = records_;
     visited_ = 0;
@@ -84,17 +84,17 @@ class BlockWork {
       visited_++;
       return any(transmittance_ >= Lanes(kMinTransmittance));
     });
-    return finish(done);
+    finish(done);
   }
 
-  // Final colour, the picture and the loss; T is left as it is for the background's gradient.
-  double finish(Finished<C>& done) {
+  // Final colour, the picture and the loss's gradient; T is left as it is for the background's gradient.
+  void finish(Finished<C>& done) {
     const CsImages& images = *task_.images;
     for (int c = 0; c < C; c++)
       done.colour[c] = fused(transmittance_, Lanes(task_.scene->background[c]), accumulated_[c]);
     if (images.image) window_.template store<C>(images.image, done.colour);
     if (images.gradient) window_.template load<C>(images.gradient, done.gradient);
-    if (!images.target) return 0.0;
+    if (!images.target) return;
     Lanes target[C];
     window_.template load<C>(images.target, target);
     const Lanes inside = window_.inside();
@@ -104,7 +104,6 @@ class BlockWork {
       pixel_loss_gradient<C>(done.error, penalty(), done.gradient);
       for (int c = 0; c < C; c++) done.gradient[c] = done.gradient[c] * done.factor;
     }
-    return sum(pixel_loss<C>(done.error, penalty()) * done.factor);
   }
 
   void backward(const Finished<C>& done) {
@@ -146,15 +145,16 @@ void raster(const TileTask& task) {
   Arena arena{task.scratch};
   const Outlines outlines = Gatherer(task, arena).run();
   Record* records = arena.take<Record>(task.pairs.count);
-  double loss = 0.0;
-  Lanes background[C];
+  Lanes loss(0.0f), background[C];
   for (Lanes& b : background) b = Lanes(0.0f);
   for (int number = 0; number < kBlocks; number++) {
     BlockWork<C, Ink> work(task, outlines, records, number);
-    if (!work.empty()) loss += work.run(background);
+    if (!work.empty()) work.run(loss, background);
     ask_for_next_row(task, task.images->target, number);
   }
-  *task.loss = loss;
+  if (task.backward)
+    for (uint32_t i = 0; i < outlines.count; i++) outlines.list[i].sums->add_to(outlines.list[i].pair->gradient);
+  *task.loss = sum(loss);
   for (int c = 0; c < C; c++) task.background[c] = sum(background[c]);
 }
 
