@@ -71,6 +71,7 @@ def fitted(monkeypatch):
     """
     monkeypatch.setattr(copies, "USUAL_CURVES", 4)
     monkeypatch.setattr(copies, "ROUGH_PIXELS_PER_CURVE", 30)
+    monkeypatch.setattr(copies, "FINISH_SCALE", 2)
     sizes = []
 
     def noted(target, settings, on_progress, film, guide, rough=None, resizings=()):

@@ -9,8 +9,8 @@ from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 
 # The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
 # which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/performance.md.
-ROUGH_PIXELS_PER_CURVE = 768
-FINISH_SCALE = 2
+ROUGH_PIXELS_PER_CURVE = 1536
+FINISH_SCALE = 3
 
 
 def fitted_on(picture: Picture, rough: Picture, fine: Picture) -> list[str]:
@@ -22,7 +22,7 @@ def fitted_on(picture: Picture, rough: Picture, fine: Picture) -> list[str]:
 
 
 def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture]:
-    """What most of a fit is done on, and what its exact finish: a large picture's copies, or twice the picture itself.
+    """What most of a fit is done on, and what its exact finish: a large picture's copies, or the picture itself twice.
 
     A recipe in fractions of the canvas is a published one, and works on the picture.
     """
