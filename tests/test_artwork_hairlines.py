@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blends
 from cubicsplat_cli.artwork.regions.inks import picture_inks
 from cubicsplat_cli.artwork.regions.regions import Regions, find_regions
 from cubicsplat_cli.artwork.tracing.contours import crossings
@@ -37,6 +38,36 @@ def test_a_row_on_the_rim_is_no_line() -> None:
     levels[20:40, 20:40, :3] = 0.0
     levels[0, :, :] = 150.0
     assert find_regions(levels, picture_inks(levels)).count == 2
+
+
+def test_an_ink_that_no_pixel_shows_pure_is_the_least_blended_colour() -> None:
+    # Red lines of two thirds of a px, and of all widths below, so that no colour is common.
+    line = np.linspace(90.0, 255.0, 40)[:, None] * [0.0, 1.0, 1.0] + [255.0, 0.0, 0.0]
+    regions = regions_of(line)
+    red = regions.inks[regions.labels[12, 30]]
+    assert regions.count == 3
+    assert red[0] == 255.0 and 90.0 <= red[1] <= 110.0
+
+
+def test_an_ink_over_nothing_is_opaque_where_no_pixel_shows_it_pure() -> None:
+    levels = np.zeros((60, 60, 4), dtype=np.float32)
+    levels[10:50, 30, 3] = np.linspace(180.0, 100.0, 40)
+    levels[5:20, 5:20] = 255.0
+    regions = find_regions(levels, picture_inks(levels))
+    assert regions.inks[regions.labels[15, 30]].tolist() == [0.0, 0.0, 0.0, 255.0]
+
+
+def test_a_small_shape_of_three_inks_in_a_pixel_is_no_ink() -> None:
+    inks = np.array([[255.0, 0.0, 0.0, 255.0], [0.0, 255.0, 0.0, 255.0], [0.0, 0.0, 255.0, 255.0]])
+    values = np.repeat([[85.0, 85.0, 85.0, 255.0], [255.0, 255.0, 0.0, 255.0]], 8, axis=0)
+    assert hidden_inks(values, inks, 40.0, 24.0, 4).tolist() == [[255.0, 255.0, 0.0, 255.0]]
+
+
+def test_blends_of_a_hidden_ink_are_no_inks() -> None:
+    palette = np.array([[255.0, 255.0, 255.0, 255.0], [200.0, 200.0, 200.0, 255.0], [200.0, 0.0, 0.0, 255.0]])
+    black = np.array([[0.0, 0.0, 0.0, 255.0]])
+    assert without_blends(palette, np.array([True, False, False]), black).tolist() == [True, False, True]
+    assert without_blends(palette, np.array([True, True, True]), black).all()
 
 
 WHITE, BLUE, DARK = (255.0, 255.0, 255.0), (40.0, 110.0, 200.0), (30.0, 30.0, 30.0)

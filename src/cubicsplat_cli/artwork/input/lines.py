@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.regions.hidden_inks import distance_to_blends
+
 STRANGE = 6.0  # times the misfit from every blend of two inks
 CELL, FEWEST, MOST = 16.0, 24, 4  # levels of what is one colour, pixels that show an ink, and inks
-CHUNK = 65536  # pixels at a time
 
 
 def line_inks(levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, space: np.ndarray, sigma: float) -> np.ndarray:
@@ -17,7 +18,7 @@ def line_inks(levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, space: 
     """
     found: list[np.ndarray] = []
     inks = palette
-    gap = _gaps(seen, inks @ space)
+    gap = distance_to_blends(seen, inks @ space)
     while len(found) < MOST:
         strange = gap > STRANGE * sigma
         cells, index, counts = np.unique(
@@ -32,23 +33,5 @@ def line_inks(levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, space: 
         ink = np.median(levels[strange][index == best], axis=0)
         found.append(ink)
         inks = np.vstack([inks, ink])
-        gap[strange] = _gaps(seen[strange], inks @ space)
+        gap[strange] = distance_to_blends(seen[strange], inks @ space)
     return np.array(found, dtype=float).reshape(-1, 4)
-
-
-def _gaps(seen: np.ndarray, inks: np.ndarray) -> np.ndarray:
-    """(n,) the distance of values (n, 4) to the nearest blend of two of the inks."""
-    out = np.full(len(seen), np.inf)
-    for start in range(0, len(seen), CHUNK):
-        part = slice(start, start + CHUNK)
-        values = seen[part].astype(np.float64)
-        best = np.full(len(values), np.inf)
-        for i, base in enumerate(inks):
-            rest = values - base
-            best = np.minimum(best, (rest * rest).sum(axis=1))
-            for other in inks[i + 1 :]:
-                span = other - base
-                t = np.clip(rest @ span / max(float(span @ span), 1e-9), 0.0, 1.0)
-                best = np.minimum(best, ((rest - t[:, None] * span) ** 2).sum(axis=1))
-        out[part] = np.sqrt(best)
-    return out

@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.hairlines import level_lines, line_inks, missing_inks, strangers
+from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blends
 from cubicsplat_cli.artwork.regions.inks import SAME, flat_pixels
 
 # A pixel within so many levels of an ink is that ink.
@@ -17,6 +18,9 @@ PURE = 2.5
 REACH = 3
 CANDIDATES = 4
 MOST_PALETTE = 64  # inks, beyond which a picture has gradients and textures rather than lines in more inks
+# Inks beyond which those that no pixel shows pure are not sought; levels by which these differ from all blends of two
+# others; levels that are one colour; and the pixels that show it, also as a share of those that no blend explains.
+MOST_SEEN, STRANGE_INK, ONE_COLOUR, FEWEST, LEAST_STRANGE = 24, 40.0, 24.0, 4, 0.002
 CHUNK = 4096  # colours at a time
 # A region below SPECK px must have a pixel that is its ink by MOSTLY.
 SPECK, MOSTLY = 9, 0.9
@@ -62,11 +66,18 @@ def _with_inks_of_lines(levels: np.ndarray, palette: np.ndarray) -> tuple[np.nda
     strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
     y, x, beside = y[strange], x[strange], palette[near[strange, 0]]
     other = ~level_lines(levels, (y, x), palette, beside)
+    found = palette
     new = missing_inks(levels[y, x][other], beside[other])
-    if len(new) == 0:
-        return palette, pure
-    palette = np.vstack([palette, new])
-    return palette, _pure_inks(levels, palette)
+    if len(new):
+        palette = np.vstack([palette, new])
+    if len(palette) <= MOST_SEEN:
+        values = levels[y, x]
+        fewest = max(FEWEST, LEAST_STRANGE * len(values))
+        hidden = hidden_inks(values, palette, STRANGE_INK, ONE_COLOUR, fewest)
+        if len(hidden):
+            shown = np.isin(np.arange(len(palette)), pure[flat_pixels(levels, SAME)])
+            palette = np.vstack([palette[without_blends(palette, shown, hidden)], hidden])
+    return palette, pure if palette is found else _pure_inks(levels, palette)
 
 
 def _pure_inks(levels: np.ndarray, palette: np.ndarray) -> np.ndarray:

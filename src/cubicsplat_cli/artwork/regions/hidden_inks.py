@@ -1,0 +1,91 @@
+"""Inks that no pixel shows pure, or hardly one: the farthest common colours that no blend of two others explains.
+
+Blends lie between inks, so what is farthest from all blends of the known inks is the least blended with any of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cubicsplat_cli.artwork.regions.hairlines import blend_with
+
+MOST, TRIES = 8, 400  # inks, and colours tried
+ONE_OF_THREE = 0.6  # of the distance from blends of two, that an ink has from those of three
+BLEND = 12.0  # levels by which a blend may be off the line between two inks
+CLEAR, SOLID = 64.0, 254.0  # levels of opacity below which a colour says nothing of an ink, and of what is opaque
+CHUNK = 65536  # pixels at a time
+
+
+def hidden_inks(levels: np.ndarray, palette: np.ndarray, least: float, reach: float, fewest: float) -> np.ndarray:
+    """(k, 4) inks that a palette (P, 4) lacks, of pixels (n, 4), all premultiplied RGBA in levels.
+
+    least: levels by which an ink is off all blends of two others; reach: levels that are one colour; fewest: pixels
+    that show it.
+    """
+    found: list[np.ndarray] = []
+    gap = distance_to_blends(levels, palette)
+    # Translucent colours are seams between shapes, or blends of an ink with nothing where nothing is an ink.
+    strange = (gap > least) & (levels[:, 3] >= (CLEAR if (palette[:, 3] < 1.0).any() else SOLID))
+    levels, gap = levels[strange], gap[strange]
+    for _ in range(TRIES):
+        if len(found) == MOST or not (gap > least).any():
+            break
+        farthest = int(gap.argmax())
+        own = np.abs(levels - levels[farthest]).max(axis=1) <= reach
+        ink = np.median(levels[own], axis=0)
+        if own.sum() < fewest or _blend_of_three(ink, palette, ONE_OF_THREE * least):
+            gap[farthest] = 0.0
+            continue
+        ink = _opaque(ink)
+        found.append(ink)
+        palette = np.vstack([palette, ink])
+        gap = np.minimum(gap, distance_to_blends(levels, palette, len(palette) - 1))
+        gap[farthest] = 0.0
+    return np.array(found, dtype=float).reshape(-1, 4)
+
+
+def _opaque(ink: np.ndarray) -> np.ndarray:
+    """An ink that shows with nothing only is taken for opaque, of which its pixels then have a part."""
+    return ink * (255.0 / ink[3])
+
+
+def _blend_of_three(ink: np.ndarray, palette: np.ndarray, gap: float) -> bool:
+    """Whether an ink (4,) is a blend of three of a palette, to so many levels: corners of small shapes are."""
+    for k in range(len(palette) - 2):
+        first, second = np.triu_indices(len(palette) - k - 1, 1)
+        rest = palette[k + 1 :]
+        values = np.repeat(ink[None], len(first), axis=0)
+        if (blend_with(values, palette[k], rest[first], rest[second])[1] <= gap).any():
+            return True
+    return False
+
+
+def without_blends(palette: np.ndarray, seen: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+    """(P,) bool: the inks of a palette (P, 4) but those that only blends on the edges of a hidden ink (k, 4) have:
+    between it and another one, and without a pixel that is flat, `seen` (P,) bool.
+    """
+    kept = np.ones(len(palette), dtype=bool)
+    for k in np.flatnonzero(~seen):
+        for ink in hidden:
+            span = palette[seen] - ink
+            t = ((palette[k] - ink) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
+            off = np.abs(palette[k] - ink - t[:, None] * span).max(axis=1)
+            kept[k] &= not ((off <= BLEND) & (t > 0.0) & (t < 1.0)).any()
+    return kept
+
+
+def distance_to_blends(values: np.ndarray, inks: np.ndarray, first: int = 0) -> np.ndarray:
+    """(n,) the distance of values (n, 4) to the nearest blend of two inks of (P, 4), one of them from `first` on."""
+    out = np.full(len(values), np.inf)
+    for start in range(0, len(values), CHUNK):
+        part = values[start : start + CHUNK].astype(np.float64)
+        best = np.full(len(part), np.inf)
+        for i in range(first, len(inks)):
+            rest = part - inks[i]
+            best = np.minimum(best, (rest * rest).sum(axis=1))
+            for other in inks[:i]:
+                span = other - inks[i]
+                t = np.clip(rest @ span / max(float(span @ span), 1e-9), 0.0, 1.0)
+                best = np.minimum(best, ((rest - t[:, None] * span) ** 2).sum(axis=1))
+        out[start : start + CHUNK] = np.sqrt(best)
+    return out
