@@ -147,7 +147,7 @@ def test_curves_whose_bytes_count_share_an_opacity_that_is_said_once(noisy):
     result = vectorize(noisy, max_bytes=2500, **SHORT)
     assert result.svg.count("fill-opacity") == 1
     assert result.scene.opacities.unique().numel() == 1
-    assert 0.7 < float(result.scene.opacities[0]) < 0.8
+    assert 0.5 < float(result.scene.opacities[0]) < 1.0
     assert read_svg(result.svg).opacities.equal(result.scene.opacities)
 
 

@@ -284,8 +284,8 @@ def test_curves_share_an_opacity_where_the_recipe_says_so(shared):
     picture = np.random.default_rng(2).random((12, 16, 3)).repeat(3, 0).repeat(3, 1).astype(np.float32)
     opacities = fit(picture, settings(steps=30, shared_opacity=shared)).scene.opacities
     if shared:
-        assert torch.allclose(opacities, torch.tensor(shared), atol=0.003)
         assert opacities.unique().numel() == 1
+        assert 0.003 < abs(float(opacities[0]) - shared) < 0.2  # learnt
     else:
         assert opacities.std() > 0.01
     with pytest.raises(UsageError, match="shared_opacity must lie between 0 and 1"):

@@ -124,7 +124,7 @@ class Recipe:
     finish: float = 0.15  # fraction of the steps with exact coverage
     # start
     opacity_logit: float = 0.0
-    shared_opacity: float = 0.0  # of all curves, for files that say it once; 0: each has its own
+    shared_opacity: float = 0.0  # one for all curves, for files that say it once, and where it starts; 0: each its own
     opaque: bool = setting(False, "flag", "Curves without transparency.", group="Quality")
     start_size: float = 0.14  # radius
     # capacity
@@ -171,11 +171,6 @@ class Recipe:
             raise UsageError(f"must lie between 0 and 1, not {self.shared_opacity}", "shared_opacity")
         if not 0.0 <= self.finish < 1.0:
             raise UsageError(f"must lie between 0 and 1, not {self.finish}", "finish")
-
-    @property
-    def alike(self) -> bool:
-        """Whether all curves keep one opacity."""
-        return self.opaque or self.shared_opacity > 0.0
 
     def unit(self, width: int, height: int, curves: int) -> float:
         """The length unit in px."""

@@ -299,8 +299,7 @@ class Trainer:
             seeds = seeded(fresh, image, self.goal, after.settings, self.generator, after.unit, self.weights)
             parameters = in_front(seeds, parameters)
             state = OptimiserState.zeros(fresh, parameters.points.shape[1]).to(self.engine.device).joined(state)
-        after.parameters.overwrite(parameters)
-        after.state.overwrite(state)
+        after._take(parameters, state)
         after.keep_course_of(self)
         return after
 
@@ -384,6 +383,8 @@ class Trainer:
         if not self.objective.squared:
             training.image = self.image
         loss = self._stepped(self.raster(phase))
+        if self.recipe.shared_opacity > 0.0:
+            self.parameters.opacity_logits.fill_(self.parameters.opacity_logits.mean())
         # A GPU's loss would have to be waited for; it is finite where the engine has found no fault.
         if isinstance(loss, float) and not math.isfinite(loss):
             self._broke_down(f"the loss is {loss}")
@@ -447,7 +448,7 @@ class Trainer:
         return Rates(
             points=phase.rate * recipe.rate_points * self.unit,
             colours=phase.rate * recipe.rate_colours,
-            opacities=0.0 if recipe.alike else phase.rate * recipe.rate_opacities,
+            opacities=0.0 if recipe.opaque else phase.rate * recipe.rate_opacities,
             half_widths=phase.rate * recipe.rate_half_widths * self.unit,
             edge_widths=phase.rate * recipe.rate_edge_widths,
             keep=(recipe.keep_mean, recipe.keep_change, recipe.keep_square),
@@ -473,9 +474,15 @@ class Trainer:
             self.parameters, self.state, self.importance, self.image, self.goal, fraction, self.settings,
             self.generator, self.weights, self.frozen,
         )  # fmt: skip
+        self._take(parameters, state)
+        self.replaced += count
+
+    def _take(self, parameters: Parameters, state: OptimiserState) -> None:
+        """Goes on with other parameters, the new ones in front; where all share an opacity, with that of the others."""
         self.parameters.overwrite(parameters)
         self.state.overwrite(state)
-        self.replaced += count
+        if self.recipe.shared_opacity > 0.0:
+            self.parameters.opacity_logits.fill_(self.parameters.opacity_logits[-1].clone())
 
     def _exact(self) -> RasterSettings:
         return RasterSettings("exact", 1.0, self.settings.finish_samples)

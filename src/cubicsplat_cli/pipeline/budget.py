@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 # All measured on Kodak photos, docs/quality.md.
 BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
-SHARED_OPACITY = 0.75  # of curves whose bytes count: 20 of a curve's 105 would say an opacity of its own
+SHARED_OPACITY = 0.78  # at first, of curves whose bytes count: 20 of a curve's 105 would say one of its own
 COMPRESSED = 0.45  # of a file's bytes are left by gzip
-MIDWAY = 0.5  # of the steps before the exact finish
+MIDWAY = 0.3  # of the steps before the exact finish
 SPARE, SPARE_AT_FINISH = 1.15, 1.01  # times the curves that are enough, until the finish and from then on
 CLOSE = 0.995  # of the bytes allowed, which is near enough
 # At which share of the steps before the finish the level is measured, and how many dB it rises from there to the end.
@@ -158,8 +158,8 @@ def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
 
 
 def guessed_curves(most: float, segments: int, precision: int) -> int:
-    """About how many curves of so many segments a file of so many bytes holds, not compressed."""
-    return max(1, min(1_000_000, int(most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
+    """About how many curves of so many segments a file of so many bytes holds, not compressed, and a few to spare."""
+    return max(1, min(1_000_000, int(SPARE * most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
 
 
 def _to_spare(scene: Scene, least: float, level: float, precision: int, means: Means) -> tuple[torch.Tensor, int]:

@@ -118,7 +118,7 @@ def _one_opacity(settings: FitSettings, target: Picture) -> FitSettings:
     asked for, which say theirs anyway.
     """
     recipe = settings.recipe
-    if target.alpha is not None or settings.background == "none" or recipe.alike or settings.fill != "flat":
+    if target.alpha is not None or settings.background == "none" or recipe.opaque or settings.fill != "flat":
         return settings
     return settings.with_(recipe=replace(recipe, shared_opacity=SHARED_OPACITY))
 
