@@ -149,7 +149,7 @@ class Recipe:
     geometric_reg: float = setting(
         0.0, "number", "Penalty on curves that cross themselves.", most=1e6, metavar="WEIGHT"
     )
-    # weight of the penalty on joins that turn back, in squared error a join
+    # weight of the penalty on joins that turn back: for each radian beyond 140 degrees, in shares of the loss a join
     thorn_reg: float = setting(0.0, "number", "Penalty on thorns, joins that turn back.", most=1e6, metavar="WEIGHT")
     # polyline: by uniform parameters, or adaptive subdivision to flatness 0.5 px
     flatten: str = setting("uniform", "choice", "How curves become polylines.", choices=("uniform", "de-casteljau"))

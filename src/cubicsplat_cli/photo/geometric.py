@@ -14,6 +14,7 @@ from cubicsplat_cli.scene import segments_from_points
 from cubicsplat_cli.settings import Mode
 
 THORN_TURN = math.radians(140.0)  # less than what is called a thorn, 150 degrees, so that those end below
+LEAST_ARM = 0.3  # px: shorter handles are pulled no more than such
 
 
 def crossing_penalty(points: Tensor, mode: Mode, ring_ends: Tensor | None = None) -> Tensor:
@@ -44,8 +45,8 @@ def crossing_gradient(points: Tensor, mode: Mode, weight: float, ring_ends: Tens
 
 
 def thorn_gradient(points: Tensor, mode: Mode, weight: float, ring_ends: Tensor | None = None) -> Tensor:
-    """Gradient (N, K, 2) of weight times the sum over all joins of relu(c - cos t), t the turn from the handle before
-    the join to the one after it, c the cosine of `THORN_TURN`. ring_ends: as in `Scene`.
+    """Gradient (N, K, 2) of weight times the sum over all joins of relu(t - `THORN_TURN`), t the turn in radians from
+    the handle before the join to the one after it; at most weight / `LEAST_ARM` a point. ring_ends: as in `Scene`.
     """
     leaf = points.detach().clone().requires_grad_()
     found = _segments(leaf, mode, ring_ends)
@@ -56,10 +57,11 @@ def thorn_gradient(points: Tensor, mode: Mode, weight: float, ring_ends: Tensor 
         before, joined = before.clamp(min=0), joined & (found.index > 0)
     joins = _taken(leaf, 3 * found.index)
     arriving, leaving = joins - _taken(leaf, before), _taken(leaf, 3 * found.index + 1) - joins
-    lengths = (arriving.norm(dim=-1) * leaving.norm(dim=-1)).clamp(min=1e-3)
-    penalty = (math.cos(THORN_TURN) - (arriving * leaving).sum(-1) / lengths).relu()[joined].sum()
-    (gradient,) = torch.autograd.grad(weight * penalty, leaf)
-    return gradient.contiguous()
+    turn = torch.atan2(_cross(arriving, leaving).abs() + 1e-6, (arriving * leaving).sum(-1))
+    (gradient,) = torch.autograd.grad((turn - THORN_TURN).relu()[joined].sum(), leaf)
+    # The angle at a handle of no length may change at any rate.
+    size = gradient.norm(dim=-1, keepdim=True).clamp(min=1e-9)
+    return (weight * gradient * (1.0 / (LEAST_ARM * size)).clamp(max=1.0)).contiguous()
 
 
 @dataclass(frozen=True)

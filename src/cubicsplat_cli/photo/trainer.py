@@ -150,6 +150,7 @@ class Trainer:
     history: list[dict[str, float]] = field(default_factory=list)
     replaced: int = 0
     inequality: float | None = None
+    loss: float | Tensor = 0.0  # of the last step
     step: int = 0
     interrupted: bool = False
     stopped: bool = False  # before its last step
@@ -388,6 +389,7 @@ class Trainer:
         # A GPU's loss would have to be waited for; it is finite where the engine has found no fault.
         if isinstance(loss, float) and not math.isfinite(loss):
             self._broke_down(f"the loss is {loss}")
+        self.loss = loss
         if before is not None:
             self.best.consider(loss, before)
         if due:
@@ -463,7 +465,9 @@ class Trainer:
         if recipe.geometric_reg > 0.0:
             found = crossing_gradient(points, mode, recipe.geometric_reg * self.width * self.height, rings)
         if recipe.thorn_reg > 0.0 and progress > THORNS_FROM:
-            blunting = thorn_gradient(points, mode, recipe.thorn_reg, rings)
+            # In shares of what a join has of the loss: what suits one picture then suits all.
+            joins = self.parameters.curves * self.settings.segments
+            blunting = thorn_gradient(points, mode, recipe.thorn_reg, rings) * (self.loss / joins)
             found = blunting if found is None else found + blunting
         return found
 
