@@ -6,6 +6,7 @@ The engine runs in a process of its own, tests/arm/driver.cpp, which gets each c
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import shutil
 import struct
 import subprocess
@@ -30,7 +31,16 @@ def missing() -> list[str]:
 
 @cache
 def driver() -> Path:
-    """The driver with the engine beside it, built by the project's own build file and kept in build/arm."""
+    """The driver with the engine beside it, built by the project's own build file and kept in build/arm, by one test
+    process at a time.
+    """
+    BUILD.mkdir(parents=True, exist_ok=True)
+    with (BUILD / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return _built()
+
+
+def _built() -> Path:
     options = [
         "-DCMAKE_BUILD_TYPE=Release", "-DCMAKE_SYSTEM_NAME=Linux", "-DCMAKE_SYSTEM_PROCESSOR=aarch64",
         f"-DCMAKE_CXX_COMPILER={COMPILER}", "-DCMAKE_CXX_FLAGS=-Werror",
@@ -127,7 +137,8 @@ def _sizes(scene: Any) -> dict[str, int]:
         "half_widths": 4 * n, "edge_widths": 4 * n, "target": picture, "weights": 4 * pixels, "gradient": picture,
         "image": picture, "loss": 8, "importance": 4 * n, "background": 4 * scene.channels,
         "moments": 16 * n * (2 * k + 5), "edge_moments": 16 * n, "ages": 4 * n, "points_gradient": 8 * n * k,
-        "rate_scale": 20 * n,
+        "rate_scale": 20 * n, "kinds": 4 * n, "counts": 4 * n, "frames": 24 * n, "offsets": 4 * n * scene.most_stops,
+        "stops": 16 * n * scene.most_stops,
     }  # fmt: skip
 
 

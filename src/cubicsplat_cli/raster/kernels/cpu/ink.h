@@ -18,11 +18,16 @@ CS_INLINE void add_to(float* sums, const Four& more, int count) {
   for (int i = 0; i < count; i++) sums[i] += more.v[i];
 }
 
-// seen: T alpha dL/dF by colour; d_opacity: dL/d(opacity) by pixel.
-CS_INLINE void add_paint_gradient(PairSums& s, const Lanes* seen, Lanes d_opacity) {
-  for (int c = 0; c < 3; c++) s.colour[c] = s.colour[c] + seen[c];
-  s.opacity = s.opacity + d_opacity;
-}
+// What the way back finds out of a block's pixels: T alpha, dL/dF, dL/dalpha and the coverage.
+struct Returned {
+  Lanes weight, d_alpha, coverage;
+  const Lanes* gradient;
+
+  CS_INLINE void add_flat(PairSums& s) const {
+    for (int c = 0; c < 3; c++) s.colour[c] = fused(weight, gradient[c], s.colour[c]);
+    s.opacity = fused(d_alpha, coverage, s.opacity);
+  }
+};
 
 struct FlatInk {
   const float* colour;
@@ -31,9 +36,7 @@ struct FlatInk {
   CS_INLINE FlatInk(const TileTask&, const Outline& o, const Block&)
       : colour(o.primitive->colour), opacity(o.primitive->opacity) {}
 
-  CS_INLINE void give_back(const TileTask&, const Outline& o, const Block&, const Lanes* seen, Lanes d_opacity) const {
-    add_paint_gradient(*o.sums, seen, d_opacity);
-  }
+  CS_INLINE void give_back(const TileTask&, const Outline& o, const Block&, const Returned& r) const { r.add_flat(*o.sums); }
 };
 
 struct GradientInk {
@@ -52,10 +55,12 @@ struct GradientInk {
     opacity = opacity * colour[3];
   }
 
-  CS_INLINE void give_back(const TileTask& task, const Outline& o, const Block& b, const Lanes* seen, Lanes d_opacity) const {
-    if (paint.kind == kFlat) return add_paint_gradient(*o.sums, seen, d_opacity);
+  CS_INLINE void give_back(const TileTask& task, const Outline& o, const Block& b, const Returned& r) const {
+    if (paint.kind == kFlat) return r.add_flat(*o.sums);
+    const Lanes d_opacity = r.d_alpha * r.coverage;
     o.sums->opacity = fused(d_opacity, colour[3], o.sums->opacity);
-    const Lanes d[kStopValues] = {seen[0], seen[1], seen[2], d_opacity * Lanes(o.primitive->opacity)};
+    const Lanes d[kStopValues] = {r.weight * r.gradient[0], r.weight * r.gradient[1], r.weight * r.gradient[2],
+                                  d_opacity * Lanes(o.primitive->opacity)};
     float* const sums = paint_gradient(task, o);
     const OnTheWay<Lanes> at = place(task, b);
     const Lanes d_t = paint_backward(paint, at.t, d, [&](int k, Lanes share) {

@@ -125,8 +125,7 @@ class BlockWork {
     const Lanes raw = ink.opacity * coverage, alpha = minimum(raw, Lanes(kMaxAlpha));
     Lanes weight, d_alpha = composite_backward<C>(alpha, ink.colour, done.gradient, pixel, weight);
     d_alpha = select(raw > Lanes(kMaxAlpha), Lanes(0.0f), d_alpha);
-    const Lanes seen[3] = {weight * done.gradient[0], weight * done.gradient[1], weight * done.gradient[2]};
-    ink.give_back(task_, o, block_, seen, d_alpha * coverage);
+    ink.give_back(task_, o, block_, {weight, d_alpha, coverage, done.gradient});
     if (task_.settings->importance) o.pair->gradient.importance += sum(importance(alpha, weight, ink, done));
     if (!record) return;
     const Lanes d_coverage = d_alpha * ink.opacity;
