@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ import pytest
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.layers.completion import hidden_runs
 from cubicsplat_cli.artwork.layers.continuation import continued
+from cubicsplat_cli.artwork.layers.ends import End
+from cubicsplat_cli.artwork.layers.taut import Room, taut
 from cubicsplat_cli.artwork.vectorize import draw
 
 FINE = 8
@@ -86,3 +89,47 @@ def test_nothing_is_continued_from_too_few_points():
     sigma[[38, 39, 216]] = np.inf
     runs = hidden_runs(sigma)
     assert continued(points, np.where(np.arange(250) < 36, np.inf, sigma), runs[0], math.pi, lambda _: 0) is None
+
+
+def corners_of(found, ink):
+    (shape,) = (shape for shape in found.shapes if np.abs(np.array(shape.ink[:3]) / 255.0 - ink).max() < 0.02)
+    return shape.outlines[0].ring().anchors
+
+
+def test_straight_sides_go_on_until_they_meet():
+    # The triangle's lower right corner lies beneath the disc.
+    def triangle(x, y):
+        return (y < 90.0) & (x < 95.0) & (y - 20.0 > 70.0 * (95.0 - x) / 75.0)
+
+    found = draw(picture(130, (triangle, RED), (disc(95.0, 90.0, 22.0), BLUE)))
+    anchors = corners_of(found, RED)
+    assert len(anchors) == 3
+    assert np.hypot(*(anchors - [95.0, 90.0]).T).min() < 0.5
+
+
+def test_taut_lines_stay_within_what_hides_them():
+    hidden = np.zeros((60, 60), dtype=bool)
+    hidden[5:55, 5:15] = hidden[45:55, 5:55] = True
+    shown = np.zeros_like(hidden)
+    shown[0:5, 5:15] = shown[45:55, 55:60] = True
+    room = Room(0, 0, shown, hidden | shown, hidden, (60, 60))
+    down, right = np.arange(5.5, 50.0), np.arange(12.5, 55.0)
+    run = np.concatenate(
+        [np.stack([np.full_like(down, 12.0), down], 1), np.stack([right, np.full_like(right, 48.0)], 1)]
+    )
+    found = list(taut(run, End(run[0], np.array([0.0, 1.0]), True), End(run[-1], np.array([-1.0, 0.0]), True), room))
+    assert found
+    corners = found[0]
+    # One on each tangent, one about the bend.
+    assert len(corners) <= 3
+    t = np.linspace(0.0, 1.0, 200)[:, None]
+    for a, b in pairwise(corners):
+        assert room.at(hidden, a * (1.0 - t) + b * t).all()
+
+
+def test_nothing_taut_leads_through_what_shows():
+    hidden = np.zeros((40, 40), dtype=bool)
+    hidden[10:20, 5:15] = hidden[10:20, 25:35] = True
+    room = Room(0, 0, np.zeros_like(hidden), hidden, hidden, (40, 40))
+    run = np.stack([np.arange(7.5, 33.0), np.full(26, 15.0)], axis=1)
+    assert list(taut(run, End(run[0], None, False), End(run[-1], None, False), room)) == []

@@ -1,13 +1,11 @@
 """Outlines of the parts of layers: where upper layers hide them they continue the simplest way that stays hidden.
 
-A hidden run of a contour is tried unconstrained (the rest of a circle, a straight continuation), then as one cubic that
-goes on smoothly at both ends, as its chord, and ever nearer to the way along the upper layers' edge. A way is good when
-it covers what shows and nothing else does.
+The ways in which a hidden run of a contour may go on are tried from the simplest to the longest, in all runs at once. A
+way is good when the outline covers what shows and nothing else does.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,22 +14,28 @@ from skimage.measure import approximate_polygon
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.geometry.hulls import holes_of
-from cubicsplat_cli.artwork.geometry.outlines import Outline, flattened, polygon, reversed_ring, signed_area
-from cubicsplat_cli.artwork.layers.continuation import continued
+from cubicsplat_cli.artwork.geometry.outlines import (
+    Outline,
+    Rectangle,
+    Ring,
+    flattened,
+    polygon,
+    reversed_ring,
+    signed_area,
+)
+from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
+from cubicsplat_cli.artwork.layers.taut import SLACK, Room, taut
+from cubicsplat_cli.artwork.layers.ways import Loop, Way, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import fit_outline
 
-# How a hidden run is guided, in the order of trial: standard errors in px, or a cubic, or its chord.
-FREE, SLIGHT, CHORD, ROUND = np.inf, -3.0, -1.0, -2.0
-WAYS = (FREE, SLIGHT, CHORD, ROUND, 1.5, 0.7, 0.25)
-# The most that such a cubic turns, radians; an edge less likely turns by more than a right angle.
-MOST_TURN = {SLIGHT: 0.5 * math.pi, ROUND: 1.25 * math.pi}
-CHORD_SIGMA = 0.3
-# A contour with more hidden runs than SEVERAL starts with this way: too many would have to be tried.
-SEVERAL, CROWDED = 8, 4
-FEWEST_SEEN = 4  # points of a contour, below which all of it goes along the upper layers' edge
-# Points of a hidden run that stay as they are at either end of a chord: down to the full underlap.
-DEEP = 4
+# Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
+SEVERAL = 8
+FEWEST_SEEN = 4  # points of a contour, below which it becomes a polygon
+TRIALS = 24
+ALLOWED = 1  # px that an outline may cover or leave wrongly
+MOST_TIPS = 3  # corners, the first of them twice, that enclose nothing
+SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it
 # Contours of fewer points than FEWEST are drawn as polygons, TOLERANCE px about their points.
 FEWEST, TOLERANCE = 8, 0.3
 SQUARE = np.ones((3, 3), dtype=bool)
@@ -96,50 +100,106 @@ def _visible(contour: Contour, detail: float) -> Outline:
     return _polygon(contour)
 
 
-def _polygon(contour: Contour) -> Outline:
+def _polygon(contour: Contour, tolerance: float = TOLERANCE) -> Outline:
     """Few straight lines along the points of a contour."""
-    points = approximate_polygon(np.vstack([contour.points, contour.points[:1]]), TOLERANCE)[:-1]
+    points = approximate_polygon(np.vstack([contour.points, contour.points[:1]]), tolerance)[:-1]
     return polygon(points if len(points) >= 3 else contour.points)
 
 
-def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float, least: int = 0) -> tuple[Outline, ...]:
+def outlines_of(
+    extent: Extent, canvas: tuple[int, int], detail: float, least: int = 0, whole: bool = True
+) -> tuple[Outline, ...]:
     """The fitted outlines of a part of a layer, the outer one first.
 
-    canvas: its height and width, px. Contours of fewer than `least` points, and than FEWEST, become polygons.
+    canvas: its height and width, px. Contours of fewer than `least` points, and than FEWEST, become polygons. whole:
+    hidden parts go on as what shows suggests, rather than end as shortly as they may.
     """
     window = _Window.of(extent, canvas)
+    spare = ndimage.binary_dilation(extent.allowed, SQUARE) & ~window.must
+    room = Room(extent.top, extent.left, extent.shown, extent.allowed, spare, canvas)
     least = max(least, FEWEST)
     return tuple(
-        _polygon(contour) if len(contour.points) < least else _completed(contour, window, detail)
+        _polygon(contour) if len(contour.points) < least else _completed(contour, window, room, detail, whole)
         for contour in extent.contours
     )
 
 
-def _completed(contour: Contour, window: _Window, detail: float) -> Outline:
+def _completed(contour: Contour, window: _Window, room: Room, detail: float, whole: bool) -> Outline:
     runs = hidden_runs(contour.sigma)
     if not runs:
         return _visible(contour, detail)
-    ways = np.full(len(runs), 0 if len(runs) <= SEVERAL else CROWDED)
     if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
-        ways[:] = len(WAYS) - 1
+        return _unseen(contour, window, room)
+
+    def wrong(points: np.ndarray) -> int:
+        return len(window.wrong(polygon(points), contour.hole))
+
+    loop = Loop(contour.points, contour.sigma, wrong, room, window.canvas)
+    whole = whole and len(runs) <= SEVERAL
+    left = [ways_on(loop, run) if whole else simply(loop, run) for run in runs]
+    ways = [next(each) for each in left]
+    open_runs = np.ones(len(runs), dtype=bool)
     best, least = None, np.inf
-    curves = _Curves(contour, runs, window)
-    for _ in range(2 * len(WAYS)):
-        for k, way in enumerate(ways.tolist()):
-            ways[k] += WAYS[way] in MOST_TURN and curves[k, WAYS[way]] is None
-        points, sigma = guided(contour, runs, ways, curves)
-        outline = fit_outline(points, sigma, detail)
-        wrong = window.wrong(outline, contour.hole)
-        if len(wrong) < least:
-            best, least = outline, len(wrong)
-        if len(wrong) <= 1:
+    for _ in range(TRIALS):
+        points, sigma, corners = guided(contour, runs, ways)
+        outline = fit_outline(points, sigma, detail, corners)
+        bad = window.wrong(outline, contour.hole)
+        count = len(bad) + (0 if _every_side_shows(contour, outline) else contour.points.size)
+        if count < least:
+            best, least = outline, count
+        if count <= ALLOWED:
             break
-        blamed = _blamed(contour.points, runs, ways, wrong)
-        if not len(blamed):
+        for k in _blamed(contour.points, runs, open_runs, bad):
+            following = next(left[k], None)
+            open_runs[k] = following is not None
+            ways[k] = following or ways[k]
+        if not open_runs.any():
             break
-        ways[blamed] += 1
     assert best is not None
-    return best
+    return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
+
+
+def _with_corners(
+    found: Outline,
+    contour: Contour,
+    runs: list[np.ndarray],
+    ways: list[Way],
+    loop: Loop,
+    window: _Window,
+    detail: float,
+) -> Outline:
+    """The outline with hidden corners where straight sides meet, if that is shorter and hidden as well."""
+    if not isinstance(found, Ring):
+        return found
+    meeting = [None if len(way.corners) else sides_meeting(loop, run) for run, way in zip(runs, ways, strict=True)]
+    if not any(meeting):
+        return found
+    ways = [other or way for other, way in zip(meeting, ways, strict=True)]
+    points, sigma, corners = guided(contour, runs, ways)
+    outline = fit_outline(points, sigma, detail, corners)
+    good = outline.coordinates <= found.coordinates and len(window.wrong(outline, contour.hole)) <= ALLOWED
+    return outline if good else found
+
+
+def _unseen(contour: Contour, window: _Window, room: Room) -> Outline:
+    """Few straight lines in place of a contour of which hardly anything shows."""
+    end = End(contour.points[0], None, False)
+    for corners in taut(contour.points, end, end, room):
+        outline = polygon(corners[:-1])
+        if len(corners) > MOST_TIPS and len(window.wrong(outline, contour.hole)) <= ALLOWED:
+            return outline
+    return _polygon(contour, SLACK)
+
+
+def _every_side_shows(contour: Contour, outline: Outline) -> bool:
+    """Whether something of each side of a rectangle with round corners shows: hidden ones might be anywhere."""
+    if not isinstance(outline, Rectangle) or outline.radius <= 0.0:
+        return True
+    half = 0.5 * np.array([outline.width, outline.height])
+    offset = contour.points[np.isfinite(contour.sigma)] - half - np.array([outline.x, outline.y])
+    cos, sin = np.cos(outline.angle), np.sin(outline.angle)
+    local = offset @ np.array([[cos, -sin], [sin, cos]])
+    return bool(((half - local).min(axis=0) < SIDE_SEEN).all() and ((half + local).min(axis=0) < SIDE_SEEN).all())
 
 
 def hidden_runs(sigma: np.ndarray) -> list[np.ndarray]:
@@ -155,49 +215,18 @@ def hidden_runs(sigma: np.ndarray) -> list[np.ndarray]:
     return [np.arange(a, a + (b - a) % n + 1) % n for a, b in zip(starts, stops, strict=True)]
 
 
-class _Curves:
-    """The cubics that continue hidden runs, sought when they are asked for; None where there is none."""
-
-    def __init__(self, contour: Contour, runs: list[np.ndarray], window: _Window) -> None:
-        self.contour, self.runs, self.window = contour, runs, window
-        self.found: dict[tuple[int, float], np.ndarray | None] = {}
-
-    def __getitem__(self, key: tuple[int, float]) -> np.ndarray | None:
-        if key not in self.found:
-            run, contour = self.runs[key[0]], self.contour
-            self.found[key] = continued(contour.points, contour.sigma, run, MOST_TURN[key[1]], self._wrong)
-        return self.found[key]
-
-    def _wrong(self, points: np.ndarray) -> int:
-        return len(self.window.wrong(polygon(points), self.contour.hole))
+def guided(contour: Contour, runs: list[np.ndarray], ways: list[Way]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, standard errors, and which points are corners, with every hidden run guided in its way."""
+    points, sigma, corners = contour.points.copy(), contour.sigma.copy(), np.zeros(len(contour.points), dtype=bool)
+    for run, way in zip(runs, ways, strict=True):
+        points[run], sigma[run], corners[run[way.corners]] = way.points, way.sigma, True
+    return points, sigma, corners
 
 
-def guided(
-    contour: Contour, runs: list[np.ndarray], ways: np.ndarray, curves: _Curves
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points and standard errors with every hidden run guided in its way; curves: the points of those that have one."""
-    points, sigma = contour.points.copy(), contour.sigma.copy()
-    for k, (run, way) in enumerate(zip(runs, ways, strict=True)):
-        kind = WAYS[way]
-        curve = curves[k, kind] if kind in MOST_TURN else None
-        if curve is not None:
-            points[run], sigma[run] = curve, CHORD_SIGMA
-        elif kind == CHORD:
-            if len(run) > 2 * DEEP + 2:
-                middle = run[DEEP - 1 : len(run) - DEEP + 1]
-                t = np.linspace(0.0, 1.0, len(middle))[:, None]
-                points[middle] = points[middle[0]] * (1.0 - t) + points[middle[-1]] * t
-            sigma[run] = CHORD_SIGMA
-        else:
-            sigma[run] = kind
-    return points, sigma
-
-
-def _blamed(points: np.ndarray, runs: list[np.ndarray], ways: np.ndarray, wrong: np.ndarray) -> np.ndarray:
+def _blamed(points: np.ndarray, runs: list[np.ndarray], left: np.ndarray, wrong: np.ndarray) -> np.ndarray:
     """The runs nearest to wrong pixels that have another way left; all such runs where those have none."""
-    left = ways < len(WAYS) - 1
-    if not len(runs) or not left.any():
-        return np.empty(0, dtype=int)
+    if not len(wrong):
+        return np.nonzero(left)[0]
     sample = wrong[:: max(1, len(wrong) // 50)]
     gaps = np.stack([np.hypot(*(points[run][None] - sample[:, None]).transpose(2, 0, 1)).min(axis=1) for run in runs])
     named = np.unique(gaps.argmin(axis=0))

@@ -10,10 +10,9 @@ from collections.abc import Callable
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import bezier_points
+from cubicsplat_cli.artwork.layers.ends import end_of
 from cubicsplat_cli.artwork.tracing.cubics import derivatives
 
-# px along an outline from which its tangent is taken, those nearest to a junction left out; points at least.
-REACH, NEAREST, FEWEST = 14.0, 1.5, 4
 HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, of the distance between the ends
 MOST_TRIED = 8
 SAMPLES = np.linspace(0.0, 1.0, 33)
@@ -28,8 +27,8 @@ def continued(
     points: (n, 2) px; sigma: (n,) inf where hidden; run: the indices of a hidden run, in order. most: radians
     that it may turn. wrong: how many px an outline of points (n, 2) covers or leaves wrongly.
     """
-    first, leaving = _end(points, sigma, run[0], -1)
-    last, arriving = _end(points, sigma, run[-1], 1)
+    before, after = end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
+    first, leaving, last, arriving = before.at, before.tangent, after.at, after.tangent
     span = float(np.hypot(*(last - first)))
     if leaving is None or arriving is None or span < 1.0 or _turn(last - first, leaving, arriving) > most:
         return None
@@ -42,26 +41,6 @@ def continued(
         if wrong(trial) <= TOLERATED:
             return trial[run]
     return None
-
-
-def _end(points: np.ndarray, sigma: np.ndarray, start: int, step: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """The last visible point before a hidden run that begins at `start`, and the unit tangent towards the run there."""
-    n = len(points)
-    index = (start + step * np.arange(1, n)) % n
-    known = np.isfinite(sigma[index])
-    index = index[: int(np.argmin(known)) if not known.all() else n]
-    at = points[index[:1] if len(index) else [start]][0]
-    if len(index) < FEWEST:
-        return at, None
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[index], axis=0).T))])
-    near = (along <= REACH) & (along >= NEAREST)
-    if near.sum() < FEWEST:
-        return at, None
-    t = along[near]
-    design = np.stack([np.ones_like(t), t, t * t], axis=1) / sigma[index][near, None]
-    value, *_ = np.linalg.lstsq(design, points[index][near] / sigma[index][near, None], rcond=None)
-    tangent = -value[1]
-    return value[0], tangent / max(float(np.hypot(*tangent)), 1e-9)
 
 
 def _turn(way: np.ndarray, leaving: np.ndarray, arriving: np.ndarray) -> float:

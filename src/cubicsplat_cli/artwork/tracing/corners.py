@@ -35,15 +35,41 @@ Kinds = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True)
 class Corners:
-    """C corners in order: index (C,) of the first point after, position (C, 2) px, turn (C,) radians, in (-pi, pi)."""
+    """C corners in order: index (C,) of the first point after, position (C, 2) px, turn (C,) radians, in (-pi, pi).
+
+    sure: (C,) bool, those that nothing may take away.
+    """
 
     indices: np.ndarray
     positions: np.ndarray
     turns: np.ndarray
+    sure: np.ndarray
 
     def taken(self, which: np.ndarray) -> Corners:
         """Some of the corners, in their order."""
-        return Corners(self.indices[which], self.positions[which], self.turns[which])
+        return Corners(self.indices[which], self.positions[which], self.turns[which], self.sure[which])
+
+    def with_known(self, indices: np.ndarray, points: np.ndarray, weights: np.ndarray) -> Corners:
+        """With corners right at hidden points of a loop in place of those found where these points are hidden.
+
+        indices: (k,) of the points; points: (n, 2) px, weights: (n,) 1/px^2, 0 where hidden, of the loop.
+        """
+        if not len(indices):
+            return self
+        hidden = weights <= 0.0
+        # Every hidden run, with the point after it, bears the number of the visible points before it.
+        run = np.cumsum(~hidden) % max(int((~hidden).sum()), 1)
+        number = np.where(hidden, run, np.where(np.roll(hidden, 1), np.roll(run, 1), -1))
+        rest = self.taken(~np.isin(number[self.indices], number[indices]))
+        added = np.concatenate([rest.indices, indices])
+        order = np.argsort(added, kind="stable")
+        none, known = np.zeros(len(indices)), np.ones(len(indices), dtype=bool)
+        return Corners(
+            added[order],
+            np.concatenate([rest.positions, points[indices]])[order],
+            np.concatenate([rest.turns, none])[order],
+            np.concatenate([rest.sure, known])[order],
+        )
 
 
 @dataclass(frozen=True)
@@ -65,7 +91,7 @@ def find_corners(points: np.ndarray, weights: np.ndarray) -> Corners:
     known = np.flatnonzero(weights > SURE_SIGMA**-2)
     n = len(known)
     if n < 6:
-        return Corners(np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
+        return Corners(np.zeros(0, int), np.zeros((0, 2)), np.zeros(0), np.zeros(0, bool))
     pad = min(n, LONGEST + 6)
     index = known[np.arange(-pad, n + pad) % n]
     loop, sharp = points[index], weights[index]
@@ -83,7 +109,7 @@ def find_corners(points: np.ndarray, weights: np.ndarray) -> Corners:
     ends = zip(index[before.first[chosen]], index[after.first[chosen]], meet[chosen], strict=True)
     split = [_first_after(points, a, b, at) for a, b, at in ends]
     indices, order = np.unique(np.array(split, dtype=int), return_index=True)
-    return Corners(indices, meet[chosen][order], turn[chosen][order])
+    return Corners(indices, meet[chosen][order], turn[chosen][order], np.zeros(len(indices), bool))
 
 
 def _first_after(points: np.ndarray, before: int, after: int, corner: np.ndarray) -> int:

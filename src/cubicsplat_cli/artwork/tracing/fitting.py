@@ -29,21 +29,26 @@ PLAIN_MISFIT = 1.2  # mean squared residual of a primitive, in sigmas, at which 
 Fitted = tuple[Pieces, Feet, float]
 
 
-def fit_outline(points: np.ndarray, sigma: np.ndarray, detail: float = 1.0) -> Outline:
+def fit_outline(
+    points: np.ndarray, sigma: np.ndarray, detail: float = 1.0, corners: np.ndarray | None = None
+) -> Outline:
     """The outline through a closed loop of boundary points.
 
     points: (n, 2) px, n >= 3, about one per px, in order, the first not repeated. sigma: (n,) their standard errors
     across the boundary, px; large or inf where the boundary is hidden or unknown, there it goes the simplest way.
-    detail: > 0; more gives more pieces. Raises InputError when the points make no loop.
+    detail: > 0; more gives more pieces. corners: (n,) bool, hidden points that are corners. Raises InputError when
+    the points make no loop.
     """
-    points, weights = _checked(points, sigma)
+    points, weights, apart = _checked(points, sigma)
     if len(points) < FEWEST_POINTS:
         return polygon(points)
     price = parameter_price(points, detail)
-    primitive = fit_primitive(points, independent(points, weights), price)
+    known = np.flatnonzero(corners[apart]) if corners is not None else np.zeros(0, dtype=int)
+    # What has corners that nobody sees is none of those primitives that would do.
+    primitive = None if len(known) else fit_primitive(points, independent(points, weights), price)
     if primitive is not None and primitive[2] <= PLAIN_MISFIT:
         return primitive[0]
-    ring, cost = _fit_ring(points, weights, price)
+    ring, cost = _fit_ring(points, weights, price, known)
     return primitive[0] if primitive is not None and primitive[1] <= cost else ring
 
 
@@ -53,8 +58,8 @@ def parameter_price(points: np.ndarray, detail: float) -> float:
     return PRICE * max(math.log(max(extent, 1.0) / PRECISION), 1.0) / detail
 
 
-def _checked(points: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The points without repetitions, and their weights 1/px^2."""
+def _checked(points: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The points without repetitions, their weights 1/px^2, and which of those given they are, (n,) bool."""
     points, sigma = np.asarray(points, dtype=float), np.asarray(sigma, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or sigma.shape != points.shape[:1]:
         raise InputError(f"an outline needs points (n, 2) and sigma (n,), not {points.shape} and {sigma.shape}")
@@ -64,15 +69,16 @@ def _checked(points: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndar
     points, sigma = points[apart], sigma[apart]
     if len(points) < 3:
         raise InputError(f"an outline needs at least 3 different points, not {len(points)}")
-    return points, np.where(sigma < HIDDEN_SIGMA, 1.0 / np.maximum(sigma, FINEST_SIGMA) ** 2, 0.0)
+    return points, np.where(sigma < HIDDEN_SIGMA, 1.0 / np.maximum(sigma, FINEST_SIGMA) ** 2, 0.0), apart
 
 
-def _fit_ring(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Ring, float]:
-    corners = find_corners(points, weights)
+def _fit_ring(points: np.ndarray, weights: np.ndarray, price: float, known: np.ndarray) -> tuple[Ring, float]:
+    """known: (k,) indices of hidden points that are corners."""
+    corners = find_corners(points, weights).with_known(known, points, weights)
     ring, cost = _fit_between(points, weights, corners, price)
     if ring.pieces < 3 and ring.lines.all():
         # There and back again encloses nothing: the thin tips were no corners.
-        ring, cost = _fit_between(points, weights, corners.taken(np.arange(0)), price)
+        ring, cost = _fit_between(points, weights, corners.taken(corners.sure), price)
     return (polygon(points), cost) if ring.pieces < 3 and ring.lines.all() else (ring, cost)
 
 

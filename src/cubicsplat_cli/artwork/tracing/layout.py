@@ -110,7 +110,7 @@ def _without_doubtful(runs: _Runs, corners: Corners) -> Corners:
 def _groups(corners: Corners) -> list[np.ndarray]:
     """The indices of doubtful corners that follow each other closely, two or more, as along a rounding."""
     count = len(corners.indices)
-    doubtful = np.abs(corners.turns) < ROUNDING_TURN
+    doubtful = (np.abs(corners.turns) < ROUNDING_TURN) & ~corners.sure
     after = np.roll(np.arange(count), -1)
     step = np.hypot(*(corners.positions[after] - corners.positions).T)
     linked = doubtful & doubtful[after] & (step <= ROUNDING_STEP) & (corners.turns * corners.turns[after] > 0.0)
@@ -140,7 +140,8 @@ def _doubtful(corners: Corners) -> np.ndarray:
     """(C,) bool: corners that turn little or have another near."""
     gaps = np.hypot(*np.moveaxis(corners.positions[:, None] - corners.positions, -1, 0))
     np.fill_diagonal(gaps, np.inf)
-    return (np.abs(corners.turns) < DOUBTFUL_TURN) | (gaps.min(axis=1, initial=np.inf) <= DOUBTFUL_SPACING)
+    faint = (np.abs(corners.turns) < DOUBTFUL_TURN) | (gaps.min(axis=1, initial=np.inf) <= DOUBTFUL_SPACING)
+    return faint & ~corners.sure
 
 
 def _section(points: np.ndarray, weights: np.ndarray, ends: np.ndarray) -> Section:

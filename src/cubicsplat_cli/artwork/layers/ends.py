@@ -1,0 +1,46 @@
+"""Where an outline vanishes behind an upper layer, and which way it is heading there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# px along an outline from which its tangent is taken, those nearest to a junction left out; points at least.
+REACH, NEAREST, FEWEST = 14.0, 1.5, 4
+STRAIGHT = 0.12  # radians that an outline turns in REACH px, below which it counts as straight
+
+
+@dataclass(frozen=True)
+class End:
+    """at: (2,) px, the last visible place; tangent: (2,) unit, onwards into what is hidden, None where it is not known;
+    straight: whether the outline is so up to there."""
+
+    at: np.ndarray
+    tangent: np.ndarray | None
+    straight: bool
+
+
+def end_of(points: np.ndarray, sigma: np.ndarray, start: int, step: int) -> End:
+    """The end of what shows of a closed outline before the hidden run that begins at index `start`.
+
+    points: (n, 2) px; sigma: (n,) inf where hidden. step: -1 where the visible part comes before the run, else 1.
+    """
+    n = len(points)
+    index = (start + step * np.arange(1, n)) % n
+    known = np.isfinite(sigma[index])
+    index = index[: int(np.argmin(known)) if not known.all() else n]
+    at = points[index[:1] if len(index) else [start]][0]
+    if len(index) < FEWEST:
+        return End(at, None, False)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points[index], axis=0).T))])
+    near = (along <= REACH) & (along >= NEAREST)
+    if near.sum() < FEWEST:
+        return End(at, None, False)
+    t = along[near]
+    design = np.stack([np.ones_like(t), t, t * t], axis=1) / sigma[index][near, None]
+    value, *_ = np.linalg.lstsq(design, points[index][near] / sigma[index][near, None], rcond=None)
+    speed = max(float(np.hypot(*value[1])), 1e-9)
+    tangent = -value[1] / speed
+    bend = 2.0 * abs(float(value[2] @ np.array([-tangent[1], tangent[0]]))) / speed**2
+    return End(value[0], tangent, bend * REACH <= STRAIGHT)

@@ -1,0 +1,147 @@
+"""The ways in which a hidden run of an outline may go on, from the shortest description to the longest.
+
+Straight sides go on until they meet; the rest of a primitive or of a smooth piece; one cubic that goes on smoothly at
+both ends; sides that leave the canvas unseen; the fewest straight lines that stay hidden; the upper layers' edge.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.artwork.layers.continuation import continued
+from cubicsplat_cli.artwork.layers.ends import End, end_of
+from cubicsplat_cli.artwork.layers.taut import Room, along_edge, taut
+
+CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on
+# The most that such a cubic turns, radians: an edge less likely turns by more than a right angle.
+SLIGHT, ROUND = 0.5 * math.pi, 1.25 * math.pi
+BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # by which an outline turns where its sides meet
+LEAST_REACH = 1.0  # px that a side goes on until it meets another
+
+
+@dataclass(frozen=True)
+class Way:
+    """points: (m, 2) px in place of a hidden run's; sigma: their standard error, px, inf where they do not matter;
+    corners: (k,) which of them are corners."""
+
+    points: np.ndarray
+    sigma: float
+    corners: np.ndarray
+
+
+Wrong = Callable[[np.ndarray], int]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed outline, some of it hidden. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: how many px an
+    outline of points (n, 2) covers or leaves wrongly; canvas: height and width, px."""
+
+    points: np.ndarray
+    sigma: np.ndarray
+    wrong: Wrong
+    room: Room
+    canvas: tuple[int, int]
+
+
+def ways_on(loop: Loop, run: np.ndarray) -> Iterator[Way]:
+    """The ways to go on along a hidden run (m,), indices in order, the simplest first; the last always stays hidden."""
+    points, sigma = loop.points, loop.sigma
+    first, last = end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
+    meet = _meeting(first, last)
+    straight = first.straight and last.straight
+    yield Way(points[run], np.inf, np.zeros(0, dtype=int))
+    if meet is not None and straight:
+        yield from _by_lines(loop, run, (first, last), meet)
+    yield from _by_cubic(loop, run, SLIGHT)
+    rim = _off_canvas(loop, first, last)
+    if rim is not None:
+        yield from _by_lines(loop, run, (first, last), rim)
+    if meet is not None and not straight:
+        yield from _by_lines(loop, run, (first, last), meet)
+    yield from _by_cubic(loop, run, ROUND)
+    yield from simply(loop, run, (first, last))
+
+
+def sides_meeting(loop: Loop, run: np.ndarray) -> Way | None:
+    """The way by straight sides that go on until they meet; None where there are none, or they would not be hidden."""
+    ends = end_of(loop.points, loop.sigma, run[0], -1), end_of(loop.points, loop.sigma, run[-1], 1)
+    meet = _meeting(*ends) if ends[0].straight and ends[1].straight else None
+    return None if meet is None else next(_by_lines(loop, run, ends, meet), None)
+
+
+def simply(loop: Loop, run: np.ndarray, ends: tuple[End, End] | None = None) -> Iterator[Way]:
+    """The ways by the fewest and shortest straight lines."""
+    points = loop.points[run]
+    first, last = ends or tuple(end_of(loop.points, loop.sigma, run[k], step) for k, step in ((0, -1), (-1, 1)))
+    for corners in taut(points, first, last, loop.room):
+        yield from _by_lines(loop, run, (first, last), corners)
+    yield from _by_lines(loop, run, (first, last), along_edge(points))
+
+
+def _by_cubic(loop: Loop, run: np.ndarray, most: float) -> Iterator[Way]:
+    curve = continued(loop.points, loop.sigma, run, most, loop.wrong)
+    if curve is not None:
+        yield Way(curve, CURVE_SIGMA, np.zeros(0, dtype=int))
+
+
+def _by_lines(loop: Loop, run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Way]:
+    """Straight lines from one end through the corners (k, 2) to the other; none where the run has too few points."""
+    count = len(run)
+    if count < len(corners):
+        return
+    knots = np.concatenate([ends[0].at[None], corners, ends[1].at[None]])
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(knots, axis=0).T))])
+    at = np.arange(1, count + 1) / (count + 1.0) * length[-1]
+    points = np.stack([np.interp(at, length, knots[:, c]) for c in (0, 1)], axis=1)
+    index = np.rint(length[1:-1] / max(length[-1], 1e-9) * (count + 1.0)).astype(int) - 1
+    # Each corner gets a point of its own.
+    index = np.maximum.accumulate(index - np.arange(len(index))) + np.arange(len(index))
+    index = np.clip(index, np.arange(len(index)), count - len(index) + np.arange(len(index)))
+    points[index] = corners
+    yield Way(points, np.inf, index)
+
+
+def _meeting(first: End, last: End) -> np.ndarray | None:
+    """(1, 2) where both ends, going straight on, meet; None where they do not, or at an unlikely angle."""
+    if first.tangent is None or last.tangent is None:
+        return None
+    u, v = first.tangent, last.tangent
+    cross = float(u[0] * v[1] - u[1] * v[0])
+    turn = math.pi - math.acos(float(np.clip(u @ v, -1.0, 1.0)))
+    if not BLUNTEST <= turn <= SHARPEST:
+        return None
+    gap = last.at - first.at
+    onward, back = (gap[0] * v[1] - gap[1] * v[0]) / cross, (gap[0] * u[1] - gap[1] * u[0]) / cross
+    return (first.at + onward * u)[None] if min(onward, back) >= LEAST_REACH else None
+
+
+def _off_canvas(loop: Loop, first: End, last: End) -> np.ndarray | None:
+    """(k, 2) corners on the canvas's border where both ends, going straight on, leave it on the same side or about one
+    of its corners, each by no longer a way than its outline is long in that direction; None elsewhere.
+    """
+    height, width = loop.canvas
+    found: list[np.ndarray] = []
+    sides: list[int] = []
+    for end in (first, last):
+        if end.tangent is None or not end.straight:
+            return None
+        limits = np.where(end.tangent > 0.0, [float(width), float(height)], 0.0)
+        reach = (limits - end.at) / np.where(np.abs(end.tangent) > 1e-6, end.tangent, 1e-6)
+        axis = int(reach.argmin())
+        along = loop.points[np.isfinite(loop.sigma)] @ end.tangent
+        if reach[axis] <= 0.0 or reach[axis] > np.ptp(along):
+            return None
+        found.append(end.at + reach[axis] * end.tangent)
+        sides.append(2 * axis + int(end.tangent[axis] > 0.0))
+    if sides[0] == sides[1]:
+        return np.array(found)
+    if sides[0] // 2 == sides[1] // 2:
+        return None
+    x = float(width) if 1 in sides else 0.0
+    y = float(height) if 3 in sides else 0.0
+    return np.array([found[0], [x, y], found[1]])
