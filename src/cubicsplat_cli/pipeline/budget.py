@@ -131,7 +131,8 @@ def within_level(least: float, settings: FitSettings, precision: int, means: Mea
         fitted = _joined(fitted, means.fit(more, [], fitted.scene))
         level = means.level(fitted.scene, precision)
     if level < least:
-        return Within(fitted, precision, [f"reached {level:.2f} dB of the {least:g} dB asked for; allow more --steps"])
+        hint = "more --steps" if settings.time_limit is None else "a longer --time-limit"
+        return Within(fitted, precision, [f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"])
     order, spare = _to_spare(fitted.scene, least, level, precision, means)
     return Within(_trimmed(fitted, order, fitted.scene.curves - spare), precision, [])
 
