@@ -13,7 +13,9 @@ from cubicsplat_cli.artwork.layers.completion import hidden_runs
 from cubicsplat_cli.artwork.layers.continuation import continued
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.taut import Room, taut
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.errors import UsageError
 
 FINE = 8
 
@@ -133,3 +135,27 @@ def test_nothing_taut_leads_through_what_shows():
     room = Room(0, 0, np.zeros_like(hidden), hidden, hidden, (40, 40))
     run = np.stack([np.arange(7.5, 33.0), np.full(26, 15.0)], axis=1)
     assert list(taut(run, End(run[0], None, False), End(run[-1], None, False), room)) == []
+
+
+def test_without_completion_what_is_hidden_ends_shortly():
+    half = picture(120, (disc(60.0, 60.0, 30.0), RED), (box(5.0, 60.0, 115.0, 110.0), BLUE))
+    lowest = {}
+    for choice in ("on", "off"):
+        found = draw(half, ArtworkSettings(completion=choice))
+        lowest[choice] = max(corners_of(found, RED)[:, 1])
+    assert lowest["on"] == pytest.approx(90.0, abs=0.5)
+    assert 61.0 < lowest["off"] < 70.0
+
+
+@pytest.mark.parametrize("choice, pieces", [("on", 1), ("off", 2)])
+def test_pieces_of_one_ink_become_one_only_with_completion(choice, pieces):
+    crossing = picture(120, (box(0.0, 40.0, 120.0, 60.0), RED), (box(50.0, 0.0, 70.0, 120.0), BLUE))
+    found = draw(crossing, ArtworkSettings(completion=choice))
+    red = [shape for shape in found.shapes if shape.ink[0] > 150 and shape.ink[2] < 100]
+    assert len(red) == pieces
+
+
+def test_completion_is_on_or_off():
+    with pytest.raises(UsageError, match="completion"):
+        ArtworkSettings(completion="maybe")
+    assert ArtworkSettings(completion="off").public()["completion"] == "off"

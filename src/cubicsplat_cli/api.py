@@ -50,7 +50,8 @@ def vectorize(
     (straight alpha), or a Pillow image. curves: how many, of artwork at most so many (None: as many as the picture asks
     for). mode ("closed" or "open"), preset ("draft", "standard", "high", "paper") and `settings`: fields of
     `FitSettings` and of its recipe, such as seed, time_limit, background or opaque; for artwork colors, palette (8-bit
-    triples), min_area, detail and stacking ("stacked" or "cutout"), see `ArtworkSettings`. precision: decimals of the
+    triples), min_area, detail, stacking ("stacked" or "cutout") and completion
+    ("on" or "off"), see `ArtworkSettings`. precision: decimals of the
     coordinates, 0..6 (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side; the
     SVG keeps the picture's size.
     weights: a picture of the same shape that says how much each pixel of a photo matters to the fit, from black, not at

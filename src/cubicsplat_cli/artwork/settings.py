@@ -11,6 +11,8 @@ from cubicsplat_cli.settings import setting, settings_of
 MOST_COLORS = 256
 # Upper shapes lie on lower ones, or all abut and share their edges.
 STACKED, CUTOUT = "stacked", "cutout"
+# What upper shapes hide goes on beneath them, or ends there as shortly as it may.
+ON, OFF = "on", "off"
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,8 @@ class ArtworkSettings:
     colors: at most so many inks, 1..256, or None for as many as the picture has. palette: the inks to use, 8-bit sRGB
     or empty for the picture's own. min_area: px^2, smaller regions join a neighbour. detail: 1 weighs outlines as
     the picture supports them, more follows it more closely, less draws with fewer pieces; 0.01..100. stacking:
-    "stacked" or "cutout". curves: at most so many shapes, or None.
+    "stacked" or "cutout". completion: "on" or "off", whether outlines go on beneath what hides them as what shows
+    suggests, and pieces of one ink are one shape there. curves: at most so many shapes, or None.
     """
 
     colors: int | None = setting(
@@ -43,6 +46,13 @@ class ArtworkSettings:
         "choice",
         "Artwork: shapes that reach beneath others (stacked), or abut (cutout), for cutters.",
         choices=(STACKED, CUTOUT),
+        group="Quality",
+    )
+    completion: str = setting(
+        ON,
+        "choice",
+        "Artwork: hidden parts go on as what shows of them suggests (on), or end shortly (off).",
+        choices=(ON, OFF),
         group="Quality",
     )
     curves: int | None = None

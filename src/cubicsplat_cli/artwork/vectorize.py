@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.regions.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
-from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
 from cubicsplat_cli.paint import mean_ink
@@ -49,7 +49,7 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None, intake: In
     shapes = []
     for part in parts:
         own = regions.inks[layers.layers[part.layer].region]
-        outlines = outlines_of(part, (height, width), settings.detail, least)
+        outlines = outlines_of(part, (height, width), settings.detail, least, settings.completion == ON)
         gradient = flat.gradient(own)
         ink = eight_bit(own)
         shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height), gradient))
@@ -94,7 +94,7 @@ def _planned(
     while True:
         soft, regions = _regions(levels, settings, min_area)
         soft = without_seams(soft, regions)
-        layers = stack(regions)
+        layers = stack(regions, settings.completion == ON)
         parts = list(extents(regions, layers, crossings(soft, regions, ROUNDING + error)))
         if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:
             return soft, regions, layers, parts

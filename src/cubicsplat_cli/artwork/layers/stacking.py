@@ -46,11 +46,11 @@ class Stack:
     rank: np.ndarray
 
 
-def stack(regions: Regions) -> Stack:
-    """The layers of a picture's regions, back to front."""
+def stack(regions: Regions, joined: bool = True) -> Stack:
+    """The layers of a picture's regions, back to front. joined: pieces of one ink may be one beneath what hides it."""
     clear = regions.inks[:, 3] <= CLEAR
     facts = _Facts(regions, clear)
-    group = _merged(facts)
+    group = _merged(facts, MOST_HULLS if joined else 0)
     order = _ordered(facts, group)
     rank = np.full(regions.count, -1)
     layers = []
@@ -136,11 +136,10 @@ def _junctions(labels: np.ndarray) -> list[tuple[int, int]]:
     return found
 
 
-def _merged(facts: _Facts) -> np.ndarray:
-    """(R,) the group of each region, named by its smallest member; -1 for clear regions."""
+def _merged(facts: _Facts, budget: int) -> np.ndarray:
+    """(R,) the group of each region, named by its smallest member; -1 for clear regions. budget: hulls to be tried."""
     regions = facts.regions
     group = np.where(facts.clear, -1, np.arange(regions.count))
-    budget = MOST_HULLS
     for a, b in _candidates(facts):
         p, q = group[a], group[b]
         if p == q:
