@@ -128,7 +128,7 @@ def packed(scene: Scene | SceneTensors, device: torch.device | str = "cpu") -> S
 
 def state_for(scene: SceneTensors) -> OptimiserState:
     """An empty optimiser state beside the scene's tensors."""
-    return OptimiserState.zeros(*scene.points.shape[:2]).to(scene.points.device)
+    return OptimiserState.zeros_for(scene.points)
 
 
 def outliers(got: Tensor, want: Tensor, tolerance: float) -> float:

@@ -15,7 +15,9 @@ from cubicsplat_cli.errors import DeviceError, EngineError
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.raster import draw, engines, operator, render_scene
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
+from cubicsplat_cli.raster.cuda import driver as cuda_driver
 from cubicsplat_cli.raster.cuda import engine as cuda
+from cubicsplat_cli.raster.cuda import libcuda
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -45,8 +47,9 @@ def test_the_operator_with_the_cuda_engine(mode, monkeypatch):
 
 @needs_compiler
 def test_auto_takes_the_gpu_where_there_is_one(monkeypatch, caplog):
-    monkeypatch.setattr(engines, "missing_piece", lambda: None)
-    monkeypatch.setattr(engines, "CudaEngine", lambda **_: open_cuda("emulated"))
+    monkeypatch.setattr(engines, "gpus", lambda: 1)
+    monkeypatch.setattr(cuda_driver, "missing_piece", lambda: None)
+    monkeypatch.setattr(engines, "cuda_engine", lambda **_: open_cuda("emulated"))
     assert engines.open_engine("auto").name == engines.open_engine("cuda").name == "cuda"
     assert engines.open_engine("cpu").name == "cpu"
     assert engines.open_engine("auto", 1, subdivide=True).name == "cpu"
@@ -56,7 +59,7 @@ def test_auto_takes_the_gpu_where_there_is_one(monkeypatch, caplog):
     def broken(**_):
         raise EngineError("its self-test failed")
 
-    monkeypatch.setattr(engines, "CudaEngine", broken)
+    monkeypatch.setattr(engines, "cuda_engine", broken)
     assert engines.open_engine("auto", 1).name == "cpu"
     assert [message.split(";")[0] for message in caplog.messages] == [
         "using the CPU: the CUDA engine has no de Casteljau subdivision", "using the CPU: its self-test failed"
@@ -69,7 +72,7 @@ def test_auto_takes_the_gpu_where_there_is_one(monkeypatch, caplog):
 @pytest.mark.parametrize("failing", [0, 37])
 def test_a_gpu_that_fails_leaves_the_best_so_far(monkeypatch, failing):
     """The state that the host has last seen, measured on the CPU; before there is one, only the error."""
-    monkeypatch.setattr(engines, "CudaEngine", lambda **_: open_cuda("emulated"))
+    monkeypatch.setattr(engines, "cuda_engine", lambda **_: open_cuda("emulated"))
     whole = CudaEngine.step
 
     def step(self, scene, settings, training):
@@ -86,7 +89,7 @@ def test_a_gpu_that_fails_leaves_the_best_so_far(monkeypatch, failing):
         return
     result = fit(picture, settings)
     assert result.device["name"] == "cpu"
-    assert torch.isfinite(result.scene.points).all()
+    assert np.isfinite(result.scene.points).all()
     assert result.steps == failing
     note = "the GPU failed: gone; the result is what the fit had come to by step 36 of 60, without the exact finish"
     assert result.notes == [note]
@@ -96,8 +99,11 @@ def test_a_gpu_that_fails_leaves_the_best_so_far(monkeypatch, failing):
 
 
 def test_auto_takes_the_cpu_without_a_word_where_there_is_no_gpu(monkeypatch, caplog):
-    monkeypatch.setattr(torch.version, "cuda", None)
-    assert engines.open_engine("auto", 1).name == "cpu"
+    """Nor where torch was built without CUDA, whatever the machine has."""
+    for count in (0, 1):
+        monkeypatch.setattr(engines, "gpus", lambda count=count: count)
+        monkeypatch.setattr(torch.version, "cuda", None)
+        assert engines.open_engine("auto", 1).name == "cpu"
     assert caplog.messages == []
     assert engines.shared_engine(torch.device("cpu")) is engines.shared_engine(torch.device("cpu"))
 
@@ -109,10 +115,33 @@ def test_what_doctor_is_told(monkeypatch):
     assert found["cpu"]["used"]
     assert not found["cuda"]["used"]
     assert found["cuda"]["reason"].startswith("this torch has no CUDA")
-    monkeypatch.setattr(draw, "CudaEngine", lambda: open_cuda("emulated"))
+    monkeypatch.setattr(draw, "cuda_engine", lambda: open_cuda("emulated"))
     found = draw.describe()
     assert found["cuda"] == {"available": True, "name": "cuda", "gpu": "emulated", "used": True}
     assert not found["cpu"]["used"]
+
+
+class FakeLibrary:
+    """NVIDIA's driver library, with as many GPUs, or an error of its start."""
+
+    def __init__(self, count: int, error: int = 0) -> None:
+        self.count, self.error = count, error
+
+    def cuInit(self, flags) -> int:
+        return self.error
+
+    def cuDeviceGetCount(self, count) -> int:
+        count._obj.value = self.count
+        return 0
+
+
+def test_gpus_are_counted_without_torch(monkeypatch):
+    def missing():
+        raise EngineError("no driver")
+
+    for library, count in ((lambda: FakeLibrary(2), 2), (lambda: FakeLibrary(2, 100), 0), (missing, 0)):
+        monkeypatch.setattr(libcuda, "open_library", library)
+        assert libcuda.gpus() == count
 
 
 def test_torch_without_cuda(monkeypatch):

@@ -102,12 +102,16 @@ def test_gradients_show_slopes_that_flat_curves_do_not(mode, alpha):
     target = slopes()
     if alpha:
         target = np.concatenate((target, np.ones_like(target[..., :1])), -1)
-    flat, linear = (
-        fit(target, settings(mode=mode, steps=150, curves=6, fill=fill)).scene for fill in ("flat", "linear")
-    )
-    assert flat.gradients is None
-    assert linear.gradients.kinds.tolist() == [LINEAR] * linear.curves
-    assert final(target, linear) > final(target, flat) + 1.0
+    gains = []
+    for seed in range(4):
+        flat, linear = (
+            fit(target, settings(mode=mode, steps=150, curves=6, fill=fill, seed=seed)).scene
+            for fill in ("flat", "linear")
+        )
+        assert flat.gradients is None
+        assert linear.gradients.kinds.tolist() == [LINEAR] * linear.curves
+        gains.append(final(target, linear) - final(target, flat))
+    assert np.mean(gains) > 0.5
 
 
 def test_curves_are_replaced_together_with_their_fills():
@@ -115,10 +119,10 @@ def test_curves_are_replaced_together_with_their_fills():
     target = torch.from_numpy(slopes())
     curves = new_curves(20.0 * torch.rand(10, 12, 2), torch.randn(10, 3), 0.0, given)
     curves.fills.ages += torch.arange(1, 11, dtype=torch.int32)
-    state = OptimiserState.zeros(10, 12)
+    state = OptimiserState.zeros_for(curves.points)
     importance = torch.arange(10.0)
     after, _, count = reallocate(
-        curves, state, importance, torch.zeros_like(target), target, 0.3, given, torch.Generator().manual_seed(0)
+        curves, state, importance, torch.zeros_like(target), target, 0.3, given, np.random.default_rng(0)
     )
     assert count == 3
     assert after.fills.ages.tolist() == [0, 0, 0, 4, 5, 6, 7, 8, 9, 10]
@@ -129,8 +133,8 @@ def test_curves_are_replaced_together_with_their_fills():
 @pytest.mark.parametrize("threads", [2, 3])
 def test_the_result_does_not_depend_on_the_threads(threads):
     results = [fit(slopes(), settings(fill="linear", threads=count)).scene.gradients for count in (1, threads)]
-    assert torch.equal(results[0].stops, results[1].stops)
-    assert torch.equal(results[0].frames, results[1].frames)
+    assert np.array_equal(results[0].stops, results[1].stops)
+    assert np.array_equal(results[0].frames, results[1].frames)
 
 
 def test_a_fit_that_goes_over_to_a_finer_copy_takes_its_fills_along():
@@ -177,12 +181,12 @@ def test_frozen_curves_keep_their_fills(fill):
     given = settings(fill="linear", curves=first.curves + 8)
     found = fit(target, given, guide=Guide(start=first, frozen=True)).scene
     assert found.curves > first.curves
-    kept = found.gradients.chosen(torch.arange(found.curves - first.curves, found.curves))
+    kept = found.gradients.chosen(slice(-first.curves, None))
     if fill == "flat":
         assert kept.kinds.tolist() == [FLAT] * first.curves
     else:
         for name, tensor in first.gradients.tensors_by_name().items():
-            assert torch.equal(kept.tensors_by_name()[name], tensor), name
+            assert np.array_equal(kept.tensors_by_name()[name], tensor), name
 
 
 def test_another_fill_is_a_usage_error():

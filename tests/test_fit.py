@@ -12,7 +12,9 @@ from conftest import smooth_pixels
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo import FitResult, fit
 from cubicsplat_cli.photo.best import Best
-from cubicsplat_cli.photo.trainer import Trainer, choose_background, psnr
+from cubicsplat_cli.photo.result import psnr
+from cubicsplat_cli.photo.start import choose_background
+from cubicsplat_cli.photo.trainer import Trainer
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
@@ -63,9 +65,7 @@ def same(first: FitResult, second: FitResult) -> bool:
 def test_a_fit_improves_much_over_its_start_and_over_the_background_alone(mode, alpha):
     target = picture(alpha=alpha)
     state = trainer(target, mode=mode, steps=120)
-    start = state.engine.gradients(
-        state._tensors(state.parameters), state._exact(), target=torch.from_numpy(target)
-    )[0]  # fmt: skip
+    start = state.judge.loss(state.parameters)
     result = state.run()
     nothing = float(((target - target.mean((0, 1))) ** 2).sum())
     assert loss_of(result.scene, target) < 0.35 * min(start, nothing)
@@ -89,9 +89,7 @@ def test_the_result_is_the_best_exact_picture_that_was_seen(mode, monkeypatch):
     result = state.run()
     assert len(seen) >= 0.15 * 60, "every step of the exact finish, and the end"
     assert state.best.loss == min(seen)
-    kept = state.engine.gradients(
-        state._tensors(state.best.parameters), state._exact(), target=torch.from_numpy(target)
-    )[0]  # fmt: skip
+    kept = state.judge.loss(state.best.parameters)
     # The steps of the finish flatten adaptively, this is the full polyline.
     assert kept == pytest.approx(min(seen), rel=2e-3)
     # Colours of 8 bits, and curves that only did harm left out.

@@ -24,8 +24,8 @@ MODES = pytest.mark.parametrize("mode", ["closed", "open"])
 VALUES = st.lists(st.floats(-10, 1e6, allow_nan=False, width=32), min_size=1, max_size=30)
 
 
-def random_numbers(seed: int = 0) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
+def random_numbers(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
 
 
 def settings(mode: str = "closed", **changes) -> FitSettings:
@@ -70,7 +70,7 @@ def test_error_density_is_the_squared_error_blurred_and_raised():
 
 @given(size=st.sampled_from([1, 3, 5, 9]), height=st.integers(1, 14), width=st.integers(1, 14))
 def test_the_box_mean_is_that_of_the_pixels_that_exist(size, height, width):
-    planes = torch.rand(2, height, width, generator=random_numbers(height * 20 + width))
+    planes = torch.tensor(random_numbers(height * 20 + width).random((2, height, width), np.float32))
     pooled = avg_pool2d(planes[None], size, stride=1, padding=size // 2, count_include_pad=False)[0]
     assert torch.allclose(box_mean(planes, size), pooled, atol=1e-6)
 
@@ -93,7 +93,7 @@ def population(mode: str, count: int = 10) -> tuple[Parameters, OptimiserState]:
     chosen = settings(mode)
     points = control_points(torch.full((count, 2), 20.0), 3.0, chosen, random_numbers())
     parameters = new_curves(points, torch.arange(3.0 * count).reshape(count, 3) / 100, 1.5, chosen)
-    state = OptimiserState.zeros(count, points.shape[1])
+    state = OptimiserState.zeros_for(points)
     state.ages += torch.arange(1, count + 1, dtype=torch.int32)
     return parameters, state
 
@@ -103,7 +103,7 @@ def population(mode: str, count: int = 10) -> tuple[Parameters, OptimiserState]:
 def test_the_least_important_are_replaced_and_the_others_keep_their_order(mode, fraction, replaced):
     parameters, state = population(mode)
     importance = torch.tensor([5.0, -1.0, 3.0, 9.0, 0.5, 7.0, 8.0, 2.0, 6.0, 4.0])
-    target = torch.rand(40, 50, 3, generator=random_numbers(1))
+    target = torch.tensor(random_numbers(1).random((40, 50, 3), np.float32))
     image = torch.zeros_like(target)
     after, states, count = reallocate(
         parameters, state, importance, image, target, fraction, settings(mode), random_numbers(2)
@@ -124,16 +124,16 @@ def test_the_least_important_are_replaced_and_the_others_keep_their_order(mode, 
 @MODES
 @pytest.mark.parametrize("channels", [3, 4])
 def test_new_curves_come_where_the_error_is_in_the_pictures_colour(mode, channels):
-    parameters, state = population(mode)
+    parameters, state = population(mode, 40)
     target = torch.zeros(60, 80, channels)
     target[35:50, 50:70] = torch.tensor([0.8, 0.3, 0.1, 1.0][:channels])
     after, _, count = reallocate(
-        parameters, state, torch.arange(10.0), torch.zeros_like(target), target, 0.5, settings(mode), random_numbers()
+        parameters, state, torch.arange(40.0), torch.zeros_like(target), target, 0.5, settings(mode), random_numbers()
     )
-    assert count == 5
-    centres = after.points[:5].mean(1)
-    assert ((centres - torch.tensor([60.0, 42.5])).abs() < torch.tensor([14.0, 11.0])).all()
-    colours = after.colour_logits[:5].sigmoid()
+    assert count == 20
+    centres = after.points[:20].mean(1)
+    assert ((centres - torch.tensor([60.0, 42.5])).abs() < torch.tensor([16.0, 13.0])).all()
+    colours = after.colour_logits[:20].sigmoid()
     # One drawn beside the patch, in the blur of its error, is a mixture.
     assert (colours - torch.tensor([0.8, 0.3, 0.1])).abs().max(1).values.median() < 0.15
 
@@ -145,8 +145,8 @@ def test_reallocation_stays_on_the_device_and_never_waits_for_it(mode, seeding):
     parameters, state = population(mode)
     target, importance = torch.rand(40, 50, 3), torch.rand(10)
     after, states, count = reallocate(
-        parameters.to("meta"), state.to("meta"), importance.to("meta"), target.to("meta"), target.to("meta"), 0.5,
-        settings(mode, seeding=seeding), random_numbers(),
+        parameters.as_torch("meta"), state.as_torch("meta"), importance.to("meta"), target.to("meta"),
+        target.to("meta"), 0.5, settings(mode, seeding=seeding), random_numbers(),
     )  # fmt: skip
     assert count == 5
     for tensor in (after.points, after.colour_logits, after.opacity_logits, after.half_widths, states.moments):
@@ -161,7 +161,7 @@ def test_patches_follow_the_shape_of_the_error():
     seeds = torch.tensor([[40.5, 40.5]]).expand(20, 2)
     blobs = find_blobs(seeds, torch.zeros_like(target), target, 8.0, random_numbers())
     short, long = blobs.axes[:, :, 0].norm(dim=1), blobs.axes[:, :, 1].norm(dim=1)
-    assert (long > 1.5 * short).all()
+    assert (long > 1.5 * short).float().mean() >= 0.9, "windows of all sizes are tried"
     direction = blobs.axes[:, :, 1] / long[:, None]
     assert (direction[:, 0].abs() > 0.99).all()
     assert (blobs.centres - seeds).abs().max() < 3
@@ -250,7 +250,7 @@ def resized(picture, *counts: int, at=(0.3, 0.6), **changes):
     """A short fit of ten curves, of which the most useful stay, with so many in all."""
 
     def choose(count):
-        return lambda scene, worth: (worth.argsort(descending=True)[:count], count)
+        return lambda scene, worth: (np.argsort(-worth)[:count], count)
 
     resizings = [Resizing(share, choose(count)) for share, count in zip(at, counts, strict=False)]
     return fit(picture, settings(steps=60, **changes), resizings=resizings)
@@ -261,7 +261,7 @@ def test_a_fit_grows_and_shrinks_on_its_way(mode):
     picture = np.random.default_rng(2).random((12, 16, 3)).repeat(3, 0).repeat(3, 1).astype(np.float32)
     plain = fit(picture, settings(mode, steps=60))
     same = resized(picture, 10, 10, mode=mode)
-    assert same.scene.points.equal(plain.scene.points) and same.scene.colours.equal(plain.scene.colours)
+    assert all(np.array_equal(getattr(same.scene, n), getattr(plain.scene, n)) for n in ("points", "colours"))
     for counts in ((25, 14), (4, 14), (3,)):
         found = resized(picture, *counts, mode=mode)
         assert found.settings.curves == counts[-1]
@@ -273,7 +273,7 @@ def test_a_fit_grows_and_shrinks_on_its_way(mode):
 
 def test_a_fit_to_a_smaller_copy_takes_its_number_of_curves_along():
     whole = np.random.default_rng(2).random((12, 16, 3)).repeat(6, 0).repeat(6, 1).astype(np.float32)
-    grow = Resizing(0.5, lambda scene, _: (torch.arange(scene.curves), 17))
+    grow = Resizing(0.5, lambda scene, _: (np.arange(scene.curves), 17))
     found = fit(whole, settings(steps=60), rough=(whole[::2, ::2].copy(), UNGUIDED), resizings=[grow])
     assert found.scene.curves + found.dropped == 17
     assert (found.scene.width, found.scene.height) == (96, 72)
@@ -284,7 +284,7 @@ def test_curves_share_an_opacity_where_the_recipe_says_so(shared):
     picture = np.random.default_rng(2).random((12, 16, 3)).repeat(3, 0).repeat(3, 1).astype(np.float32)
     opacities = fit(picture, settings(steps=30, shared_opacity=shared)).scene.opacities
     if shared:
-        assert opacities.unique().numel() == 1
+        assert len(np.unique(opacities)) == 1
         assert 0.003 < abs(float(opacities[0]) - shared) < 0.2  # learnt
     else:
         assert opacities.std() > 0.01

@@ -22,6 +22,7 @@ SOURCE = ROOT / "src" / "cubicsplat_cli"
 KERNELS = SOURCE / "raster" / "kernels"
 LIBRARY = re.compile(r"cubicsplat_cli/raster/_cubicsplat\.(so|dylib|dll)")
 RUNTIME = {
+    "array-api-compat",
     "cairosvg", "jinja2", "numpy", "pillow", "resvg-py", "rich", "scikit-image", "svgwrite", "torch", "typer",
 }  # fmt: skip
 

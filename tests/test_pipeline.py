@@ -104,11 +104,11 @@ def test_a_fit_that_goes_on_at_another_size_is_where_it_was():
     settings = SETTINGS.with_(steps=60)
     begun = Trainer(small, settings)
     assert begun.relax()
-    before = begun._exact_loss(begun.parameters)
+    before = begun.judge.loss(begun.parameters)
     trainer = Trainer(large, settings)
     trainer.go_on_from(begun)
     assert trainer.step == begun.step == 51
-    assert trainer._exact_loss(trainer.parameters) == pytest.approx(4 * before, rel=0.3)
+    assert trainer.judge.loss(trainer.parameters) == pytest.approx(4 * before, rel=0.3)
     assert torch.allclose(trainer.parameters.points, 2 * begun.parameters.points)
 
 

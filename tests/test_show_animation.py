@@ -42,7 +42,7 @@ def test_frames_are_spread_by_quality_and_not_by_time(scene):
 
 
 def test_no_more_is_kept_than_memory_may_hold(scene, monkeypatch):
-    values = sum(t.numel() for t in (scene.points, scene.colours, scene.opacities, scene.half_widths))
+    values = sum(t.size for t in (scene.points, scene.colours, scene.opacities, scene.half_widths))
     monkeypatch.setattr(film_module, "MOST_BYTES", 4 * values * 12)
     film = Film(48)
     for step in range(3000):

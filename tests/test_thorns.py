@@ -44,7 +44,7 @@ def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(mode):
 def test_a_fit_with_the_penalty_has_fewer_thorns():
     small = np.random.default_rng(5).random((14, 20, 3), np.float32)
     target = small.repeat(4, 0).repeat(4, 1)
-    plain, smooth = (fit(target, settings(curves=60, steps=150, thorn_reg=w)).scene for w in (0.0, 3.0))
+    plain, smooth = (fit(target, settings(curves=60, steps=150, thorn_reg=w)).scene.as_torch() for w in (0.0, 3.0))
     assert thorns(smooth.points) < 0.7 * thorns(plain.points)
 
 

@@ -32,8 +32,8 @@ from torch import Tensor
 
 from cubicsplat_cli.bench.synthetic import synthetic_picture
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
-from cubicsplat_cli.photo.trainer import fit
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneTensors, Training
@@ -74,12 +74,12 @@ CASES = [
 
 def scene_of(case: Case, target: Tensor, device: torch.device) -> SceneTensors:
     """Curves at random places with the colours of a target (H, W, 3) on the CPU: discs, or bent strokes."""
-    generator = torch.Generator().manual_seed(1)
+    generator = np.random.default_rng(1)
     settings = FitSettings.from_preset("standard", case.mode, curves=case.curves, segments=case.segments)
     centres = random_centres(case.curves, target, generator)
     radius = 0.4 * math.sqrt(case.width * case.height / case.curves)
     points = control_points(centres, radius, settings, generator)
-    curves = new_curves(points, colours_at(centres, target), 1.5, settings).to(device)
+    curves = new_curves(points, colours_at(centres, target), 1.5, settings).as_torch(device)
     return curves.for_engine(case.mode, case.width, case.height, (0.5, 0.5, 0.5), soft=False)
 
 
@@ -92,8 +92,8 @@ class Bench:
         target = torch.from_numpy(synthetic_picture(case.width, case.height))
         self.target = target.to(engine.device)
         self.scene = scene_of(case, target, engine.device)
-        n, k = self.scene.points.shape[:2]
-        self.state = OptimiserState.zeros(n, k).to(engine.device)
+        n = len(self.scene.points)
+        self.state = OptimiserState.zeros_for(self.scene.points)
         size = math.sqrt(case.width * case.height)
         self.rates = Rates(5e-3 * size, 0.05, 0.05, 2e-4 * size)
         self.relaxed = RasterSettings("relaxed", 1.0, case.samples, 0.05)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -32,7 +33,9 @@ class Film:
     def keep(self, psnr_db: float, scene: Scene) -> None:
         """Keeps a scene that is due; it must not change afterwards."""
         self._kept.append((psnr_db, scene))
-        values = sum(tensor.numel() for tensor in (scene.points, scene.colours, scene.opacities, scene.half_widths))
+        values = sum(
+            math.prod(array.shape) for array in (scene.points, scene.colours, scene.opacities, scene.half_widths)
+        )
         most = max(FEWEST, min(4 * self.frames, MOST_BYTES // (4 * values)))
         while len(self._kept) > most:
             self._step_db *= 2.0

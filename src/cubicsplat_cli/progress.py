@@ -1,4 +1,4 @@
-"""Where the work on a picture stands. Imports nothing heavy: the command shows it without torch."""
+"""Where the work on a picture stands. Imports nothing heavy: the command shows it from the start."""
 
 from __future__ import annotations
 

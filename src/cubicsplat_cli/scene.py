@@ -7,9 +7,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import torch
-from torch import Tensor
-
+from cubicsplat_cli.arrays import Array, is_array, kind_of, like, namespace
+from cubicsplat_cli.curvetensors import CurveTensors
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.settings import Mode
@@ -38,7 +37,7 @@ def points_from_segments(mode: Mode, segments: int) -> int:
 
 
 @dataclass
-class Scene:
+class Scene(CurveTensors):
     """N primitives, front to back (index 0 is the front-most), on a canvas of `width` x `height` pixels.
 
     mode: every primitive is of this kind.
@@ -54,22 +53,23 @@ class Scene:
         is a ring of 4 segments and one of 3. Every ring is a closed curve of its own, through the points
         3 e_{r-1} .. 3 e_r - 1; points behind a curve's last ring are padding, which nothing reads and whose gradient is
         zero. A fill covers where the winding numbers of its rings do not add up to zero: a hole is a ring that runs
-        the other way. Open curves have R = 1, the number of their segments. `pack_rings` makes both tensors.
+        the other way. Open curves have R = 1, the number of their segments. `pack_rings` makes both arrays.
     gradients: fills of curves that have more than their one colour, or None where all are flat; see `Gradients`.
 
-    The tensors are float32, share one device, and are detached unless the caller wants gradients. Nothing is
-    checked at construction; `validate` does.
+    The arrays are float32, and all numpy's, as a fit or a file gives them, or all torch's on one device, detached
+    unless the caller wants gradients; `as_torch` and `as_numpy` make the one of the other. Nothing is checked at
+    construction; `validate` does.
     """
 
     mode: Mode
     width: int
     height: int
-    points: Tensor
-    colours: Tensor
-    opacities: Tensor
-    half_widths: Tensor
+    points: Array
+    colours: Array
+    opacities: Array
+    half_widths: Array
     background: tuple[float, float, float] | None = None
-    ring_ends: Tensor | None = None
+    ring_ends: Array | None = None
     gradients: Gradients | None = None
 
     @property
@@ -92,7 +92,7 @@ class Scene:
         """Channels of a render: 3 (RGB) over a background, 4 (premultiplied RGBA) without one."""
         return 4 if self.background is None else 3
 
-    def rings(self, curve: int) -> list[Tensor]:
+    def rings(self, curve: int) -> list[Array]:
         """Control points of each ring of a curve, views of `points`: (3m, 2) closed, (3m + 1, 2) open, m segments."""
         if self.ring_ends is None:
             return [self.points[curve]]
@@ -100,19 +100,6 @@ class Scene:
         ends = [0, *self.ring_ends[curve].tolist()]
         pairs = [pair for pair in itertools.pairwise(ends) if pair[0] < pair[1]]
         return [self.points[curve, 3 * begin : 3 * end + shared] for begin, end in pairs]
-
-    def chosen(self, index: Tensor | slice) -> Scene:
-        """The scene with the curves of an index (n,), a mask (N,) or a slice alone, in their order."""
-        gradients = self.gradients
-        return replace(
-            self,
-            points=self.points[index],
-            colours=self.colours[index],
-            opacities=self.opacities[index],
-            half_widths=self.half_widths[index],
-            ring_ends=None if self.ring_ends is None else self.ring_ends[index],
-            gradients=None if gradients is None else gradients.changed(lambda t: t[index].contiguous()),
-        )
 
     def validate(self) -> None:
         """Raise InputError, naming the variable and what it should be, unless the scene can be rendered.
@@ -130,7 +117,7 @@ class Scene:
             self.gradients.validate()
 
     def validate_form(self) -> None:
-        """`validate` without a look at the tensors' values: types, shapes and devices only."""
+        """`validate` without a look at the arrays' values: types, shapes and devices only."""
         if not isinstance(self.mode, Mode):
             raise InputError(f"mode must be Mode.CLOSED or Mode.OPEN, not {self.mode!r}")
         for name, size in (("width", self.width), ("height", self.height)):
@@ -147,14 +134,16 @@ class Scene:
             "opacities": self.opacities,
             "half_widths": self.half_widths,
         }
-        for name, tensor in tensors.items():
-            if not isinstance(tensor, Tensor):
-                raise InputError(f"{name} must be a torch.Tensor, not {type(tensor).__name__}")
-            if tensor.dtype not in (torch.float32, torch.float64):
-                raise InputError(f"{name} must be float32 or float64, not {tensor.dtype}")
-            if tensor.device != self.points.device:
+        for name, array in tensors.items():
+            if not is_array(array):
+                raise InputError(f"{name} must be a numpy array or a torch.Tensor, not {type(array).__name__}")
+            xp = namespace(array)
+            if array.dtype not in (xp.float32, xp.float64):
+                raise InputError(f"{name} must be float32 or float64, not {array.dtype}")
+            if kind_of(array) != kind_of(self.points):
                 raise InputError(
-                    f"{name} is on {tensor.device} but points on {self.points.device}: use one device for all"
+                    f"{name} is {kind_of(array)} but points {kind_of(self.points)}: use one kind and device for all, "
+                    "by as_numpy() or as_torch() of the scene"
                 )
         if self.points.ndim != 3 or self.points.shape[-1] != 2 or self.curves < 1:
             raise InputError(f"points must have shape (N, K, 2) with N >= 1 curves, not {tuple(self.points.shape)}")
@@ -175,14 +164,15 @@ class Scene:
         ends = self.ring_ends
         if ends is None:
             return
-        if not isinstance(ends, Tensor) or ends.dtype != torch.int32 or ends.device != self.points.device:
-            raise InputError(f"ring_ends must be an int32 torch.Tensor on {self.points.device}")
+        like_points = is_array(ends) and kind_of(ends) == kind_of(self.points)
+        if not like_points or ends.dtype != namespace(ends).int32:
+            raise InputError(f"ring_ends must be {kind_of(self.points)} like points, of int32")
         most, wanted = (self.segments, "(N, R)") if self.mode is Mode.CLOSED else (1, "(N, 1)")
         if ends.ndim != 2 or ends.shape[0] != self.curves or not 1 <= ends.shape[1] <= most:
             raise InputError(f"ring_ends must have shape {wanted} for {self.curves} curves, not {tuple(ends.shape)}")
 
 
-def pack_rings(mode: Mode, curves: Sequence[Sequence[Tensor]]) -> tuple[Tensor, Tensor | None]:
+def pack_rings(mode: Mode, curves: Sequence[Sequence[Array]]) -> tuple[Array, Array | None]:
     """`points` and `ring_ends` of a scene, from the rings of each curve: (3m, 2), open (3m + 1, 2), of any type.
 
     Returns points (N, K, 2), padded with zeros and differentiable in the rings, and (N, R) int32 or, where every curve
@@ -195,19 +185,23 @@ def pack_rings(mode: Mode, curves: Sequence[Sequence[Tensor]]) -> tuple[Tensor, 
     for index, of_curve in enumerate(counts):
         if not of_curve or (mode is Mode.OPEN and len(of_curve) > 1):
             raise InputError(f"curve {index} has {len(of_curve)} rings; a closed one needs at least 1, an open one 1")
-    whole = [torch.cat(list(rings)) for rings in curves]
+    first = curves[0][0]
+    xp = namespace(first)
+    whole = [xp.concat(tuple(rings)) for rings in curves]
     if len(counts[0]) == 1 and all(of_curve == counts[0] for of_curve in counts):
-        return torch.stack(whole), None
+        return xp.stack(whole), None
     longest = max(p.shape[0] for p in whole)
-    points = torch.stack([torch.nn.functional.pad(p, (0, 0, 0, longest - p.shape[0])) for p in whole])
+    room = xp.zeros((longest, 2), dtype=first.dtype, device=first.device)
+    points = xp.stack([xp.concat((p, room[p.shape[0] :])) for p in whole])
     rows = [list(itertools.accumulate(of_curve)) for of_curve in counts]
     most = max(map(len, rows))
     table = [row + row[-1:] * (most - len(row)) for row in rows]
-    return points, torch.tensor(table, dtype=torch.int32, device=points.device)
+    return points, like(points, table, "int32")
 
 
-def _check_ring_ends(ends: Tensor, segments: int) -> None:
-    rising = torch.cat((ends[:, :1] >= 1, ends.diff(dim=1) >= 0, ends[:, -1:] <= segments), dim=1)
+def _check_ring_ends(ends: Array, segments: int) -> None:
+    xp = namespace(ends)
+    rising = xp.concat((ends[:, :1] >= 1, xp.diff(ends, axis=1) >= 0, ends[:, -1:] <= segments), axis=1)
     if not rising.all():
         curve = _first_curve(~rising)
         raise InputError(
@@ -229,15 +223,14 @@ def scaled_scene(scene: Scene, width: int, height: int) -> Scene:
         scene,
         width=width,
         height=height,
-        points=scene.points * scene.points.new_tensor([across, down]),
+        points=scene.points * like(scene.points, [across, down]),
         half_widths=scene.half_widths * math.sqrt(across * down),
         gradients=None if scene.gradients is None else scene.gradients.scaled(across, down),
     )
 
 
-def _check_range(name: str, tensor: Tensor, low: float | None = None, high: float | None = None) -> None:
-    values = tensor.detach()
-    bad = ~torch.isfinite(values)
+def _check_range(name: str, values: Array, low: float | None = None, high: float | None = None) -> None:
+    bad = ~namespace(values).isfinite(values)
     if bad.any():
         raise InputError(f"{name} must be finite, but curve {_first_curve(bad)} holds NaN or infinity")
     if low is not None:
@@ -251,8 +244,8 @@ def _check_range(name: str, tensor: Tensor, low: float | None = None, high: floa
         raise InputError(f"{name} must be {wanted}, but curve {_first_curve(bad)} is outside")
 
 
-def _first_curve(bad: Tensor) -> int:
-    return int(bad.nonzero()[0, 0])
+def _first_curve(bad: Array) -> int:
+    return int(namespace(bad).nonzero(bad)[0][0])
 
 
 def _check_background(background: tuple[float, float, float]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
@@ -15,7 +14,7 @@ from cubicsplat_cli.settings import Mode
 
 
 def scene_of(drawing: Drawing) -> Scene:
-    """The shapes as closed curves of one or more rings, front to back, without a background (float32 CPU tensors).
+    """The shapes as closed curves of one or more rings, front to back, without a background (numpy arrays).
 
     Arcs of primitives become cubics that are true to 1e-5 of a radius. Raises InputError for a drawing without shapes,
     which no scene can be.
@@ -25,27 +24,27 @@ def scene_of(drawing: Drawing) -> Scene:
     front_first = drawing.shapes[::-1]
     points, ring_ends = pack_rings(Mode.CLOSED, [_rings(shape) for shape in front_first])
     # The opacity of a gradient is its stops'.
-    inks = torch.tensor([(*s.ink[:3], 255) if s.gradient else s.ink for s in front_first], dtype=torch.float32) / 255.0
+    inks = np.array([(*s.ink[:3], 255) if s.gradient else s.ink for s in front_first], np.float32) / np.float32(255.0)
     return Scene(
         mode=Mode.CLOSED,
         width=drawing.width,
         height=drawing.height,
         points=points,
-        colours=inks[:, :3].contiguous(),
-        opacities=inks[:, 3].contiguous(),
-        half_widths=torch.zeros(len(front_first)),
+        colours=np.ascontiguousarray(inks[:, :3]),
+        opacities=np.ascontiguousarray(inks[:, 3]),
+        half_widths=np.zeros(len(front_first), np.float32),
         ring_ends=ring_ends,
         gradients=gradients_of([shape.gradient for shape in front_first]),
     )
 
 
-def _rings(shape: Shape) -> list[torch.Tensor]:
+def _rings(shape: Shape) -> list[np.ndarray]:
     """(3m, 2) control points of each ring: the outer one clockwise as seen, holes the other way."""
     return [_points(outline, clockwise=index == 0) for index, outline in enumerate(shape.outlines)]
 
 
-def _points(outline: Outline, *, clockwise: bool) -> torch.Tensor:
+def _points(outline: Outline, *, clockwise: bool) -> np.ndarray:
     ring = outline if isinstance(outline, Ring) else fine_ring(outline)
     if (signed_area(ring) > 0.0) != clockwise:
         ring = reversed_ring(ring)
-    return torch.from_numpy(ring.cubics[:, :3].reshape(-1, 2).astype(np.float32))
+    return ring.cubics[:, :3].reshape(-1, 2).astype(np.float32)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
 import numpy as np
-import torch
 
 from cubicsplat_cli.beginning.elements import Drawn, Elements, local, reference
 from cubicsplat_cli.beginning.outlines import Line, closed, lines_of, path_data, straight
@@ -163,10 +162,10 @@ class _Found:
         """The curves on a canvas, the last one at the front."""
         shared = [_points(rings, self.mode) for rings in reversed(self.curves)]
         points, ring_ends = pack_rings(self.mode, shared)
-        paints = torch.tensor(self.paints[::-1], dtype=torch.float32)
+        paints = np.array(self.paints[::-1], np.float32)
         return Scene(
-            self.mode, width, height, points, paints[:, :3].contiguous(), paints[:, 3].contiguous(),
-            torch.tensor(self.half_widths[::-1], dtype=torch.float32), None, ring_ends,
+            self.mode, width, height, points, paints[:, :3].copy(), paints[:, 3].copy(),
+            np.array(self.half_widths[::-1], np.float32), None, ring_ends,
         )  # fmt: skip
 
     def notes(self, source: str) -> list[str]:
@@ -178,13 +177,13 @@ class _Found:
         return found
 
 
-def _points(rings: list[np.ndarray], mode: Mode) -> list[torch.Tensor]:
+def _points(rings: list[np.ndarray], mode: Mode) -> list[np.ndarray]:
     found = []
     for cubics in rings:
         points = cubics[:, :3].reshape(-1, 2)
         if mode is Mode.OPEN:
             points = np.concatenate([points, cubics[-1, 3:]])
-        found.append(torch.from_numpy(points.astype(np.float32)))
+        found.append(points.astype(np.float32))
     return found
 
 

@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from cubicsplat_cli.bench import published
 from cubicsplat_cli.bench.memory import memory
 from cubicsplat_cli.bench.quality import configuration_name, means
 from cubicsplat_cli.bench.runs import Fit, Run, Runs
-from cubicsplat_cli.bench.step import total_steps
+from cubicsplat_cli.bench.step import total_steps, wait_for_gpu
 from cubicsplat_cli.bench.synthetic import synthetic_picture
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.photo.phases import raster_of
 from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.photo.trainer import Trainer
 from cubicsplat_cli.settings import FitSettings
@@ -71,12 +71,12 @@ class Magnified:
 def step_times(size: tuple[int, int], settings: FitSettings) -> StepTimes:
     """Of a fit of the drawn picture of this size, WARMUP steps after its start."""
     settings = settings.with_(steps=max(settings.steps, total_steps(WARMUP, 3 * REPEATS, settings.recipe.finish)))
-    trainer = Trainer(torch.from_numpy(synthetic_picture(*size)), settings)
+    trainer = Trainer(synthetic_picture(*size), settings)
     engine, goal = trainer.engine, trainer.goal
     with one_torch_thread():
         for _ in range(WARMUP):
             trainer.advance()
-        raster = trainer.raster(trainer.schedule.phase(trainer.progress()))
+        raster = raster_of(trainer.schedule.phase(trainer.progress()), trainer.settings)
         forward = _median_ms(lambda: engine.render(trainer.curves, raster))
         both = _median_ms(lambda: engine.gradients(trainer.curves, raster, target=goal))
         whole = _median_ms(trainer.advance)
@@ -89,8 +89,7 @@ def _median_ms(call: Callable[[], object]) -> float:
     for _ in range(REPEATS):
         started = time.perf_counter()
         call()
-        if torch.cuda.is_initialized():
-            torch.cuda.synchronize()
+        wait_for_gpu()
         seconds.append(time.perf_counter() - started)
     return 1e3 * statistics.median(seconds)
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from typing import Any
 
 import numpy as np
-import torch
 
 from cubicsplat_cli.bench.memory import Memory, memory
 from cubicsplat_cli.errors import UsageError
@@ -42,7 +42,7 @@ def measure_step(
         raise UsageError(f"warmup-steps must be at least 0 and steps at least 1, not {warmup} and {steps}")
     finish = settings.recipe.finish
     settings = settings.with_(steps=max(settings.steps, total_steps(warmup, steps, finish)), time_limit=None)
-    trainer = Trainer(torch.from_numpy(np.ascontiguousarray(target, dtype=np.float32)), settings)
+    trainer = Trainer(np.ascontiguousarray(target, dtype=np.float32), settings)
     with one_torch_thread():
         for _ in range(warmup):
             trainer.advance()
@@ -68,6 +68,13 @@ def measure_step(
     }
 
 
+def wait_for_gpu() -> None:
+    """Returns when a GPU, if one is in use, has done all that it was given."""
+    torch = sys.modules.get("torch")
+    if torch is not None and torch.cuda.is_initialized():
+        torch.cuda.synchronize()
+
+
 def _time(trainer: Trainer, steps: int) -> dict[str, Any]:
     """Times so many steps from where the fit stands."""
     phase = trainer.schedule.phase(trainer.progress())
@@ -75,16 +82,15 @@ def _time(trainer: Trainer, steps: int) -> dict[str, Any]:
     stages: list[dict[str, float]] = []
     counts: list[dict[str, int]] = []
     for _ in range(steps):
-        replaced, started = trainer.replaced, time.perf_counter()
+        replaced, started = trainer.diary.replaced, time.perf_counter()
         trainer.advance()
-        if torch.cuda.is_initialized():
-            torch.cuda.synchronize()
+        wait_for_gpu()
         seconds.append(time.perf_counter() - started)
         # An engine that works asynchronously has no timings: its steps are timed as a whole.
         engine = trainer.engine.timings() or {"engine": seconds[-1]}
         # What a step takes beside the engine is Python and, now and then, the replacement of curves.
         rest = seconds[-1] - sum(engine.values())
-        changed = trainer.replaced > replaced
+        changed = trainer.diary.replaced > replaced
         stages.append({**engine, "replacement": rest if changed else 0.0, "other": 0.0 if changed else rest})
         counts.append(trainer.engine.counts())
     total = sum(seconds)

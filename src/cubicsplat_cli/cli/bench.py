@@ -68,7 +68,7 @@ def step(
     if match is None or max(int(side) for side in match.groups()) > _MOST_SIDE:
         raise UsageError(f"--size must be WIDTHxHEIGHT in pixels, at most {_MOST_SIDE} a side, not {size!r}")
     settings = fit_settings(fit)
-    import torch  # noqa: F401  (what the interpreter takes with torch is not the fit's memory)
+    import numpy  # noqa: F401  (what the interpreter takes with numpy is not the fit's memory)
 
     from cubicsplat_cli.bench.memory import memory
 

@@ -12,7 +12,9 @@ import typer
 
 from cubicsplat_cli._version import __version__
 
-_PACKAGES = ("torch", "numpy", "Pillow", "scikit-image", "svgwrite", "cairosvg", "resvg_py", "typer", "rich")
+_PACKAGES = (
+    "numpy", "torch", "array-api-compat", "Pillow", "scikit-image", "svgwrite", "cairosvg", "resvg_py", "typer", "rich",
+)  # fmt: skip
 _INDENT = 11  # columns before the text of a line
 
 

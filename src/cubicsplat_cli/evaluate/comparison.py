@@ -185,7 +185,6 @@ def _engine(
 
 
 def _own_scene(data: bytes, source: str, notes: list[str]) -> Scene | None:
-    # Reading the file back needs torch, which takes seconds to import.
     from cubicsplat_cli.svg import read_svg
 
     try:

@@ -85,7 +85,7 @@ def of_scene(scene: Scene | None, width: int, height: int, samples: int, threads
     """
     if scene is None:
         return Layer(width, height, True, lambda top, bottom: np.zeros((bottom - top, width, 4), np.float32))
-    # torch takes seconds to import, and most of what is measured is no scene.
+    # Most of what is measured is no scene.
     from cubicsplat_cli.scene import scaled_scene
 
     sized = scaled_scene(scene, width, height)

@@ -81,13 +81,13 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
     """
     from cubicsplat_cli.raster import render_scene
 
-    origin = scene.points.new_tensor([tile.left, tile.top])
-    points = (scene.points - origin) * scale
+    scene = scene.as_numpy()
+    points = (scene.points - np.array([tile.left, tile.top], scene.points.dtype)) * scale
     widths = scene.half_widths * scale
-    size = points.new_tensor([tile.width * scale, tile.height * scale])
+    size = np.array([tile.width * scale, tile.height * scale], points.dtype)
     # A curve lies within the hull of its control points; one more pixel than its half-width is left around it.
     reach = widths[:, None] + 1.0
-    touches = ((points.amax(1) >= -reach) & (points.amin(1) <= size + reach)).all(1)
+    touches = ((points.max(axis=1) >= -reach) & (points.min(axis=1) <= size + reach)).all(axis=1)
     # A scene has at least one curve; where none touches the tile, one that does not is as good.
     touches[0] = True
     gradients = scene.gradients

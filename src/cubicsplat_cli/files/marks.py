@@ -1,7 +1,7 @@
 """The comment that says which program, seed, settings and input made a file, and how to find it again.
 
 The mark in a PNG is its Software text, in a JSON file its "program" member. Imports nothing heavy: the
-command line uses this before torch is loaded.
+command line uses this before anything is loaded.
 """
 
 from __future__ import annotations

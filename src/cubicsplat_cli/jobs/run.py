@@ -106,7 +106,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     for note in picture.notes:
         events.note(job.name, f"{picture.source}: {note}")
     events.detail(job.name, f"{picture.source}: {picture.size[0]} x {picture.size[1]} px; {request.describe()}")
-    # torch takes seconds to import: what is wrong with the picture is said before.
+    # What comes now takes a while to import: what is wrong with the picture is said before.
     events.stage(job.name, "start")
     from cubicsplat_cli.files.png import encode_png
     from cubicsplat_cli.files.read import packed

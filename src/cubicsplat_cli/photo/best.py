@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
+import math
 
+from cubicsplat_cli.arrays import Array, is_array, namespace
 from cubicsplat_cli.photo.parameters import Parameters
 
 
 class Best:
     """A copy of the parameters whose exact picture has had the least loss, where the parameters live.
 
-    A loss that comes as a tensor on a GPU is compared there: nothing waits for it before `loss` is read.
+    A loss that comes as an array on a GPU is compared there: nothing waits for it before `loss` is read.
     """
 
     def __init__(self) -> None:
-        self._loss: float | Tensor = torch.inf
+        self._loss: float | Array = math.inf
         self._parameters: Parameters | None = None
 
     @property
@@ -29,18 +29,18 @@ class Best:
             raise ValueError("no parameters have been considered yet")
         return self._parameters
 
-    def consider(self, loss: float | Tensor, parameters: Parameters) -> None:
+    def consider(self, loss: float | Array, parameters: Parameters) -> None:
         """Keeps the parameters if their loss, the squared error of their exact picture, is the least so far."""
         if self._parameters is None:
             self._loss, self._parameters = loss, parameters.copy()
-        elif isinstance(loss, Tensor):
+        elif is_array(loss):
             self._choose(loss, parameters)
         elif loss < self.loss:
             self._loss = loss
             self._parameters.overwrite(parameters)
 
-    def _choose(self, loss: Tensor, parameters: Parameters) -> None:
-        better, theirs = loss < self._loss, parameters.tensors_by_name()
+    def _choose(self, loss: Array, parameters: Parameters) -> None:
+        xp, better, theirs = namespace(loss), loss < self._loss, parameters.tensors_by_name()
         for name, mine in self.parameters.tensors_by_name().items():
-            torch.where(better, theirs[name], mine, out=mine)
-        self._loss = torch.where(better, loss, self._loss)
+            mine[...] = xp.where(better, theirs[name], mine)
+        self._loss = xp.where(better, loss, self._loss)

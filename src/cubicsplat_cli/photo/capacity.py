@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
+import numpy as np
 
+from cubicsplat_cli.arrays import Array, as_numpy, namespace
 from cubicsplat_cli.photo.blobs import blob_points, find_blobs
 from cubicsplat_cli.photo.guide import spread_of
 from cubicsplat_cli.photo.initial import colours_at, control_points, draw_pixels, new_curves
@@ -14,34 +14,33 @@ from cubicsplat_cli.raster.engine import OptimiserState
 from cubicsplat_cli.settings import FitSettings
 
 
-def gini(importance: Tensor) -> float:
+def gini(importance: Array) -> float:
     """Gini coefficient (0: all equal, towards 1: few carry everything) of the positive parts of (N,) values."""
-    values = importance.double().clamp(min=0).sort().values
+    values = np.sort(np.maximum(as_numpy(importance).astype(np.float64), 0.0))
     total = float(values.sum())
-    n = values.numel()
+    n = len(values)
     if n == 0 or total <= 0:
         return 0.0
-    ranks = torch.arange(1, n + 1, dtype=torch.float64)
+    ranks = np.arange(1, n + 1)
     return float((2 * ranks - n - 1) @ values) / (n * total)
 
 
-def error_density(image: Tensor, target: Tensor, blur: int, power: float, weights: Tensor | None = None) -> Tensor:
+def error_density(image: Array, target: Array, blur: int, power: float, weights: Array | None = None) -> Array:
     """Where new curves are wanted: the squared error, weighted, blurred by a box of `blur` px, to a power; (H, W)."""
     difference = image - target
-    error = torch.zeros_like(difference[..., 0])
-    for channel in difference.unbind(-1):  # torch's sum over an axis of three takes longer
-        error.addcmul_(channel, channel)
-    return box_mean(error if weights is None else error.mul_(weights), blur) ** power
+    difference *= difference
+    error = sum(difference[..., channel] for channel in range(target.shape[2]))  # a sum over an axis takes longer
+    return box_mean(error if weights is None else error * weights, blur) ** power
 
 
 def seeded(
     count: int,
-    image: Tensor,
-    target: Tensor,
+    image: Array,
+    target: Array,
     settings: FitSettings,
-    generator: torch.Generator,
+    generator: np.random.Generator,
     unit: float,
-    weights: Tensor | None = None,
+    weights: Array | None = None,
 ) -> Parameters:
     """New curves where the picture (H, W, C) is far from the target, weighted; unit: of the recipe's lengths, px."""
     recipe = settings.recipe
@@ -67,18 +66,18 @@ def in_front(fresh: Parameters, rest: Parameters) -> Parameters:
 def reallocate(
     parameters: Parameters,
     state: OptimiserState,
-    importance: Tensor,
-    image: Tensor,
-    target: Tensor,
+    importance: Array,
+    image: Array,
+    target: Array,
     fraction: float,
     settings: FitSettings,
-    generator: torch.Generator,
-    weights: Tensor | None = None,
+    generator: np.random.Generator,
+    weights: Array | None = None,
     frozen: int = 0,
 ) -> tuple[Parameters, OptimiserState, int]:
     """Replaces the least important `fraction` of the curves; new ones go to the front, their optimiser state is empty.
 
-    All tensors are on one device, where the work is done; the random numbers are drawn on the CPU, to be the same for
+    All arrays are in one place, where the work is done; the random numbers are drawn on the host, to be the same for
     every device. weights (H, W): of the pixels. frozen: how many of the last curves stay. Returns the new parameters
     and state, and how many were replaced.
     """
@@ -86,11 +85,12 @@ def reallocate(
     count = int(free * fraction)
     if count == 0:
         return parameters, state, 0
-    order = importance[:free].argsort()[count:].sort().values
-    keep = torch.cat((order, torch.arange(free, parameters.curves, device=order.device)))
+    xp = namespace(importance)
+    order = xp.sort(xp.argsort(importance[:free])[count:])
+    keep = xp.concat((order, xp.arange(free, parameters.curves, device=order.device)))
     height, width, _ = target.shape
     unit = settings.recipe.unit(width, height, parameters.curves) * spread_of(weights) ** 0.5
     fresh = seeded(count, image, target, settings, generator, unit, weights)
     after = in_front(fresh, parameters.chosen(keep))
-    empty = OptimiserState.zeros(count, after.points.shape[1]).to(target.device)
+    empty = OptimiserState.zeros_for(after.points[:count])
     return after, empty.joined(state.chosen(keep)), count

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
-
+from cubicsplat_cli.arrays import Array, contiguous, like, namespace, sigmoid
 from cubicsplat_cli.curvetensors import CurveTensors
 from cubicsplat_cli.gradients import LINEAR, Gradients, linear_frames
 from cubicsplat_cli.raster.engine import Rates
@@ -22,97 +20,107 @@ class LinearFills(CurveTensors):
     the colours there. moments (N, 10, 4), ages (N,) int32: Adan's, as in `OptimiserState`.
     """
 
-    ends: Tensor
-    stop_logits: Tensor
-    moments: Tensor
-    ages: Tensor
+    ends: Array
+    stop_logits: Array
+    moments: Array
+    ages: Array
 
     @classmethod
-    def flat(cls, colour_logits: Tensor, along: Tensor) -> LinearFills:
+    def flat(cls, colour_logits: Array, along: Array) -> LinearFills:
         """Fills of one colour (n, 3) at both ends, which lie at -along and along (n, 2) px."""
-        n, device = len(colour_logits), colour_logits.device
+        xp, n, device = namespace(along), len(colour_logits), colour_logits.device
         return cls(
-            torch.stack((-along, along), 1).contiguous(),
-            colour_logits.unsqueeze(1).repeat(1, 2, 1),
-            torch.zeros(n, 10, 4, device=device),
-            torch.zeros(n, dtype=torch.int32, device=device),
+            contiguous(xp.stack((-along, along), axis=1)),
+            contiguous(xp.stack((colour_logits, colour_logits), axis=1)),
+            xp.zeros((n, 10, 4), dtype=xp.float32, device=device),
+            xp.zeros((n,), dtype=xp.int32, device=device),
         )
 
-    def gradients(self, middles: Tensor) -> Gradients:
+    def gradients(self, middles: Array) -> Gradients:
         """What the engine draws, for curves with these middles (N, 2) px."""
-        n, device = len(middles), middles.device
-        starts, ends = (middles.unsqueeze(1) + self.ends).unbind(1)
-        colours = self.stop_logits.sigmoid()
+        xp, n, device = namespace(middles), len(middles), middles.device
+        places = middles[:, None] + self.ends
+        colours = sigmoid(self.stop_logits)
+        offsets = xp.arange(2, dtype=xp.float32, device=device)
         return Gradients(
-            torch.full((n,), LINEAR, dtype=torch.int32, device=device),
-            linear_frames(starts, ends).contiguous(),
-            torch.full((n,), 2, dtype=torch.int32, device=device),
-            torch.tensor([0.0, 1.0], device=device).expand(n, 2).contiguous(),
-            torch.cat((colours, torch.ones_like(colours[..., :1])), -1),
+            xp.full((n,), LINEAR, dtype=xp.int32, device=device),
+            contiguous(linear_frames(places[:, 0], places[:, 1])),
+            xp.full((n,), 2, dtype=xp.int32, device=device),
+            contiguous(xp.broadcast_to(offsets, (n, 2))),
+            xp.concat((colours, xp.ones_like(colours[..., :1])), axis=-1),
         )
 
     def resize(self, across: float, down: float) -> None:
         """Goes over to a picture whose sides are so many times as long, as the trainer does with all else."""
-        self.ends.mul_(self.ends.new_tensor([across, down]))
+        xp = namespace(self.ends)
+        self.ends *= like(self.ends, [across, down])
         scale, pixels = (across * down) ** 0.5, across * down
-        growth = torch.full_like(self.moments[0, :, 0], pixels)
+        growth = xp.full_like(self.moments[0, :, 0], pixels)
         growth[:4] = scale
-        self.moments.mul_(torch.stack([growth, growth, growth.square(), growth], -1))
+        self.moments *= xp.stack([growth, growth, growth * growth, growth], axis=-1)
 
     def learn(
-        self, middles: Tensor, frames_gradient: Tensor, stops_gradient: Tensor, rates: Rates, still: Tensor | None
+        self, middles: Array, frames_gradient: Array, stops_gradient: Array, rates: Rates, still: Array | None
     ) -> None:
         """One Adan update (see `adan` in curve.h) by dL/d of the gradients' frames and stops; middles: before the step
         that found them. still (N,): curves that stay as they are.
         """
-        active = self.stop_logits.sigmoid()
+        xp, n = namespace(middles), len(middles)
+        active = sigmoid(self.stop_logits)
         of_colours = stops_gradient[..., :3] * active * (1.0 - active)
-        found = torch.cat((self._of_ends(middles, frames_gradient).flatten(1), of_colours.flatten(1)), 1)
-        rate = torch.full_like(found[0], rates.colours)
+        of_ends = self._of_ends(middles, frames_gradient)
+        found = xp.concat((xp.reshape(of_ends, (n, 4)), xp.reshape(of_colours, (n, 6))), axis=1)
+        rate = xp.full_like(found[0], rates.colours)
         rate[:4] = ENDS_RATE * rates.points
         if still is not None:
-            found, rate = found.masked_fill(still.unsqueeze(1), 0.0), rate * ~still.unsqueeze(1)
+            found, rate = xp.where(still[:, None], 0.0, found), rate * ~still[:, None]
         self.ages += 1
         step = rate * _adan(found, self.moments, self.ages, rates)
-        self.ends -= step[:, :4].view_as(self.ends)
-        self.stop_logits -= step[:, 4:].view_as(self.stop_logits)
-        self.stop_logits.clamp_(-LOGIT_LIMIT, LOGIT_LIMIT)
+        self.ends -= xp.reshape(step[:, :4], (n, 2, 2))
+        self.stop_logits[...] = xp.clip(
+            self.stop_logits - xp.reshape(step[:, 4:], (n, 2, 3)), -LOGIT_LIMIT, LOGIT_LIMIT
+        )
         along = self.ends[:, 1] - self.ends[:, 0]
-        length = along.norm(dim=1, keepdim=True)
+        length = xp.sqrt(xp.sum(along * along, axis=1, keepdims=True))
         # Too near, they are moved apart along the way that they have.
-        missing = 0.5 * (LEAST_LENGTH - length).clamp(min=0.0) * along / length.clamp(min=1e-6)
-        self.ends += torch.stack((-missing, missing), 1)
+        missing = 0.5 * xp.clip(LEAST_LENGTH - length, min=0.0) * along / xp.clip(length, min=1e-6)
+        self.ends += xp.stack((-missing, missing), axis=1)
 
-    def _of_ends(self, middles: Tensor, frames_gradient: Tensor) -> Tensor:
+    def _of_ends(self, middles: Array, frames_gradient: Array) -> Array:
         """dL/d(ends) (N, 2, 2) from that of the frames, with s = v / |v|^2 and -s start in the first row."""
+        xp = namespace(middles)
         starts = middles + self.ends[:, 0]
         along = self.ends[:, 1] - self.ends[:, 0]
-        squared = along.square().sum(1, keepdim=True).clamp(min=1e-12)
+        squared = xp.clip(xp.sum(along * along, axis=1, keepdims=True), min=1e-12)
         slope, shift = along / squared, frames_gradient[:, 0, 2:]
         of_slope = frames_gradient[:, 0, :2] - shift * starts
-        of_along = of_slope / squared - 2.0 * slope * (of_slope * slope).sum(1, keepdim=True)
-        return torch.stack((-of_along - shift * slope, of_along), 1)
+        of_along = of_slope / squared - 2.0 * slope * xp.sum(of_slope * slope, axis=1, keepdims=True)
+        return xp.stack((-of_along - shift * slope, of_along), axis=1)
 
 
-def middles_of(points: Tensor, ring_ends: Tensor | None) -> Tensor:
+def middles_of(points: Array, ring_ends: Array | None) -> Array:
     """The mean (N, 2) of each curve's control points (N, K, 2), without padding; see `Scene`."""
+    xp = namespace(points)
     if ring_ends is None:
-        return points[:, : points.shape[1] // 3 * 3].mean(1)
+        return xp.mean(points[:, : points.shape[1] // 3 * 3], axis=1)
     count = 3 * ring_ends[:, -1:]
-    used = torch.arange(points.shape[1], device=points.device) < count
-    return (points * used.unsqueeze(-1)).sum(1) / count
+    used = xp.arange(points.shape[1], device=points.device) < count
+    return xp.sum(points * used[..., None], axis=1) / xp.astype(count, points.dtype)
 
 
-def _adan(gradient: Tensor, moments: Tensor, ages: Tensor, rates: Rates) -> Tensor:
+def _adan(gradient: Array, moments: Array, ages: Array, rates: Rates) -> Array:
     """What Adan takes from (N, V) parameters, before the rate; the moments (N, V, 4) go on."""
-    keep1, keep2, keep3 = rates.keep
-    mean, change, square, previous = moments.unbind(-1)
-    age = ages.unsqueeze(1)
-    difference = torch.where(age == 1, 0.0, gradient - previous)
-    mean.mul_(keep1).add_(gradient, alpha=1.0 - keep1)
-    change.mul_(keep2).add_(difference, alpha=1.0 - keep2)
+    xp, (keep1, keep2, keep3) = namespace(gradient), rates.keep
+    mean, change, square, previous = (moments[..., k] for k in range(4))
+    age = xp.astype(ages, gradient.dtype)[:, None]
+    difference = xp.where(age == 1.0, 0.0, gradient - previous)
+    mean *= keep1
+    mean += (1.0 - keep1) * gradient
+    change *= keep2
+    change += (1.0 - keep2) * difference
     ahead = gradient + keep2 * difference
-    square.mul_(keep3).addcmul_(ahead, ahead, value=1.0 - keep3)
-    previous.copy_(gradient)
-    bias1, bias2, bias3 = (1.0 - keep ** age.float() for keep in rates.keep)
-    return (mean / bias1 + keep2 * change / bias2) / ((square / bias3).sqrt() + rates.epsilon)
+    square *= keep3
+    square += (1.0 - keep3) * ahead * ahead
+    previous[...] = gradient
+    bias1, bias2, bias3 = (1.0 - keep**age for keep in rates.keep)
+    return (mean / bias1 + keep2 * change / bias2) / (xp.sqrt(square / bias3) + rates.epsilon)

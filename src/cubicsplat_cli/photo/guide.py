@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from torch import Tensor
 
+from cubicsplat_cli.arrays import Array, namespace
 from cubicsplat_cli.scene import Scene
 
 
@@ -26,9 +26,12 @@ class Guide:
 UNGUIDED = Guide()
 
 
-def spread_of(weights: Tensor | None) -> float:
+def spread_of(weights: Array | None) -> float:
     """Share of the picture over which curves will spread: 1 for even weights, that of the region where only one counts.
 
     It is the square of the weights' mean over the mean of their squares.
     """
-    return 1.0 if weights is None else float(weights.double().mean() ** 2 / weights.double().square().mean())
+    if weights is None:
+        return 1.0
+    values = namespace(weights).astype(weights, namespace(weights).float64)
+    return float(values.mean()) ** 2 / float((values * values).mean())

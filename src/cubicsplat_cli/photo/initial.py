@@ -4,32 +4,44 @@ from __future__ import annotations
 
 import math
 
-import torch
-from torch import Tensor
+import numpy as np
 
+from cubicsplat_cli.arrays import Array, contiguous, like, logit, namespace
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
 from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.settings import FitSettings, Mode, Recipe
 
 COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the optimiser
+ABOUT_FARTHEST = 0.999  # of the squared distance
 OPAQUE_LOGIT = 9.0  # an opacity of 0.99988
 
 
-def new_curves(points: Tensor, colour_logits: Tensor, half_width: float, settings: FitSettings) -> Parameters:
+def new_curves(points: Array, colour_logits: Array, half_width: float, settings: FitSettings) -> Parameters:
     """Curves at control points (n, K, 2), with colour logits (n, 3), a half-width in px and the recipe's opacity."""
-    recipe = settings.recipe
+    recipe, xp = settings.recipe, namespace(points)
 
-    def all_alike(value: float) -> Tensor:
-        return torch.full((points.shape[0],), value, device=points.device)
+    def all_alike(value: float) -> Array:
+        return xp.full((points.shape[0],), value, dtype=points.dtype, device=points.device)
 
     return Parameters(
-        points.contiguous(),
-        colour_logits.contiguous(),
+        contiguous(points),
+        contiguous(colour_logits),
         all_alike(first_opacity(recipe)),
         all_alike(half_width),
         all_alike(recipe.soft_edge),
         fills=LinearFills.flat(colour_logits, farthest(points)) if settings.fill == "linear" else None,
     )
+
+
+def first_curves(
+    target: Array, settings: FitSettings, generator: np.random.Generator, unit: float, weights: Array | None
+) -> Parameters:
+    """The usual start of a fit to a target (H, W, C): discs or strokes at random places. unit: of the recipe's lengths,
+    px.
+    """
+    recipe, centres = settings.recipe, random_centres(settings.curves, target, generator, weights)
+    points = control_points(centres, recipe.start_size * unit, settings, generator)
+    return new_curves(points, colours_at(centres, target), recipe.half_width_size * unit, settings)
 
 
 def first_opacity(recipe: Recipe) -> float:
@@ -40,66 +52,72 @@ def first_opacity(recipe: Recipe) -> float:
     return math.log(shared / (1.0 - shared)) if shared > 0.0 else recipe.opacity_logit
 
 
-def farthest(points: Tensor, ring_ends: Tensor | None = None) -> Tensor:
-    """(n, 2) px: of each curve's control points (n, K, 2) one farthest from their mean, seen from there."""
-    away = points - middles_of(points, ring_ends).unsqueeze(1)
+def farthest(points: Array, ring_ends: Array | None = None) -> Array:
+    """(n, 2) px: of each curve's control points (n, K, 2) the first that is about farthest from their mean, seen from
+    there. Not the very farthest: on a circle rounding would choose it.
+    """
+    xp, (n, k, _), device = namespace(points), points.shape, points.device
+    away = points - middles_of(points, ring_ends)[:, None]
     if ring_ends is not None:
-        away = away * (torch.arange(points.shape[1], device=points.device) < 3 * ring_ends[:, -1:]).unsqueeze(-1)
-    index = away.square().sum(-1).argmax(1)
-    return away[torch.arange(len(points), device=points.device), index]
+        away = away * (xp.arange(k, device=device) < 3 * ring_ends[:, -1:])[..., None]
+    squared = xp.sum(away * away, axis=-1)
+    about = squared >= ABOUT_FARTHEST * xp.max(squared, axis=1, keepdims=True)
+    index = xp.argmax(xp.astype(about, xp.float32), axis=1)
+    return away[xp.arange(n, device=device), index]
 
 
-def control_points(centres: Tensor, radius: float, settings: FitSettings, generator: torch.Generator) -> Tensor:
+def control_points(centres: Array, radius: float, settings: FitSettings, generator: np.random.Generator) -> Array:
     """Control points (n, K, 2) of n new curves at `centres` (n, 2) px: circles of `radius` px, or bent strokes."""
     n = centres.shape[0]
     if settings.mode is Mode.CLOSED:
-        return centres[:, None, :] + radius * random_ring(n, 3 * settings.segments, generator).to(centres.device)
+        return centres[:, None, :] + like(centres, radius * random_ring(n, 3 * settings.segments, generator))
     k = 3 * settings.segments + 1
-    angle = torch.rand(n, 1, generator=generator) * 2 * math.pi
-    direction = torch.stack([angle.cos(), angle.sin()], -1)
-    along = torch.linspace(-1.5, 1.5, k)[None, :, None] * direction
-    wobble = 0.15 * torch.randn(n, k, 2, generator=generator)
-    return centres[:, None, :] + radius * (along + wobble).to(centres.device)
+    angle = generator.random((n, 1)) * 2 * math.pi
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    along = np.linspace(-1.5, 1.5, k)[None, :, None] * direction
+    wobble = 0.15 * generator.standard_normal((n, k, 2))
+    return centres[:, None, :] + like(centres, radius * (along + wobble))
 
 
-def random_ring(n: int, k: int, generator: torch.Generator) -> Tensor:
-    """(n, k, 2): k points evenly on the unit circle, turned by a random angle for each of the n; on the CPU."""
-    turn = torch.rand(n, 1, generator=generator) * 2 * math.pi
-    angle = torch.arange(k) / k * 2 * math.pi + turn
-    return torch.stack([angle.cos(), angle.sin()], -1)
+def random_ring(n: int, k: int, generator: np.random.Generator) -> np.ndarray:
+    """(n, k, 2): k points evenly on the unit circle, turned by a random angle for each of the n."""
+    turn = generator.random((n, 1)) * 2 * math.pi
+    angle = np.arange(k) / k * 2 * math.pi + turn
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def colours_at(centres: Tensor, target: Tensor) -> Tensor:
+def colours_at(centres: Array, target: Array) -> Array:
     """Logits (n, 3) of the target's colour (H, W, C) at the centres; straight colour where it is premultiplied."""
-    height, width, _ = target.shape
-    x = centres[:, 0].long().clamp(0, width - 1)
-    y = centres[:, 1].long().clamp(0, height - 1)
+    xp, (height, width, _) = namespace(centres), target.shape
+    x = xp.astype(xp.clip(centres[:, 0], 0.0, width - 1.0), xp.int64)
+    y = xp.astype(xp.clip(centres[:, 1], 0.0, height - 1.0), xp.int64)
     return colour_to_logits(target[y, x])
 
 
-def colour_to_logits(colours: Tensor) -> Tensor:
+def colour_to_logits(colours: Array) -> Array:
     """Logits (n, 3) of colours (n, 3), or of the straight colours of premultiplied (n, 4)."""
+    xp = namespace(colours)
     if colours.shape[-1] == 4:
-        colours = colours[:, :3] / colours[:, 3:].clamp(min=1e-3)
-    return torch.logit(colours.clamp(COLOUR_MARGIN, 1 - COLOUR_MARGIN))
+        colours = colours[:, :3] / xp.clip(colours[:, 3:], min=1e-3)
+    return logit(xp.clip(colours, COLOUR_MARGIN, 1.0 - COLOUR_MARGIN))
 
 
-def random_centres(count: int, target: Tensor, generator: torch.Generator, weights: Tensor | None = None) -> Tensor:
+def random_centres(count: int, target: Array, generator: np.random.Generator, weights: Array | None = None) -> Array:
     """Random places (n, 2) px, by the pixels' weights; where there is transparency, only where there is something."""
-    height, width, channels = target.shape
+    xp, (height, width, channels) = namespace(target), target.shape
     if channels == 4 or weights is not None:
-        there = target[..., 3].clamp(min=1e-6) if channels == 4 else torch.ones_like(target[..., 0])
+        there = xp.clip(target[..., 3], min=1e-6) if channels == 4 else xp.ones_like(target[..., 0])
         return draw_pixels(there if weights is None else there * weights, count, generator)
-    return torch.rand(count, 2, generator=generator) * torch.tensor([width, height], dtype=torch.float32)
+    return like(target, generator.random((count, 2)) * (width, height))
 
 
-def draw_pixels(density: Tensor, count: int, generator: torch.Generator) -> Tensor:
+def draw_pixels(density: Array, count: int, generator: np.random.Generator) -> Array:
     """Centres (count, 2) of pixels drawn, with replacement, in proportion to a density (H, W) >= 0."""
-    total = density.reshape(-1).cumsum(0, dtype=torch.float64)
-    share = torch.rand(count, dtype=torch.float64, generator=generator).to(density.device)
-    last = density.numel() - 1
-    pixel = torch.searchsorted(total, share * total[-1], right=True).clamp(max=last)
+    xp, (height, width) = namespace(density), density.shape
+    total = xp.cumulative_sum(xp.reshape(density, (-1,)), dtype=xp.float64)
+    share = like(total, generator.random(count))
+    pixels = height * width
+    pixel = xp.clip(xp.searchsorted(total, share * total[-1], side="right"), max=pixels - 1)
     # Without any density all are alike; decided without a look at the value, which would wait for a GPU.
-    pixel = torch.where(total[-1] > 0, pixel, (share * density.numel()).long().clamp(max=last))
-    width = density.shape[1]
-    return torch.stack([pixel % width, pixel // width], -1).float() + 0.5
+    pixel = xp.where(total[-1] > 0, pixel, xp.clip(xp.astype(share * pixels, pixel.dtype), max=pixels - 1))
+    return xp.astype(xp.stack([pixel % width, pixel // width], axis=-1), xp.float32) + 0.5

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
-import torch
-from torch import Tensor
-
+from cubicsplat_cli.arrays import Array, contiguous, copied, like, namespace, sigmoid
 from cubicsplat_cli.curvetensors import CurveTensors
 from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
@@ -25,12 +24,12 @@ class Parameters(CurveTensors):
     where each curve has one colour; else the colour logits count for nothing.
     """
 
-    points: Tensor
-    colour_logits: Tensor
-    opacity_logits: Tensor
-    half_widths: Tensor
-    edge_widths: Tensor
-    ring_ends: Tensor | None = None
+    points: Array
+    colour_logits: Array
+    opacity_logits: Array
+    half_widths: Array
+    edge_widths: Array
+    ring_ends: Array | None = None
     fills: LinearFills | None = None
 
     @property
@@ -41,12 +40,12 @@ class Parameters(CurveTensors):
         """The fills as an engine draws them, in tensors of their own."""
         return None if self.fills is None else self.fills.gradients(self.middles())
 
-    def middles(self) -> Tensor:
+    def middles(self) -> Array:
         """(N, 2) px: from where the fills' ends are seen."""
         return middles_of(self.points, self.ring_ends)
 
     def for_engine(self, mode: Mode, width: int, height: int, background: Background, *, soft: bool) -> SceneTensors:
-        """The same tensors, not copies but for gradients, as the engine takes them; soft: each curve's own edges."""
+        """The same arrays, not copies but for gradients, as the engine takes them; soft: each curve's own edges."""
         return SceneTensors(
             mode, width, height, self.points, self.colour_logits, self.opacity_logits, self.half_widths, background,
             logits=True, edge_widths=self.edge_widths if soft else None, ring_ends=self.ring_ends,
@@ -55,31 +54,41 @@ class Parameters(CurveTensors):
 
     def scene(self, mode: Mode, width: int, height: int, background: Background, *, opaque: bool) -> Scene:
         """Activated values, detached from the optimiser."""
-        half_widths = torch.zeros_like(self.half_widths) if mode is Mode.CLOSED else self.half_widths.clone()
-        opacities = torch.ones_like(self.opacity_logits) if opaque else self.opacity_logits.sigmoid()
+        xp = namespace(self.points)
+        half_widths = xp.zeros_like(self.half_widths) if mode is Mode.CLOSED else copied(self.half_widths)
+        opacities = xp.ones_like(self.opacity_logits) if opaque else sigmoid(self.opacity_logits)
         return Scene(
-            mode, width, height, self.points.clone(), self.colour_logits.sigmoid(), opacities, half_widths, background,
+            mode, width, height, copied(self.points), sigmoid(self.colour_logits), opacities, half_widths, background,
             self.ring_ends, self.gradients(),
         )  # fmt: skip
 
+    def resize(self, across: float, down: float) -> None:
+        """Goes over, in place, to a picture whose sides are so many times as long."""
+        self.points *= like(self.points, [across, down])
+        self.half_widths *= math.sqrt(across * down)
+        if self.fills is not None:
+            self.fills.resize(across, down)
+
     def with_room(self, points: int, rings: int) -> Parameters:
         """The same curves with room for so many points and rings each, as a table of rings."""
-        count, own = self.points.shape[:2]
+        xp, (count, own), device = namespace(self.points), self.points.shape[:2], self.points.device
         ends = self.ring_ends
         if ends is None:
-            ends = torch.full((count, 1), own // 3, dtype=torch.int32, device=self.points.device)
-        room = ends[:, -1:].expand(count, rings - ends.shape[1])
-        padded = torch.nn.functional.pad(self.points, (0, 0, 0, points - own))
-        return replace(self, points=padded.contiguous(), ring_ends=torch.cat((ends, room), 1).contiguous())
+            ends = xp.full((count, 1), own // 3, dtype=xp.int32, device=device)
+        room = xp.broadcast_to(ends[:, -1:], (count, rings - ends.shape[1]))
+        padding = xp.zeros((count, points - own, 2), dtype=self.points.dtype, device=device)
+        padded = xp.concat((self.points, padding), axis=1)
+        return replace(self, points=contiguous(padded), ring_ends=contiguous(xp.concat((ends, room), axis=1)))
 
     def first_non_finite(self) -> tuple[int, str] | None:
         """(curve, parameter) of the first value that is not finite."""
         # One bad value makes the sum bad: asked before every step, this must cost next to nothing.
-        tensors = self.tensors_by_name()
-        if bool(torch.isfinite(torch.stack([t.sum() for t in tensors.values()]).sum())):
+        arrays = self.tensors_by_name()
+        if math.isfinite(float(sum(array.sum() for array in arrays.values()))):
             return None
-        for name, tensor in tensors.items():
-            bad = ~torch.isfinite(tensor).reshape(self.curves, -1).all(1)
+        xp = namespace(self.points)
+        for name, array in arrays.items():
+            bad = ~xp.all(xp.reshape(xp.isfinite(array), (self.curves, -1)), axis=1)
             if bad.any():
-                return int(bad.nonzero()[0]), name
+                return int(xp.nonzero(bad)[0][0]), name
         return None

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from torch import Tensor
+import numpy as np
 
 from cubicsplat_cli.scene import Scene
 
 # Of the scene and (N,) what each of its curves is worth, by how much the loss would rise without it: the numbers of
 # those that stay, at least one, and how many there shall be then, at least as many.
-Choose = Callable[[Scene, Tensor], tuple[Tensor, int]]
+Choose = Callable[[Scene, np.ndarray], tuple[np.ndarray, int]]
 
 
 @dataclass(frozen=True)

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
+from cubicsplat_cli.arrays import Array, copied, namespace
 
 
-def box_mean(planes: Tensor, size: int) -> Tensor:
+def box_mean(planes: Array, size: int) -> Array:
     """Mean over the window of `size` x `size` px (odd) around each pixel of (..., H, W), of the pixels that exist.
 
-    One axis after the other, by adding shifted copies: torch's own pooling takes fifteen times as long.
+    One axis after the other, by adding shifted copies: pooling, as torch has it, takes fifteen times as long.
     """
-    half = size // 2
-    for axis in (-1, -2):
-        length = planes.shape[axis]
-        total = planes.clone()
+    xp, half = namespace(planes), size // 2
+    for across in (True, False):
+        length = planes.shape[-1 if across else -2]
+        total = copied(planes)
         for shift in range(1, min(half, length - 1) + 1):
             rest = length - shift
-            total.narrow(axis, 0, rest).add_(planes.narrow(axis, shift, rest))
-            total.narrow(axis, shift, rest).add_(planes.narrow(axis, 0, rest))
-        index = torch.arange(length, device=planes.device)
-        count = (index + half).clamp(max=length - 1) - (index - half).clamp(min=0) + 1
-        planes = total.div_(count.to(planes.dtype).reshape(-1, *[1] * (-1 - axis)))
+            if across:
+                total[..., :rest] += planes[..., shift:]
+                total[..., shift:] += planes[..., :rest]
+            else:
+                total[..., :rest, :] += planes[..., shift:, :]
+                total[..., shift:, :] += planes[..., :rest, :]
+        index = xp.arange(length, device=planes.device)
+        count = xp.astype(xp.clip(index + half, max=length - 1) - xp.clip(index - half, min=0) + 1, planes.dtype)
+        total /= count if across else count[:, None]
+        planes = total
     return planes

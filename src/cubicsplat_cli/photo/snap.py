@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import torch
-from torch import Tensor
-
+from cubicsplat_cli.arrays import Array, namespace
 from cubicsplat_cli.gradients import FLAT
 from cubicsplat_cli.scene import Scene
 
@@ -25,28 +23,31 @@ _ROUNDING = 1e-9
 
 def snapped(scene: Scene) -> Scene:
     """The scene with colours and opacities on the grid that 8-bit renderers keep; everything else as it is."""
-    levels = (scene.opacities.double() * LEVELS).round()
-    colours = _colours(scene.colours.double(), levels.unsqueeze(1)).float()
-    opacities = _opacities(levels).float()
+    xp = namespace(scene.points)
+    levels = xp.round(xp.astype(scene.opacities, xp.float64) * LEVELS)
+    colours = xp.astype(_colours(xp.astype(scene.colours, xp.float64), levels[:, None]), xp.float32)
+    opacities = xp.astype(_opacities(levels), xp.float32)
     if scene.gradients is not None:
         # Renderers composite gradients in finer steps.
         flat = scene.gradients.kinds == FLAT
-        opacities = torch.where(flat, opacities, scene.opacities)
-        colours = torch.where(flat.unsqueeze(1), colours, scene.colours)
+        opacities = xp.where(flat, opacities, scene.opacities)
+        colours = xp.where(flat[:, None], colours, scene.colours)
     return replace(scene, opacities=opacities, colours=colours)
 
 
-def _opacities(levels: Tensor) -> Tensor:
+def _opacities(levels: Array) -> Array:
     """The file's opacity nearest to level / 255 that becomes this level in cairo; (N,) of 0..255."""
-    nearest = (levels / LEVELS * OPACITY_STEPS).round()
-    least = (levels / HIGH_BYTE * OPACITY_STEPS - _ROUNDING).ceil()
-    most = ((levels + 1) / HIGH_BYTE * OPACITY_STEPS - _ROUNDING).floor().clamp(max=OPACITY_STEPS)
-    return nearest.maximum(least).minimum(most) / OPACITY_STEPS
+    xp = namespace(levels)
+    nearest = xp.round(levels / LEVELS * OPACITY_STEPS)
+    least = xp.ceil(levels / HIGH_BYTE * OPACITY_STEPS - _ROUNDING)
+    most = xp.clip(xp.floor((levels + 1) / HIGH_BYTE * OPACITY_STEPS - _ROUNDING), max=OPACITY_STEPS)
+    return xp.minimum(xp.maximum(nearest, least), most) / OPACITY_STEPS
 
 
-def _colours(colours: Tensor, levels: Tensor) -> Tensor:
+def _colours(colours: Array, levels: Array) -> Array:
     """Colours (N, 3) for opacities of `levels` (N, 1) of 255."""
-    nearest = (colours * LEVELS).round()
-    premultiplied = (colours * levels).round()
-    least = (premultiplied * LEVELS / levels.clamp(min=1) - _ROUNDING).ceil()
-    return torch.maximum(nearest, least).clamp(max=LEVELS) / LEVELS
+    xp = namespace(colours)
+    nearest = xp.round(colours * LEVELS)
+    premultiplied = xp.round(colours * levels)
+    least = xp.ceil(premultiplied * LEVELS / xp.clip(levels, min=1.0) - _ROUNDING)
+    return xp.clip(xp.maximum(nearest, least), max=LEVELS) / LEVELS

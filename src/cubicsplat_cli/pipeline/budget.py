@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import TYPE_CHECKING
 
-import torch
+import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.settings import FitSettings
@@ -51,7 +51,7 @@ class Means:
     fit: Callable[[FitSettings, Sequence[Resizing], Scene | None], FitResult]
     size: Callable[[Scene, int], int]
     level: Callable[[Scene, int], float]
-    worth: Callable[[Scene], tuple[float, torch.Tensor]]
+    worth: Callable[[Scene], tuple[float, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def within_bytes(most: int, settings: FitSettings, precision: int, means: Means)
     """
     from cubicsplat_cli.photo import Resizing
 
-    def fitting(scene: Scene, worth: torch.Tensor) -> tuple[torch.Tensor, float]:
+    def fitting(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, float]:
         """The curves by use, and how many of them the file can hold; that may be more than there are."""
         order = _by_use(scene, worth, precision)
         size, head = means.size(scene, precision), means.size(scene.chosen(order[:1]), precision)
@@ -79,12 +79,12 @@ def within_bytes(most: int, settings: FitSettings, precision: int, means: Means)
         each = max(1.0, (size - head) / max(1, scene.curves - 1))
         return order, 1 + (most - head) / each
 
-    def midway(scene: Scene, worth: torch.Tensor) -> tuple[torch.Tensor, int]:
+    def midway(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, int]:
         order, count = fitting(scene, worth)
         wanted = max(1, math.ceil(SPARE * count))
         return order[:wanted], wanted
 
-    def before_finish(scene: Scene, worth: torch.Tensor) -> tuple[torch.Tensor, int]:
+    def before_finish(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, int]:
         order, count = fitting(scene, worth)
         keep = order[: max(1, math.ceil(SPARE_AT_FINISH * count))]
         return keep, len(keep)
@@ -111,9 +111,9 @@ def within_level(least: float, settings: FitSettings, precision: int, means: Mea
         return max(1, min(limit, math.ceil(factor * curves)))
 
     def look(at: float, rise: float) -> Resizing:
-        def choose(scene: Scene, worth: torch.Tensor) -> tuple[torch.Tensor, int]:
+        def choose(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, int]:
             wanted = grown(scene.curves, least + AIM - means.level(scene, precision) - rise)
-            return worth.argsort(descending=True)[:wanted], wanted
+            return np.argsort(-worth, kind="stable")[:wanted], wanted
 
         return Resizing(at, choose)
 
@@ -163,15 +163,15 @@ def guessed_curves(most: float, segments: int, precision: int) -> int:
     return max(1, min(1_000_000, int(SPARE * most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
 
 
-def _to_spare(scene: Scene, least: float, level: float, precision: int, means: Means) -> tuple[torch.Tensor, int]:
+def _to_spare(scene: Scene, least: float, level: float, precision: int, means: Means) -> tuple[np.ndarray, int]:
     """The curves, those of most worth first, and how many of the last of them a file of at least `least` dB can spare.
 
     The loss without several curves is about what it is with them and what they are worth; files that are drawn say
     how nearly so.
     """
     loss, worth = means.worth(scene)
-    order = worth.argsort(descending=True)
-    rises = list(accumulate((worth[order].flip(0).double().clamp(min=0.0) / loss).tolist()))
+    order = np.argsort(-worth, kind="stable")
+    rises = list(accumulate((np.maximum(worth[order[::-1]].astype(np.float64), 0.0) / loss).tolist()))
     allowed, factor, reached = _rise(level, least), 1.0, level
     low, high = 0, scene.curves
     for _ in range(MOST_DRAWN):
@@ -192,20 +192,19 @@ def _rise(before: float, after: float) -> float:
     return 10.0 ** ((before - after) / 10.0) - 1.0
 
 
-def _by_use(scene: Scene, worth: torch.Tensor, precision: int) -> torch.Tensor:
+def _by_use(scene: Scene, worth: np.ndarray, precision: int) -> np.ndarray:
     """The curves' numbers, those of most use for a byte first."""
     from cubicsplat_cli.svg.sizes import bytes_by_curve
 
-    sizes = torch.tensor(bytes_by_curve(scene, precision), dtype=torch.float64)
-    return (worth.double() / sizes).argsort(descending=True)
+    return np.argsort(-worth.astype(np.float64) / bytes_by_curve(scene, precision), kind="stable")
 
 
-def _kept(scene: Scene, order: torch.Tensor, count: int) -> Scene:
+def _kept(scene: Scene, order: np.ndarray, count: int) -> Scene:
     """The first `count` curves of an order, in the scene's own."""
-    return scene.chosen(order[:count].sort().values)
+    return scene.chosen(np.sort(order[:count]))
 
 
-def _trimmed(fitted: FitResult, order: torch.Tensor, count: int) -> FitResult:
+def _trimmed(fitted: FitResult, order: np.ndarray, count: int) -> FitResult:
     gone = fitted.scene.curves - count
     return replace(fitted, scene=_kept(fitted.scene, order, count), dropped=fitted.dropped + gone)
 

@@ -1,6 +1,6 @@
-"""The native CPU engine, loaded with ctypes: no Python or torch headers on the other side.
+"""The native CPU engine, loaded with ctypes: no headers of Python, numpy or torch on the other side.
 
-The structures mirror kernels/cpu/abi.h field by field. Tensors go in as pointers, so every array handed over must be
+The structures mirror kernels/cpu/abi.h field by field. Arrays go in as pointers, so every array handed over must be
 contiguous, of the right type, and must outlive the call; the methods here see to that.
 """
 
@@ -13,9 +13,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import torch
-from torch import Tensor
+import numpy as np
 
+from cubicsplat_cli.arrays import Array, kind_of, namespace
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.machine import cores
 from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, SceneTensors, Training, values_per_curve
@@ -120,18 +120,20 @@ def instruction_sets() -> list[str]:
     return library().cs_isa_names().decode().split(",")
 
 
-def _pointer(
-    tensor: Tensor | None, name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32
-) -> int | None:
-    if tensor is None:
+def _pointer(array: Array, name: str, shape: tuple[int, ...], dtype: str = "float32") -> int | None:
+    """Address of an array's values; None of None. Raises EngineError that names it where the library cannot use it."""
+    if array is None:
         return None
-    fits = tuple(tensor.shape) == shape and tensor.dtype == dtype
-    if not fits or tensor.device.type != "cpu" or not tensor.is_contiguous():
-        raise EngineError(
-            f"{name} must be a contiguous {dtype} CPU tensor of shape {shape}, "
-            f"not {tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
-        )
-    return tensor.data_ptr()
+    fits = tuple(array.shape) == shape and array.dtype == getattr(namespace(array), dtype)
+    if isinstance(array, np.ndarray):
+        if fits and array.flags.c_contiguous:
+            return array.ctypes.data
+    elif fits and array.device.type == "cpu" and array.is_contiguous():
+        return int(array.data_ptr())
+    raise EngineError(
+        f"{name} must be contiguous on the CPU, {dtype} and of shape {shape}, not {array.dtype} "
+        f"{tuple(array.shape)}, {kind_of(array)}"
+    )
 
 
 class CpuEngine(Engine):
@@ -142,7 +144,7 @@ class CpuEngine(Engine):
     """
 
     name = "cpu"
-    device = torch.device("cpu")  # where its tensors live
+    device = "cpu"
 
     def __init__(self, threads: int | None = None, isa: str | None = None) -> None:
         self._library = library()
@@ -154,6 +156,9 @@ class CpuEngine(Engine):
                 f"this machine can run {', '.join(instruction_sets())}"
             )
         self.isa = self._library.cs_isa(self._handle).decode()
+
+    def take(self, array: Array) -> Array:
+        return array
 
     def close(self) -> None:
         """Frees the threads and the memory; the engine is of no use afterwards."""
@@ -179,7 +184,7 @@ class CpuEngine(Engine):
         rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
         return _Scene(
             n, k // 3, closed, scene.width, scene.height, scene.channels, rings,
-            _pointer(scene.ring_ends, "ring_ends", (n, rings), torch.int32),
+            _pointer(scene.ring_ends, "ring_ends", (n, rings), "int32"),
             _pointer(scene.points, "points", (n, k, 2)),
             _pointer(scene.colours, "colours", (n, 3)),
             _pointer(scene.opacities, "opacities", (n,)),
@@ -197,8 +202,8 @@ class CpuEngine(Engine):
             return None, None, None, None, None, 0
         s = given.most_stops
         return (
-            _pointer(given.kinds, "gradients.kinds", (n,), torch.int32),
-            _pointer(given.counts, "gradients.counts", (n,), torch.int32),
+            _pointer(given.kinds, "gradients.kinds", (n,), "int32"),
+            _pointer(given.counts, "gradients.counts", (n,), "int32"),
             _pointer(given.frames, "gradients.frames", (n, 2, 3)),
             _pointer(given.offsets, "gradients.offsets", (n, s)),
             _pointer(given.stops, "gradients.stops", (n, s, 4)), s,
@@ -208,10 +213,10 @@ class CpuEngine(Engine):
         self,
         scene: SceneTensors,
         *,
-        target: Tensor | None = None,
-        weights: Tensor | None = None,
-        gradient: Tensor | None = None,
-        image: Tensor | None = None,
+        target: Array | None = None,
+        weights: Array | None = None,
+        gradient: Array | None = None,
+        image: Array | None = None,
     ) -> tuple[_Images, c_double]:
         shape = (scene.height, scene.width, scene.channels)
         loss = c_double(0.0)
@@ -229,7 +234,7 @@ class CpuEngine(Engine):
             IMPORTANCE[importance], *penalty,
         )  # fmt: skip
 
-    def _pointers(self, scene: SceneTensors, tensors: dict[str, Tensor]) -> _Gradients:
+    def _pointers(self, scene: SceneTensors, arrays: dict[str, Array]) -> _Gradients:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         shapes: dict[str, tuple[int, ...]] = {
             "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
@@ -237,14 +242,15 @@ class CpuEngine(Engine):
         }  # fmt: skip
         if scene.gradients is not None:
             shapes |= {"frames": (n, 2, 3), "stops": (n, scene.gradients.most_stops, 4)}
-        return _Gradients(**{name: _pointer(t, f"gradient of {name}", shapes[name]) for name, t in tensors.items()})
+        return _Gradients(**{name: _pointer(t, f"gradient of {name}", shapes[name]) for name, t in arrays.items()})
 
     def _check(self, status: int) -> None:
         if status:
             raise EngineError(f"{self._failed}: {self._library.cs_error(self._opened()).decode()}")
 
-    def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:
-        image = torch.empty(scene.height, scene.width, scene.channels)
+    def render(self, scene: SceneTensors, settings: RasterSettings) -> Array:
+        xp = namespace(scene.points)
+        image = xp.empty((scene.height, scene.width, scene.channels), dtype=xp.float32)
         images, _ = self._images(scene, image=image)
         s, t = self._scene(scene), self._settings(settings, None)
         self._check(self._library.cs_render(self._opened(), s, t, images))
@@ -273,7 +279,7 @@ class CpuEngine(Engine):
             s.points, s.colours, s.opacities, s.half_widths, s.edge_widths,
             _pointer(state.moments, "moments", (n, values_per_curve(k), 4)),
             _pointer(state.edge_moments, "edge_moments", (n, 4)),
-            _pointer(state.ages, "ages", (n,), torch.int32),
+            _pointer(state.ages, "ages", (n,), "int32"),
             _pointer(training.points_gradient, "points_gradient", (n, k, 2)),
             _pointer(training.rate_scale, "rate_scale", (n, RATED)),
             rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep,

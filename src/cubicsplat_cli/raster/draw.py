@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
-from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.raster.engine import Engine, SceneTensors
+from cubicsplat_cli.raster.engines import cuda_engine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 
 
 def scene_tensors(scene: Scene) -> SceneTensors:
-    """A scene as the engines take it: float32, contiguous, detached."""
-    given = (scene.points, scene.colours, scene.opacities, scene.half_widths)
-    points, colours, opacities, half_widths = (t.detach().cpu().float().contiguous() for t in given)
-    ring_ends = None if scene.ring_ends is None else scene.ring_ends.cpu().contiguous()
+    """A scene as the CPU engine takes it: float32, contiguous, detached, in arrays of its kind on the host."""
+
+    def plain(array: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(array, np.int32 if array.dtype == np.int32 else np.float32)
+
+    given = scene.as_numpy().changed(plain)
+    if not isinstance(scene.points, np.ndarray):
+        given = given.as_torch()
     return SceneTensors(
-        scene.mode, scene.width, scene.height, points, colours, opacities, half_widths, scene.background,
-        ring_ends=ring_ends, gradients=plain_gradients(scene),
+        given.mode, given.width, given.height, given.points, given.colours, given.opacities, given.half_widths,
+        given.background, ring_ends=given.ring_ends, gradients=given.gradients,
     )  # fmt: skip
-
-
-def plain_gradients(scene: Scene) -> Gradients | None:
-    """A scene's gradient fills as the engines take them."""
-    if scene.gradients is None:
-        return None
-    return scene.gradients.floating(Tensor.float).changed(lambda t: t.detach().cpu().contiguous())
 
 
 def render_scene(
@@ -44,14 +40,14 @@ def render_scene(
     scene.validate()
     engine = CpuEngine(threads)
     try:
-        return engine.render(scene_tensors(scene), RasterSettings(coverage, edge_width, samples)).numpy()
+        return engine.render(scene_tensors(scene.as_numpy()), RasterSettings(coverage, edge_width, samples))
     finally:
         engine.close()
 
 
 def describe() -> dict[str, Any]:
     """Which engines this installation can run, and why not: for `cubicsplat doctor`."""
-    engines = {"cpu": _describe(CpuEngine), "cuda": _describe(CudaEngine)}
+    engines = {"cpu": _describe(CpuEngine), "cuda": _describe(cuda_engine)}
     if engines["cpu"]["available"]:
         engines["cpu"]["instruction_sets"] = instruction_sets()
     # What `--device auto` takes.
@@ -61,10 +57,10 @@ def describe() -> dict[str, Any]:
     return engines
 
 
-def _describe(engine_class: type[CpuEngine] | type[CudaEngine]) -> dict[str, Any]:
+def _describe(opened: Callable[[], Engine]) -> dict[str, Any]:
     """The engine itself, or the reason why there is none."""
     try:
-        engine = engine_class()
+        engine = opened()
     except EngineError as error:
         return {"available": False, "reason": str(error)}
     try:

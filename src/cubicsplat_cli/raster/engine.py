@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
-import torch
-from torch import Tensor
-
+from cubicsplat_cli.arrays import Array, namespace
 from cubicsplat_cli.curvetensors import CurveTensors
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.gradients import Gradients
@@ -39,14 +38,14 @@ class SceneTensors(CurveTensors):
     mode: Mode
     width: int
     height: int
-    points: Tensor
-    colours: Tensor
-    opacities: Tensor
-    half_widths: Tensor
+    points: Array
+    colours: Array
+    opacities: Array
+    half_widths: Array
     background: tuple[float, float, float] | None
     logits: bool = False
-    edge_widths: Tensor | None = None
-    ring_ends: Tensor | None = None
+    edge_widths: Array | None = None
+    ring_ends: Array | None = None
     gradients: Gradients | None = None
 
     @property
@@ -78,26 +77,42 @@ class OptimiserState(CurveTensors):
     V is `values_per_curve`; the four are the mean, the change, the square and the previous gradient.
     """
 
-    moments: Tensor
-    edge_moments: Tensor
-    ages: Tensor
+    moments: Array
+    edge_moments: Array
+    ages: Array
 
     @classmethod
-    def zeros(cls, curves: int, points_per_curve: int) -> OptimiserState:
-        moments = torch.zeros(curves, values_per_curve(points_per_curve), 4)
-        return cls(moments, torch.zeros(curves, 4), torch.zeros(curves, dtype=torch.int32))
+    def zeros_for(cls, points: Array) -> OptimiserState:
+        """That of new curves with control points (N, K, 2), arrays of the same kind in the same place."""
+        xp, (n, k) = namespace(points), points.shape[:2]
+
+        def zeros(*shape: int, dtype: Any = xp.float32) -> Array:
+            return xp.zeros(shape, dtype=dtype, device=points.device)
+
+        return cls(zeros(n, values_per_curve(k), 4), zeros(n, 4), zeros(n, dtype=xp.int32))
+
+    def resize(self, across: float, down: float) -> None:
+        """Goes over, in place, to a picture whose sides are so many times as long.
+
+        The loss is a sum over the pixels: gradients of lengths grow with the scale, those of paints with the pixels.
+        """
+        xp, pixels, scale = namespace(self.moments), across * down, math.sqrt(across * down)
+        growth = xp.full_like(self.moments[0, :, 0], pixels)
+        growth[:-PAINTS] = scale
+        growth[-1] = scale  # the half-width
+        self.moments *= xp.stack([growth, growth, growth * growth, growth], axis=-1)
 
 
 @dataclass
 class Backward:
     """One backward pass: where its gradient comes from, and the tensors to fill; see `Engine.gradients`."""
 
-    gradient: Tensor | None
-    target: Tensor | None
-    weights: Tensor | None
+    gradient: Array | None
+    target: Array | None
+    weights: Array | None
     penalty: Penalty
     importance: str | None
-    out: dict[str, Tensor]
+    out: dict[str, Array]
 
 
 @dataclass
@@ -112,19 +127,19 @@ class Training:
     and stops a step leaves to its caller: frames_gradient (N, 2, 3) and stops_gradient (N, S, 4), dL/d of either.
     """
 
-    target: Tensor
+    target: Array
     state: OptimiserState
     rates: Rates
-    image: Tensor | None = None
-    importance: Tensor | None = None
+    image: Array | None = None
+    importance: Array | None = None
     importance_kind: str | None = None
-    weights: Tensor | None = None
+    weights: Array | None = None
     penalty: Penalty = SQUARED
-    image_gradient: Tensor | None = None
-    points_gradient: Tensor | None = None
-    rate_scale: Tensor | None = None
-    frames_gradient: Tensor | None = None
-    stops_gradient: Tensor | None = None
+    image_gradient: Array | None = None
+    points_gradient: Array | None = None
+    rate_scale: Array | None = None
+    frames_gradient: Array | None = None
+    stops_gradient: Array | None = None
 
     @property
     def wanted_importance(self) -> str | None:
@@ -133,10 +148,20 @@ class Training:
 
 
 class Engine(ABC):
-    """Draws scenes and fits them. Tensors that it takes and gives live on its device."""
+    """Draws scenes and fits them.
+
+    The CPU's takes arrays of either kind and gives what it is given, a GPU's takes torch tensors on its device. device:
+    where they are, in the terms of their kind. runs_ahead: calls return before all is done, so that a look at a value
+    waits.
+    """
 
     name: str
-    device: torch.device
+    device: Any
+    runs_ahead: bool = False
+
+    @abstractmethod
+    def take(self, array: Array) -> Array:
+        """An array of the host as one that it can work on; the same one, or in the same memory, where it is that."""
 
     @property
     def _failed(self) -> str:
@@ -162,7 +187,7 @@ class Engine(ABC):
         return None
 
     @abstractmethod
-    def render(self, scene: SceneTensors, settings: RasterSettings) -> Tensor:
+    def render(self, scene: SceneTensors, settings: RasterSettings) -> Array:
         """Draws the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
 
     def gradients(
@@ -170,12 +195,12 @@ class Engine(ABC):
         scene: SceneTensors,
         settings: RasterSettings,
         *,
-        gradient: Tensor | None = None,
-        target: Tensor | None = None,
+        gradient: Array | None = None,
+        target: Array | None = None,
         importance: str | None = None,
-        weights: Tensor | None = None,
+        weights: Array | None = None,
         penalty: Penalty = SQUARED,
-    ) -> tuple[float, dict[str, Tensor]]:
+    ) -> tuple[float, dict[str, Array]]:
         """Gradients of every parameter as given, for an incoming dL/dF (`gradient`) or for the penalty of the error
         against `target`, both (H, W, C), by default squared. weights (H, W): factors, at least 0, of the pixels' losses
         and importances. Returns the loss (0 without a target) and points, colours, opacities, half_widths, background,
@@ -198,7 +223,8 @@ class Engine(ABC):
             shapes |= {"frames": (n, 2, 3), "stops": (n, scene.gradients.most_stops, 4)}
         if importance:
             shapes["importance"] = (n,)
-        out = {name: torch.zeros(shape, device=self.device) for name, shape in shapes.items()}
+        xp, place = namespace(scene.points), scene.points.device
+        out = {name: xp.zeros(shape, dtype=xp.float32, device=place) for name, shape in shapes.items()}
         return self._gradients(scene, settings, Backward(gradient, target, weights, penalty, importance, out)), out
 
     @abstractmethod
@@ -206,7 +232,7 @@ class Engine(ABC):
         """Fills `wanted.out`, whose tensors are zero, and returns the loss."""
 
     @abstractmethod
-    def step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float | Tensor:
+    def step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float | Array:
         """One fused training step: forward, error, backward and Adan on the scene's own tensors, in place.
 
         Returns the loss (sum over the pixels) before the update. A parameter whose rate is 0 is not written. Raises

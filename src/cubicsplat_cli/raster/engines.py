@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import logging
 import threading
-
-import torch
+from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.cuda.driver import missing_piece
-from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.raster.cuda.libcuda import gpus
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.settings import Mode
+
+if TYPE_CHECKING:
+    import torch
+
+    from cubicsplat_cli.raster.cuda.compile import Program
+    from cubicsplat_cli.raster.cuda.engine import CudaEngine
 
 _log = logging.getLogger("cubicsplat")
 _of_thread = threading.local()
@@ -37,19 +40,32 @@ def open_engine(
     engine that was asked for cannot run. Where "auto" finds a GPU that it cannot use, it logs why.
     """
     if device == "cuda":
-        return _open_cuda(Program(mode, channels, painted), subdivide)
-    if device == "auto" and missing_piece() is None:
-        try:
-            return _open_cuda(Program(mode, channels, painted), subdivide)
-        except EngineError as error:
-            _log.warning("using the CPU: %s", error)
+        return _open_cuda(mode, channels, painted, subdivide)
+    # torch, which knows whether it can use a GPU, takes seconds to import: it is asked where the driver shows one.
+    if device == "auto" and gpus() > 0:
+        from cubicsplat_cli.raster.cuda.driver import missing_piece
+
+        if missing_piece() is None:
+            try:
+                return _open_cuda(mode, channels, painted, subdivide)
+            except EngineError as error:
+                _log.warning("using the CPU: %s", error)
     return CpuEngine(threads)
 
 
-def _open_cuda(program: Program, subdivide: bool) -> CudaEngine:
+def _open_cuda(mode: Mode, channels: int, painted: bool, subdivide: bool) -> CudaEngine:
     if subdivide:
         raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
-    return CudaEngine(program=program)
+    from cubicsplat_cli.raster.cuda.compile import Program
+
+    return cuda_engine(program=Program(mode, channels, painted))
+
+
+def cuda_engine(index: int | None = None, program: Program | None = None) -> CudaEngine:
+    """CUDA's engine, whose import is that of torch. Raises EngineError where it cannot run."""
+    from cubicsplat_cli.raster.cuda.engine import CudaEngine
+
+    return CudaEngine(index, program)
 
 
 def shared_engine(device: torch.device) -> Engine:
@@ -61,8 +77,10 @@ def shared_engine(device: torch.device) -> Engine:
         if not hasattr(_of_thread, "engine"):
             _of_thread.engine = CpuEngine()
         return _of_thread.engine
+    import torch
+
     index = torch.cuda.current_device() if device.index is None else device.index
     with _lock:
         if index not in _of_gpu:
-            _of_gpu[index] = CudaEngine(index)
+            _of_gpu[index] = cuda_engine(index)
         return _of_gpu[index]

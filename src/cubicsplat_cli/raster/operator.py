@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -122,10 +123,13 @@ def render(scene: Scene, settings: RasterSettings | None = None) -> Tensor:
     Gradients of any loss reach the scene's points, colours, opacities and half_widths, and its gradients' frames and
     stops, wherever those require them. The picture is made by the CPU engine or CUDA's, on the device where the tensors
     live; float32. settings: relaxed edges of 1 px by default; with exact coverage the gradient is that of the relaxed
-    edge. The same picture and gradients, up to rounding, as `reference.render`. Raises EngineError, and InputError for
-    shapes and, on the CPU, for ranges and non-finite values: on a GPU nothing here waits for values.
+    edge. The same picture and gradients, up to rounding, as `reference.render`. A scene of numpy arrays is drawn on the
+    CPU. Raises EngineError, and InputError for shapes and, on the CPU, for ranges and non-finite values: on a GPU
+    nothing here waits for values.
     """
-    if scene.points.is_cuda:
+    if isinstance(scene.points, np.ndarray):
+        scene = scene.as_torch()
+    if isinstance(scene.points, Tensor) and scene.points.is_cuda:
         scene.validate_form()
     else:
         scene.validate()

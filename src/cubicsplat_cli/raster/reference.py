@@ -19,8 +19,9 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.bezier import polyline_basis
-from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.gradients import FLAT, Gradients, paint_at
+from cubicsplat_cli.raster.loss import image_loss
 from cubicsplat_cli.raster.settings import (
     EXACT_SUBSAMPLES,
     HALF_SUPPORT,
@@ -389,33 +390,6 @@ def render(
     scene = Scene(mode, width, height, points, colours, opacities, half_widths, background, ring_ends, gradients)
     scene.validate()
     return composite(*_layers(scene, settings))
-
-
-def penalty_of(error: Tensor, penalty: Penalty) -> Tensor:
-    """What each error costs; see `Penalty`."""
-    bent = error.abs().clamp(max=penalty.knee)
-    return penalty.squares * error.square() + penalty.robust * bent * (2.0 * error.abs() - bent)
-
-
-def image_loss(image: Tensor, target: Tensor, weights: Tensor | None = None, penalty: Penalty = SQUARED) -> Tensor:
-    """Sum over the pixels of what their error costs, a scalar: image and target (H, W, C), C = 3 or 4.
-
-    3 channels: sum_c p(e_c), by default the square. 4 channels, premultiplied: the mean of those over black and over
-    white, that is sum over r, g, b of (p(e_c) + p(e_c - e_a)) / 2. weights (H, W): factors of the pixels. Raises
-    InputError for other shapes.
-    """
-    if image.shape != target.shape or image.shape[-1] not in (3, 4):
-        raise InputError(
-            f"image and target must both have shape (H, W, 3) or (H, W, 4), not {tuple(image.shape)} and "
-            f"{tuple(target.shape)}"
-        )
-    error = image - target.to(image.dtype)
-    if weights is not None and weights.shape != image.shape[:2]:
-        raise InputError(f"weights must have shape {tuple(image.shape[:2])}, not {tuple(weights.shape)}")
-    costs = penalty_of(error[..., :3], penalty)
-    if image.shape[-1] == 4:
-        costs = 0.5 * (costs + penalty_of(error[..., :3] - error[..., 3:], penalty))
-    return costs.sum() if weights is None else (costs * weights.to(costs.dtype).unsqueeze(-1)).sum()
 
 
 def importance(

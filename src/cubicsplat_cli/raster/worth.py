@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.draw import scene_tensors
@@ -14,7 +12,7 @@ from cubicsplat_cli.scene import Scene
 
 def worth_of(
     scene: Scene, target: np.ndarray, weights: np.ndarray | None, samples: int, threads: int | None = None
-) -> tuple[float, Tensor]:
+) -> tuple[float, np.ndarray]:
     """The squared error of the exact picture against a target (H, W, C) of the scene's size, and (N,) how much it would
     rise without each curve. weights (H, W): of the pixels. samples: edges per cubic.
     """
@@ -24,8 +22,8 @@ def worth_of(
     engine = CpuEngine(threads)
     try:
         loss, found = engine.gradients(
-            scene_tensors(scene), RasterSettings("exact", 1.0, samples), target=torch.from_numpy(goal),
-            importance="loo", weights=None if weights is None else torch.from_numpy(np.ascontiguousarray(weights)),
+            scene_tensors(scene.as_numpy()), RasterSettings("exact", 1.0, samples), target=goal,
+            importance="loo", weights=None if weights is None else np.ascontiguousarray(weights),
         )  # fmt: skip
         return loss, found["importance"]
     finally:

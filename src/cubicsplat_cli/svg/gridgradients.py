@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from cubicsplat_cli.gradients import FLAT, LINEAR, Gradients, ends_of, paint_at
 from cubicsplat_cli.paint import Gradient, LinearGradient, RadialGradient, Stop, mean_ink, radial_from
@@ -24,21 +22,22 @@ def gradient_decimals(precision: int) -> int:
     return max(0, precision - 1)
 
 
-def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], Tensor, Tensor]:
+def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], np.ndarray, np.ndarray]:
     """Of each curve its gradient in px, None where it is flat, and all colours (N, 3) and opacities (N,).
 
     Offsets have three decimals, inks 8 bits; coordinates are yet to be rounded. A curve's opacity goes into its stops,
     and comes back from them where they are alike; what nobody can tell from one colour becomes one. precision:
     decimals of the file's points.
     """
-    given, colours, opacities = scene.gradients, scene.colours.double().clone(), scene.opacities.double().clone()
+    scene = scene.as_numpy()
+    given, colours, opacities = scene.gradients, scene.colours.astype(np.float64), scene.opacities.astype(np.float64)
     found: list[Gradient | None] = [None] * scene.curves
     if given is None:
         return found, colours, opacities
-    given = given.floating(lambda t: t.detach().double()).to("cpu")
+    given = given.floating(lambda t: t.astype(np.float64))
     step = 10.0 ** -gradient_decimals(precision)
-    for curve in (given.kinds != FLAT).nonzero().flatten().tolist():
-        middle = torch.cat(scene.rings(curve)).detach().double().cpu().mean(0)
+    for curve in np.flatnonzero(given.kinds != FLAT).tolist():
+        middle = np.concatenate(scene.rings(curve)).astype(np.float64).mean(axis=0)
         gradient = _in_px(given, curve, middle, step, float(opacities[curve]))
         paint = paint_at(given, curve, middle)
         alike = gradient is None or len({stop.ink[3] for stop in gradient.stops}) == 1
@@ -50,16 +49,16 @@ def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], Tens
         if alike:
             gradient = replace(gradient, stops=tuple(Stop(s.offset, (*s.ink[:3], _OPAQUE)) for s in gradient.stops))
         found[curve] = gradient
-        colours[curve] = torch.tensor(mean_ink(gradient)[:3]) / _OPAQUE
+        colours[curve] = np.array(mean_ink(gradient)[:3]) / _OPAQUE
     return found, colours, opacities
 
 
-def _in_px(given: Gradients, curve: int, middle: Tensor, step: float, opacity: float) -> Gradient | None:
+def _in_px(given: Gradients, curve: int, middle: np.ndarray, step: float, opacity: float) -> Gradient | None:
     """step: of the coordinates in the file, px."""
     count = int(given.counts[curve])
-    offsets = (given.offsets[curve, :count] * _OFFSETS).round() / _OFFSETS
-    values = given.stops[curve, :count] * torch.tensor([1.0, 1.0, 1.0, opacity], dtype=torch.float64)
-    inks = (values * _OPAQUE).round().int().tolist()
+    offsets = np.rint(given.offsets[curve, :count] * _OFFSETS) / _OFFSETS
+    values = given.stops[curve, :count] * np.array([1.0, 1.0, 1.0, opacity])
+    inks = np.rint(values * _OPAQUE).astype(int).tolist()
     stops = tuple(
         Stop(offset, (red, green, blue, alpha))
         for offset, (red, green, blue, alpha) in zip(offsets.tolist(), inks, strict=True)
@@ -67,13 +66,13 @@ def _in_px(given: Gradients, curve: int, middle: Tensor, step: float, opacity: f
     frame = given.frames[curve]
     if int(given.kinds[curve]) == LINEAR:
         return _linear(frame, middle, step, stops)
-    return _radial(frame.numpy(), step, stops)
+    return _radial(frame, step, stops)
 
 
-def _linear(frame: Tensor, middle: Tensor, step: float, stops: tuple[Stop, ...]) -> Gradient | None:
-    if float(frame[0, :2].norm()) * _LONGEST < 1.0:
+def _linear(frame: np.ndarray, middle: np.ndarray, step: float, stops: tuple[Stop, ...]) -> Gradient | None:
+    if float(np.linalg.norm(frame[0, :2])) * _LONGEST < 1.0:
         return None
-    start, end = (place[0].numpy() for place in ends_of(frame.unsqueeze(0), middle.unsqueeze(0)))
+    start, end = (place[0] for place in ends_of(frame[None], middle[None]))
     # A line that is shorter than a step would have no direction.
     end = start + (end - start) * max(1.0, 1.01 * step / np.abs(end - start).max())
     if max(np.abs(start).max(), np.abs(end).max()) > _LONGEST:

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
+from cubicsplat_cli.arrays import Array, as_numpy
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.gradients import gradients_of
 from cubicsplat_cli.paint import Gradient
@@ -109,7 +109,7 @@ def _packed(scene: Scene) -> tuple[np.ndarray, np.ndarray | None]:
     if scene.ring_ends is None:
         return _array(scene.points), None
     points, ring_ends = pack_rings(scene.mode, [scene.rings(curve) for curve in range(scene.curves)])
-    return _array(points), None if ring_ends is None else ring_ends.cpu().numpy()
+    return _array(points), None if ring_ends is None else as_numpy(ring_ends)
 
 
 def _shortest(mode: Mode, points: np.ndarray, ring_ends: np.ndarray | None) -> np.ndarray:
@@ -126,7 +126,7 @@ def _shortest(mode: Mode, points: np.ndarray, ring_ends: np.ndarray | None) -> n
 
 
 def to_scene(grid: GridScene) -> Scene:
-    """The scene (float32 CPU tensors) that the integers stand for."""
+    """The scene (numpy arrays) that the integers stand for."""
     background = None
     if grid.background is not None:
         red, green, blue = grid.background
@@ -135,12 +135,12 @@ def to_scene(grid: GridScene) -> Scene:
         mode=grid.mode,
         width=grid.width,
         height=grid.height,
-        points=_tensor(grid.points / 10.0**grid.precision),
-        colours=_tensor(grid.colours / 255.0),
-        opacities=_tensor(grid.opacities / 10.0**OPACITY_DECIMALS),
-        half_widths=_tensor(grid.stroke_widths / 10.0**grid.width_decimals / 2.0),
+        points=(grid.points / 10.0**grid.precision).astype(np.float32),
+        colours=(grid.colours / 255.0).astype(np.float32),
+        opacities=(grid.opacities / 10.0**OPACITY_DECIMALS).astype(np.float32),
+        half_widths=(grid.stroke_widths / 10.0**grid.width_decimals / 2.0).astype(np.float32),
         background=background,
-        ring_ends=None if grid.ring_ends is None else torch.from_numpy(grid.ring_ends.copy()),
+        ring_ends=None if grid.ring_ends is None else grid.ring_ends.copy(),
         gradients=gradients_of([g and as_written(g, grid.precision) for g in grid.gradients]),
     )
 
@@ -153,12 +153,8 @@ def quantise_scene(scene: Scene, precision: int) -> Scene:
     return to_scene(to_grid(scene, precision))
 
 
-def _array(values: torch.Tensor) -> np.ndarray:
-    return values.detach().to("cpu", torch.float64).numpy()
-
-
-def _tensor(values: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy(np.asarray(values, dtype=np.float64).astype(np.float32))
+def _array(values: Array) -> np.ndarray:
+    return as_numpy(values).astype(np.float64)
 
 
 def _round(values: np.ndarray, scale: int) -> np.ndarray:

@@ -11,7 +11,6 @@ from typing import Any
 from xml.parsers import expat
 
 import numpy as np
-import torch
 
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
@@ -53,7 +52,7 @@ _PATH_ATTRIBUTES = {
 
 
 def read_svg(text: str | bytes) -> Scene:
-    """The scene of an SVG that cubicsplat wrote (float32 CPU tensors, index 0 the front).
+    """The scene of an SVG that cubicsplat wrote (numpy arrays, index 0 the front).
 
     Raises InputError for anything else: too large, not XML, a document type or entity declaration, an unknown
     element or attribute, path data other than M, C, c and z, curves of different kinds, strokes of several
@@ -274,18 +273,18 @@ class _Collector:
         if self.enlarged - {self.shift}:
             raise self.foreign("has gradients in another unit than the paths")
         paints = [None if fill is None else self._paint(fill) for fill in self.fills[::-1]]
-        colours = _tensor(self.colours)
+        colours = _array(self.colours)
         for curve, paint in enumerate(paints):
             if paint is not None:
-                colours[curve] = torch.tensor(mean_ink(paint)[:3]) / 255.0
+                colours[curve] = np.array(mean_ink(paint)[:3]) / 255.0
         scene = Scene(
             mode=self.mode,
             width=width,
             height=height,
             points=points,
             colours=colours,
-            opacities=_tensor(self.opacities),
-            half_widths=_tensor(self.half_widths),
+            opacities=_array(self.opacities),
+            half_widths=_array(self.half_widths),
             background=self.background,
             ring_ends=ring_ends,
             gradients=gradients_of(paints),
@@ -306,13 +305,13 @@ class _Collector:
     def _paint(self, identifier: str) -> Gradient:
         return settled(self.gradients.gradient(identifier, (0.0, 0.0, 1.0, 1.0)))
 
-    def _points(self, mode: Mode) -> tuple[torch.Tensor, torch.Tensor | None]:
+    def _points(self, mode: Mode) -> tuple[np.ndarray, np.ndarray | None]:
         if all(len(rings) == 1 and len(rings[0]) == len(self.curves[0][0]) for rings in self.curves):
-            return _tensor([rings[0] for rings in self.curves]), None  # the quick way for many curves
-        curves = [[torch.tensor(ring, dtype=torch.float64) for ring in rings] for rings in self.curves[::-1]]
+            return _array([rings[0] for rings in self.curves]), None  # the quick way for many curves
+        curves = [[np.array(ring, np.float64) for ring in rings] for rings in self.curves[::-1]]
         points, ring_ends = pack_rings(mode, curves)
-        return points.float(), ring_ends
+        return points.astype(np.float32), ring_ends
 
 
-def _tensor(values: list[Any]) -> torch.Tensor:
-    return torch.from_numpy(np.asarray(values[::-1], dtype=np.float64).astype(np.float32))
+def _array(values: list[Any]) -> np.ndarray:
+    return np.asarray(values[::-1], dtype=np.float64).astype(np.float32)

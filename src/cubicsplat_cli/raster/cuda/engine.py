@@ -17,6 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from cubicsplat_cli.arrays import Array, as_torch
 from cubicsplat_cli.errors import DeviceError
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.driver import Driver, Kernels, cuda_driver
@@ -76,6 +77,7 @@ class CudaEngine(Engine):
     """
 
     name = "cuda"
+    runs_ahead = True
     most_looks = MOST_LOOKS
 
     def __init__(
@@ -89,6 +91,9 @@ class CudaEngine(Engine):
             self._status = self._allocate("the status", 2, torch.int32).zero_()
             self._late_status = self._driver.late_copy(self._status)
         self._load(program or Program(Mode.CLOSED, 3))
+
+    def take(self, array: Array) -> Tensor:
+        return as_torch(array, self.device)
 
     def close(self) -> None:
         """Frees the prepared steps and their memory, and forgets a fault; the next step prepares its own again."""

@@ -44,6 +44,18 @@ def open_library() -> Any:
         ) from error
 
 
+def gpus() -> int:
+    """How many GPUs the driver shows this process; 0 where there is no driver, or it fails. Needs no torch."""
+    try:
+        library = open_library()
+    except EngineError:
+        return 0
+    count = c_int()
+    if library.cuInit(c_uint(0)) or library.cuDeviceGetCount(byref(count)):
+        return 0
+    return count.value
+
+
 class LibCuda:
     """The functions, as methods that return their value and raise DeviceError for their error."""
 

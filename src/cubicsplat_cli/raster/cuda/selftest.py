@@ -145,7 +145,7 @@ def _drawn(engine: Engine, program: Program, coverage: str) -> tuple[float, ...]
 def _trained(engine: Engine, program: Program, coverage: str) -> tuple[float, ...]:
     start, small = untrained(program, engine.device), untrained(program, engine.device)
     wanted = target(program, engine.device)
-    state = OptimiserState.zeros(*small.points.shape[:2]).to(engine.device)
+    state = OptimiserState.zeros_for(small.points)
     losses = [engine.step(small, settings(coverage), Training(wanted, state, RATES)) for _ in range(STEPS)]
     return digest(float(losses[-1]), [getattr(small, name) - getattr(start, name) for name in TRAINED])
 
