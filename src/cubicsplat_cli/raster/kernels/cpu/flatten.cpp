@@ -294,14 +294,14 @@ struct Flattener {
       chunk.skipped++;
       return;
     }
-    Pair pair{};
+    chunk.pairs.emplace_back();
+    Pair& pair = chunk.pairs.back();
     pair.primitive = p;
     pair.tile = ty * f.tiles_x + tx;
     pair.kind = edges ? PairKind::boundary : PairKind::inside;
     pair.edge_begin = first_edge;
     pair.edge_count = edges;
     std::copy(backdrop, backdrop + kTile, pair.backdrop);
-    chunk.pairs.push_back(pair);
   }
 
   // Counting sort of the spans by tile.
