@@ -10,6 +10,7 @@ from scipy import ndimage
 from skimage import data
 
 from cubicsplat_cli.artwork import style
+from cubicsplat_cli.artwork.input.evenness import covered, evenness
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.files.load import load_picture
 
@@ -28,6 +29,22 @@ def test_a_photo_of_much_darkness_is_a_photo():
     moon = np.repeat(data.moon()[..., None], 3, axis=2).astype(np.float32) / 255
     style = choose_style(moon)
     assert style.name == "photo", style.reason
+
+
+def test_a_photo_with_an_even_sky_is_a_photo():
+    rocket = data.rocket().astype(np.float32)
+    assert evenness(rocket, np.ones(rocket.shape[:2], dtype=bool)) > style.LEAST_EVEN
+    assert choose_style(rocket / 255).name == "photo"
+
+
+def test_a_few_colours_cover_a_drawing_that_has_suffered():
+    drawing = np.zeros((60, 60, 3), np.float32)
+    drawing[:30, :30], drawing[30:, 30:] = (200.0, 40.0, 40.0), (40.0, 40.0, 200.0)
+    noisy = np.rint(drawing + np.random.default_rng(4).normal(0.0, 4.0, drawing.shape)).clip(0, 255)
+    # What is left are the edges between the four areas, 4 px wide.
+    assert covered(noisy, np.ones((60, 60), dtype=bool)) > 0.85
+    assert covered(np.random.default_rng(5).random((60, 60, 3)) * 255, np.ones((60, 60), dtype=bool)) < 0.8
+    assert covered(np.zeros((4, 60, 3)), np.ones((4, 60), dtype=bool)) == 0.0
 
 
 def test_noise_is_a_photo_and_an_even_picture_artwork():

@@ -7,7 +7,7 @@ from functools import reduce
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.evenness import evenness
+from cubicsplat_cli.artwork.input.evenness import covered, evenness
 
 PHOTO, ARTWORK = "photo", "artwork"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
@@ -16,7 +16,8 @@ FLAT_LEVELS = 3.0  # of 255
 MOST_TEXTURE = 0.14  # share of the pixels. Measured: Kodak photos 0.61 to 0.99, upscaled 0.34, 48 drawings at most 0.08
 COUNTED_INKS = 64
 LEAST_INKED = 0.35  # share of the pixels that have the commonest inks: photos at most 0.23, drawings at least 0.87
-LEAST_EVEN = 0.6  # of 2, for a picture to be a drawing that has suffered
+# Of 2, for a picture to be a drawing that has suffered; below SURELY_EVEN so much must be in a few colours.
+LEAST_EVEN, SURELY_EVEN, LEAST_COVERED = 0.6, 0.7, 0.82
 LEAST_SHADED = 0.75  # share of the pixels in flat inks and gradients, for a picture of many colours to be a drawing
 _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer side looked at for that
 _BANDS_OF = 64  # rows
@@ -42,7 +43,7 @@ def choose_style(target: np.ndarray) -> Style:
     if texture <= MOST_TEXTURE and inked >= LEAST_INKED:
         return Style(ARTWORK, reason)
     even = evenness(levels, drawn)
-    if even >= LEAST_EVEN:
+    if even >= SURELY_EVEN or (even >= LEAST_EVEN and covered(levels, drawn) >= LEAST_COVERED):
         return Style(ARTWORK, f"{reason}, but it was even before noise, JPEG or blur: {even:.2f} of 2")
     # In a steep gradient no pixel is flat, but colours change by straight lines.
     if texture > MOST_TEXTURE and _texture(levels, drawn, _straight(levels)) > MOST_TEXTURE:

@@ -8,6 +8,8 @@ COUNTED = 64
 WINDOW, CELL = 5, 4.0  # px of the means, and levels of what counts as one colour of them
 GROUND = 8.0  # levels around the commonest mean: the ground, which says nothing of what is on it
 FEWEST_COLOURS = 257  # fewer are a palette, which photos have too
+# Colours, and levels around each, that cover most of a drawing but not of a photo with an even sky.
+FEW_INKS, NEAR = 12, 8.0
 FEWEST = 0.02  # share of the pixels besides the ground, below which there is nothing on it
 
 
@@ -37,6 +39,26 @@ def evenness(levels: np.ndarray, drawn: np.ndarray) -> float:
     if rest.sum() < FEWEST * len(rest):
         return 2.0
     return _in_commonest(code[rest]) + _in_commonest(keys[rest])
+
+
+def covered(levels: np.ndarray, drawn: np.ndarray) -> float:
+    """0..1: the share of the means that are near one of a few colours: the ground, and the commonest besides it.
+
+    Arguments as of `evenness`. Drawings as JPEG, with noise or blurred whose evenness is below 0.7 have 0.91 and more,
+    a photo of a launch that has an evenness of 0.65 has 0.74.
+    """
+    if min(levels.shape[:2]) < WINDOW:
+        return 0.0
+    edge = WINDOW // 2
+    means = _means(levels)[drawn[edge : levels.shape[0] - edge, edge : levels.shape[1] - edge]]
+    cells, counts = np.unique(_code(np.floor(means / CELL)), return_counts=True)
+    colours = CELL * (cells[:, None] // 256 ** np.arange(levels.shape[-1]) % 256 + 0.5)
+    left = counts.astype(float)
+    for reach in (GROUND, *[NEAR] * FEW_INKS):
+        if not left.any():
+            break
+        left[np.abs(colours - colours[left.argmax()]).max(axis=1) <= reach] = 0.0
+    return float(1.0 - left.sum() / counts.sum()) if len(counts) else 0.0
 
 
 def _means(levels: np.ndarray) -> np.ndarray:
