@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
+from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.intake import Intake, taken_in
 from cubicsplat_cli.artwork.input.restore import restored
@@ -68,8 +69,11 @@ def without_gradients(levels: np.ndarray, settings: ArtworkSettings) -> Flattene
 
 
 def without_noise(levels: np.ndarray, condition: Condition, settings: ArtworkSettings) -> Flattened:
-    """The picture as a clean one, in flat inks alone."""
-    return Flattened(restored(levels, condition, settings.colors), np.zeros((0, 4)), ())
+    """The picture as a clean one in flat inks, and the gradients that some stand for."""
+    if settings.palette or settings.colors is not None:
+        return Flattened(restored(levels, condition, settings.colors), np.zeros((0, 4)), ())
+    flat = without_noisy_gradients(levels, condition)
+    return replace(flat, levels=restored(flat.levels, condition))
 
 
 def _painted(drawing: Drawing) -> Drawing:

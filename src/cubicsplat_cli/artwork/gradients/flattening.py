@@ -42,7 +42,14 @@ class Flattened:
 def flattened(levels: np.ndarray) -> Flattened:
     """A picture (H, W, 4), premultiplied levels, without its gradients; the same array where it has none."""
     parts, count = smooth_parts(levels)
-    areas = gradient_areas(levels, parts, count)
+    return without_areas(levels, parts, gradient_areas(levels, parts, count))
+
+
+def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[Area]) -> Flattened:
+    """A picture (H, W, 4), premultiplied levels, without the gradients of these areas.
+
+    parts: (H, W) int32 numbers from 1 on of what changes evenly, 0 for edges.
+    """
     if not areas:
         return Flattened(levels, np.zeros((0, 4)), ())
     shades = list({id(area.shade): area.shade for area in areas}.values())

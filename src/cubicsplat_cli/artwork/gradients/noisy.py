@@ -1,0 +1,122 @@
+"""Gradients of pictures with noise, JPEG artefacts or blur: found in the means of windows that a plane explains.
+
+The mean of a window is what a linear ramp has at its middle, and much less noisy than a pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.gradients.areas import PLUS, SQUARE, Area, gradient_areas
+from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
+from cubicsplat_cli.artwork.gradients.shades import Shade
+from cubicsplat_cli.artwork.input.condition import Condition
+
+WINDOW = 7  # px
+# What a plane leaves of a window: times the noise, of which what is white or black shows half, but in a JPEG it is that
+# near edges; and levels. Levels per px, beyond which a ramp may be two inks.
+LEFT, JPEG_LEFT, LEFT_LEVELS, STEEPEST = 1.6, 1.25, 0.7, 6.0
+# A ramp that does most of its change within so many px is an edge between two inks.
+SHORTEST, MOST_CHANGE = 12.0, 0.5
+# Times as far as in a clean picture are windows off their gradient: of a JPEG; and of noise, per level beyond once.
+JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
+LEAST_RANGE, LEAST_AREA = 12.0, 400  # levels across a gradient, and px of windows that show it
+# Px by which windows stay away from edges, within which pixels are the gradient's that are off by so many times the
+# noise and levels; in a JPEG noise near edges is greater.
+GROWN, NEAR, NEAR_LEVELS, JPEG_NEAR = 5, 3.0, 2.0, 6.0
+# Px of a hole in a gradient that belongs to it, where no pixel is off by more levels: the tip of a radial one.
+LARGEST_HOLE, MOST_OFF = 150, 64.0
+LEAST_EVEN = 40  # px of what is even: less is the rest of a gradient at its rim
+CALM = 1.5  # times the noise that 3 x 3 px of one ink may deviate, and a level for rounding
+
+
+def without_noisy_gradients(levels: np.ndarray, condition: Condition) -> Flattened:
+    """A picture (H, W, 4), premultiplied levels, of a condition, without its gradients."""
+    means, smooth = _planes(levels.astype(np.float64), condition)
+    parts, count = _ramps(means, smooth)
+    rough = JPEG_ROUGH if condition.jpeg else 1.0 + NOISE_ROUGH * condition.noise
+    found = gradient_areas(means / np.float32(rough), parts, count)
+    shades = {id(area.shade): _rougher(area.shade, rough) for area in found}
+    areas = [replace(area, shade=shades[id(area.shade)]) for area in found if area.mask.sum() >= LEAST_AREA]
+    areas = [area for area in areas if not _step(area.shade)]
+    # Where a ramp fades into its ground noise hides the end, so such areas end where their windows do.
+    areas = [_grown(levels, replace(area, ground=None), condition) for area in areas]
+    return without_areas(levels, _even(levels, condition.noise), areas)
+
+
+def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W, 4) float32 the means of windows, and (H, W) bool whether they are planes but for the noise."""
+    size = (WINDOW, WINDOW, 1)
+    means = ndimage.uniform_filter(levels, size, mode="nearest")
+    left = ndimage.uniform_filter(levels * levels, size, mode="nearest") - means * means
+    at = np.arange(WINDOW) - WINDOW // 2
+    spread = float((at * at).mean())
+    slope = np.zeros_like(left)
+    for axis in (0, 1):
+        along = ndimage.correlate1d(levels, at / (WINDOW * spread), axis=axis, mode="nearest")
+        own = ndimage.uniform_filter1d(along, WINDOW, axis=1 - axis, mode="nearest")
+        left -= spread * own * own
+        slope += own * own
+    most = (JPEG_LEFT if condition.jpeg else LEFT) * condition.noise + LEFT_LEVELS
+    plane = (left <= most**2) & (slope <= STEEPEST**2)
+    return means.astype(np.float32), plane.all(axis=-1)
+
+
+def _ramps(means: np.ndarray, smooth: np.ndarray) -> tuple[np.ndarray, int]:
+    """(H, W) int32 numbers from 1 on of the connected windows among which colours change, 0 elsewhere; how many."""
+    labels, count = ndimage.label(ndimage.binary_opening(smooth, SQUARE), PLUS)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    number = np.zeros(count + 1, dtype=np.int32)
+    for k, box in enumerate(ndimage.find_objects(labels), start=1):
+        if box is None or sizes[k] < LEAST_AREA:
+            continue
+        low, high = np.percentile(means[box][labels[box] == k], (2, 98), axis=0)
+        if (high - low).max() >= LEAST_RANGE:
+            number[k] = number.max() + 1
+    return number[labels], int(number.max())
+
+
+def _rougher(shade: Shade, times: float) -> Shade:
+    """A shade in levels that are so many times as much."""
+    return replace(shade, ramp=replace(shade.ramp, colours=shade.ramp.colours * times))
+
+
+def _step(shade: Shade) -> bool:
+    """Whether a ramp is an edge between two inks."""
+    length = np.diff(shade.ramp.knots) / max(float(np.hypot(*shade.frame[0, :2])), 1e-9)
+    change = np.abs(np.diff(shade.ramp.colours, axis=0)).max(axis=1)
+    return bool((change[length < SHORTEST] >= MOST_CHANGE * np.ptp(shade.ramp.colours, axis=0).max()).any())
+
+
+def _grown(levels: np.ndarray, area: Area, condition: Condition) -> Area:
+    """The area with the pixels around it that its gradient explains too."""
+    y, x = np.nonzero(ndimage.binary_dilation(area.mask, SQUARE, iterations=GROWN) & ~area.mask)
+    off = np.abs(area.shade.extended().at(x + 0.5, y + 0.5) - levels[y, x]).max(axis=1)
+    own = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + NEAR_LEVELS
+    mask = area.mask.copy()
+    mask[y[own], x[own]] = True
+    labels, _ = ndimage.label(mask, PLUS)
+    mask = np.isin(labels, np.unique(labels[area.mask]))
+    holes, count = ndimage.label(ndimage.binary_fill_holes(mask) & ~mask, PLUS)
+    y, x = np.nonzero(holes)
+    off = np.abs(area.shade.extended().at(x + 0.5, y + 0.5) - levels[y, x]).max(axis=1)
+    worst = np.zeros(count + 1)
+    np.maximum.at(worst, holes[y, x], off)
+    filled = (worst <= MOST_OFF) & (np.bincount(holes.ravel(), minlength=count + 1) <= LARGEST_HOLE)
+    filled[0] = False
+    return replace(area, mask=mask | filled[holes])
+
+
+def _even(levels: np.ndarray, noise: float) -> np.ndarray:
+    """(H, W) int32 numbers from 1 on of what is of one colour but for the noise, 0 elsewhere."""
+    size = (3, 3, 1)
+    mean = ndimage.uniform_filter(levels, size, mode="nearest")
+    square = ndimage.uniform_filter(levels * levels, size, mode="nearest")
+    deviation = np.sqrt(np.maximum(square - mean * mean, 0.0)).max(axis=-1)
+    labels, count = ndimage.label(deviation <= CALM * noise + 1.0, PLUS)
+    large = np.bincount(labels.ravel(), minlength=count + 1) >= LEAST_EVEN
+    large[0] = False
+    return np.where(large[labels], labels, 0)

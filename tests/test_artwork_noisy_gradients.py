@@ -1,0 +1,83 @@
+"""Gradients in pictures that have suffered from noise or JPEG: found where there are some, and nowhere else."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cubicsplat_cli.artwork.gradients.flattening import Flattened
+from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
+from cubicsplat_cli.artwork.input.condition import condition_of
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.paint import LinearGradient, RadialGradient
+
+SIDE, FINE = 192, 4
+RED, GOLD, PALE, BLUE = (230.0, 60.0, 40.0), (250.0, 210.0, 60.0), (240.0, 240.0, 255.0), (60.0, 120.0, 200.0)
+
+
+def ramp(t: np.ndarray, first: tuple[float, ...], last: tuple[float, ...]) -> np.ndarray:
+    t = np.clip(t, 0.0, 1.0)[..., None]
+    return (1.0 - t) * np.array(first) + t * np.array(last)
+
+
+def drawing(shaded: bool = True) -> np.ndarray:
+    """(SIDE, SIDE, 3) levels: on white a disc, from red to gold along x, one that is radial, and an even square."""
+    y, x = (np.mgrid[: SIDE * FINE, : SIDE * FINE] + 0.5) / FINE
+    image = np.full((*x.shape, 3), 255.0)
+    disc, other = np.hypot(x - 60, y - 65) < 52, np.hypot(x - 148, y - 60)
+    image = np.where(disc[..., None], ramp((x - 8) / 104, RED, GOLD) if shaded else RED, image)
+    image = np.where((other < 36)[..., None], ramp(other / 36, PALE, BLUE) if shaded else BLUE, image)
+    image = np.where(((x > 70) & (x < 180) & (y > 110) & (y < 180))[..., None], (40.0, 90.0, 170.0), image)
+    return image.reshape(SIDE, FINE, SIDE, FINE, 3).mean(axis=(1, 3))
+
+
+def suffered(image: np.ndarray, kind: str) -> np.ndarray:
+    """(H, W, 4) levels."""
+    if kind == "jpeg":
+        buffer = io.BytesIO()
+        Image.fromarray(np.rint(image).astype(np.uint8)).save(buffer, "JPEG", quality=80, subsampling=2)
+        image = np.asarray(Image.open(buffer), dtype=float)
+    else:
+        image = np.clip(np.rint(image + np.random.default_rng(0).normal(0.0, 4.0, image.shape)), 0, 255)
+    return np.dstack([image, np.full(image.shape[:2], 255.0)]).astype(np.float32)
+
+
+def flat(levels: np.ndarray) -> Flattened:
+    condition = condition_of(levels)
+    assert condition.noise > 0.0
+    return without_noisy_gradients(levels, condition)
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "noise"])
+def test_a_linear_and_a_radial_gradient_are_found(kind):
+    gradients = flat(suffered(drawing(), kind)).gradients
+    assert len(gradients) == 2
+    (linear,) = (g for g in gradients if isinstance(g, LinearGradient))
+    (radial,) = (g for g in gradients if isinstance(g, RadialGradient))
+    assert len(linear.stops) == len(radial.stops) == 2
+    assert abs(linear.y2 - linear.y1) < 0.02 * abs(linear.x2 - linear.x1)
+    assert (radial.cx, radial.cy) == pytest.approx((148.0, 60.0), abs=0.3)
+    assert np.abs(np.array(radial.stops[0].ink[:3]) - PALE).max() <= 6
+
+
+@pytest.mark.parametrize("kind", ["jpeg", "noise"])
+def test_none_are_found_in_a_flat_drawing(kind):
+    levels = suffered(drawing(shaded=False), kind)
+    found = flat(levels)
+    assert found.gradients == () and found.levels is levels
+
+
+def test_two_inks_that_noise_hides_the_edge_of_are_no_gradient():
+    image = np.full((SIDE, SIDE, 3), 120.0)
+    image[:, SIDE // 2 :] = 136.0
+    assert flat(suffered(image, "noise")).gradients == ()
+
+
+def test_a_drawing_of_a_jpeg_has_its_gradients_unless_the_inks_are_chosen():
+    target = suffered(drawing(), "jpeg") / np.float32(255.0)
+    assert len(draw(target).gradients) == 2
+    assert draw(target, ArtworkSettings(colors=5)).gradients == ()
