@@ -93,13 +93,13 @@ def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
     return State.of([_layer(shape, held) for shape in drawing.shapes], goal)
 
 
-def settle(state: State, goal: Goal, rounds: int = ROUNDS) -> State:
-    """The nearest state to the picture that has the same pieces."""
+def settle(state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True) -> State:
+    """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter."""
     damping = np.full(sum(len(layer.outlines) for layer in state.layers), START)
     for _ in range(rounds):
         following = _improved(state, goal, damping)
         gain = state.value - following.value
-        state = _trimmed(following, goal)
+        state = _trimmed(following, goal) if trim else following
         if gain < ENOUGH * state.value and not ((damping > RELAXED) & (damping < HOPELESS)).any():
             break
     return state

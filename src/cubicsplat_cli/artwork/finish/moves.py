@@ -126,6 +126,10 @@ def shorter(before: State, after: State, changed: np.ndarray, detail: float, err
 def _gain(before: State, after: State, number: int, error: float) -> float:
     """By how much half of chi^2 falls on the pixels that an outline crosses before or after."""
     pixels = np.unique(np.concatenate([before.crossed(number), after.crossed(number)]))
-    own = _floor(before.crossings.slope[before.marks[number] : before.marks[number + 1]], error)
-    floor = max(float(np.median(own)) if len(own) else 0.0, SHARE_SIGMA**2 * 1e-4)
-    return 0.5 * float((before.misfit[pixels] - after.misfit[pixels]).sum()) / floor
+    return 0.5 * float((before.misfit[pixels] - after.misfit[pixels]).sum()) / floor_of(before, number, error)
+
+
+def floor_of(state: State, number: int, error: float) -> float:
+    """The misfit of a pixel that an outline crosses by chance."""
+    own = _floor(state.crossings.slope[state.marks[number] : state.marks[number + 1]], error)
+    return max(float(np.median(own)) if len(own) else 0.0, SHARE_SIGMA**2 * 1e-4)

@@ -6,6 +6,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import ROUNDS, State, begin, drawn, goal_of, kept, settle
 from cubicsplat_cli.artwork.finish.freedom import NO_PINS, Held
+from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
 from cubicsplat_cli.artwork.finish.regular import regular
 from cubicsplat_cli.artwork.shapes import Drawing
@@ -27,6 +28,8 @@ def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0, grid: int 
     pieces = drawing.segments
     goal, held = goal_of(target), Held(drawing.width, drawing.height)
     state = settle(begin(drawing, goal), goal, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
+    if pieces <= FULL:
+        state = with_merges(state, goal, held, detail, error)
     for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
         following = _moved(state, goal, held, detail, error)
         if following is state:

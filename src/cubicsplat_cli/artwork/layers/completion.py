@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from skimage.measure import approximate_polygon
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.geometry.hulls import holes_of
@@ -27,7 +26,7 @@ from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.taut import SLACK, Room, taut
 from cubicsplat_cli.artwork.layers.ways import Loop, Way, sides_meeting, simply, ways_on
-from cubicsplat_cli.artwork.tracing.fitting import fit_outline
+from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
 SEVERAL = 8
@@ -36,8 +35,7 @@ TRIALS = 24
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 MOST_TIPS = 3  # corners, the first of them twice, that enclose nothing
 SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it
-# Contours of fewer points than FEWEST are drawn as polygons, TOLERANCE px about their points.
-FEWEST, TOLERANCE = 8, 0.3
+FEWEST = 8  # points of a contour, below which it is drawn as a polygon
 SQUARE = np.ones((3, 3), dtype=bool)
 
 
@@ -97,13 +95,7 @@ def _visible(contour: Contour, detail: float) -> Outline:
         outline = fit_outline(contour.points, contour.sigma, detail * factor)
         if _sound(contour, outline):
             return outline
-    return _polygon(contour)
-
-
-def _polygon(contour: Contour, tolerance: float = TOLERANCE) -> Outline:
-    """Few straight lines along the points of a contour."""
-    points = approximate_polygon(np.vstack([contour.points, contour.points[:1]]), tolerance)[:-1]
-    return polygon(points if len(points) >= 3 else contour.points)
+    return few_lines(contour.points)
 
 
 def outlines_of(
@@ -119,7 +111,7 @@ def outlines_of(
     room = Room(extent.top, extent.left, extent.shown, extent.allowed, spare, canvas)
     least = max(least, FEWEST)
     return tuple(
-        _polygon(contour) if len(contour.points) < least else _completed(contour, window, room, detail, whole)
+        few_lines(contour.points) if len(contour.points) < least else _completed(contour, window, room, detail, whole)
         for contour in extent.contours
     )
 
@@ -188,7 +180,7 @@ def _unseen(contour: Contour, window: _Window, room: Room) -> Outline:
         outline = polygon(corners[:-1])
         if len(corners) > MOST_TIPS and len(window.wrong(outline, contour.hole)) <= ALLOWED:
             return outline
-    return _polygon(contour, SLACK)
+    return few_lines(contour.points, SLACK)
 
 
 def _every_side_shows(contour: Contour, outline: Outline) -> bool:

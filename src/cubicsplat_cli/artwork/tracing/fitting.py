@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from skimage.measure import approximate_polygon
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, polygon
 from cubicsplat_cli.artwork.tracing.corners import Corners, find_corners
@@ -22,6 +23,7 @@ PRECISION = 0.05  # px, to which a coordinate is worth knowing
 PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than one too few to put in
 FINEST_SIGMA = 0.02  # px: what is systematic in the points is never below this
 FEWEST_POINTS = 8
+TOLERANCE = 0.3  # px that lines are off the points where nothing else can be said of them
 # Bends, in radians, up to which pieces that are not both lines are joined smoothly; the first that pays.
 SMOOTHEST = (math.radians(12.0), math.radians(4.0), math.radians(1.5))
 PLAIN_MISFIT = 1.2  # mean squared residual of a primitive, in sigmas, at which nothing else need be tried
@@ -79,7 +81,13 @@ def _fit_ring(points: np.ndarray, weights: np.ndarray, price: float, known: np.n
     if ring.pieces < 3 and ring.lines.all():
         # There and back again encloses nothing: the thin tips were no corners.
         ring, cost = _fit_between(points, weights, corners.taken(corners.sure), price)
-    return (polygon(points), cost) if ring.pieces < 3 and ring.lines.all() else (ring, cost)
+    return (few_lines(points), cost) if ring.pieces < 3 and ring.lines.all() else (ring, cost)
+
+
+def few_lines(points: np.ndarray, tolerance: float = TOLERANCE) -> Ring:
+    """Few straight lines along the points (n, 2) of a loop, n >= 3, `tolerance` px about them."""
+    few = approximate_polygon(np.vstack([points, points[:1]]), tolerance)[:-1]
+    return polygon(few if len(few) >= 3 else points)
 
 
 def _fit_between(points: np.ndarray, weights: np.ndarray, corners: Corners, price: float) -> tuple[Ring, float]:

@@ -1,0 +1,273 @@
+"""Merges of the finish: runs of pieces for which one line or cubic stands as well.
+
+Outlines are traced with a piece too many rather than one too few, and hidden parts of them wander. Once a drawing is
+settled against its pixels a run that one piece fits is tried, all such runs together, and each is kept only where the
+description of the picture becomes shorter: half of chi^2 over the pixels it crosses, plus a price for every parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle
+from cubicsplat_cli.artwork.finish.freedom import ON_BORDER, Held, freedom_of
+from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN, floor_of, shorter
+from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.tracing.cubics import basis, nearer, point
+from cubicsplat_cli.raster.stack import Goal
+
+LONGEST_RUN, LONGEST_HIDDEN = 3, 12  # pieces that are merged at once, where they show and where none does
+# Px to which a place is known by a pixel where an outline shows, as coverages are, and how far hidden parts may move.
+SEEN_SIGMA, HIDDEN_SIGMA = SHARE_SIGMA, 1.0
+HOPEFUL = 0.5  # of the cost before it is settled, that counts against a merge when runs are chosen
+MOST_TURN = np.cos(np.radians(100.0))  # cosine of the angle by which a run turns from start to end
+FEW = 24  # points of a piece suffice
+FEWEST_PIECES = 3  # of a ring that is left
+ROUNDS = 6
+
+
+@dataclass(frozen=True)
+class Merge:
+    """A run of pieces of a ring, `count` of them from `first` on, and what is to stand for it: control points (4, 2) of
+    a line or a cubic. saved: parameters. net: nats that it is expected to save."""
+
+    first: int
+    count: int
+    cubic: np.ndarray
+    line: bool
+    saved: int
+    net: float
+
+
+def with_merges(state: State, goal: Goal, held: Held, detail: float, error: float = 0.0) -> State:
+    """The state with runs of pieces merged wherever that makes the description shorter; the same where none do.
+
+    detail as in ArtworkSettings. error: of pixels on edges beyond that of a clean picture, of full scale.
+    """
+    outlines = [o for layer in state.layers for o in layer.outlines]
+    rings = [o.outline() for o in outlines]
+    plans = [
+        _plan(ring, Sight.of(state, k), held, detail) if isinstance(ring, Ring) else [] for k, ring in enumerate(rings)
+    ]
+    if not any(plans):
+        return state
+    trial = settle(_with(state, plans, held, goal), goal, ROUNDS, trim=False)
+    plans = [
+        [merge for merge in plan if _pays(state, trial, k, merge, plan, detail, error)] for k, plan in enumerate(plans)
+    ]
+    if not any(plans):
+        return state
+    trial = settle(_with(state, plans, held, goal), goal, ROUNDS)
+    changed = np.array([bool(plan) for plan in plans])
+    refused = shorter(state, trial, changed, detail, error)
+    if refused.any():
+        trial = settle(State.of(kept(state.layers, trial.layers, refused), goal), goal, 2)
+    return trial
+
+
+def merged(ring: Ring, plan: list[Merge]) -> Ring:
+    """The ring with some runs, which do not overlap, replaced."""
+    gone = np.zeros(ring.pieces, dtype=bool)
+    controls, lines = ring.controls.copy(), ring.lines.copy()
+    for merge in plan:
+        gone[(merge.first + np.arange(1, merge.count)) % ring.pieces] = True
+        controls[merge.first], lines[merge.first] = merge.cubic[1:3], merge.line
+    return Ring(ring.anchors[~gone], controls[~gone], lines[~gone], ring.smooth[~gone])
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Where the pieces of an outline show. piece, t: of its crossings, in order; seen: (m,) bool."""
+
+    piece: np.ndarray
+    t: np.ndarray
+    seen: np.ndarray
+
+    @classmethod
+    def of(cls, state: State, number: int) -> Sight:
+        c, own = state.crossings, slice(state.marks[number], state.marks[number + 1])
+        piece, t = c.piece[own] - state.pieces[number], c.t[own]
+        order = np.lexsort((t, piece))
+        seen = ((c.slope[own] * WHITE) ** 2).sum(axis=1) * SHARE_SIGMA**2 > UNSEEN
+        return cls(piece[order], t[order], seen[order])
+
+    def weights(self, piece: int, t: np.ndarray) -> np.ndarray:
+        """(n,) 1/px^2 of points of a piece at growing parameters."""
+        first, last = np.searchsorted(self.piece, [piece, piece + 1])
+        if first == last:
+            return np.full(len(t), HIDDEN_SIGMA**-2)
+        places = self.t[first:last]
+        after = np.clip(np.searchsorted(places, t), 0, len(places) - 1)
+        before = np.maximum(after - 1, 0)
+        near = np.where(np.abs(places[before] - t) < np.abs(places[after] - t), before, after)
+        return np.where(self.seen[first:last][near], SEEN_SIGMA**-2, HIDDEN_SIGMA**-2)
+
+
+def samples_along(ring: Ring, sight: Sight, most: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Of each piece points (n, 2) px, their weights (n,) 1/px^2, and how many px each stands for: one, unless the piece
+    is shorter than 4 px or longer than `most`."""
+    cubics, found = ring.cubics, []
+    lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    for i in range(ring.pieces):
+        count = int(np.clip(np.ceil(lengths[i]), 4, most))
+        t = (np.arange(count) + 0.5) / count
+        found.append((point(cubics[i][None], t[None])[0], sight.weights(i, t), float(lengths[i]) / count))
+    return found
+
+
+def _plan(ring: Ring, sight: Sight, held: Held, detail: float) -> list[Merge]:
+    """The merges of a ring that are worth a trial, none of which overlap, from the best on."""
+    cubics = ring.cubics
+    samples = [(points, weights * px) for points, weights, px in samples_along(ring, sight, FEW)]
+    border = np.array([held.width, held.height])
+    fixed = (np.abs(ring.anchors) < ON_BORDER).any(axis=1) | (np.abs(ring.anchors - border) < ON_BORDER).any(axis=1)
+    found = []
+    shows = np.isin(np.arange(ring.pieces), sight.piece[sight.seen])
+    for first in range(ring.pieces):
+        for count in range(1, min(LONGEST_HIDDEN, ring.pieces - FEWEST_PIECES) + 1):
+            last = (first + count - 1) % ring.pieces
+            if (count > 1 and fixed[last]) or (count > LONGEST_RUN and (shows[last] or shows[first])):
+                break
+            run = (first + np.arange(count)) % ring.pieces
+            found += _trials(ring, cubics, run, [samples[i] for i in run.tolist()], detail)
+    taken = np.zeros(ring.pieces, dtype=bool)
+    chosen: list[Merge] = []
+    left = ring.pieces
+    for merge in sorted(found, key=lambda merge: -merge.net):
+        own = (merge.first + np.arange(merge.count)) % ring.pieces
+        if not taken[own].any() and left - merge.count + 1 >= FEWEST_PIECES:
+            taken[own] = True
+            left -= merge.count - 1
+            chosen.append(merge)
+    return chosen
+
+
+def _trials(
+    ring: Ring, cubics: np.ndarray, run: np.ndarray, samples: list[tuple[np.ndarray, np.ndarray]], detail: float
+) -> list[Merge]:
+    """The line and the cubic that may stand for a run, where they look worth it."""
+    count, first = len(run), int(run[0])
+    a, b = cubics[run[0], 0], cubics[run[-1], 3]
+    chord = b - a
+    span = float(np.hypot(*chord))
+    ahead, back = _tangent(cubics[run[0]]), _tangent(cubics[run[-1]][::-1])
+    if span < 1e-6 or -(ahead @ back) < MOST_TURN:
+        return []
+    points, weights = np.concatenate([s[0] for s in samples]), np.concatenate([s[1] for s in samples])
+    inner = ring.smooth[run[1:]]
+    curves = int((~ring.lines[run]).sum())
+    parameters = 2 * (count - 1) + 4 * curves - int(inner.sum())
+    found = []
+    if curves or count > 1:
+        saved = parameters
+        line = a + chord * np.array([[0.0], [1.0 / 3.0], [2.0 / 3.0], [1.0]])
+        net = PRICE * saved / detail - HOPEFUL * _line_cost(points, weights)
+        if net > 0.0:
+            found.append(Merge(first, count, line, True, saved, net))
+    saved = parameters - 4
+    if count > 1 and saved > 0 and not found:
+        cubic, cost = _cubic(
+            a, b, ahead, back, ring.smooth[first], ring.smooth[(run[-1] + 1) % ring.pieces], points, weights
+        )
+        net = PRICE * saved / detail - HOPEFUL * cost
+        if net > 0.0:
+            found.append(Merge(first, count, cubic, False, saved, net))
+    return found
+
+
+def _tangent(cubic: np.ndarray) -> np.ndarray:
+    """(2,) the unit direction in which a cubic starts."""
+    for k in (1, 2, 3):
+        way = cubic[k] - cubic[0]
+        size = float(np.hypot(*way))
+        if size > 1e-6:
+            return way / size
+    return np.array([1.0, 0.0])
+
+
+def _line_cost(points: np.ndarray, weights: np.ndarray) -> float:
+    """Half of chi^2 of the points from the straight line nearest to them."""
+    middle = np.average(points, axis=0, weights=weights)
+    off = (points - middle) * np.sqrt(weights)[:, None]
+    return 0.5 * float(np.linalg.eigvalsh(off.T @ off)[0])
+
+
+def _cubic(
+    a: np.ndarray,
+    b: np.ndarray,
+    ahead: np.ndarray,
+    back: np.ndarray,
+    smooth_a: bool,
+    smooth_b: bool,
+    points: np.ndarray,
+    weights: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    """The cubic from a to b nearest to points in their order, with half of its chi^2; at smooth ends it keeps the
+    direction."""
+    along = np.concatenate([[np.hypot(*(points[0] - a))], np.hypot(*np.diff(points, axis=0).T)])
+    t = np.cumsum(along)
+    t = t / (t[-1] + np.hypot(*(b - points[-1])))
+    ways = np.zeros((4, 2, 2))  # unknowns, control point, coordinate
+    if smooth_a:
+        ways[0, 0] = ahead
+    else:
+        ways[0, 0], ways[1, 0] = [1.0, 0.0], [0.0, 1.0]
+    if smooth_b:
+        ways[2, 1] = back
+    else:
+        ways[2, 1], ways[3, 1] = [1.0, 0.0], [0.0, 1.0]
+    ways = ways[np.abs(ways).sum(axis=(1, 2)) > 0.0]
+    root = np.sqrt(weights)[:, None]
+    cubic = np.stack([a, a, b, b])
+    for _ in range(3):
+        w = basis(t)
+        rest = points - (w[:, :1] + w[:, 1:2]) * a - (w[:, 2:3] + w[:, 3:]) * b
+        columns = [((w[:, 1:2] * way[0] + w[:, 2:3] * way[1]) * root).ravel() for way in ways]
+        values = np.linalg.lstsq(np.stack(columns, axis=1), (rest * root).ravel(), rcond=None)[0]
+        handles = (values[:, None, None] * ways).sum(axis=0)
+        cubic = np.stack([a, a + handles[0], b + handles[1], b])
+        t = np.clip(nearer(np.broadcast_to(cubic, (len(t), 4, 2)), points[:, None], t[:, None])[:, 0], 0.0, 1.0)
+    if handles[0] @ ahead <= 0.0 or handles[1] @ back <= 0.0:
+        return cubic, np.inf
+    off = points - point(cubic[None], t[None])[0]
+    return cubic, 0.5 * float((weights * (off**2).sum(axis=1)).sum())
+
+
+def _with(state: State, plans: list[list[Merge]], held: Held, goal: Goal) -> State:
+    number = iter(range(len(plans)))
+    layers = []
+    for layer in state.layers:
+        outlines = []
+        for outline in layer.outlines:
+            plan = plans[next(number)]
+            ring = outline.outline()
+            outlines.append(freedom_of(merged(ring, plan), held) if plan and isinstance(ring, Ring) else outline)
+        layers.append(replace(layer, outlines=outlines))
+    return State.of(layers, goal)
+
+
+def _pays(
+    before: State, after: State, number: int, merge: Merge, plan: list[Merge], detail: float, error: float
+) -> bool:
+    """Whether a merge saves more than the pixels lose that the run crossed, and that what stands for it crosses."""
+    pieces = int(before.pieces[number + 1] - before.pieces[number])
+    left = pieces - sum(other.count - 1 for other in plan)
+    if int(after.pieces[number + 1] - after.pieces[number]) != left:
+        return True  # some piece was trimmed: the outline is judged as a whole
+    gone = np.zeros(pieces, dtype=bool)
+    for other in plan:
+        gone[(other.first + np.arange(1, other.count)) % pieces] = True
+    place = int((~gone[: merge.first]).sum())
+    old = (merge.first + np.arange(merge.count)) % pieces + before.pieces[number]
+    pixels = np.unique(
+        np.concatenate(
+            [
+                before.crossings.pixel[np.isin(before.crossings.piece, old)],
+                after.crossings.pixel[after.crossings.piece == place + after.pieces[number]],
+            ]
+        )
+    )
+    lost = 0.5 * float((after.misfit[pixels] - before.misfit[pixels]).sum()) / floor_of(before, number, error)
+    return lost * detail < PRICE * merge.saved

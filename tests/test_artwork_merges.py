@@ -1,0 +1,87 @@
+"""Merges of the finish: runs of pieces that one line or cubic stands for, where they show and where they do not."""
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.finish.edits import divided
+from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, goal_of
+from cubicsplat_cli.artwork.finish.freedom import Held
+from cubicsplat_cli.artwork.finish.merges import Merge, merged, with_merges
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ring, polygon, signed_area
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+
+RED, BLUE = (255, 0, 0, 255), (0, 64, 255, 255)
+SIZE = 64
+HELD = Held(SIZE, SIZE)
+SQUARE = polygon(np.array([[8.5, 8.25], [50.5, 8.25], [50.5, 50.75], [8.5, 50.75]]))
+
+
+def picture_of(*shapes: Shape) -> np.ndarray:
+    return begin(Drawing(SIZE, SIZE, shapes), goal_of(np.zeros((SIZE, SIZE, 4)))).image
+
+
+def after_merges(target: np.ndarray, *shapes: Shape, detail: float = 1.0) -> tuple[State, Drawing]:
+    drawing, goal = Drawing(SIZE, SIZE, shapes), goal_of(target)
+    state = with_merges(begin(drawing, goal), goal, HELD, detail)
+    return state, drawn(drawing, state)
+
+
+def shape(ring: Ring, ink=RED) -> Shape:
+    return Shape(ink, (ring,), "shape")
+
+
+def test_a_run_is_replaced_also_across_the_rings_start():
+    ring = divided(divided(SQUARE, 3, 0.5), 0, 0.5)
+    assert ring.pieces == 6
+    whole = np.stack([SQUARE.anchors[3] * (1 - t) + SQUARE.anchors[0] * t for t in (0.0, 1 / 3, 2 / 3, 1.0)])
+    found = merged(ring, [Merge(4, 2, whole, True, 2, 8.0)])
+    assert found.pieces == 5 and found.lines.all()
+    assert signed_area(found) == pytest.approx(signed_area(SQUARE))
+
+
+def test_pieces_too_many_are_taken_out():
+    circle = Circle(31.0, 30.0, 18.0).ring()
+    ring = circle
+    for piece in (3, 2, 1, 0):
+        ring = divided(ring, piece, 0.4)
+    target = picture_of(shape(ring))
+    state, found = after_merges(target, shape(ring))
+    (outline,) = found.shapes[0].outlines
+    assert ring.pieces == 8 and isinstance(outline, Ring) and outline.pieces <= 4
+    assert np.abs(state.image - target).max() < 0.01
+
+
+def test_wrong_corners_along_a_line_are_taken_out():
+    bent = polygon(np.array([[8.5, 8.25], [20.0, 8.3], [33.0, 8.2], [50.5, 8.25], [50.5, 50.75], [8.5, 50.75]]))
+    state, found = after_merges(picture_of(shape(SQUARE)), shape(bent))
+    (outline,) = found.shapes[0].outlines
+    assert outline.ring().pieces == 4
+    assert np.abs(state.image - picture_of(shape(SQUARE))).max() < 0.02
+
+
+def test_a_corner_that_shows_stays():
+    dented = polygon(np.array([[8.5, 8.25], [30.0, 9.5], [50.5, 8.25], [50.5, 50.75], [8.5, 50.75]]))
+    _, found = after_merges(picture_of(shape(dented)), shape(dented))
+    (outline,) = found.shapes[0].outlines
+    assert outline.ring().pieces == 5
+
+
+def test_what_is_hidden_goes_the_simple_way_and_nothing_else_is_seen():
+    steps = [[40.0 + (k % 2), 10.0 + 2.0 * k] for k in range(20)]
+    wandering = polygon(np.array([[10.0, 8.0], [40.0, 8.0], *steps, [40.0, 52.0], [10.0, 52.0]]))
+    cover = shape(polygon(np.array([[35.0, 4.0], [60.0, 4.0], [60.0, 60.0], [35.0, 60.0]])), BLUE)
+    target = picture_of(shape(wandering), cover)
+    state, found = after_merges(target, shape(wandering), cover)
+    assert found.shapes[0].outlines[0].ring().pieces <= 8
+    assert np.abs(state.image - target).max() < 0.02
+
+
+def test_more_detail_keeps_more_pieces():
+    angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    radius = 20.0 + 0.25 * np.cos(5.0 * angle)
+    blob = polygon(32.0 + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    pieces = [
+        after_merges(picture_of(shape(blob)), shape(blob), detail=detail)[1].shapes[0].outlines[0].ring().pieces
+        for detail in (0.05, 1.0, 50.0)
+    ]
+    assert pieces[0] < pieces[1] < pieces[2]
