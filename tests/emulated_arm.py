@@ -6,7 +6,6 @@ The engine runs in a process of its own, tests/arm/driver.cpp, which gets each c
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import shutil
 import struct
 import subprocess
@@ -34,6 +33,8 @@ def driver() -> Path:
     """The driver with the engine beside it, built by the project's own build file and kept in build/arm, by one test
     process at a time.
     """
+    import fcntl  # Windows has none, and no need of it
+
     BUILD.mkdir(parents=True, exist_ok=True)
     with (BUILD / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
