@@ -159,3 +159,9 @@ def test_completion_is_on_or_off():
     with pytest.raises(UsageError, match="completion"):
         ArtworkSettings(completion="maybe")
     assert ArtworkSettings(completion="off").public()["completion"] == "off"
+
+
+def test_stripes_beneath_a_stripe_stay_rectangles():
+    stripes = picture(90, (box(0.0, 0.0, 90.0, 30.2), RED), (box(0.0, 30.2, 90.0, 60.4), BLUE))
+    found = draw(stripes)
+    assert all(isinstance(outline, Rectangle) for shape in found.shapes for outline in shape.outlines)

@@ -33,6 +33,7 @@ SEVERAL = 8
 FEWEST_SEEN = 4  # points of a contour, below which it becomes a polygon
 TRIALS = 24
 ALLOWED = 1  # px that an outline may cover or leave wrongly
+LEVEL = 1e-6  # px that the ends of a level line may differ
 MOST_TIPS = 3  # corners, the first of them twice, that enclose nothing
 SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it
 FEWEST = 8  # points of a contour, below which it is drawn as a polygon
@@ -148,7 +149,19 @@ def _completed(contour: Contour, window: _Window, room: Room, detail: float, who
         if not open_runs.any():
             break
     assert best is not None
+    best = _as_box(best)
     return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
+
+
+def _as_box(outline: Outline) -> Outline:
+    """A ring of four level and upright lines as the rectangle that it is."""
+    if not isinstance(outline, Ring) or outline.pieces != 4 or not outline.lines.all():
+        return outline
+    sides = np.abs(np.roll(outline.anchors, -1, axis=0) - outline.anchors)
+    if sides.min(axis=1).max() > LEVEL or (sides.argmin(axis=1)[:2] != sides.argmin(axis=1)[2:]).any():
+        return outline
+    low, high = outline.anchors.min(axis=0), outline.anchors.max(axis=0)
+    return Rectangle(float(low[0]), float(low[1]), *(high - low).tolist())
 
 
 def _with_corners(

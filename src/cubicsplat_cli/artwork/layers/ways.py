@@ -63,8 +63,18 @@ def ways_on(loop: Loop, run: np.ndarray) -> Iterator[Way]:
         yield from _by_lines(loop, run, (first, last), rim)
     if meet is not None and not straight:
         yield from _by_lines(loop, run, (first, last), meet)
-    yield from _by_cubic(loop, run, ROUND)
+    # Straight sides, as of a stripe, turn back in a bow only where they are longer than they are apart.
+    if not straight or _long(loop, first, last):
+        yield from _by_cubic(loop, run, ROUND)
     yield from simply(loop, run, (first, last))
+
+
+def _long(loop: Loop, first: End, last: End) -> bool:
+    """Whether what shows is longer, the way that the first end is heading, than the ends are apart."""
+    if first.tangent is None:
+        return False
+    along = loop.points[np.isfinite(loop.sigma)] @ first.tangent
+    return bool(np.ptp(along) >= np.hypot(*(last.at - first.at)))
 
 
 def sides_meeting(loop: Loop, run: np.ndarray) -> Way | None:
