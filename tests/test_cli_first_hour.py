@@ -174,6 +174,10 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
         (["vectorise", "x.png"], "there is no command 'vectorise'; did you mean vectorize?"),
         (["vectorize"], "IN... is missing"),
         (["vectorize", "a.png", "-o", "x"], "the output must end in .svg, but -o is x; -o x.svg is a file, -o x/ a"),
+        (
+            ["vectorize", "a.png", "--svgz", "-o", "x.svg"],
+            "the output must end in .svgz, but -o is x.svg; call it x.svgz",
+        ),
         (["vectorize", "a.png", "-o", "x.pdf"], "the output must end in .svg, but -o is x.pdf; call it x.svg"),
         (["vectorize", "a.png", "b.png", "-o", "out.svg"], "-o out.svg names one SVG, but there are 2 pictures"),
     ],

@@ -96,7 +96,7 @@ def plan_outputs(
         if ending:
             raise UsageError(f"--suffix is of names made of the picture's, but -o {output} is one; leave out either")
     if svg.suffix.lower() not in ((COMPRESSED,) if compress else SVG_SUFFIXES):
-        raise UsageError(f"the output must end in {suffix}, but -o is {output}; {_instead(svg)}")
+        raise UsageError(f"the output must end in {suffix}, but -o is {output}; {_instead(svg, suffix)}")
     outputs = beside(svg, png=png, report=report, source=source)
     for path in outputs.files():
         if source is not None and same_file(path, source):
@@ -104,12 +104,13 @@ def plan_outputs(
     return outputs
 
 
-def _instead(svg: Path) -> str:
+def _instead(svg: Path, suffix: str) -> str:
+    """What to ask for in place of an output of another kind than `suffix`."""
     if svg.suffix.lower() in PICTURE_SUFFIXES:
-        return f"for a drawn {svg.suffix.lower()[1:].upper()} make {svg.stem}.svg first: its PNG is written beside it"
+        return f"for a drawn {svg.suffix.lower()[1:].upper()} make {svg.stem}{suffix} first: its PNG is written beside it"
     if not svg.suffix:
-        return f"-o {svg}.svg is a file, -o {svg}/ a folder, -o - standard output"
-    return f"call it {svg.with_suffix('.svg')}"
+        return f"-o {svg}{suffix} is a file, -o {svg}/ a folder, -o - standard output"
+    return f"call it {svg.with_suffix(suffix)}"
 
 
 def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) -> Path:
