@@ -107,7 +107,8 @@ def plan_outputs(
 def _instead(svg: Path, suffix: str) -> str:
     """What to ask for in place of an output of another kind than `suffix`."""
     if svg.suffix.lower() in PICTURE_SUFFIXES:
-        return f"for a drawn {svg.suffix.lower()[1:].upper()} make {svg.stem}{suffix} first: its PNG is written beside it"
+        kind = svg.suffix.lower()[1:].upper()
+        return f"for a drawn {kind} make {svg.stem}{suffix} first: its PNG is written beside it"
     if not svg.suffix:
         return f"-o {svg}{suffix} is a file, -o {svg}/ a folder, -o - standard output"
     return f"call it {svg.with_suffix(suffix)}"
