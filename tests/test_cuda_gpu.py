@@ -170,12 +170,12 @@ def step(self, scene, settings, training):
 CudaEngine.step = step
 picture = np.random.default_rng(1).random((48, 64, 3), dtype=np.float32)
 result = fit(picture, FitSettings.from_preset("draft", curves=16, steps=200, device="cuda"))
-assert bool(torch.isfinite(result.scene.points).all())
+assert np.isfinite(result.scene.points).all()
 print(result.notes[0], result.device["name"])
 """
 
 
-def test_a_gpu_that_fails_leaves_the_best_so_far():
+def test_a_gpu_that_fails_leaves_the_best_so_far(engine):
     """In a process of its own, since the GPU's context is lost to it."""
     ended = subprocess.run([sys.executable, "-c", LOSES_ITS_GPU], capture_output=True, text=True, timeout=120)
     assert ended.returncode == 0, ended.stderr
