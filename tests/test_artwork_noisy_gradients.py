@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
 from cubicsplat_cli.artwork.input.condition import condition_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.paint import LinearGradient, RadialGradient
+from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient
 
 SIDE, FINE = 192, 4
 RED, GOLD, PALE, BLUE = (230.0, 60.0, 40.0), (250.0, 210.0, 60.0), (240.0, 240.0, 255.0), (60.0, 120.0, 200.0)

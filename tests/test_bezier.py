@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from scenes import MODES, random_scene
 from torch import Tensor
 
-from cubicsplat_cli.bezier import (
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.scene import points_from_segments, segments_from_points
+from cubicsplat_cli.scene.bezier import (
     bernstein,
     polyline_basis,
     segment_indices,
 )
-from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.scene import points_from_segments, segments_from_points
 from cubicsplat_cli.settings import Mode
 
 quick = settings(max_examples=50, deadline=None, derandomize=True)

@@ -14,7 +14,6 @@ from test_fit import picture, settings, trainer
 from test_gradients import one
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.gradients import FLAT, LINEAR, RADIAL, ends_of, linear_frames
 from cubicsplat_cli.photo import Guide, fit
 from cubicsplat_cli.photo.capacity import in_front, reallocate
 from cubicsplat_cli.photo.fills import ENDS_RATE, LinearFills, middles_of
@@ -22,6 +21,7 @@ from cubicsplat_cli.photo.initial import new_curves
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.raster.engine import OptimiserState, Rates
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, ends_of, linear_frames
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg, write_svg
 
@@ -185,8 +185,8 @@ def test_frozen_curves_keep_their_fills(fill):
     if fill == "flat":
         assert kept.kinds.tolist() == [FLAT] * first.curves
     else:
-        for name, tensor in first.gradients.tensors_by_name().items():
-            assert np.array_equal(kept.tensors_by_name()[name], tensor), name
+        for name, tensor in first.gradients.arrays_by_name().items():
+            assert np.array_equal(kept.arrays_by_name()[name], tensor), name
 
 
 def test_another_fill_is_a_usage_error():

@@ -132,8 +132,8 @@ def test_the_best_parameters_are_kept_as_they_were(loss_of):
     shapes = ((2, 6, 2), (2, 3), (2,), (2,), (2,))
     parameters = Parameters(*(torch.zeros(shape) for shape in shapes))
     for i, loss in enumerate((5.0, 3.0, 4.0, float("nan"), 3.0, 2.0, 6.0)):
-        for tensor in parameters.tensors_by_name().values():
+        for tensor in parameters.arrays_by_name().values():
             tensor.fill_(i)
         best.consider(loss_of(loss), parameters)
     assert best.loss == 2.0
-    assert all(bool((t == 5).all()) for t in best.parameters.tensors_by_name().values())
+    assert all(bool((t == 5).all()) for t in best.parameters.arrays_by_name().values())

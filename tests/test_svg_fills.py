@@ -17,10 +17,10 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.evaluate.scaled import draw_part
 from cubicsplat_cli.evaluate.tiles import Tile
-from cubicsplat_cli.gradients import FLAT, LINEAR, RADIAL, linear_frames
-from cubicsplat_cli.paint import LinearGradient, RadialGradient, Stop, mean_ink
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames
+from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_ink
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg, write_svg
 from cubicsplat_cli.svg.drawing import write_drawing
@@ -33,8 +33,8 @@ def assert_same(one: Scene, other: Scene) -> None:
         assert np.array_equal(getattr(one, name), getattr(other, name)), name
     assert (one.gradients is None) == (other.gradients is None)
     if one.gradients is not None:
-        theirs = other.gradients.tensors_by_name()
-        for name, tensor in one.gradients.tensors_by_name().items():
+        theirs = other.gradients.arrays_by_name()
+        for name, tensor in one.gradients.arrays_by_name().items():
             assert np.array_equal(tensor, theirs[name]), name
 
 

@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.paint import LinearGradient, RadialGradient, Stop, mean_ink, painted
+from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_ink, painted
 from cubicsplat_cli.svg.drawing import write_drawing
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
 

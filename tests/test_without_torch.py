@@ -146,7 +146,7 @@ def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided, monkeypatch):
     assert theirs.replaced == ours.replaced > 0
     assert theirs.history[-1]["psnr_db"] == pytest.approx(ours.history[-1]["psnr_db"], abs=0.02)
     assert theirs.scene.curves == ours.scene.curves
-    for name, values in ours.scene.tensors_by_name().items():
-        other = theirs.scene.tensors_by_name()[name]
+    for name, values in ours.scene.arrays_by_name().items():
+        other = theirs.scene.arrays_by_name()[name]
         assert isinstance(other, np.ndarray)
         assert np.median(np.abs(values - other)) <= 1e-3 * max(1.0, np.abs(values).max()), name

@@ -36,7 +36,7 @@ from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneTensors, Training
+from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneArrays, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -72,7 +72,7 @@ CASES = [
 ]
 
 
-def scene_of(case: Case, target: Tensor, device: torch.device) -> SceneTensors:
+def scene_of(case: Case, target: Tensor, device: torch.device) -> SceneArrays:
     """Curves at random places with the colours of a target (H, W, 3) on the CPU: discs, or bent strokes."""
     generator = np.random.default_rng(1)
     settings = FitSettings.from_preset("standard", case.mode, curves=case.curves, segments=case.segments)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import colorsys
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle
-from cubicsplat_cli.paint import Ink
+from cubicsplat_cli.scene.paint import Ink
 
 # Hues in degrees up to which a colour has this name.
 _HUES = ((15, "red"), (42, "orange"), (68, "yellow"), (160, "green"), (195, "teal"), (255, "blue"), (290, "purple"))

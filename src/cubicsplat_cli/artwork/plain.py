@@ -8,7 +8,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.paint import Ink
+from cubicsplat_cli.scene.paint import Ink
 
 _ROWS = 64
 # What a JPEG makes of one colour with a trace of noise: two steps of 8 bits between any two pixels, which nobody sees.

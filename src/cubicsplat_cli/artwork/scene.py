@@ -8,8 +8,8 @@ from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.gradients import gradients_of
 from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.settings import Mode
 
 

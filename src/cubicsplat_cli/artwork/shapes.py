@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, pieces_of, scaled_stroke
-from cubicsplat_cli.paint import Gradient, Ink
+from cubicsplat_cli.scene.paint import Gradient, Ink
 
 _ALIKE = 1e-3
 

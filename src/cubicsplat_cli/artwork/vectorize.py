@@ -25,7 +25,7 @@ from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
-from cubicsplat_cli.paint import mean_ink
+from cubicsplat_cli.scene.paint import mean_ink
 
 # Contours hold at most MOST_POINTS points, the smallest beyond become polygons. A picture of more than FEW regions has
 # regions of LEAST_AREA px and more on average, or is blurred by the next of BLURS, px.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from cubicsplat_cli.arrays import Array, is_array, namespace
 from cubicsplat_cli.photo.parameters import Parameters
+from cubicsplat_cli.scene.arrays import Array, is_array, namespace
 
 
 class Best:
@@ -40,7 +40,7 @@ class Best:
             self._parameters.overwrite(parameters)
 
     def _choose(self, loss: Array, parameters: Parameters) -> None:
-        xp, better, theirs = namespace(loss), loss < self._loss, parameters.tensors_by_name()
-        for name, mine in self.parameters.tensors_by_name().items():
+        xp, better, theirs = namespace(loss), loss < self._loss, parameters.arrays_by_name()
+        for name, mine in self.parameters.arrays_by_name().items():
             mine[...] = xp.where(better, theirs[name], mine)
         self._loss = xp.where(better, loss, self._loss)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.arrays import Array, contiguous, like, namespace
 from cubicsplat_cli.photo.initial import colour_to_logits, random_ring
 from cubicsplat_cli.photo.smoothing import box_mean
+from cubicsplat_cli.scene.arrays import Array, contiguous, like, namespace
 from cubicsplat_cli.settings import FitSettings, Mode
 
 RESIDUAL_BLUR = 5  # px; a single pixel's residual is noise

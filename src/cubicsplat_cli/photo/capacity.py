@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.arrays import Array, as_numpy, namespace
 from cubicsplat_cli.photo.blobs import blob_points, find_blobs
 from cubicsplat_cli.photo.guide import spread_of
 from cubicsplat_cli.photo.initial import colours_at, control_points, draw_pixels, new_curves
 from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.photo.smoothing import box_mean
 from cubicsplat_cli.raster.engine import OptimiserState
+from cubicsplat_cli.scene.arrays import Array, as_numpy, namespace
 from cubicsplat_cli.settings import FitSettings
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cubicsplat_cli.arrays import Array, contiguous, like, namespace, sigmoid
-from cubicsplat_cli.curvetensors import CurveTensors
-from cubicsplat_cli.gradients import LINEAR, Gradients, linear_frames
 from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.scene.arrays import Array, contiguous, like, namespace, sigmoid
+from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.gradients import LINEAR, Gradients, linear_frames
 
 LEAST_LENGTH = 1.0  # px, of the way from one colour to the other
 LOGIT_LIMIT = 9.0  # as in the engines
@@ -15,7 +15,7 @@ ENDS_RATE = 0.4  # of that of the control points
 
 
 @dataclass
-class LinearFills(CurveTensors):
+class LinearFills(CurveArrays):
     """ends (N, 2, 2) px: start and end, seen from the curve's middle, with which they move. stop_logits (N, 2, 3): of
     the colours there. moments (N, 10, 4), ages (N,) int32: Adan's, as in `OptimiserState`.
     """

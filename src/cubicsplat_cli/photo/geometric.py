@@ -7,8 +7,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from cubicsplat_cli.arrays import Array, namespace
 from cubicsplat_cli.scene import segments_from_points
+from cubicsplat_cli.scene.arrays import Array, namespace
 from cubicsplat_cli.settings import Mode, Recipe
 
 THORN_TURN = math.radians(140.0)  # less than what is called a thorn, 150 degrees, so that those end below

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.arrays import Array, namespace
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.arrays import Array, namespace
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.arrays import Array, contiguous, like, logit, namespace
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
 from cubicsplat_cli.photo.parameters import Parameters
+from cubicsplat_cli.scene.arrays import Array, contiguous, like, logit, namespace
 from cubicsplat_cli.settings import FitSettings, Mode, Recipe
 
 COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the optimiser

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from cubicsplat_cli.arrays import Array
 from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.photo.result import psnr
-from cubicsplat_cli.raster.engine import Engine, SceneTensors
+from cubicsplat_cli.raster.engine import Engine, SceneArrays
 from cubicsplat_cli.raster.loss import image_loss
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene.arrays import Array
 
 CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
 
@@ -22,7 +22,7 @@ class Judge:
     """
 
     def __init__(
-        self, engine: Engine, objective: Objective, exact: RasterSettings, drawn: Callable[[Parameters], SceneTensors]
+        self, engine: Engine, objective: Objective, exact: RasterSettings, drawn: Callable[[Parameters], SceneArrays]
     ) -> None:
         self.engine, self.objective, self.exact, self.drawn = engine, objective, exact, drawn
         self.values = objective.goal.shape[0] * objective.goal.shape[1] * CHANNELS_COMPARED

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cubicsplat_cli.arrays import Array, as_numpy, as_torch
 from cubicsplat_cli.losses import parse_loss
 from cubicsplat_cli.raster.loss import image_loss
 from cubicsplat_cli.raster.settings import SQUARED, Penalty
+from cubicsplat_cli.scene.arrays import Array, as_numpy, as_torch
 
 if TYPE_CHECKING:
     from cubicsplat_cli.photo.structure import Structure

@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from cubicsplat_cli.arrays import Array, contiguous, copied, like, namespace, sigmoid
-from cubicsplat_cli.curvetensors import CurveTensors
-from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
-from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.raster.engine import SceneArrays
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.arrays import Array, contiguous, copied, like, namespace, sigmoid
+from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
 Background = tuple[float, float, float] | None
 
 
 @dataclass
-class Parameters(CurveTensors):
+class Parameters(CurveArrays):
     """points (N, K, 2) px, colour_logits (N, 3), opacity_logits (N,), half_widths (N,) px, edge_widths (N,) px.
 
     Front to back. The edge widths count only where edges are soft. ring_ends (N, R) int32: as in `Scene`. fills: None
@@ -44,9 +44,9 @@ class Parameters(CurveTensors):
         """(N, 2) px: from where the fills' ends are seen."""
         return middles_of(self.points, self.ring_ends)
 
-    def for_engine(self, mode: Mode, width: int, height: int, background: Background, *, soft: bool) -> SceneTensors:
+    def for_engine(self, mode: Mode, width: int, height: int, background: Background, *, soft: bool) -> SceneArrays:
         """The same arrays, not copies but for gradients, as the engine takes them; soft: each curve's own edges."""
-        return SceneTensors(
+        return SceneArrays(
             mode, width, height, self.points, self.colour_logits, self.opacity_logits, self.half_widths, background,
             logits=True, edge_widths=self.edge_widths if soft else None, ring_ends=self.ring_ends,
             gradients=self.gradients(),
@@ -83,7 +83,7 @@ class Parameters(CurveTensors):
     def first_non_finite(self) -> tuple[int, str] | None:
         """(curve, parameter) of the first value that is not finite."""
         # One bad value makes the sum bad: asked before every step, this must cost next to nothing.
-        arrays = self.tensors_by_name()
+        arrays = self.arrays_by_name()
         if math.isfinite(float(sum(array.sum() for array in arrays.values()))):
             return None
         xp = namespace(self.points)

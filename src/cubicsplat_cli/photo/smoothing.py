@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cubicsplat_cli.arrays import Array, copied, namespace
+from cubicsplat_cli.scene.arrays import Array, copied, namespace
 
 
 def box_mean(planes: Array, size: int) -> Array:

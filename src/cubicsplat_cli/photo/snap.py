@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cubicsplat_cli.arrays import Array, namespace
-from cubicsplat_cli.gradients import FLAT
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.arrays import Array, namespace
+from cubicsplat_cli.scene.gradients import FLAT
 
 LEVELS = 255
 OPACITY_STEPS = 1000  # the file's opacities have three decimals

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cubicsplat_cli.arrays import Array, contiguous, copied, logit, namespace
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.gradients import FLAT, LINEAR, Gradients, ends_of
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
 from cubicsplat_cli.photo.initial import COLOUR_MARGIN, farthest
 from cubicsplat_cli.photo.parameters import Background, Parameters
 from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene.arrays import Array, contiguous, copied, logit, namespace
+from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of
 from cubicsplat_cli.settings import FitSettings, Recipe
 
 # Beyond these logits the optimiser keeps a value from moving on; the engines' own limit is 9.

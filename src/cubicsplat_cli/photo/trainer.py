@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.arrays import Array, as_numpy, copied, like, namespace
 from cubicsplat_cli.errors import DeviceError
 from cubicsplat_cli.film import Film
 from cubicsplat_cli.photo.best import Best
@@ -30,10 +29,11 @@ from cubicsplat_cli.photo.snap import snapped
 from cubicsplat_cli.photo.start import choose_background, keep_frozen, parameters_of, warmed
 from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.progress import Progress
-from cubicsplat_cli.raster.engine import RATED, Engine, OptimiserState, Rates, SceneTensors, Training
+from cubicsplat_cli.raster.engine import RATED, Engine, OptimiserState, Rates, SceneArrays, Training
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene.arrays import Array, as_numpy, copied, like, namespace
 from cubicsplat_cli.settings import FitSettings
 
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
@@ -310,7 +310,7 @@ class Trainer:
             self.settings.mode, self.width, self.height, self.background, opaque=self.recipe.opaque
         )
 
-    def _tensors(self, parameters: Parameters) -> SceneTensors:
+    def _tensors(self, parameters: Parameters) -> SceneArrays:
         soft = self.recipe.edges == "soft"
         return parameters.for_engine(self.settings.mode, self.width, self.height, self.background, soft=soft)
 

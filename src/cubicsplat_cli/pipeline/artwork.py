@@ -8,9 +8,9 @@ from cubicsplat_cli.artwork.plain import plain_drawing
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, Style
-from cubicsplat_cli.paint import Ink
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.request import Request
+from cubicsplat_cli.scene.paint import Ink
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_drawing
 from cubicsplat_cli.svg.drawing import suggested_precision

@@ -9,13 +9,13 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
-from cubicsplat_cli.raster.engine import Engine, SceneTensors
+from cubicsplat_cli.raster.engine import Engine, SceneArrays
 from cubicsplat_cli.raster.engines import cuda_engine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 
 
-def scene_tensors(scene: Scene) -> SceneTensors:
+def scene_tensors(scene: Scene) -> SceneArrays:
     """A scene as the CPU engine takes it: float32, contiguous, detached, in arrays of its kind on the host."""
 
     def plain(array: np.ndarray) -> np.ndarray:
@@ -24,7 +24,7 @@ def scene_tensors(scene: Scene) -> SceneTensors:
     given = scene.as_numpy().changed(plain)
     if not isinstance(scene.points, np.ndarray):
         given = given.as_torch()
-    return SceneTensors(
+    return SceneArrays(
         given.mode, given.width, given.height, given.points, given.colours, given.opacities, given.half_widths,
         given.background, ring_ends=given.ring_ends, gradients=given.gradients,
     )  # fmt: skip

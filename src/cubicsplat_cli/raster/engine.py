@@ -8,11 +8,11 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
-from cubicsplat_cli.arrays import Array, namespace
-from cubicsplat_cli.curvetensors import CurveTensors
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
+from cubicsplat_cli.scene.arrays import Array, namespace
+from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
@@ -26,7 +26,7 @@ def values_per_curve(points_per_curve: int) -> int:
 
 
 @dataclass
-class SceneTensors(CurveTensors):
+class SceneArrays(CurveArrays):
     """The parameters of a scene as an engine takes them; float32, contiguous, on its device.
 
     points (N, K, 2) px, colours (N, 3), opacities (N,), half_widths (N,) px; colours and opacities are logits where
@@ -71,7 +71,7 @@ class Rates:
 
 
 @dataclass
-class OptimiserState(CurveTensors):
+class OptimiserState(CurveArrays):
     """Adan moments (N, V, 4), those of the edge widths (N, 4), and each curve's number of updates (N,) int32.
 
     V is `values_per_curve`; the four are the mean, the change, the square and the previous gradient.
@@ -187,12 +187,12 @@ class Engine(ABC):
         return None
 
     @abstractmethod
-    def render(self, scene: SceneTensors, settings: RasterSettings) -> Array:
+    def render(self, scene: SceneArrays, settings: RasterSettings) -> Array:
         """Draws the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
 
     def gradients(
         self,
-        scene: SceneTensors,
+        scene: SceneArrays,
         settings: RasterSettings,
         *,
         gradient: Array | None = None,
@@ -228,11 +228,11 @@ class Engine(ABC):
         return self._gradients(scene, settings, Backward(gradient, target, weights, penalty, importance, out)), out
 
     @abstractmethod
-    def _gradients(self, scene: SceneTensors, settings: RasterSettings, wanted: Backward) -> float:
+    def _gradients(self, scene: SceneArrays, settings: RasterSettings, wanted: Backward) -> float:
         """Fills `wanted.out`, whose tensors are zero, and returns the loss."""
 
     @abstractmethod
-    def step(self, scene: SceneTensors, settings: RasterSettings, training: Training) -> float | Array:
+    def step(self, scene: SceneArrays, settings: RasterSettings, training: Training) -> float | Array:
         """One fused training step: forward, error, backward and Adan on the scene's own tensors, in place.
 
         Returns the loss (sum over the pixels) before the update. A parameter whose rate is 0 is not written. Raises

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cubicsplat_cli.arrays import Array, namespace
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster.settings import SQUARED, Penalty
+from cubicsplat_cli.scene.arrays import Array, namespace
 
 
 def penalty_of(error: Array, penalty: Penalty) -> Array:

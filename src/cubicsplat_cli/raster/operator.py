@@ -13,11 +13,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.gradients import Gradients
-from cubicsplat_cli.raster.engine import SceneTensors
+from cubicsplat_cli.raster.engine import SceneArrays
 from cubicsplat_cli.raster.engines import shared_engine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
 # An operator takes plain tensors and numbers: canvas = [closed, width, height], background = [] or RGB, counts =
@@ -29,7 +29,7 @@ def _scene(
     points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, frames: Tensor | None,
     stops: Tensor | None, offsets: Tensor | None, kinds: Tensor | None, tallies: Tensor | None,
     ring_ends: Tensor | None, canvas: list[int], background: list[float],
-) -> SceneTensors:  # fmt: skip
+) -> SceneArrays:  # fmt: skip
     closed, width, height = canvas
     gradients = None
     if frames is not None:
@@ -40,7 +40,7 @@ def _scene(
     )
     behind = (background[0], background[1], background[2]) if background else None
     mode = Mode.CLOSED if closed else Mode.OPEN
-    return SceneTensors(
+    return SceneArrays(
         mode, width, height, points, colours, opacities, half_widths, behind, ring_ends=ring_ends, gradients=gradients
     )  # fmt: skip
 

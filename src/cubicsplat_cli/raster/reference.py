@@ -18,9 +18,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.bezier import polyline_basis
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.gradients import FLAT, Gradients, paint_at
 from cubicsplat_cli.raster.loss import image_loss
 from cubicsplat_cli.raster.settings import (
     EXACT_SUBSAMPLES,
@@ -32,6 +30,8 @@ from cubicsplat_cli.raster.settings import (
     RasterSettings,
 )
 from cubicsplat_cli.scene import Scene, segments_from_points
+from cubicsplat_cli.scene.bezier import polyline_basis
+from cubicsplat_cli.scene.gradients import FLAT, Gradients, paint_at
 from cubicsplat_cli.settings import Mode
 
 # Squared edge length below which an edge counts as this long when a point is projected onto it, px^2.

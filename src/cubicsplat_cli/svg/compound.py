@@ -9,7 +9,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.geometry.stroke import Stroke
 from cubicsplat_cli.artwork.shapes import Shape
-from cubicsplat_cli.paint import Gradient, Ink
+from cubicsplat_cli.scene.paint import Gradient, Ink
 from cubicsplat_cli.svg.strokes import joinable
 
 # Two shapes of one ink may be a pair of eyes; so many are lettering or a pattern.

@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.geometry.stroke import Path
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.paint import Ink, mean_ink
+from cubicsplat_cli.scene.paint import Ink, mean_ink
 from cubicsplat_cli.svg.canvas import canvas_size
 from cubicsplat_cli.svg.gradient_reader import LINEAR, RADIAL, STOP, GradientReader
 from cubicsplat_cli.svg.pathparse import Piece, subpaths

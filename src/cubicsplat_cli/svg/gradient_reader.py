@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.paint import Gradient, LinearGradient, Stop, radial_from
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 from cubicsplat_cli.svg.transforms import one_transform
 
 LINEAR, RADIAL, STOP = "linearGradient", "radialGradient", "stop"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
-from cubicsplat_cli.paint import Gradient, LinearGradient
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient
 from cubicsplat_cli.svg.markup import Identifiers, short_colour
 from cubicsplat_cli.svg.pathdata import format_number
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.gradients import FLAT, LINEAR, Gradients, ends_of, paint_at
-from cubicsplat_cli.paint import Gradient, LinearGradient, RadialGradient, Stop, mean_ink, radial_from
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of, paint_at
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient, Stop, mean_ink, radial_from
 
 _OPAQUE = 255
 _OFFSETS = 1000  # three decimals

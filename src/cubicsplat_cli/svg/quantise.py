@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.arrays import Array, as_numpy
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.gradients import gradients_of
-from cubicsplat_cli.paint import Gradient
 from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene.arrays import Array, as_numpy
+from cubicsplat_cli.scene.gradients import gradients_of
+from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.settings import PRECISION, Mode
 from cubicsplat_cli.svg.gridgradients import as_written, paints_of
 from cubicsplat_cli.svg.pathdata import ring_slices

@@ -14,9 +14,9 @@ import numpy as np
 
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.gradients import gradients_of
-from cubicsplat_cli.paint import Gradient, mean_ink
 from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene.gradients import gradients_of
+from cubicsplat_cli.scene.paint import Gradient, mean_ink
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.canvas import canvas_size
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
-from cubicsplat_cli.paint import Gradient
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.gradients import gradient_element
 from cubicsplat_cli.svg.gridgradients import gradient_decimals

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import Area, gradient_areas, smooth_parts
 from cubicsplat_cli.artwork.gradients.shades import gradient_of
-from cubicsplat_cli.paint import Gradient, painted
+from cubicsplat_cli.scene.paint import Gradient, painted
 
 REACH, SLOTS = 3, 4  # px in which the paints of a blend are sought, and how many
 FARTHER = 1.5  # levels by which the next paint must explain a pixel better

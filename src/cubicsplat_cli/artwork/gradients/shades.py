@@ -26,7 +26,7 @@ from cubicsplat_cli.artwork.gradients.ramps import (
     scatter,
     trimmed,
 )
-from cubicsplat_cli.paint import Gradient, LinearGradient, Stop, radial_from
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 
 # Pixels looked at to choose and to settle; blocks, each of which gives a direction, px of one and pixels that it needs.
 FEW_PIXELS, MOST_PIXELS, BLOCKS, LEAST_BLOCK, FULL = 1000, 4000, 300, 3, 5

@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.gradients import Gradients
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneTensors, Training
+from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneArrays, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import points_from_segments
+from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
 WIDTH, HEIGHT = 22, 19
@@ -63,7 +63,7 @@ EXPECTED_STEPS: dict[tuple[Mode, int, str], tuple[float, ...]] = {
 }
 
 
-def scene(program: Program, device: torch.device | str = "cpu") -> SceneTensors:
+def scene(program: Program, device: torch.device | str = "cpu") -> SceneArrays:
     """Overlapping faint curves, some of them partly outside the canvas."""
     count = points_from_segments(program.mode, SEGMENTS)
     along = torch.arange(count) / count
@@ -83,7 +83,7 @@ def scene(program: Program, device: torch.device | str = "cpu") -> SceneTensors:
     given = (torch.stack(shapes), colours, opacities, half_widths)
     points, colours, opacities, half_widths = (t.float().contiguous().to(device) for t in given)
     fills = gradients(device) if program.painted else None
-    return SceneTensors(
+    return SceneArrays(
         program.mode, WIDTH, HEIGHT, points, colours, opacities, half_widths, background, gradients=fills
     )  # fmt: skip
 
@@ -109,7 +109,7 @@ def target(program: Program, device: torch.device | str = "cpu") -> Tensor:
     return torch.stack(planes, -1).float().contiguous().to(device)
 
 
-def untrained(program: Program, device: torch.device | str = "cpu") -> SceneTensors:
+def untrained(program: Program, device: torch.device | str = "cpu") -> SceneArrays:
     """The scene as a fit has it, with logits."""
     start = scene(program, device)
     start.logits = True

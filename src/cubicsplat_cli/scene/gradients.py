@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cubicsplat_cli.arrays import Array, copied, is_array, kind_of, like, namespace
-from cubicsplat_cli.curvetensors import CurveTensors
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.paint import Gradient, LinearGradient
+from cubicsplat_cli.scene.arrays import Array, copied, is_array, kind_of, like, namespace
+from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,7 +22,7 @@ LEAST_LENGTH = 1e-6
 
 
 @dataclass
-class Gradients(CurveTensors):
+class Gradients(CurveArrays):
     """How N curves are filled where one colour is not enough, with room for S stops each.
 
     kinds: (N,) int32, `FLAT` (the curve has its one colour, and nothing else here is read), `LINEAR` or `RADIAL`.

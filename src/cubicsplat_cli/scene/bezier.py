@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.scene import points_from_segments
+from cubicsplat_cli.scene.scene import points_from_segments
 from cubicsplat_cli.settings import Mode
 
 

@@ -7,10 +7,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from cubicsplat_cli.arrays import Array, is_array, kind_of, like, namespace
-from cubicsplat_cli.curvetensors import CurveTensors
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.gradients import Gradients
+from cubicsplat_cli.scene.arrays import Array, is_array, kind_of, like, namespace
+from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
 
@@ -37,7 +37,7 @@ def points_from_segments(mode: Mode, segments: int) -> int:
 
 
 @dataclass
-class Scene(CurveTensors):
+class Scene(CurveArrays):
     """N primitives, front to back (index 0 is the front-most), on a canvas of `width` x `height` pixels.
 
     mode: every primitive is of this kind.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cubicsplat_cli.arrays import Array, as_numpy, as_torch, contiguous, copied, is_array, namespace
+from cubicsplat_cli.scene.arrays import Array, as_numpy, as_torch, contiguous, copied, is_array, namespace
 
 if TYPE_CHECKING:
     import torch
@@ -16,38 +16,38 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class CurveTensors:
-    """A dataclass whose arrays, and those of the CurveTensors among its fields, have a row for each curve.
+class CurveArrays:
+    """A dataclass whose arrays, and those of the CurveArrays among its fields, have a row for each curve.
 
     They are all numpy's, or all torch's and on one device.
     """
 
-    def tensors_by_name(self) -> dict[str, Array]:
+    def arrays_by_name(self) -> dict[str, Array]:
         """The arrays that there are; `field.name` of a field's own."""
         found: dict[str, Array] = {}
         for f in fields(self):
             value = getattr(self, f.name)
-            if isinstance(value, CurveTensors):
-                found |= {f"{f.name}.{name}": t for name, t in value.tensors_by_name().items()}
+            if isinstance(value, CurveArrays):
+                found |= {f"{f.name}.{name}": t for name, t in value.arrays_by_name().items()}
             elif is_array(value):
                 found[f.name] = value
         return found
 
-    def with_tensors(self, tensors: dict[str, Array]) -> Self:
-        """The same with other arrays in the place of those of these names, as `tensors_by_name` gives them."""
+    def with_arrays(self, tensors: dict[str, Array]) -> Self:
+        """The same with other arrays in the place of those of these names, as `arrays_by_name` gives them."""
         changes: dict[str, object] = {}
         for f in fields(self):
             value = getattr(self, f.name)
-            if isinstance(value, CurveTensors):
+            if isinstance(value, CurveArrays):
                 own = {name.partition(".")[2]: t for name, t in tensors.items() if name.startswith(f"{f.name}.")}
-                changes[f.name] = value.with_tensors(own)
+                changes[f.name] = value.with_arrays(own)
             elif f.name in tensors:
                 changes[f.name] = tensors[f.name]
         return replace(self, **changes)
 
     def changed(self, change: Callable[[Array], Array]) -> Self:
         """All arrays changed alike."""
-        return self.with_tensors({name: change(t) for name, t in self.tensors_by_name().items()})
+        return self.with_arrays({name: change(t) for name, t in self.arrays_by_name().items()})
 
     def copy(self) -> Self:
         return self.changed(copied)
@@ -70,13 +70,13 @@ class CurveTensors:
 
     def joined(self, behind: Self) -> Self:
         """These curves in front of others."""
-        theirs = behind.tensors_by_name()
-        return self.with_tensors(
-            {name: namespace(t).concat((t, theirs[name])) for name, t in self.tensors_by_name().items()}
+        theirs = behind.arrays_by_name()
+        return self.with_arrays(
+            {name: namespace(t).concat((t, theirs[name])) for name, t in self.arrays_by_name().items()}
         )
 
     def overwrite(self, other: Self) -> None:
         """Takes over other curves' values in place: a captured CUDA graph keeps the addresses."""
-        theirs = other.tensors_by_name()
-        for name, mine in self.tensors_by_name().items():
+        theirs = other.arrays_by_name()
+        for name, mine in self.arrays_by_name().items():
             mine[...] = theirs[name]
