@@ -62,7 +62,7 @@ _HOME = {
     "api": ("compare", "vectorize"),
     "errors": ("CubicSplatError", "EngineError", "InputError", "UsageError"),
     "files.load": ("Picture", "load_picture"),
-    "gradients": ("Gradients",),
+    "scene.gradients": ("Gradients",),
     "photo": ("FitResult", "fit"),
     "pipeline": ("Result",),
     "progress": ("Progress",),
