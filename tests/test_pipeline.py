@@ -15,7 +15,7 @@ from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.trainer import Trainer
 from cubicsplat_cli.pipeline import artwork, copies, vectorize_picture
-from cubicsplat_cli.progress import Stages
+from cubicsplat_cli.progress import COMMAND_BEGAN, Stages
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
@@ -128,6 +128,16 @@ def test_a_time_limit_is_one_of_everything():
     assert report.timing.steps > 10
     assert report.settings["time_limit"] == 3.0
     assert report.quality is not None
+
+
+def test_a_picture_among_others_takes_its_own_time_not_the_commands():
+    """As the benches fit them, one after the other in one process."""
+    began = COMMAND_BEGAN.set(time.perf_counter() - 1000)
+    try:
+        done = vectorize_picture(as_picture(flat_picture()), Request(SETTINGS.with_(curves=4, steps=2), style="photo"))
+    finally:
+        COMMAND_BEGAN.reset(began)
+    assert 0 < done.report.timing.total_s < 500
 
 
 @pytest.mark.parametrize(("limit", "smaller"), [(1.0, True), (1000.0, False)])

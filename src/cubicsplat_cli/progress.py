@@ -32,18 +32,22 @@ def nothing(*_: object) -> None:
 COMMAND_BEGAN: ContextVar[float | None] = ContextVar("COMMAND_BEGAN", default=None)
 
 
-def _began() -> float:
+def command_began() -> float:
+    """When the command that this process is began, by `time.perf_counter`; now where it is none."""
     began = COMMAND_BEGAN.get()
     return time.perf_counter() if began is None else began
 
 
 @dataclass
 class Stages:
-    """The stages of the work ("read", "fit", "write", "draw", "measure"): the seconds of each; whom to tell of them."""
+    """The stages of the work ("read", "fit", "write", "draw", "measure"): the seconds of each; whom to tell of them.
+
+    started: when the work began; of a command that has one picture to do, its own beginning (`command_began`).
+    """
 
     begin: Callable[[str], None] = nothing
     seconds: dict[str, float] = field(default_factory=dict)
-    started: float = field(default_factory=_began)
+    started: float = field(default_factory=time.perf_counter)
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
@@ -56,5 +60,5 @@ class Stages:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - before
 
     def total(self) -> float:
-        """Seconds since the work began: the command's own, where it has one picture to do."""
+        """Seconds since the work began."""
         return time.perf_counter() - self.started

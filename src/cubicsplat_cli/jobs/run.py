@@ -15,7 +15,7 @@ from cubicsplat_cli.jobs.earlier import forget, is_finished
 from cubicsplat_cli.jobs.events import Events, logged_to
 from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.progress import Stages
+from cubicsplat_cli.progress import Stages, command_began
 from cubicsplat_cli.report import Report, head
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.words import one_line, printable
@@ -97,7 +97,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     """Load, fit, write, measure. The SVG is put out before it is measured, the report last: whoever finds a report
     finds all files. A finished SVG is never replaced by that of an interrupted fit. Raises what the steps raise.
     """
-    stages = Stages(lambda stage: events.stage(job.name, stage))
+    stages = Stages(lambda stage: events.stage(job.name, stage), started=command_began())
     if request.masks is not None and job.mask is None:
         events.note(job.name, f"{job.name}: has no mask in {request.masks}, so all of it matters alike")
     with stages("read"):
