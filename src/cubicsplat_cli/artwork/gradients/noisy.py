@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.gradients.areas import PLUS, SQUARE, Area, gradient_
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.shades import Shade
 from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.palette import calm_pixels
 
 WINDOW = 7  # px
 # What a plane leaves of a window: times the noise, of which what is white or black shows half, but in a JPEG it is that
@@ -30,7 +31,6 @@ GROWN, NEAR, NEAR_LEVELS, JPEG_NEAR = 5, 3.0, 2.0, 6.0
 # Px of a hole in a gradient that belongs to it, where no pixel is off by more levels: the tip of a radial one.
 LARGEST_HOLE, MOST_OFF = 150, 64.0
 LEAST_EVEN = 40  # px of what is even: less is the rest of a gradient at its rim
-CALM = 1.5  # times the noise that 3 x 3 px of one ink may deviate, and a level for rounding
 
 
 def without_noisy_gradients(levels: np.ndarray, condition: Condition) -> Flattened:
@@ -112,11 +112,8 @@ def _grown(levels: np.ndarray, area: Area, condition: Condition) -> Area:
 
 def _even(levels: np.ndarray, noise: float) -> np.ndarray:
     """(H, W) int32 numbers from 1 on of what is of one colour but for the noise, 0 elsewhere."""
-    size = (3, 3, 1)
-    mean = ndimage.uniform_filter(levels, size, mode="nearest")
-    square = ndimage.uniform_filter(levels * levels, size, mode="nearest")
-    deviation = np.sqrt(np.maximum(square - mean * mean, 0.0)).max(axis=-1)
-    labels, count = ndimage.label(deviation <= CALM * noise + 1.0, PLUS)
+    calm, _ = calm_pixels(levels, noise)
+    labels, count = ndimage.label(calm, PLUS)
     large = np.bincount(labels.ravel(), minlength=count + 1) >= LEAST_EVEN
     large[0] = False
     return np.where(large[labels], labels, 0)

@@ -15,18 +15,24 @@ MOST = 64
 NEAR, EDGE, FAR = 8, 24.0, 2.5
 
 
+def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) bool: pixels of (H, W, 4) whose 3 x 3 px are of one colour but for the noise; their means (H, W, 4)."""
+    size = (3, 3, 1)
+    mean = ndimage.uniform_filter(levels, size, mode="nearest")
+    square = ndimage.uniform_filter(levels * levels, size, mode="nearest")
+    deviation = np.sqrt(np.maximum(square - mean * mean, 0.0)).max(axis=-1)
+    return deviation <= CALM * noise + 1.0, mean
+
+
 def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float, most: int | None = None) -> np.ndarray:
     """(P, 4) float64 the inks of a picture (H, W, 4) in levels, the commonest first.
 
     seen: (H, W, 4) the picture in coordinates whose distances tell inks apart. noise: its standard deviation in levels.
     most: of inks.
     """
-    mean = ndimage.uniform_filter(seen, (3, 3, 1), mode="nearest")
-    square = ndimage.uniform_filter(seen * seen, (3, 3, 1), mode="nearest")
-    deviation = np.sqrt(np.maximum(square - mean * mean, 0.0)).max(axis=-1)
+    calm, mean = calm_pixels(seen, noise)
     spread = ndimage.maximum_filter(seen, (3, 3, 1)) - ndimage.minimum_filter(seen, (3, 3, 1))
     edge = spread.max(axis=-1) > max(EDGE, 8.0 * noise)
-    calm = deviation <= CALM * noise + 1.0
     away = calm & ~ndimage.maximum_filter(edge, 2 * NEAR + 1)
     reach = max(SAME, SAME_NOISE * noise)
     least = max(FEWEST, LEAST_SHARE * levels[..., 0].size)
