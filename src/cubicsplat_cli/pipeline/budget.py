@@ -45,27 +45,27 @@ ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
 @dataclass(frozen=True)
 class Means:
-    """How things are done: fit(settings, resizings, start), size(scene, precision) in bytes, level(scene, precision) in
-    dB, and worth(scene): the loss, and (N,) by how much it would rise without each curve.
+    """How things are done: fit(settings, resizings, start), size(scene) of the file in bytes, level(scene) of it in dB,
+    and worth(scene): the loss, and (N,) by how much it would rise without each curve.
     """
 
     fit: Callable[[FitSettings, Sequence[Resizing], Scene | None], FitResult]
-    size: Callable[[Scene, int], int]
-    level: Callable[[Scene, int], float]
+    size: Callable[[Scene], int]
+    level: Callable[[Scene], float]
     worth: Callable[[Scene], tuple[float, np.ndarray]]
 
 
 @dataclass(frozen=True)
 class Within:
-    """A fit that keeps to a budget, the decimals that suit it, and what the user should know."""
+    """A fit that keeps to a budget, and what the user should know."""
 
     fitted: FitResult
-    precision: int
     notes: list[str]
 
 
 def within_bytes(most: int, settings: FitSettings, precision: int, means: Means) -> Within:
-    """The best picture in at most so many bytes. settings: with about as many curves as they are for.
+    """The best picture in at most so many bytes. settings: with about as many curves as they are for. precision: the
+    file's decimals.
 
     Raises InputError where not even one curve fits.
     """
@@ -74,7 +74,7 @@ def within_bytes(most: int, settings: FitSettings, precision: int, means: Means)
     def fitting(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, float]:
         """The curves by use, and how many of them the file can hold; that may be more than there are."""
         order = _by_use(scene, worth, precision)
-        size, head = means.size(scene, precision), means.size(scene.chosen(order[:1]), precision)
+        size, head = means.size(scene), means.size(scene.chosen(order[:1]))
         if head > most:
             raise InputError(f"not even one curve fits into {most} bytes; allow at least {head}")
         each = max(1.0, (size - head) / max(1, scene.curves - 1))
@@ -92,14 +92,14 @@ def within_bytes(most: int, settings: FitSettings, precision: int, means: Means)
 
     fitted = means.fit(settings, [Resizing(MIDWAY, midway), Resizing(1.0, before_finish)], None)
     scene = fitted.scene
-    if means.size(scene, precision) <= most:
-        return Within(fitted, precision, [])
+    if means.size(scene) <= most:
+        return Within(fitted, [])
     order, _ = fitting(scene, means.worth(scene)[1])
-    count = most_within(scene.curves, most, lambda n: means.size(_kept(scene, order, n), precision))
-    return Within(_trimmed(fitted, order, count), precision, [])
+    count = most_within(scene.curves, most, lambda n: means.size(_kept(scene, order, n)))
+    return Within(_trimmed(fitted, order, count), [])
 
 
-def within_level(least: float, settings: FitSettings, precision: int, means: Means, pixels: int) -> Within:
+def within_level(least: float, settings: FitSettings, means: Means, pixels: int) -> Within:
     """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was. pixels: of the
     picture.
     """
@@ -113,14 +113,14 @@ def within_level(least: float, settings: FitSettings, precision: int, means: Mea
 
     def look(at: float, rise: float) -> Resizing:
         def choose(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, int]:
-            wanted = grown(scene.curves, least + AIM - means.level(scene, precision) - rise)
+            wanted = grown(scene.curves, least + AIM - means.level(scene) - rise)
             return np.argsort(-worth, kind="stable")[:wanted], wanted
 
         return Resizing(at, choose)
 
     looks = [look(at, rise) for at, rise in LOOKS]
     fitted = means.fit(settings.with_(curves=min(limit, BEGINNING)), looks, None)
-    level = means.level(fitted.scene, precision)
+    level = means.level(fitted.scene)
     for number in range(ROUNDS):
         if level >= least or fitted.interrupted or settings.time_limit is not None:
             break
@@ -130,12 +130,12 @@ def within_level(least: float, settings: FitSettings, precision: int, means: Mea
             seed=(settings.seed + 1 + number) % 2**31,
         )
         fitted = _joined(fitted, means.fit(more, [], fitted.scene))
-        level = means.level(fitted.scene, precision)
+        level = means.level(fitted.scene)
     if level < least:
         hint = "more --steps" if settings.time_limit is None else "a longer --time-limit"
-        return Within(fitted, precision, [f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"])
-    order, spare = _to_spare(fitted.scene, least, level, precision, means)
-    return Within(_trimmed(fitted, order, fitted.scene.curves - spare), precision, [])
+        return Within(fitted, [f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"])
+    order, spare = _to_spare(fitted.scene, least, level, means)
+    return Within(_trimmed(fitted, order, fitted.scene.curves - spare), [])
 
 
 def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
@@ -164,7 +164,7 @@ def guessed_curves(most: float, segments: int, precision: int) -> int:
     return max(1, min(1_000_000, int(SPARE * most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
 
 
-def _to_spare(scene: Scene, least: float, level: float, precision: int, means: Means) -> tuple[np.ndarray, int]:
+def _to_spare(scene: Scene, least: float, level: float, means: Means) -> tuple[np.ndarray, int]:
     """The curves, those of most worth first, and how many of the last of them a file of at least `least` dB can spare.
 
     The loss without several curves is about what it is with them and what they are worth; files that are drawn say
@@ -179,7 +179,7 @@ def _to_spare(scene: Scene, least: float, level: float, precision: int, means: M
         if reached < least + NEAR or high - low < 2:
             break
         number = max(low + 1, min(high - 1, bisect_right(rises, allowed / factor)))
-        found = means.level(_kept(scene, order, scene.curves - number), precision)
+        found = means.level(_kept(scene, order, scene.curves - number))
         factor = max(LEAST_FACTOR, _rise(level, found) / max(rises[number - 1], 1e-12))
         if found >= least:
             low, reached = number, found

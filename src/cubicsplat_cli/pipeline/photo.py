@@ -62,7 +62,7 @@ def fitted_photo(task: Task) -> Made:
     scene = scaled_scene(fitted.scene, *task.picture.size)
     return Made(
         scene,
-        lambda title, comment: write_svg(scene, precision=within.precision, title=title, comment=comment),
+        lambda title, comment: write_svg(scene, precision=_precision(request), title=title, comment=comment),
         fitted.samples,
         scene.curves,
         [*notes, *fitted.notes, *within.notes],
@@ -87,24 +87,24 @@ def _within(
     request, threads = task.request, settings.threads
     precision = _precision(request)
     if request.max_bytes is None and request.target_psnr is None:
-        return Within(fit_from(settings, (), None), precision, [])
+        return Within(fit_from(settings, (), None), [])
     reference = measurable(task.picture, math.inf)
 
-    def level(scene: Scene, decimals: int) -> float:
-        drawn = rerender(task.text(scene, decimals).encode(), reference.width, reference.height)
+    def level(scene: Scene) -> float:
+        drawn = rerender(task.text(scene, precision).encode(), reference.width, reference.height)
         found = psnr_db(reference, of_pixels(drawn.pixels), threads)
         return math.inf if found is None else found
 
     means = Means(
         fit_from,
-        lambda scene, decimals: len(packed(task.text(scene, decimals), compressed=request.compress)),
+        lambda scene: len(packed(task.text(scene, precision), compressed=request.compress)),
         level,
         lambda scene: worth_of(scene, target.target(), weights, settings.finish_samples, threads),
     )
     if request.max_bytes is not None:
         return within_bytes(request.max_bytes, _one_opacity(settings, target), precision, means)
     assert request.target_psnr is not None
-    return within_level(request.target_psnr, settings, precision, means, target.width * target.height)
+    return within_level(request.target_psnr, settings, means, target.width * target.height)
 
 
 def _precision(request: Request) -> int:
