@@ -15,7 +15,7 @@ from torch import Tensor
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.draw import scene_tensors
+from cubicsplat_cli.raster.draw import scene_arrays
 from cubicsplat_cli.raster.engine import Engine, OptimiserState, SceneArrays
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
@@ -122,7 +122,7 @@ def truth(scene: Scene, settings: RasterSettings, target: Tensor, names: Sequenc
 
 def packed(scene: Scene | SceneArrays, device: torch.device | str = "cpu") -> SceneArrays:
     """A copy of a scene's tensors on a device."""
-    tensors = scene_tensors(scene) if isinstance(scene, Scene) else scene
+    tensors = scene_arrays(scene) if isinstance(scene, Scene) else scene
     return tensors.changed(lambda t: t.to(device, copy=True))
 
 

@@ -15,7 +15,7 @@ from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 
 
-def scene_tensors(scene: Scene) -> SceneArrays:
+def scene_arrays(scene: Scene) -> SceneArrays:
     """A scene as the CPU engine takes it: float32, contiguous, detached, in arrays of its kind on the host."""
 
     def plain(array: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ def render_scene(
     scene.validate()
     engine = CpuEngine(threads)
     try:
-        return engine.render(scene_tensors(scene.as_numpy()), RasterSettings(coverage, edge_width, samples))
+        return engine.render(scene_arrays(scene.as_numpy()), RasterSettings(coverage, edge_width, samples))
     finally:
         engine.close()
 

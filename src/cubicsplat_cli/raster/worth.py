@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.draw import scene_tensors
+from cubicsplat_cli.raster.draw import scene_arrays
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 
@@ -22,7 +22,7 @@ def worth_of(
     engine = CpuEngine(threads)
     try:
         loss, found = engine.gradients(
-            scene_tensors(scene.as_numpy()), RasterSettings("exact", 1.0, samples), target=goal,
+            scene_arrays(scene.as_numpy()), RasterSettings("exact", 1.0, samples), target=goal,
             importance="loo", weights=None if weights is None else np.ascontiguousarray(weights),
         )  # fmt: skip
         return loss, found["importance"]
