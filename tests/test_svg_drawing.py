@@ -20,6 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     ring_of_cubics,
     signed_area,
 )
+from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError, UsageError
@@ -27,7 +28,7 @@ from cubicsplat_cli.evaluate import agreement_db, rerender
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg
-from cubicsplat_cli.svg.drawing import suggested_precision, write_drawing
+from cubicsplat_cli.svg.drawing import write_drawing
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
 from cubicsplat_cli.svg.pathparse import count_numbers, pieces
 from cubicsplat_cli.svg.ringgrid import grid_ring

@@ -22,6 +22,7 @@ from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.regions.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
+from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
@@ -57,7 +58,9 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None, intake: In
     drawing = Drawing(width, height, tuple(shapes))
     if len(shapes) <= MOST_POLISHED:
         grid = samples_across(levels, regions) if condition.clean else 0
-        drawing = polish(drawing, levels.astype(float) / 255.0, settings.detail, grid, error / 255.0)
+        picture = levels.astype(float) / 255.0
+        drawing = polish(drawing, picture, settings.detail, error / 255.0)
+        drawing = regularised(drawing, picture, settings.detail, grid, error / 255.0)
     return enlarged(in_palette(_painted(drawing), settings.palette), intake.scale, intake.width, intake.height)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.plain import plain_drawing
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
@@ -13,7 +14,6 @@ from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.paint import Ink
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_drawing
-from cubicsplat_cli.svg.drawing import suggested_precision
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
 # A drawing that is further from the picture has lost something that people see.

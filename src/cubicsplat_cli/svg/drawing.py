@@ -15,10 +15,9 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     reversed_ring,
     signed_area,
 )
-from cubicsplat_cli.artwork.geometry.steps import to_steps
+from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import Chain
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.settings import PRECISION
 from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.gradients import Gradients
 from cubicsplat_cli.svg.markup import Identifiers, comment_text, in_short, short_colour, xml_text
@@ -30,16 +29,7 @@ from cubicsplat_cli.svg.rounded import MOST_ON_RECT, add_rounded
 from cubicsplat_cli.svg.strokes import add_stroke, pen
 
 _OPAQUE = 255
-# Steps of the grid across the longer side: 0.01 px at 512 px.
-_STEPS_ACROSS = 51_200
 _ANGLE_DECIMALS = 3  # degrees
-
-
-def suggested_precision(width: int, height: int) -> int:
-    """Decimals that a drawing of this size needs: 2 at 512 px, 3 at 64 px, 1 at 4,096 px; rounding is a step in 51,200
-    of its longer side.
-    """
-    return int(min(PRECISION.most, max(0, round(math.log10(_STEPS_ACROSS / max(width, height))))))
 
 
 def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:

@@ -67,9 +67,9 @@ class Held:
 def freedom_of(outline: Outline, held: Held) -> Freedom:
     """The freedom of an outline."""
     if isinstance(outline, Ring):
-        return RingFreedom(_pieces(without_specks(outline), held), held)
+        return RingFreedom(ring_pieces(without_specks(outline), held), held)
     if isinstance(outline, Rectangle) and _on_border(outline, held):
-        return RingFreedom(_pieces(outline.ring(), held), held, outline)
+        return RingFreedom(ring_pieces(outline.ring(), held), held, outline)
     return PrimitiveFreedom(outline, _pinned(outline, held.pins))
 
 
@@ -133,7 +133,7 @@ class RingFreedom:
     def trimmed(self) -> RingFreedom:
         ring = self._ring()
         shorter = ring if self.origin is not None else without_specks(ring)
-        return self if shorter is ring else RingFreedom(_pieces(shorter, self.held), self.held)
+        return self if shorter is ring else RingFreedom(ring_pieces(shorter, self.held), self.held)
 
     def _ring(self) -> Ring:
         p = self.pieces
@@ -147,7 +147,8 @@ class RingFreedom:
         return self._ring()
 
 
-def _pieces(ring: Ring, held: Held) -> Pieces:
+def ring_pieces(ring: Ring, held: Held) -> Pieces:
+    """A ring with what is held in place; what lies near the canvas's border is brought onto it."""
     anchors = ring.anchors.copy()
     borders = np.array([[0.0, 0.0], [float(held.width), float(held.height)]])
     fixed = np.zeros(anchors.shape, dtype=bool)

@@ -119,11 +119,11 @@ def shorter(before: State, after: State, changed: np.ndarray, detail: float, err
     worse = np.zeros(len(changed), dtype=bool)
     for k in np.flatnonzero(changed):
         cost = PRICE * (new[k].outline().parameters - old[k].outline().parameters)
-        worse[k] = _gain(before, after, int(k), error) * detail < cost
+        worse[k] = gain(before, after, int(k), error) * detail < cost
     return worse
 
 
-def _gain(before: State, after: State, number: int, error: float) -> float:
+def gain(before: State, after: State, number: int, error: float) -> float:
     """By how much half of chi^2 falls on the pixels that an outline crosses before or after."""
     pixels = np.unique(np.concatenate([before.crossed(number), after.crossed(number)]))
     return 0.5 * float((before.misfit[pixels] - after.misfit[pixels]).sum()) / floor_of(before, number, error)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import ROUNDS, State, begin, drawn, goal_of, kept, settle
-from cubicsplat_cli.artwork.finish.freedom import NO_PINS, Held
+from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
-from cubicsplat_cli.artwork.finish.regular import regular
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster.stack import Goal
 
@@ -17,11 +16,10 @@ PASSES, CROWDED, FULL = 3, 400, 1500
 TRIAL_ROUNDS = 6
 
 
-def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0, grid: int = 0, error: float = 0.0) -> Drawing:
+def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0, error: float = 0.0) -> Drawing:
     """The drawing fitted to a picture (H, W, 4) premultiplied in [0, 1]; detail as in ArtworkSettings.
 
-    grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas. error: of pixels on edges
-    beyond that of a clean picture, of full scale.
+    error: of pixels on edges beyond that of a clean picture, of full scale.
     """
     if not drawing.shapes:
         return drawing
@@ -35,11 +33,7 @@ def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0, grid: int 
         if following is state:
             break
         state = following
-    done, pins = regular(drawn(drawing, state), state, 1.0 / grid if grid else 0.0)
-    if pins == NO_PINS:
-        return done
-    goal = goal_of(target, grid)
-    return drawn(done, settle(begin(done, goal, pins), goal, TRIAL_ROUNDS))
+    return drawn(drawing, state)
 
 
 def _moved(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from cubicsplat_cli.settings import PRECISION
+
+# Steps of the grid across the longer side: 0.01 px at 512 px.
+_STEPS_ACROSS = 51_200
 # Differences below this are of the arithmetic; they must not decide to which step a coordinate is rounded.
 _NOISE_DECIMALS = 7
 # Steps that a handle may move for a smoother joint, and what its deviation weighs against that.
 _REACH = 2
 _STRAIGHTNESS = 6.0
+
+
+def suggested_precision(width: int, height: int) -> int:
+    """Decimals that a drawing of this size needs: 2 at 512 px, 3 at 64 px, 1 at 4,096 px; rounding is a step in 51,200
+    of its longer side.
+    """
+    return int(min(PRECISION.most, max(0, round(math.log10(_STEPS_ACROSS / max(width, height))))))
 
 
 def to_steps(values: np.ndarray | float, precision: int) -> np.ndarray:

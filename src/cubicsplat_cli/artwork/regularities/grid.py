@@ -42,7 +42,7 @@ class Mark:
     error: float
 
 
-def regular(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing, Pins]:
+def on_grid(drawing: Drawing, state: State, cell: float = 0.0) -> tuple[Drawing, Pins]:
     """The drawing with the coordinates on the artist's grid, and which these are; the same and none without a grid.
 
     state: the drawing against its picture. cell: px between the places of level edges that the picture can tell apart,

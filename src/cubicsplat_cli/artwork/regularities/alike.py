@@ -1,0 +1,83 @@
+"""How far an outline is from where another one, moved or mirrored, would have it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Sight, samples_along
+from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened
+from cubicsplat_cli.artwork.regularities.mirrored import Axis
+
+STEP = 0.5  # px between the points of an outline
+MOST = 400  # points of a piece
+TRIES = 4  # times that points are brought nearer
+LARGEST = 3.0  # px that they move at most to be
+
+
+@dataclass(frozen=True)
+class Track:
+    """A closed outline as a polyline, and what of it shows. points: (n, 2) px; tree: of them; seen: (m, 2) points that
+    show."""
+
+    points: np.ndarray
+    tree: cKDTree
+    seen: np.ndarray
+
+    @classmethod
+    def of(cls, ring: Ring, sight: Sight) -> Track:
+        points = _dense(flattened(ring, STEP))
+        shown = [p[w > 0.5 * SEEN_SIGMA**-2] for p, w, _ in samples_along(ring, sight, MOST)]
+        return cls(points, cKDTree(points), np.concatenate(shown))
+
+    def off(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) how far points (n, 2) lie off the outline, and (n, 2) the unit directions in which they do."""
+        _, near = self.tree.query(points)
+        best, found = np.full(len(points), np.inf), np.zeros_like(points)
+        for first in (near - 1, near):
+            a, b = self.points[first], self.points[(first + 1) % len(self.points)]
+            way = b - a
+            share = ((points - a) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12)
+            gap = points - a - np.clip(share, 0.0, 1.0)[:, None] * way
+            size = np.hypot(*gap.T)
+            nearer = size < best
+            best[nearer], found[nearer] = size[nearer], gap[nearer]
+        return best, found / np.maximum(best, 1e-12)[:, None]
+
+
+def _dense(corners: np.ndarray) -> np.ndarray:
+    """The corners (n, 2) of a closed polyline, and points between those that are farther apart than STEP px."""
+    after = np.roll(corners, -1, axis=0)
+    counts = np.maximum(np.ceil(np.hypot(*(after - corners).T) / STEP).astype(int), 1)
+    owner = np.repeat(np.arange(len(corners)), counts)
+    share = (np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[owner]
+    return corners[owner] + (after - corners)[owner] * share[:, None]
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """That an outline is about its own mirror image. error: standard error of where the axis is, px; most, mean: px by
+    which points that show are off, the farthest and in the root mean square."""
+
+    axis: Axis
+    error: float
+    most: float
+    mean: float
+
+
+def symmetry_of(track: Track, across: int) -> Symmetry | None:
+    """How an outline is symmetric about an axis across a coordinate; None where hardly anything of it tells."""
+    if len(track.seen) < 8:
+        return None
+    low, high = track.points[:, across].min(), track.points[:, across].max()
+    axis = Axis(across, 0.5 * float(low + high))
+    for _ in range(TRIES):
+        size, ways = track.off(axis.mirrored(track.seen))
+        tells = float((ways[:, across] ** 2).sum())
+        if size.max() > LARGEST or tells < 1.0:
+            return None
+        axis = Axis(across, axis.at - 0.5 * float((ways[:, across] * size).sum()) / tells)
+    size, _ = track.off(axis.mirrored(track.seen))
+    return Symmetry(axis, SEEN_SIGMA / np.sqrt(2.0 * tells), float(size.max()), float(np.sqrt((size**2).mean())))

@@ -1,0 +1,83 @@
+"""Regularities of a finished drawing: coordinates on the artist's grid, and rings that are their own mirror images.
+
+Each is taken where the outlines as they were fitted say so within their errors, tied, settled against the pixels once
+more, and kept only where the description of the picture becomes shorter by it: half of chi^2 may grow by less than the
+price of the variables that are saved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, goal_of, kept, settle
+from cubicsplat_cli.artwork.finish.freedom import NO_PINS, Freedom, Held
+from cubicsplat_cli.artwork.finish.merges import Sight
+from cubicsplat_cli.artwork.finish.moves import PRICE, gain
+from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.regularities.axes import found_axes
+from cubicsplat_cli.artwork.regularities.grid import on_grid
+from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredFreedom, mirrored_rings
+from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.raster.stack import Goal
+
+ROUNDS, AFTER_REFUSALS = 6, 2
+MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the ring
+
+
+def regularised(
+    drawing: Drawing, target: np.ndarray, detail: float = 1.0, grid: int = 0, error: float = 0.0
+) -> Drawing:
+    """The drawing with its regularities, fitted to a picture (H, W, 4) premultiplied in [0, 1].
+
+    detail as in ArtworkSettings. grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas.
+    error: of pixels on edges beyond that of a clean picture, of full scale.
+    """
+    if not drawing.shapes:
+        return drawing
+    goal = goal_of(target)
+    state = begin(drawing, goal)
+    done, pins = on_grid(drawing, state, 1.0 / grid if grid else 0.0)
+    if pins != NO_PINS:
+        goal = goal_of(target, grid)
+        state = settle(begin(done, goal, pins), goal, ROUNDS)
+    held = Held(drawing.width, drawing.height, pins)
+    return drawn(done, with_symmetries(state, goal, held, detail, error))
+
+
+def with_symmetries(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
+    """The state with the rings that are their own mirror images made and kept such; the same without any."""
+    outlines = [o for layer in state.layers for o in layer.outlines]
+    rings = {k: ring for k, o in enumerate(outlines) if isinstance(ring := o.outline(), Ring)}
+    axes = found_axes({k: (ring, Sight.of(state, k)) for k, ring in rings.items()}, (held.width, held.height))
+    tied = {k: freedom for k, axis in axes.items() if (freedom := _mirrored(rings[k], axis, held)) is not None}
+    if not tied:
+        return state
+    trial = settle(_with(state, tied, goal), goal, ROUNDS, trim=False)
+    refused = np.zeros(len(outlines), dtype=bool)
+    for k, freedom in tied.items():
+        saved = outlines[k].jacobian.shape[1] - freedom.jacobian.shape[1]
+        refused[k] = gain(state, trial, k, error) * detail < -PRICE * saved
+    if refused.any():
+        trial = settle(State.of(kept(state.layers, trial.layers, refused), goal), goal, AFTER_REFUSALS, trim=False)
+    return trial
+
+
+def _mirrored(ring: Ring, axis: Axis, held: Held) -> MirroredFreedom | None:
+    """The freedom of a ring as its own mirror image, of the side with fewer variables; None where it cannot be one, or
+    only with clearly more coordinates."""
+    found = [MirroredFreedom(one, held) for one in mirrored_rings(ring, axis)]
+    found = [one for one in found if one.outline().ring().coordinates <= ring.coordinates + MORE_NUMBERS]
+    return min(found, key=lambda freedom: freedom.jacobian.shape[1], default=None)
+
+
+def _with(state: State, tied: dict[int, Freedom], goal: Goal) -> State:
+    """The state with other freedoms for the outlines of some numbers."""
+    number, layers = 0, []
+    for layer in state.layers:
+        numbers = range(number, number + len(layer.outlines))
+        outlines = [tied.get(k, o) for k, o in zip(numbers, layer.outlines, strict=True)]
+        layers.append(replace(layer, outlines=outlines))
+        number += len(layer.outlines)
+    return State.of(layers, goal)
