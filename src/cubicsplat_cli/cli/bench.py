@@ -28,6 +28,7 @@ from cubicsplat_cli.cli.bench_options import (
 )
 from cubicsplat_cli.cli.bench_paper import paper
 from cubicsplat_cli.cli.bench_peers import peers
+from cubicsplat_cli.cli.bench_thorns import thorns
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.help import Command
 from cubicsplat_cli.cli.options import Json, Quiet, fit_settings, takes_fit_options
@@ -41,6 +42,7 @@ bench = typer.Typer(help="Measure speed, quality and the parts of the method.")
 bench.command("artwork", cls=Command)(artwork)
 bench.command("peers", cls=Command)(peers)
 bench.command("paper", cls=Command)(paper)
+bench.command("thorns", cls=Command)(thorns)
 
 _MOST_SIDE = 16_384
 _SHEET_PICTURES = 4
