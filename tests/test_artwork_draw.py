@@ -50,6 +50,30 @@ def test_a_box_on_a_ground_becomes_two_rectangles():
     assert (rectangle.width, rectangle.height) == pytest.approx((40.5, 27.5), abs=0.05)
 
 
+def pill(x0, y0, length, width, *, angle=0.0):
+    """A box with half circles for ends, its middle line starting at x0, y0."""
+
+    def inside(x, y):
+        along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        t = (x - x0) * along[0] + (y - y0) * along[1]
+        s = (x - x0) * across[0] + (y - y0) * across[1]
+        return np.hypot(t - np.clip(t, 0.0, length), s) <= 0.5 * width
+
+    return inside
+
+
+@pytest.mark.parametrize(("length", "width", "angle"), [(27.1, 13.57, 0.5 * np.pi), (5.4, 5.5, 0.46), (5.4, 5.5, -1.1)])
+@pytest.mark.parametrize("shift", [0.0, 0.13, 0.4])
+def test_a_pill_becomes_a_rectangle_of_the_roundest_corners(length, width, angle, shift):
+    """Drawn with 4 x 4 samples a px, as drawing programs do."""
+    drawing = draw(painted(60, 60, (pill(25.0 + shift, 20.3, length, width, angle=angle), RED), ground=WHITE, fine=4))
+    found = drawing.shapes[1].outlines[0]
+    assert isinstance(found, Rectangle)
+    assert min(found.width, found.height) == pytest.approx(width, abs=0.2)
+    assert max(found.width, found.height) == pytest.approx(length + width, abs=0.2)
+    assert found.radius == pytest.approx(0.5 * width, abs=0.12)
+
+
 def test_a_disc_behind_another_goes_on_beneath_it():
     drawing = draw(painted(120, 80, (disc(45.0, 40.0, 30.0), RED), (disc(80.0, 40.0, 25.0), BLUE)))
     assert [shape.ink[:3] for shape in drawing.shapes] == [(255, 0, 0), (0, 0, 255)]

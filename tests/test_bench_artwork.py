@@ -212,6 +212,22 @@ def test_a_primitive_whose_outline_is_lost_in_its_own_ink_is_not_asked_for():
     assert counts(box + disc.format("#fd0"), "")[1] == 2
 
 
+def test_a_side_that_shows_nowhere_is_not_asked_for():
+    box = '<rect x="9" y="9" width="{}" height="20" fill="#08f"/>'
+    over = '<path d="M35 0H60V48H30z" fill="#fd0"/>'
+    whole = counts(box.format(40) + over, box.format(30) + over)
+    assert whole == (0, 0, 1, 1)
+    # Nor what the canvas's border hides, or where a side is lost in its own ink; elsewhere it is.
+    assert counts(box.format(55) + over.replace("60", "64"), "")[1] == 0
+    assert counts(box.format(40) + over.replace("#fd0", "#08f"), "")[1] == 0
+    assert counts(box.format(55) + over, box.format(55))[:2] == (1, 1)
+    assert counts(box.format(40) + over, box.format(30).replace('y="9"', 'y="11"') + over)[2:] == (0, 1)
+    # Of a circle any part tells of the rest.
+    disc = '<circle cx="30" cy="20" r="{}" fill="#08f"/>'
+    assert counts(disc.format(12) + over, disc.format(12) + over) == (1, 1, 1, 1)
+    assert counts(disc.format(12) + over, disc.format(10) + over) == (0, 1, 0, 1)
+
+
 def test_areas_that_show_as_primitives_are_right():
     stripes = '<path fill="#08f" d="M0 0h64v48H0z"/><path fill="#fd0" d="M0 20.5h64V40H0z"/>'
     assert counts(stripes, '<rect width="64" height="20.5" fill="#08f"/>')[2:] == (1, 1)

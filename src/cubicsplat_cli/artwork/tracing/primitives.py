@@ -18,6 +18,7 @@ FEW = 120  # points suffice for the first fit
 LEAST_FULLNESS = 11.7
 MOST_HIDDEN = 0.03  # share of the loop's length above which its area tells nothing
 SHARP_REACH, SHARP_SIGMA = 1.5, 0.3  # px from a sharp corner in which points are biased, and by how much
+RADII = (0.15, 0.3, 0.5, 0.75, 1.0)  # of round corners to begin with, as shares of half of the shorter side
 LEAST_SIDE = 0.25  # px; half the straight part of a rounded rectangle's longer side, below which it is a circle
 MOST_BACK = 0.25  # share of the way around a primitive's middle that a loop may run against its own sense
 
@@ -53,7 +54,7 @@ def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tupl
         spread = np.ptp(p, axis=0) ** 2 / 14.0
         turn = 0.0
     best = None
-    for candidate in _candidates(p, middle, spread, turn):
+    for candidate in _candidates(p, w, middle, spread, turn):
         fitted = _fitted(candidate, p, w)
         if fitted is None:
             continue
@@ -83,7 +84,7 @@ def _runs_around(points: np.ndarray, known: np.ndarray, outline: Outline) -> boo
     return bool(back <= MOST_BACK * np.abs(steps).sum())
 
 
-def _candidates(p: np.ndarray, middle: np.ndarray, spread: np.ndarray, turn: float) -> list[_Candidate]:
+def _candidates(p: np.ndarray, w: np.ndarray, middle: np.ndarray, spread: np.ndarray, turn: float) -> list[_Candidate]:
     size = 2.0 * np.sqrt(spread)
     low, high = p.min(axis=0), p.max(axis=0)
     half = 0.5 * (high - low)
@@ -92,7 +93,7 @@ def _candidates(p: np.ndarray, middle: np.ndarray, spread: np.ndarray, turn: flo
     q = _turned(p, -tilt)
     tilted_middle = _turned(0.5 * (q.min(axis=0) + q.max(axis=0))[None], tilt)[0]
     tilted = [*tilted_middle, *(0.5 * np.ptp(q, axis=0))]
-    radius = 0.3 * float(half.min())
+    few = _few(p)
 
     def ellipse(v: np.ndarray) -> Outline | None:
         return Ellipse(*map(float, v)) if (v[2:4] > 0.0).all() else None
@@ -102,25 +103,38 @@ def _candidates(p: np.ndarray, middle: np.ndarray, spread: np.ndarray, turn: flo
         _Candidate(lambda v, x: _ellipse_distance(np.append(v, 0.0), x), np.array(box), ellipse),
         _Candidate(_ellipse_distance, np.array([*middle, *size, turn]), ellipse),
         _box(box, (0.0, 0.0), ""),
-        _box(box, (radius, 0.0), "r"),
+        _box(box, (_first_radius(box, 0.0, p[few], w[few]), 0.0), "r"),
         _box(tilted, (0.0, tilt), "a"),
-        _box(tilted, (radius, tilt), "ra"),
+        _box(tilted, (_first_radius(tilted, tilt, p[few], w[few]), tilt), "ra"),
     ]
+
+
+def _few(p: np.ndarray) -> np.ndarray:
+    return np.unique(np.linspace(0, len(p) - 1, FEW).astype(int))
+
+
+def _first_radius(box: list[float], angle: float, p: np.ndarray, w: np.ndarray) -> float:
+    """The radius, of a few, with which a box has its points nearest: what a corner leaves out says nothing of the
+    radius as long as that is much too small, so least squares would not find it from there."""
+    radii = [share * min(box[2:]) for share in RADII]
+    return min(radii, key=lambda r: _huber(_box_distance(np.array([*box, r, angle]), p), w))
 
 
 def _box(start: list[float], rest: tuple[float, float], free: str) -> _Candidate:
     """A rectangle; free: "r" if its corners are rounded, "a" if it is turned."""
 
     def full(v: np.ndarray) -> np.ndarray:
-        return np.array([*v[:4], v[4] if "r" in free else 0.0, v[-1] if "a" in free else 0.0])
+        # Least squares may step beyond the roundest of corners, half of the shorter side; there it is that.
+        radius = min(v[4], *np.abs(v[2:4])) if "r" in free else 0.0
+        return np.array([*v[:4], radius, v[-1] if "a" in free else 0.0])
 
     def outline(v: np.ndarray) -> Outline | None:
         x, y, a, b, radius, angle = map(float, full(v))
-        if min(a, b) <= 0.25 or not 0.0 <= radius <= 1.02 * min(a, b) or ("r" in free and radius < 0.5):
+        if min(a, b) <= 0.25 or ("r" in free and radius < 0.5):
             return None
         if max(a, b) - radius < LEAST_SIDE:  # nothing but round corners: a circle has half the parameters
             return None
-        return Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, min(radius, a, b), angle)
+        return Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, radius, angle)
 
     def near_corner(v: np.ndarray, p: np.ndarray) -> np.ndarray:
         q = np.abs(_turned(p - v[:2], -full(v)[5])) - v[2:4]
@@ -135,7 +149,7 @@ def _fitted(candidate: _Candidate, p: np.ndarray, w: np.ndarray) -> tuple[Outlin
     sure = w
     if candidate.sharp is not None:
         w = np.where(candidate.sharp(candidate.start, p), np.minimum(sure, SHARP_SIGMA**-2), sure)
-    few = np.unique(np.linspace(0, len(p) - 1, FEW).astype(int))
+    few = _few(p)
     value, misfit = _least_squares(candidate.distance, candidate.start, p[few], w[few])
     if misfit > 2.0 * WORST_MISFIT * len(few):
         return None

@@ -17,7 +17,11 @@ PLACE, PLACE_SHARE = 0.5, 0.01  # px, and share of its size, that each side of t
 # An even area of the truth is looked at in so many times the size, at most so many px across; its edge is known to so
 # many of those px.
 FINEST, WIDEST, STEP = 8, 2048, 0.75
+# Px of a side of a box that must show for it to tell where that side is, and from such a side or the canvas's border in
+# which a point lies on it; a way is level where it rises by less than this, px.
+SIDE_SEEN, ON_SIDE, CORNER, LEVEL = 2.0, 0.75, 1.5, 0.1
 MARGIN = 3  # px around a primitive in which the truth is looked at
+EVERY = np.ones(4, dtype=bool)  # sides
 
 Box = tuple[str, np.ndarray]
 
@@ -28,7 +32,8 @@ def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces
     outline of the truth is, or might be, or an area of one colour that shows in it.
 
     Primitives are circles and ellipses, rectangles, rounded rectangles; in the truth also where they are written as
-    paths. Two are the same if they are of one kind and the boxes around them agree.
+    paths. Two are the same if they are of one kind and the boxes around them agree. A side of a rectangle that shows
+    nowhere might be anywhere: such rectangles of the truth are not asked for, and of the file's only the others count.
     """
     forms = [form for form in forms_of(truth) if form.near]
     every = [form for form in forms_of(made) if form.written and form.near]
@@ -38,32 +43,62 @@ def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces
     boxes = [(form.near, box) for form in every for box in _boxes(form, size)]
     found = sum(_among(form.near, _boxes(form, size), boxes) for form in wanted)
     known = [(form.near, box) for form in forms for box in _boxes(form, size)]
-    right = sum(
-        _among(form.near, _boxes(form, size), known) or _among(form.near, _boxes(form, size), _area_seen(form, truth))
-        for form in written
-    )
+    right = 0
+    for form in written:
+        own, told = _boxes(form, size), sides_told(form, own_pieces)
+        right += _among(form.near, own, known, told) or _among(form.near, own, _area_seen(form, truth), told)
     return found, len(wanted), right, len(written)
 
 
 def _shows(form: Form, pieces: Pieces) -> bool:
-    """Whether the greater part of a primitive shows, and of its outline, but for what lies on the canvas's border."""
+    """Whether the greater part of a primitive shows, and of its outline, but for what lies on the canvas's border, and
+    whether that tells where it is."""
     if _seen(form, pieces) < max(LEAST_SEEN, SEEN * _mask(form, pieces).sum()):
         return False
+    _, on_canvas, _, edge = _edge(form, pieces)
+    return bool(not on_canvas.any() or edge[on_canvas].mean() >= SEEN) and bool(sides_told(form, pieces).all())
+
+
+def sides_told(form: Form, pieces: Pieces) -> np.ndarray:
+    """(4,) bool: whether the left, top, right and bottom side of the box around a primitive can be told: of a rectangle
+    that stands level those that show somewhere or lie on the canvas's border; all of them or none of one that is
+    turned; all where it is round, since any part tells of the others.
+    """
+    if form.near not in ("box", "rounded"):
+        return np.ones(4, dtype=bool)
+    points, on_canvas, own, edge = _edge(form, pieces)
+    along = np.roll(form.points, -1, axis=0) - form.points
+    way = along[int(np.hypot(*along.T).argmax())]
+    level = np.abs(way).min() < LEVEL
+    way = np.array([1.0, 0.0]) if level else way / np.hypot(*way)
+    turned = points @ np.array([[way[0], -way[1]], [way[1], way[0]]])
+    ends = np.concatenate([turned.min(axis=0), turned.max(axis=0)])
+    off = np.abs(np.tile(turned, 2) - ends)
+    # A corner belongs to both of its sides and tells of neither.
+    near = (off <= ON_SIDE) & (np.minimum(off[:, [1, 0, 1, 0]], off[:, [3, 2, 3, 2]]) > CORNER)
+    seen = near & (edge | (own & ~on_canvas))[:, None]
+    # Points are half a px apart.
+    told = seen.sum(axis=0) >= np.minimum(2.0 * SIDE_SEEN, 0.5 * near.sum(axis=0))
+    return told if level else np.full(4, told.all())
+
+
+def _edge(form: Form, pieces: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points (n, 2) along a form's outline; which of them lie well on the canvas, at which of them it shows, and shows
+    against something else, (n,) bool each.
+    """
     points = _evenly(form.points)
     way = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
     x, y = points.T
     clockwise = float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 0.0
     out = np.stack([way[:, 1], -way[:, 0]], axis=1) / np.maximum(np.hypot(*way.T), 1e-9)[:, None]
     out *= 1.0 if clockwise else -1.0
-    places = [np.floor(points + out * (0.5 * form.width + side)).astype(int) for side in (-BESIDE, BESIDE)]
-    height, width = pieces.shape
-    on_canvas = np.ones(len(points), dtype=bool)
-    for column, row in (place.T for place in places):
-        on_canvas &= (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    (column, row), (outer_column, outer_row) = (place[on_canvas].T for place in places)
-    own = pieces.element[row, column] == form.element
-    edge = own & (pieces.shown[row, column] != pieces.shown[outer_row, outer_column])
-    return bool(not on_canvas.any() or edge.mean() >= SEEN)
+    inner, outer = (np.floor(points + out * (0.5 * form.width + side)).astype(int) for side in (-BESIDE, BESIDE))
+    size = np.array(pieces.shape[::-1])
+    inside, around = (((place >= 0) & (place < size)).all(axis=1) for place in (inner, outer))
+    (column, row), (outer_column, outer_row) = (np.clip(place, 0, size - 1).T for place in (inner, outer))
+    own = inside & (pieces.element[row, column] == form.element)
+    edge = own & around & (pieces.shown[row, column] != pieces.shown[outer_row, outer_column])
+    return points, inside & around, own, edge
 
 
 def _evenly(points: np.ndarray) -> np.ndarray:
@@ -124,10 +159,11 @@ def _area_seen(form: Form, truth: Document) -> list[Box]:
     return [(kind_of(points, NEAR_SHARE, STEP / scale), _box(points, size))]
 
 
-def _among(kind: str, boxes: list[np.ndarray], others: list[Box]) -> bool:
-    return any(_same(kind, box, *other) for box in boxes for other in others)
+def _among(kind: str, boxes: list[np.ndarray], others: list[Box], told: np.ndarray = EVERY) -> bool:
+    """told: (4,) bool, the sides of the boxes that must agree."""
+    return any(_same(kind, box, *other, told) for box in boxes for other in others)
 
 
-def _same(kind: str, box: np.ndarray, other_kind: str, other: np.ndarray) -> bool:
+def _same(kind: str, box: np.ndarray, other_kind: str, other: np.ndarray, told: np.ndarray) -> bool:
     allowed = PLACE + PLACE_SHARE * float((box[2:] - box[:2]).max())
-    return kind == other_kind and bool(np.abs(box - other).max() <= allowed)
+    return kind == other_kind and bool((np.abs(box - other) <= allowed)[told].all()) and bool(told.any())
