@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from cubicsplat_cli.artwork.finish.freedom import NO_PINS, Freedom, Held, Pins, freedom_of
+from cubicsplat_cli.artwork.finish.freedom import NO_PINS, CopyFreedom, Freedom, Held, Pins, freedom_of
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack, normal_equations
@@ -115,13 +115,16 @@ def _improved(state: State, goal: Goal, damping: np.ndarray) -> State:
     """The state after a step, without the outlines that fit their own pixels worse by it; `damping` is brought up to
     date in place.
 
-    What one outline spoils is held against its neighbours too, so the worst ones are taken back first.
+    What one outline spoils is held against its neighbours too, so the worst ones are taken back first. Copies are
+    judged together with their model.
     """
+    families = np.array(_families(state.layers))
     layers = _stepped(state.layers, *_normal_equations(state, goal), damping)
     refused = np.zeros(len(damping), dtype=bool)
     for left in reversed(range(TAKEN_BACK + 1)):
         trial = State.of(kept(state.layers, layers, refused), goal)
-        loss = np.where(refused, 0.0, _losses(state, trial))
+        loss = np.bincount(families, _losses(state, trial), len(families))[families]
+        loss = np.where(refused, 0.0, loss)
         if left == 0 or not (loss > SAME).any():
             break
         refused |= loss > (SAME if left == 1 else 0.2 * loss.max())
@@ -161,19 +164,36 @@ def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
 
 def _layer(shape: Shape, held: Held) -> Layer:
     r, g, b, a = (v / 255.0 for v in shape.ink)
-    outlines = [freedom_of(outline, held) for outline in shape.outlines]
+    return layer_of(
+        shape, np.array([r * a, g * a, b * a, a]), [freedom_of(outline, held) for outline in shape.outlines]
+    )
+
+
+def layer_of(shape: Shape, ink: np.ndarray, outlines: list[Freedom]) -> Layer:
+    """The layer of a shape with its outlines, the outer one first."""
     signs = []
     for i, outline in enumerate(outlines):
         ring = Ring(outline.cubics[:, 0], outline.cubics[:, 1:3], outline.lines, outline.lines)
         signs.append(1.0 if (signed_area(ring) > 0.0) == (i == 0) else -1.0)
-    return Layer(shape, np.array([r * a, g * a, b * a, a]), outlines, signs)
+    return Layer(shape, ink, outlines, signs)
+
+
+def _families(layers: list[Layer]) -> list[int]:
+    """Of each outline whose variables move it: the number of its model, or its own."""
+    outlines = [o for layer in layers for o in layer.outlines]
+    return [o.source if isinstance(o, CopyFreedom) else k for k, o in enumerate(outlines)]
 
 
 def _normal_equations(state: State, goal: Goal) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
-    """Gram matrix, gradient, and the first variable of each outline, the number of variables last."""
-    parts = [o.jacobian for layer in state.layers for o in layer.outlines]
-    starts = np.cumsum([0] + [part.shape[1] for part in parts]).tolist()
-    jacobian = sparse.block_diag(parts, format="csr")
+    """Gram matrix, gradient, and the first variable of each outline, the number of variables last; copies have none."""
+    parts = [o.jacobian.tocoo() for layer in state.layers for o in layer.outlines]
+    families = _families(state.layers)
+    own = [part.shape[1] if k == family else 0 for k, (family, part) in enumerate(zip(families, parts, strict=True))]
+    starts = np.cumsum([0, *own]).tolist()
+    rows = np.concatenate([part.row + 8 * first for part, first in zip(parts, state.pieces, strict=False)])
+    columns = np.concatenate([part.col + starts[family] for part, family in zip(parts, families, strict=True)])
+    values = np.concatenate([part.data for part in parts])
+    jacobian = sparse.csr_matrix((values, (rows, columns)), shape=(8 * int(state.pieces[-1]), starts[-1]))
     gram, gradient = normal_equations(goal, state.image, state.crossings, int(state.pieces[-1]))
     return (jacobian.T @ (gram.tocsr() @ jacobian)).tocsc(), jacobian.T @ gradient, starts
 
@@ -183,13 +203,10 @@ def _stepped(
 ) -> list[Layer]:
     keep = (PIXEL_SIGMA / FREE) ** 2 + np.repeat(damping, np.diff(starts)) * gram.diagonal()
     step = splu((gram + sparse.diags(keep)).tocsc()).solve(-gradient)
-    moved, number = [], 0
-    for layer in layers:
-        outlines = []
-        for outline in layer.outlines:
-            own = step[starts[number] : starts[number + 1]]
-            reach = np.abs(outline.jacobian @ own).max(initial=0.0)
-            outlines.append(outline.moved(own * min(1.0, LONGEST / max(reach, 1e-12))))
-            number += 1
-        moved.append(replace(layer, outlines=outlines))
-    return moved
+    moved: list[Freedom] = []
+    for number, outline in enumerate(o for layer in layers for o in layer.outlines):
+        own = step[starts[number] : starts[number + 1]]
+        reach = np.abs(outline.jacobian @ own).max(initial=0.0) if len(own) else 0.0
+        moved.append(outline.moved(own * min(1.0, LONGEST / max(reach, 1e-12))) if len(own) else outline)
+    following = iter([o.following(moved[o.source]) if isinstance(o, CopyFreedom) else o for o in moved])
+    return [replace(layer, outlines=[next(following) for _ in layer.outlines]) for layer in layers]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, Way
 from cubicsplat_cli.artwork.tracing.refine import Pieces, Variables
 
 # Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
@@ -230,3 +230,32 @@ class PrimitiveFreedom:
 
     def outline(self) -> Outline:
         return self.shape
+
+
+class CopyFreedom:
+    """An outline that is a copy of another one: all that is free about it is what is free about its model.
+
+    source: the number of the model through all outlines of the drawing, itself no copy.
+    """
+
+    def __init__(self, model: Freedom, way: Way, source: int) -> None:
+        self.model, self.way, self.source = model, way, source
+        self.cubics, self.lines = way.points(model.cubics), model.lines
+
+    @cached_property
+    def jacobian(self) -> sparse.csr_matrix:
+        """Over the variables of the model."""
+        return (sparse.diags(np.tile(self.way.signs, 4 * len(self.lines))) @ self.model.jacobian).tocsr()
+
+    def following(self, model: Freedom) -> CopyFreedom:
+        """The copy of the model after that has moved."""
+        return CopyFreedom(model, self.way, self.source)
+
+    def moved(self, step: np.ndarray) -> CopyFreedom:
+        return self.following(self.model.moved(step))
+
+    def trimmed(self) -> CopyFreedom:
+        return self
+
+    def outline(self) -> Outline:
+        return self.way.outline(self.model.outline())

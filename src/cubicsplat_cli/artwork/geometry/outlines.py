@@ -175,6 +175,33 @@ def _placed(points: np.ndarray, angle: float, middle: tuple[float, float]) -> np
 Outline = Ring | Circle | Ellipse | Rectangle
 
 
+@dataclass(frozen=True)
+class Way:
+    """How an outline becomes another one: x and y times `signs`, 1 or -1 each, and then shifted by px."""
+
+    signs: tuple[float, float]
+    shift: tuple[float, float]
+
+    def points(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 2) where they come to lie."""
+        return points * np.array(self.signs) + np.array(self.shift)
+
+    def outline(self, outline: Outline) -> Outline:
+        """An outline where it comes to lie; a ring has the same pieces in the same order."""
+        turned = self.signs[0] != self.signs[1]
+        if isinstance(outline, Ring):
+            return Ring(self.points(outline.anchors), self.points(outline.controls), outline.lines, outline.smooth)
+        if isinstance(outline, Rectangle):
+            half = np.array([0.5 * outline.width, 0.5 * outline.height])
+            x, y = (self.points(np.array([outline.x, outline.y]) + half) - half).tolist()
+            angle = -outline.angle if turned else outline.angle
+            return Rectangle(x, y, outline.width, outline.height, outline.radius, angle)
+        x, y = self.points(np.array([outline.cx, outline.cy])).tolist()
+        if isinstance(outline, Circle):
+            return Circle(x, y, outline.r)
+        return Ellipse(x, y, outline.rx, outline.ry, -outline.angle if turned else outline.angle)
+
+
 def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
     """(n, 2) points along a ring, those of a cubic about `step` px apart; each piece gives its start, not its end."""
     out = []

@@ -15,6 +15,9 @@ STEP = 0.5  # px between the points of an outline
 MOST = 400  # points of a piece
 TRIES = 4  # times that points are brought nearer
 LARGEST = 3.0  # px that they move at most to be
+FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean
+SYSTEMATIC = 0.02  # px, the error of an axis or a shift besides that by chance
+SIGMAS = 3.0  # errors within which places are one
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,11 @@ class Track:
         points = _dense(flattened(ring, STEP))
         shown = [p[w > 0.5 * SEEN_SIGMA**-2] for p, w, _ in samples_along(ring, sight, MOST)]
         return cls(points, cKDTree(points), np.concatenate(shown))
+
+    @property
+    def extent(self) -> np.ndarray:
+        """(2, 2) the least and the greatest x and y, px."""
+        return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
 
     def off(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n,) how far points (n, 2) lie off the outline, and (n, 2) the unit directions in which they do."""

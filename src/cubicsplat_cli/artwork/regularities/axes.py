@@ -7,12 +7,9 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import Sight
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.artwork.regularities.alike import Symmetry, Track, symmetry_of
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, MEAN, SIGMAS, SYSTEMATIC, Symmetry, Track, symmetry_of
 from cubicsplat_cli.artwork.regularities.mirrored import Axis
 
-FARTHEST, MEAN = 0.2, 0.06  # px that a mirrored outline may be off itself, its farthest point and in the mean
-SYSTEMATIC = 0.02  # px, the error of an axis besides that by chance
-SIGMAS = 3.0  # errors within which axes are one
 LEVEL = 1e-9
 
 

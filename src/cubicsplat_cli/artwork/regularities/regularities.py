@@ -1,4 +1,4 @@
-"""Regularities of a finished drawing: coordinates on the artist's grid, and rings that are their own mirror images.
+"""Regularities of a finished drawing: coordinates on the artist's grid, rings that are their own mirror images, copies.
 
 Each is taken where the outlines as they were fitted say so within their errors, tied, settled against the pixels once
 more, and kept only where the description of the picture becomes shorter by it: half of chi^2 may grow by less than the
@@ -7,16 +7,20 @@ price of the variables that are saved.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, goal_of, kept, settle
-from cubicsplat_cli.artwork.finish.freedom import NO_PINS, Freedom, Held
+from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, goal_of, layer_of, settle
+from cubicsplat_cli.artwork.finish.freedom import NO_PINS, ON_BORDER, CopyFreedom, Freedom, Held
 from cubicsplat_cli.artwork.finish.merges import Sight
 from cubicsplat_cli.artwork.finish.moves import PRICE, gain
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.steps import suggested_precision
+from cubicsplat_cli.artwork.regularities.alike import Track
 from cubicsplat_cli.artwork.regularities.axes import found_axes
+from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredFreedom, mirrored_rings
 from cubicsplat_cli.artwork.shapes import Drawing
@@ -43,25 +47,17 @@ def regularised(
         goal = goal_of(target, grid)
         state = settle(begin(done, goal, pins), goal, ROUNDS)
     held = Held(drawing.width, drawing.height, pins)
-    return drawn(done, with_symmetries(state, goal, held, detail, error))
+    state = with_symmetries(state, goal, held, detail, error)
+    return drawn(done, with_copies(state, goal, held, detail, error))
 
 
 def with_symmetries(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
     """The state with the rings that are their own mirror images made and kept such; the same without any."""
-    outlines = [o for layer in state.layers for o in layer.outlines]
+    outlines = _outlines(state)
     rings = {k: ring for k, o in enumerate(outlines) if isinstance(ring := o.outline(), Ring)}
     axes = found_axes({k: (ring, Sight.of(state, k)) for k, ring in rings.items()}, (held.width, held.height))
     tied = {k: freedom for k, axis in axes.items() if (freedom := _mirrored(rings[k], axis, held)) is not None}
-    if not tied:
-        return state
-    trial = settle(_with(state, tied, goal), goal, ROUNDS, trim=False)
-    refused = np.zeros(len(outlines), dtype=bool)
-    for k, freedom in tied.items():
-        saved = outlines[k].jacobian.shape[1] - freedom.jacobian.shape[1]
-        refused[k] = gain(state, trial, k, error) * detail < -PRICE * saved
-    if refused.any():
-        trial = settle(State.of(kept(state.layers, trial.layers, refused), goal), goal, AFTER_REFUSALS, trim=False)
-    return trial
+    return _settled(state, tied, goal, detail, error)
 
 
 def _mirrored(ring: Ring, axis: Axis, held: Held) -> MirroredFreedom | None:
@@ -72,12 +68,60 @@ def _mirrored(ring: Ring, axis: Axis, held: Held) -> MirroredFreedom | None:
     return min(found, key=lambda freedom: freedom.jacobian.shape[1], default=None)
 
 
-def _with(state: State, tied: dict[int, Freedom], goal: Goal) -> State:
+def with_copies(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
+    """The state with the outlines that are like another one, moved or mirrored, made and kept such."""
+    outlines, size = _outlines(state), (held.width, held.height)
+    tracks = {}
+    for k, freedom in enumerate(outlines):
+        shape = freedom.outline()
+        track = Track.of(shape if isinstance(shape, Ring) else fine_ring(shape), Sight.of(state, k))
+        if (
+            freedom.jacobian.shape[1]
+            and (track.extent[0] > ON_BORDER).all()
+            and (track.extent[1] < np.array(size) - ON_BORDER).all()
+        ):
+            tracks[k] = track
+    order = sorted(tracks, key=lambda k: (outlines[k].jacobian.shape[1], k))
+    copies = found_copies({k: tracks[k] for k in order}, 10.0 ** -suggested_precision(*size), size)
+    tied = {k: CopyFreedom(outlines[copy.model], copy.way, copy.model) for k, copy in copies.items()}
+    return _settled(state, tied, goal, detail, error)
+
+
+def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: float, error: float) -> State:
+    """The state with some outlines tied, less those that cost more than they save."""
+    if not tied:
+        return state
+    outlines = _outlines(state)
+    trial = settle(_with(state, tied, goal), goal, ROUNDS, trim=False)
+    families = np.array([tied[k].source if isinstance(tied.get(k), CopyFreedom) else k for k in range(len(outlines))])
+    net = np.zeros(len(outlines))
+    for k in sorted({*tied, *families[list(tied)].tolist()}):
+        net[families[k]] += gain(state, trial, k, error) * detail
+    for k, freedom in tied.items():
+        own = 0 if isinstance(freedom, CopyFreedom) else freedom.jacobian.shape[1]
+        net[families[k]] += PRICE * (outlines[k].jacobian.shape[1] - own)
+    refused = net[families] < 0.0
+    if refused.any():
+        trial = settle(_back(state, trial, refused, goal), goal, AFTER_REFUSALS, trim=False)
+    return trial
+
+
+def _outlines(state: State) -> list[Freedom]:
+    return [o for layer in state.layers for o in layer.outlines]
+
+
+def _back(state: State, trial: State, refused: np.ndarray, goal: Goal) -> State:
+    """The trial with the outlines of the state where they are refused."""
+    old, new = _outlines(state), _outlines(trial)
+    return _with(state, {k: old[k] if refused[k] else new[k] for k in range(len(old))}, goal)
+
+
+def _with(state: State, tied: Mapping[int, Freedom], goal: Goal) -> State:
     """The state with other freedoms for the outlines of some numbers."""
     number, layers = 0, []
     for layer in state.layers:
         numbers = range(number, number + len(layer.outlines))
         outlines = [tied.get(k, o) for k, o in zip(numbers, layer.outlines, strict=True)]
-        layers.append(replace(layer, outlines=outlines))
+        layers.append(layer_of(layer.shape, layer.ink, outlines))
         number += len(layer.outlines)
     return State.of(layers, goal)

@@ -1,0 +1,77 @@
+"""Outlines that are alike but for where they lie, or mirrored: one is the model, the others its copies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
+from cubicsplat_cli.artwork.geometry.outlines import Way
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
+
+SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
+FLIPS = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))  # as it is, mirrored either way, turned by half a circle
+
+
+@dataclass(frozen=True)
+class Copy:
+    """That an outline is like another one. model: its number; way: how it comes to lie where it does."""
+
+    model: int
+    way: Way
+
+
+def found_copies(tracks: Mapping[int, Track], step: float, mirrors: tuple[float, float]) -> dict[int, Copy]:
+    """The outlines that are copies, by number; tracks: those of all, in the order in which they are to be models.
+
+    step: of the file's grid, px, of which shifts are whole multiples. mirrors: twice where the axes of the canvas are,
+    across which pairs lie that are nearly there.
+    """
+    models: list[int] = []
+    copies: dict[int, Copy] = {}
+    for k, track in tracks.items():
+        ways = ((m, _way(tracks[m], track, step, mirrors)) for m in models)
+        found = next(((m, way) for m, way in ways if way is not None), None)
+        if found is None:
+            models.append(k)
+        else:
+            copies[k] = Copy(*found)
+    return copies
+
+
+def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) -> Way | None:
+    """How a model comes to lie on an outline; None where they are not alike."""
+    (low, high), (start, end) = model.extent, track.extent
+    if min(len(model.seen), len(track.seen)) < 8 or (np.abs(high - low - end + start) > SIZE_OFF).any():
+        return None
+    for flip in FLIPS:
+        signs = np.array(flip)
+        shift = 0.5 * (start + end) - 0.5 * signs * (low + high)
+        settled = _settled(model, track, signs, shift)
+        if settled is not None:
+            shift, error = settled
+            for c in (0, 1):
+                home = mirrors[c] if flip[c] < 0.0 else 0.0
+                if abs(shift[c] - home) <= SIGMAS * np.hypot(error[c], SYSTEMATIC):
+                    shift[c] = home
+            return Way(flip, tuple((np.rint(shift / step) * step).tolist()))
+    return None
+
+
+def _settled(model: Track, track: Track, signs: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """The shift (2,) with which the model lies nearest to an outline, and its standard errors (2,) px; None where it
+    lies not near enough."""
+    for left in reversed(range(TRIES + 1)):
+        forth, ahead = track.off(model.seen * signs + shift)
+        back, behind = model.off((track.seen - shift) * signs)
+        size, ways = np.concatenate([forth, back]), np.concatenate([ahead, -behind * signs])
+        if size.max() > LARGEST:
+            return None
+        gram = ways.T @ ways + 1e-6 * np.eye(2)
+        if left:
+            shift = shift - np.linalg.solve(gram, ways.T @ size)
+    if size.max() > FARTHEST or np.sqrt((size**2).mean()) > MEAN:
+        return None
+    return shift, 2.0 * SEEN_SIGMA / np.sqrt(np.diag(gram))

@@ -1,0 +1,92 @@
+"""Outlines that are alike: found where they are, exactly so in the drawing, and nowhere else."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_artwork_finish import covered
+
+from cubicsplat_cli.artwork.finish.finish import begin, goal_of, settle
+from cubicsplat_cli.artwork.finish.freedom import CopyFreedom, Held, freedom_of
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, Way, flattened
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.evaluate import rerender
+
+WIDTH, HEIGHT, FINE = 160, 96, 8
+DROP = "M0 -26C12 -14 20 -4 18 8 16 22 -10 24 -16 12 -20 2 -8 -12 0 -26z"
+RED = (204, 34, 0, 255)
+
+
+def pictured(*placed):
+    """The picture of the drop, once for each transform."""
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}">'
+    text += '<rect width="100%" height="100%" fill="#fff"/>'
+    text += "".join(f'<path d="{DROP}" transform="{place}" fill="#c20"/>' for place in placed) + "</svg>"
+    fine = rerender(text.encode(), WIDTH * FINE, HEIGHT * FINE, renderer="resvg").pixels.astype(float)
+    levels = np.rint(fine.reshape(HEIGHT, FINE, WIDTH, FINE, 4).mean(axis=(1, 3)))
+    return (levels / 255.0).astype(np.float32)
+
+
+def drops(picture):
+    rings = [o for shape in draw(picture).shapes for o in shape.outlines if shape.ink == RED]
+    return sorted(rings, key=lambda ring: ring.anchors[:, 0].mean())
+
+
+def test_a_shape_that_is_repeated_has_the_same_numbers_but_for_the_first():
+    left, right = drops(pictured("translate(40.3 44.2)", "translate(117.05 47.7)"))
+    shifts = right.cubics - left.cubics
+    assert np.ptp(shifts, axis=(0, 1)) == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert shifts[0, 0] == pytest.approx([76.75, 3.5], abs=0.02)
+    assert shifts[0, 0] * 1000.0 == pytest.approx(np.rint(shifts[0, 0] * 1000.0), abs=1e-6)
+
+
+def test_a_pair_across_the_middle_is_mirrored_exactly():
+    left, right = drops(pictured("translate(40.3 44.2)", "translate(119.7 44.2) scale(-1 1)"))
+    assert np.abs(right.cubics - (left.cubics * [-1.0, 1.0] + [WIDTH, 0.0])).max() < 1e-9
+
+
+def test_shapes_that_differ_by_half_a_pixel_stay_different():
+    left, right = drops(pictured("translate(40.3 44.2)", "translate(117.05 47.7) scale(1.015 1)"))
+    widths = [float(np.ptp(flattened(ring, 0.1), axis=0)[0]) for ring in (left, right)]
+    assert widths[1] - widths[0] == pytest.approx(0.5, abs=0.1)
+
+
+SIGN, PLACE = st.sampled_from([1.0, -1.0]), st.floats(-50.0, 50.0)
+SHAPES = [Circle(3.0, 4.0, 2.0), Ellipse(3.0, 4.0, 5.0, 2.0, 0.4), Rectangle(1.0, 2.0, 7.0, 3.0, 0.5, 0.3)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@given(signs=st.tuples(SIGN, SIGN), shift=st.tuples(PLACE, PLACE))
+def test_a_primitive_comes_to_lie_where_its_points_do(shape, signs, shift):
+    way = Way(signs, shift)
+    points, moved = (r.cubics.reshape(-1, 2) for r in (fine_ring(shape), fine_ring(way.outline(shape))))
+    gaps = np.hypot(*(way.points(points)[:, None] - moved).transpose(2, 0, 1))
+    assert gaps.min(axis=1).max() < 1e-9
+
+
+def test_copies_follow_their_model_and_fit_together():
+    truth = np.zeros((48, 96, 4))
+    for cx, r in ((24.0, 9.0), (70.0, 9.04)):
+        truth += covered(Circle(cx, 24.0, r), 48, 96)[..., None]
+    goal, held = goal_of(truth), Held(96, 48)
+    white = (255, 255, 255, 255)
+    shapes = tuple(Shape(white, (Circle(cx, 24.0, 8.8),), "x") for cx in (24.0, 70.0))
+    state = begin(Drawing(96, 48, shapes), goal)
+    model = freedom_of(shapes[0].outlines[0], held)
+    state.layers[0].outlines[0] = model
+    state.layers[1].outlines[0] = CopyFreedom(model, Way((1.0, 1.0), (46.0, 0.0)), 0)
+    first, second = (layer.outlines[0].outline() for layer in settle(state, goal, trim=False).layers)
+    assert (first.r, second.r) == pytest.approx((9.02, 9.02), abs=0.005) and first.r == second.r
+    assert (second.cx - first.cx, second.cy - first.cy) == (46.0, 0.0)
+
+
+def test_the_jacobian_of_a_copy_matches_finite_differences():
+    ring = Circle(20.0, 19.0, 9.3).ring()
+    copy = CopyFreedom(freedom_of(ring, Held(64, 64)), Way((-1.0, 1.0), (60.0, 3.0)), 0)
+    jacobian = copy.jacobian.toarray()
+    for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
+        change = (copy.moved(step).cubics - copy.moved(-step).cubics).ravel() / 2e-5
+        assert np.allclose(change, jacobian[:, i], atol=2e-3)
+    assert isinstance(copy.outline(), Ring)
