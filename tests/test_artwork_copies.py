@@ -1,5 +1,7 @@
 """Outlines that are alike: found where they are, exactly so in the drawing, and nowhere else."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,6 +15,8 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle,
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.svg.drawing import write_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
 
 WIDTH, HEIGHT, FINE = 160, 96, 8
 DROP = "M0 -26C12 -14 20 -4 18 8 16 22 -10 24 -16 12 -20 2 -8 -12 0 -26z"
@@ -90,3 +94,22 @@ def test_the_jacobian_of_a_copy_matches_finite_differences():
         change = (copy.moved(step).cubics - copy.moved(-step).cubics).ravel() / 2e-5
         assert np.allclose(change, jacobian[:, i], atol=2e-3)
     assert isinstance(copy.outline(), Ring)
+
+
+def test_repeated_rings_are_the_same_text_but_for_the_first_point():
+    ring = Ring(
+        np.array([[4.0, 4.0], [9.0, 4.0], [11.5, 12.25]]),
+        np.array([[[5.0, 4.0], [8.0, 4.0]], [[12.0, 5.0], [13.0, 9.0]], [[8.0, 14.0], [3.0, 9.0]]]),
+        np.array([True, False, False]),
+        np.zeros(3, bool),
+    )
+    moved = [Way((1.0, 1.0), shift).outline(ring) for shift in ((0.0, 0.0), (1.11, 60.07), (300.5, 7.0))]
+    shapes = tuple(Shape((colour, 0, 0, 255), (one,), "x") for colour, one in zip((255, 200, 150), moved, strict=True))
+    text = write_drawing(Drawing(400, 100, shapes), precision=2, title="x", comment="y")
+    paths = re.findall(r' d="M([^"]*)"', text)
+    assert len(paths) == 3 and len({re.sub(r"^[-.\d ]+", "", path) for path in paths}) == 1
+    found = [shape.outlines[0] for shape in read_drawing(text).shapes]
+    for one, expected in zip(found, moved, strict=True):
+        assert np.array(sorted(one.anchors.tolist())) == pytest.approx(
+            np.array(sorted(expected.anchors.tolist())), abs=0.006
+        )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Container, Sequence
 from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.geometry.outlines import (
@@ -23,7 +24,7 @@ from cubicsplat_cli.svg.gradients import Gradients
 from cubicsplat_cli.svg.markup import Identifiers, comment_text, in_short, short_colour, xml_text
 from cubicsplat_cli.svg.pathdata import format_number
 from cubicsplat_cli.svg.quantise import check_precision
-from cubicsplat_cli.svg.ringgrid import grid_ring
+from cubicsplat_cli.svg.ringgrid import GridRing, grid_ring
 from cubicsplat_cli.svg.ringpath import PathText, add_ring
 from cubicsplat_cli.svg.rounded import MOST_ON_RECT, add_rounded
 from cubicsplat_cli.svg.strokes import add_stroke, pen
@@ -51,8 +52,9 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     names = Identifiers()
     gradients = Gradients(names, precision)
     groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
+    repeated = _repeated(drawing.shapes, precision, drawing.abutting)
     for group in groups:
-        element = _element(group, precision, drawing.abutting)
+        element = _element(group, precision, drawing.abutting, repeated)
         if element is not None:
             root.extend(_finished(element, group[0], names, gradients, precision))
     root.text = "\n"
@@ -85,10 +87,13 @@ def _finished(
     return [element] if before is None else [before, element]
 
 
-def _element(group: Sequence[Shape], precision: int, exact: bool) -> ElementTree.Element | None:
+def _element(
+    group: Sequence[Shape], precision: int, exact: bool, repeated: Container[bytes]
+) -> ElementTree.Element | None:
     """What shows one shape, or several of one ink as a compound path; None where nothing of it is left.
 
-    exact: every point of a path stands at its own step, as in the paths that share it.
+    exact: every point of a path stands at its own step, as in the paths that share it. repeated: forms of rings that
+    the drawing has more than once.
     """
     stroke = group[0].stroke
     if stroke is not None and not isinstance(stroke.path, (Chain, Ring)):
@@ -102,7 +107,7 @@ def _element(group: Sequence[Shape], precision: int, exact: bool) -> ElementTree
             add_stroke(path, shape.stroke.path, precision)
             continue
         for index, outline in enumerate(shape.outlines):
-            _add_outline(path, outline, precision, clockwise=index == 0, exact=exact)
+            _add_outline(path, outline, precision, index == 0, exact, repeated)
     return ElementTree.Element("path", {"d": path.text}) if path.text else None
 
 
@@ -157,7 +162,9 @@ def _degrees(angle: float) -> str:
     return format_number(round(math.degrees(angle) * 10**_ANGLE_DECIMALS), _ANGLE_DECIMALS)
 
 
-def _add_outline(path: PathText, outline: Outline, precision: int, *, clockwise: bool, exact: bool) -> None:
+def _add_outline(
+    path: PathText, outline: Outline, precision: int, clockwise: bool, exact: bool, repeated: Container[bytes]
+) -> None:
     """One ring of a compound path: the outer ones clockwise as seen, holes the other way."""
     if isinstance(outline, Rectangle):
         outline = _disc(outline, precision) or outline
@@ -167,10 +174,24 @@ def _add_outline(path: PathText, outline: Outline, precision: int, *, clockwise:
     if isinstance(outline, Rectangle) and outline.radius > 0.0 and outline.angle == 0.0:
         add_rounded(path, outline, precision, clockwise=clockwise)
         return
-    ring = outline.ring()
-    if (signed_area(ring) > 0.0) != clockwise:
-        ring = reversed_ring(ring)
-    add_ring(path, grid_ring(ring, precision, exact), exact)
+    ring = _on_grid(outline.ring(), precision, clockwise, exact)
+    add_ring(path, ring, exact, relative=ring.form in repeated)
+
+
+def _on_grid(ring: Ring, precision: int, clockwise: bool, exact: bool) -> GridRing:
+    return grid_ring(ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring), precision, exact)
+
+
+def _repeated(shapes: Sequence[Shape], precision: int, exact: bool) -> set[bytes]:
+    """The forms that more than one ring of the shapes has."""
+    forms = Counter(
+        _on_grid(outline, precision, index == 0, exact).form
+        for shape in shapes
+        if shape.stroke is None
+        for index, outline in enumerate(shape.outlines)
+        if isinstance(outline, Ring)
+    )
+    return {form for form, count in forms.items() if count > 1}
 
 
 def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, clockwise: bool) -> None:

@@ -29,6 +29,12 @@ class GridRing:
         """A, the number of lines and cubics; 0 where the ring has shrunk to a point."""
         return len(self.anchors)
 
+    @property
+    def form(self) -> bytes:
+        """The same for rings that are alike but for where they lie."""
+        anchors, controls = self.anchors - self.anchors[:1], self.controls - self.anchors[:1, None]
+        return b"".join(part.tobytes() for part in (anchors, controls, self.lines))
+
 
 def grid_ring(ring: Ring, precision: int, exact: bool = False) -> GridRing:
     """The ring on the grid, without pieces of no extent, begun so that its closing line is the longest to write.

@@ -24,12 +24,15 @@ class PathText:
         self._last = ""  # the last number, where one stands at the end
         self.here: Point = (0, 0)
         self._start: Point = (0, 0)
+        self._relative = False
 
-    def move(self, to: Point) -> None:
-        """Begin a ring."""
+    def move(self, to: Point, *, relative: bool = False) -> None:
+        """Begin a ring; relative: what follows is the same text wherever it begins."""
+        self._relative = False
         self._add("M", to, to)
         # Further pairs of numbers are lines.
-        self._letter = "L" if self._letter == "M" else "l"
+        self._letter = "" if relative else "L" if self._letter == "M" else "l"
+        self._relative = relative
         self._start = to
 
     def line(self, to: Point) -> None:
@@ -66,7 +69,7 @@ class PathText:
         # At equal length the relative form, but for the first point, where both mean the same.
         if not self.text:
             forms.reverse()
-        text, self._letter, self._last = min(forms, key=lambda found: len(found[0]))
+        text, self._letter, self._last = forms[0] if self._relative else min(forms, key=lambda found: len(found[0]))
         self.text += text
         self.here = to
 
@@ -80,11 +83,13 @@ class PathText:
         return text
 
 
-def add_ring(path: PathText, ring: GridRing, exact: bool = False) -> None:
-    """Appends a closed ring; nothing where it is only a point. exact: no handle is written a step off."""
+def add_ring(path: PathText, ring: GridRing, exact: bool = False, relative: bool = False) -> None:
+    """Appends a closed ring; nothing where it is only a point. exact: no handle is written a step off. relative: all
+    but the first point, so that rings of one form are the same text.
+    """
     if ring.pieces == 0:
         return
-    _add_pieces(path, ring, [*range(1, ring.pieces), 0], 0 if exact else _MIRROR_REACH)
+    _add_pieces(path, ring, [*range(1, ring.pieces), 0], 0 if exact else _MIRROR_REACH, relative)
     path.close()
 
 
@@ -93,10 +98,10 @@ def add_chain(path: PathText, chain: GridRing) -> None:
     _add_pieces(path, chain, list(range(1, len(chain.anchors))), _MIRROR_REACH)
 
 
-def _add_pieces(path: PathText, ring: GridRing, ends: Sequence[int], reach: int) -> None:
+def _add_pieces(path: PathText, ring: GridRing, ends: Sequence[int], reach: int, relative: bool = False) -> None:
     """The pieces from one anchor to the next; the line that closes a ring is drawn by closing it."""
     anchors, controls = ring.anchors.tolist(), ring.controls.tolist()
-    path.move(tuple(anchors[0]))
+    path.move(tuple(anchors[0]), relative=relative)
     mirror: Point | None = None
     for index, following in enumerate(ends):
         end = tuple(anchors[following])
