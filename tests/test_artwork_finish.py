@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.freedom import Held, freedom_of
@@ -81,6 +82,21 @@ def test_the_finish_finds_shapes_that_are_half_a_pixel_off():
     box, disc = (shape.outlines[0] for shape in done.shapes)
     assert (disc.cx, disc.cy, disc.r) == pytest.approx((33.3, 30.7, 11.4), abs=2e-3)
     assert (box.x, box.y, box.width, box.height, box.radius) == pytest.approx((4.0, 5.0, 40.3, 30.6, 6.2), abs=5e-3)
+
+
+def test_the_finish_looks_through_a_blur():
+    truth = [(Rectangle(4.0, 5.0, 40.3, 30.6, 6.2), RED), (Circle(33.3, 30.7, 11.4), BLUE)]
+    start = [(Rectangle(4.3, 4.8, 39.9, 31.0, 7.0), RED), (Circle(33.6, 30.4, 11.7), BLUE)]
+    target = ndimage.gaussian_filter(picture(truth, 48, 56), (1.5, 1.5, 0.0), mode="nearest")
+    drawing = Drawing(56, 48, tuple(Shape(ink, (outline,), "x") for outline, ink in start))
+    goal = goal_of(target, blur=1.5)
+    settled = settle(begin(drawing, goal), goal)
+    box, disc = (shape.outlines[0] for shape in drawn(drawing, settled).shapes)
+    assert (disc.cx, disc.cy, disc.r) == pytest.approx((33.3, 30.7, 11.4), abs=5e-3)
+    assert (box.x, box.y, box.width, box.height, box.radius) == pytest.approx((4.0, 5.0, 40.3, 30.6, 6.2), abs=0.02)
+    # An outline is judged by what the blur carries beyond the pixels that it crosses, too.
+    disc_only = settled.crossed(1)
+    assert len(np.unique(disc_only)) > 3 * len(np.unique(settled.crossings.pixel[settled.marks[1] :]))
 
 
 def test_the_finish_leaves_the_canvas_border_and_a_hole_in_place():

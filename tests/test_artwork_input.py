@@ -118,6 +118,14 @@ def test_the_drawing_is_that_of_the_clean_picture(kind):
     assert drawing.segments <= draw(target("clean")).segments + 4
 
 
+def test_a_blurred_drawing_is_as_simple_and_as_exact_as_a_sharp_one():
+    sharp, blurred = draw(target("clean")), draw(target("blurred"))
+    assert len(blurred.shapes) == len(sharp.shapes)
+    assert blurred.coordinates <= 1.5 * sharp.coordinates
+    circles = [outline for shape in blurred.shapes for outline in shape.outlines if isinstance(outline, Circle)]
+    assert sorted(circle.r for circle in circles) == pytest.approx([12.5, 12.5, 70.0], abs=0.05)
+
+
 # --- the style ------------------------------------------------------------------------------------------------
 
 

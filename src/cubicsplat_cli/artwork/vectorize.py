@@ -44,8 +44,9 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None, intake: In
     settings, intake = settings or ArtworkSettings(), intake or taken_in(target)
     seen, condition = intake.levels, intake.condition
     error = condition.edge_error
-    flat = without_gradients(seen, settings) if condition.clean else without_noise(seen, condition, settings)
-    levels, regions, layers, parts = _planned(flat.levels, settings, intake.scale, error)
+    flat = without_gradients(seen, condition, settings)
+    even = flat.levels if condition.clean else restored(flat.levels, condition, settings.colors)
+    levels, regions, layers, parts = _planned(even, settings, intake.scale, condition.restored_error)
     height, width = levels.shape[:2]
     least = _least_points(parts)
     shapes = []
@@ -58,25 +59,21 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None, intake: In
     drawing = Drawing(width, height, tuple(shapes))
     if len(shapes) <= MOST_POLISHED:
         grid = samples_across(levels, regions) if condition.clean else 0
-        picture = levels.astype(float) / 255.0
-        drawing = polish(drawing, picture, settings.detail, error / 255.0)
-        drawing = regularised(drawing, picture, settings.detail, grid, error / 255.0)
+        # Edges that were restored tell less than the picture as it came, but for what JPEG leaves in busy places.
+        goal = levels if condition.clean or (condition.jpeg and not condition.blur) else flat.levels
+        picture, blur = goal.astype(float) / 255.0, condition.blur
+        drawing = polish(drawing, picture, settings.detail, error / 255.0, blur)
+        drawing = regularised(drawing, picture, settings.detail, grid, error / 255.0, blur)
     return enlarged(in_palette(_painted(drawing), settings.palette), intake.scale, intake.width, intake.height)
 
 
-def without_gradients(levels: np.ndarray, settings: ArtworkSettings) -> Flattened:
-    """The picture in flat inks, and the gradients that some stand for: none where the inks are the user's choice."""
+def without_gradients(levels: np.ndarray, condition: Condition, settings: ArtworkSettings) -> Flattened:
+    """The picture in flat inks, with its noise if it has any, and the gradients that some stand for: none where the
+    inks are the user's choice.
+    """
     if settings.palette or settings.colors is not None:
         return Flattened(levels, np.zeros((0, 4)), ())
-    return flattened(levels)
-
-
-def without_noise(levels: np.ndarray, condition: Condition, settings: ArtworkSettings) -> Flattened:
-    """The picture as a clean one in flat inks, and the gradients that some stand for."""
-    if settings.palette or settings.colors is not None:
-        return Flattened(restored(levels, condition, settings.colors), np.zeros((0, 4)), ())
-    flat = without_noisy_gradients(levels, condition)
-    return replace(flat, levels=restored(flat.levels, condition))
+    return flattened(levels) if condition.clean else without_noisy_gradients(levels, condition)
 
 
 def _painted(drawing: Drawing) -> Drawing:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_int32, c_int64, c_void_p
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -28,7 +28,9 @@ class _Stack(ctypes.Structure):
 
 
 class _Fit(ctypes.Structure):
-    _fields_ = [("target", c_void_p), ("channels", c_double * 4), ("bound", c_double)]
+    _fields_ = [
+        ("target", c_void_p), ("channels", c_double * 4), ("bound", c_double), ("reach", c_int32), ("taps", c_void_p),
+    ]  # fmt: skip
 
 
 class _Crossings(ctypes.Structure):
@@ -40,23 +42,33 @@ class _Crossings(ctypes.Structure):
 
 class _Equations(ctypes.Structure):
     _fields_ = [
-        ("pieces", c_int32), ("room", c_int64), ("count", c_int64), ("first", c_void_p), ("second", c_void_p),
-        ("blocks", c_void_p), ("gradient", c_void_p),
+        ("pieces", c_int32), ("width", c_int32), ("height", c_int32), ("room", c_int64), ("count", c_int64),
+        ("first", c_void_p), ("second", c_void_p), ("blocks", c_void_p), ("gradient", c_void_p),
     ]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Goal:
     """What a stack is compared with. target: (H, W, 4); channels: the weights of the four; bound: of a pixel's weighted
-    residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel."""
+    residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel; taps: (reach + 1,)
+    weights along a row or column, from the middle on, of what blurs the stack's picture before it is compared."""
 
     target: np.ndarray
     channels: Sequence[float]
     bound: float
     grid: int = 0
+    taps: np.ndarray = field(default_factory=lambda: np.ones(1))
+
+    @property
+    def reach(self) -> int:
+        """Px to either side that a blur carries, 0 without one."""
+        return len(self.taps) - 1
 
     def _pointers(self) -> _Fit:
-        return _Fit(_at(self.target, np.float64, self.target.shape), (c_double * 4)(*self.channels), self.bound)
+        return _Fit(
+            _at(self.target, np.float64, self.target.shape), (c_double * 4)(*self.channels), self.bound, self.reach,
+            _at(self.taps, np.float64, self.taps.shape),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -86,8 +98,8 @@ class Crossings:
 
 
 def draw_stack(pieces: StackPieces, goal: Goal) -> tuple[np.ndarray, np.ndarray, Crossings]:
-    """The picture (H, W, 4) of a stack, the misfit (H, W) of its pixels, and its crossings, whose changes are those of
-    exact areas in any case.
+    """The picture (H, W, 4) of a stack, blurred where the goal is, the misfit (H, W) of its pixels, and its crossings,
+    whose changes are those of exact areas and of the sharp picture in any case.
     """
     height, width, _ = goal.target.shape
     count = len(pieces.cubics)
@@ -123,8 +135,9 @@ def normal_equations(
     while True:
         first, second, blocks = np.empty(room, np.int32), np.empty(room, np.int32), np.empty((room, 8, 8))
         out = _Equations(
-            count, room, 0, first.ctypes.data, second.ctypes.data, blocks.ctypes.data, gradient.ctypes.data
-        )
+            count, goal.target.shape[1], goal.target.shape[0], room, 0,
+            first.ctypes.data, second.ctypes.data, blocks.ctypes.data, gradient.ctypes.data,
+        )  # fmt: skip
         found = _pointers_to(crossings, n)
         _check(_library().cs_stack_equations(goal._pointers(), image.ctypes.data, found, out))
         if out.count <= room:

@@ -6,6 +6,7 @@ derivative by every parameter is as exact, so damped Gauss-Newton needs few step
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,7 @@ ENOUGH = 2e-3  # relative gain of a round below which it is finished
 # Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
 START, RELAXED, HOPELESS = 1e-3, 1e-2, 1e3
 TAKEN_BACK, SAME = 3, 1e-12  # times that outlines are taken back after a step, for a misfit that has grown by more
+BLUR_REACH = 3.0  # standard deviations of a blur, beyond which nothing is left of it
 LONGEST = 1.5  # px that a control point moves at most in a step
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
 
@@ -43,7 +45,7 @@ class Layer:
 class State:
     """A drawing against its picture. layers: back to front; image: (H, W, 4) what they draw; misfit: (H W,) of every
     pixel; crossings: of its pieces, numbered through all outlines; pieces, marks: (outlines + 1,) where those of each
-    outline begin.
+    outline begin; sharing: how much of what a crossing changes is left by the goal's blur, in squares, 1 without one.
     """
 
     layers: list[Layer]
@@ -52,6 +54,8 @@ class State:
     crossings: Crossings
     pieces: np.ndarray
     marks: np.ndarray
+    sharing: float
+    _around: np.ndarray
 
     @classmethod
     def of(cls, layers: list[Layer], goal: Goal) -> State:
@@ -69,22 +73,43 @@ class State:
         )
         image, misfit, crossings = draw_stack(stack, goal)
         marks = np.searchsorted(crossings.piece, pieces)
-        return cls(layers, image, misfit.ravel(), crossings, pieces, marks)
+        # A blur spreads what an outline does to either side of it; along the outline it hardly changes anything.
+        sharing = float(2.0 * (goal.taps**2).sum() - goal.taps[0] ** 2)
+        return cls(layers, image, misfit.ravel(), crossings, pieces, marks, sharing, _around(goal))
 
     @property
     def value(self) -> float:
         return float(self.misfit.sum())
 
     def crossed(self, number: int) -> np.ndarray:
-        """The pixels that an outline crosses, some of them twice."""
-        return self.crossings.pixel[self.marks[number] : self.marks[number + 1]]
+        """The pixels that an outline changes: those that it crosses, some of them twice, and what a blur adds."""
+        return self.changed(slice(self.marks[number], self.marks[number + 1]))
+
+    def changed(self, own: slice | np.ndarray) -> np.ndarray:
+        """The pixels that some of the crossings change."""
+        pixel = self.crossings.pixel[own]
+        if not len(self._around):
+            return pixel
+        height, width = self.image.shape[:2]
+        y, x = np.divmod(np.unique(pixel), width)
+        rows = np.clip(y[:, None] + self._around[:, 0], 0, height - 1)
+        return np.unique(rows * width + np.clip(x[:, None] + self._around[:, 1], 0, width - 1))
 
 
-def goal_of(target: np.ndarray, grid: int = 0) -> Goal:
+def goal_of(target: np.ndarray, grid: int = 0, blur: float = 0.0) -> Goal:
     """What a drawing is fitted to: a picture (H, W, 4) premultiplied in [0, 1], drawn with grid x grid samples a pixel,
-    or (0) with true areas.
+    or (0) with true areas, and blurred since by a Gaussian of so many px.
     """
-    return Goal(np.ascontiguousarray(target, dtype=np.float64), WHITE.tolist(), HUBER, grid)
+    reach = math.ceil(BLUR_REACH * blur)
+    taps = np.exp(-0.5 * (np.arange(reach + 1) / max(blur, 1e-9)) ** 2)
+    taps /= 2.0 * taps.sum() - taps[0]
+    return Goal(np.ascontiguousarray(target, dtype=np.float64), WHITE.tolist(), HUBER, grid, taps)
+
+
+def _around(goal: Goal) -> np.ndarray:
+    """(k, 2) rows and columns from a pixel to those that share most of its change by a blur; none without one."""
+    reach = -(-goal.reach // 2)
+    return np.array([(y, x) for y in range(-reach, reach + 1) for x in range(-reach, reach + 1) if goal.reach])
 
 
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:

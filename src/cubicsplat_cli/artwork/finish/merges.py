@@ -264,8 +264,8 @@ def _pays(
     pixels = np.unique(
         np.concatenate(
             [
-                before.crossings.pixel[np.isin(before.crossings.piece, old)],
-                after.crossings.pixel[after.crossings.piece == place + after.pieces[number]],
+                before.changed(np.isin(before.crossings.piece, old)),
+                after.changed(after.crossings.piece == place + after.pieces[number]),
             ]
         )
     )

@@ -60,7 +60,7 @@ def with_moves(state: State, held: Held, detail: float, error: float = 0.0) -> t
 def complaints(state: State, error: float = 0.0) -> dict[int, Complaint]:
     """The complaints against the pieces of a drawing, numbered through all its outlines."""
     c, count = state.crossings, int(state.pieces[-1])
-    floor = _floor(c.slope, error)
+    floor = _floor(state, slice(None), error)
     chi = np.where(floor > UNSEEN, np.minimum(state.misfit[c.pixel] / np.maximum(floor, UNSEEN), MOST_CHI) - 1.0, 0.0)
     cubics = np.concatenate([o.cubics for layer in state.layers for o in layer.outlines])
     lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
@@ -79,9 +79,10 @@ def complaints(state: State, error: float = 0.0) -> dict[int, Complaint]:
     }
 
 
-def _floor(slope: np.ndarray, error: float) -> np.ndarray:
-    """(m,) the misfit that a pixel has by chance where coverage changes it by slope (m, 4)."""
-    return SHARE_SIGMA**2 * ((slope * WHITE) ** 2).sum(axis=1) + error**2
+def _floor(state: State, own: slice, error: float) -> np.ndarray:
+    """(m,) the misfit that the pixels of some crossings have by chance."""
+    slopes = ((state.crossings.slope[own] * WHITE) ** 2).sum(axis=1)
+    return SHARE_SIGMA**2 * state.sharing * slopes + error**2
 
 
 def _edited(outline: Freedom, found: dict[int, Complaint], held: Held) -> Freedom | None:
@@ -131,5 +132,5 @@ def gain(before: State, after: State, number: int, error: float) -> float:
 
 def floor_of(state: State, number: int, error: float) -> float:
     """The misfit of a pixel that an outline crosses by chance."""
-    own = _floor(state.crossings.slope[state.marks[number] : state.marks[number + 1]], error)
-    return max(float(np.median(own)) if len(own) else 0.0, SHARE_SIGMA**2 * 1e-4)
+    own = _floor(state, slice(state.marks[number], state.marks[number + 1]), error)
+    return max(float(np.median(own)) if len(own) else 0.0, SHARE_SIGMA**2 * state.sharing * 1e-4)

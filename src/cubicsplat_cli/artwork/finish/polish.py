@@ -14,20 +14,26 @@ from cubicsplat_cli.raster.stack import Goal
 # Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
 PASSES, CROWDED, FULL = 3, 400, 1500
 TRIAL_ROUNDS = 6
+MERGES = 3  # passes, of a picture that is blurred
 
 
-def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0, error: float = 0.0) -> Drawing:
+def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0, error: float = 0.0, blur: float = 0.0) -> Drawing:
     """The drawing fitted to a picture (H, W, 4) premultiplied in [0, 1]; detail as in ArtworkSettings.
 
-    error: of pixels on edges beyond that of a clean picture, of full scale.
+    error: of pixels on edges beyond that of a clean picture, of full scale. blur: standard deviation, px, of what has
+    blurred it since it was drawn.
     """
     if not drawing.shapes:
         return drawing
     pieces = drawing.segments
-    goal, held = goal_of(target), Held(drawing.width, drawing.height)
+    goal, held = goal_of(target, blur=blur), Held(drawing.width, drawing.height)
     state = settle(begin(drawing, goal), goal, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
-    if pieces <= FULL:
-        state = with_merges(state, goal, held, detail, error)
+    # What was traced in edges made sharp again has many pieces too many.
+    for _ in range(MERGES if blur else 1):
+        following = with_merges(state, goal, held, detail, error) if pieces <= FULL else state
+        if following is state:
+            break
+        state = following
     for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
         following = _moved(state, goal, held, detail, error)
         if following is state:

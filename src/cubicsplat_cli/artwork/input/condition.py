@@ -5,6 +5,7 @@ Pictures are (H, W, 4) float32 premultiplied RGBA in levels of 0..255.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,8 @@ FEWEST, MOST = 40, 6000
 JPEG_EDGES = 8.0  # times the noise elsewhere
 # px: less is how programs smooth edges, or what a JPEG does to them. A quarter of the edges may be sharper by a third.
 LEAST_BLUR, LEAST_BLUR_OF_JPEG, SHARPER = 0.35, 0.6, 2.0 / 3.0
+# Levels, for each px of blur, by which edges are off that were made sharp again.
+BLUR_ERROR = 16.0
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,11 @@ class Condition:
     def edge_error(self) -> float:
         """Levels by which pixels on edges are off: much more than elsewhere in a JPEG."""
         return self.noise * (JPEG_EDGES if self.jpeg else 1.0)
+
+    @property
+    def restored_error(self) -> float:
+        """Levels by which pixels on edges are off in the restored picture."""
+        return math.hypot(self.edge_error, BLUR_ERROR * self.blur)
 
     def words(self) -> str:
         """What is worth telling of it, as part of a sentence; empty where it is clean."""

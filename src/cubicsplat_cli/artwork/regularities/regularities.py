@@ -31,20 +31,26 @@ MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the rin
 
 
 def regularised(
-    drawing: Drawing, target: np.ndarray, detail: float = 1.0, grid: int = 0, error: float = 0.0
+    drawing: Drawing,
+    target: np.ndarray,
+    detail: float = 1.0,
+    grid: int = 0,
+    error: float = 0.0,
+    blur: float = 0.0,
 ) -> Drawing:
     """The drawing with its regularities, fitted to a picture (H, W, 4) premultiplied in [0, 1].
 
     detail as in ArtworkSettings. grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas.
-    error: of pixels on edges beyond that of a clean picture, of full scale.
+    error: of pixels on edges beyond that of a clean picture, of full scale. blur: standard deviation, px, of what has
+    blurred it since it was drawn.
     """
     if not drawing.shapes:
         return drawing
-    goal = goal_of(target)
+    goal = goal_of(target, blur=blur)
     state = begin(drawing, goal)
     done, pins = on_grid(drawing, state, 1.0 / grid if grid else 0.0)
     if pins != NO_PINS:
-        goal = goal_of(target, grid)
+        goal = goal_of(target, grid, blur)
         state = settle(begin(done, goal, pins), goal, ROUNDS)
     held = Held(drawing.width, drawing.height, pins)
     state = with_symmetries(state, goal, held, detail, error)

@@ -1,5 +1,5 @@
-// Stacks of shapes in double precision: their picture, how it changes with every control point, and the normal equations
-// of its fit to another picture. This is what the artwork style optimises.
+// Stacks of shapes in double precision: their picture, and how it changes with every control point. This is what the
+// artwork style optimises.
 //
 // A pixel's coverage is its area within the outlines, whose winding number is 0 or 1. An edge (dx, dy) in a pixel adds the
 // area to its left there and -dy to all pixels to its right; moving it by (u, v) changes its pixel's area by u dy - v dx.
@@ -8,10 +8,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cmath>
 #include <exception>
-#include <utility>
 #include <vector>
+
+#include "stack_misfit.h"
 
 namespace cs {
 namespace {
@@ -207,57 +207,6 @@ void lay(const Window& w, const double* ink, int width, double* image, CsCrossin
   }
 }
 
-// The residual of a pixel, each channel weighted, and its length.
-double residual(const CsFit& f, const double* image, int64_t pixel, double* rest) {
-  double squares = 0.0;
-  for (int k = 0; k < 4; k++) {
-    rest[k] = (image[4 * pixel + k] - f.target[4 * pixel + k]) * f.channels[k];
-    squares += rest[k] * rest[k];
-  }
-  return std::sqrt(squares);
-}
-
-// Gram matrices of pairs of pieces, found by their numbers.
-class Pairs {
- public:
-  explicit Pairs(CsEquations* out) : out_(out), known_(out->pieces) { out_->count = 0; }
-
-  double* block(int i, int j) {
-    for (const auto& [other, index] : known_[i])
-      if (other == j) return index < out_->room ? out_->blocks + 64 * index : nullptr;
-    const int64_t index = out_->count++;
-    known_[i].push_back({j, index});
-    if (index >= out_->room) return nullptr;
-    out_->first[index] = i, out_->second[index] = j;
-    std::fill(out_->blocks + 64 * index, out_->blocks + 64 * (index + 1), 0.0);
-    return out_->blocks + 64 * index;
-  }
-
- private:
-  CsEquations* out_;
-  std::vector<std::vector<std::pair<int, int64_t>>> known_;
-};
-
-std::vector<int64_t> sorted_by_pixel(const CsCrossings& c) {
-  std::vector<int64_t> order(c.count);
-  for (int64_t n = 0; n < c.count; n++) order[n] = n;
-  std::sort(order.begin(), order.end(), [&](int64_t a, int64_t b) {
-    return c.pixel[a] != c.pixel[b] ? c.pixel[a] < c.pixel[b] : a < b;
-  });
-  return order;
-}
-
-void add_products(const CsCrossings& c, const CsFit& fit, double trust, int64_t m, int64_t n, Pairs& pairs) {
-  const double *a = c.change + 8 * m, *b = c.change + 8 * n;
-  double alike = 0.0;
-  for (int k = 0; k < 4; k++)
-    alike += c.slope[4 * m + k] * c.slope[4 * n + k] * fit.channels[k] * fit.channels[k];
-  double* block = pairs.block(c.piece[m], c.piece[n]);
-  if (block == nullptr) return;
-  for (int p = 0; p < 8; p++)
-    for (int q = 0; q < 8; q++) block[8 * p + q] += trust * alike * a[p] * b[q];
-}
-
 void draw(const CsStack& s, const CsFit& fit, double* image, double* misfit, CsCrossings* out) {
   const int64_t pixels = int64_t(s.width) * s.height;
   std::fill(image, image + 4 * pixels, 0.0);
@@ -286,31 +235,11 @@ void draw(const CsStack& s, const CsFit& fit, double* image, double* misfit, CsC
       for (int i = 0; i < w.width; i++)
         open[int64_t(w.top + j) * s.width + w.left + i] *= 1.0f - opacity * w.covered[size_t(j) * w.width + i];
   }
+  if (fit.reach > 0) blur(fit, image, s.width, s.height, false);
   double rest[4];
   for (int64_t pixel = 0; pixel < pixels; pixel++) {
     const double size = residual(fit, image, pixel, rest);
     misfit[pixel] = size <= fit.bound ? size * size : fit.bound * (2.0 * size - fit.bound);
-  }
-}
-
-void equations(const CsFit& fit, const double* image, const CsCrossings& c, CsEquations* out) {
-  Pairs pairs(out);
-  std::fill(out->gradient, out->gradient + 8 * int64_t(out->pieces), 0.0);
-  const std::vector<int64_t> order = sorted_by_pixel(c);
-  for (int64_t start = 0, stop; start < c.count; start = stop) {
-    const int32_t pixel = c.pixel[order[start]];
-    for (stop = start; stop < c.count && c.pixel[order[stop]] == pixel; stop++) {
-    }
-    double rest[4];
-    const double size = residual(fit, image, pixel, rest), trust = size <= fit.bound ? 1.0 : fit.bound / size;
-    for (int64_t m = start; m < stop; m++) {
-      const int64_t at = order[m];
-      double pull = 0.0;
-      for (int k = 0; k < 4; k++) pull += c.slope[4 * at + k] * fit.channels[k] * rest[k];
-      for (int p = 0; p < 8; p++) out->gradient[8 * int64_t(c.piece[at]) + p] += trust * pull * c.change[8 * at + p];
-      for (int64_t n = start; n < stop; n++)
-        if (c.piece[order[n]] >= c.piece[at]) add_products(c, fit, trust, at, order[n], pairs);
-    }
   }
 }
 
@@ -322,15 +251,6 @@ extern "C" {
 int32_t cs_stack_draw(const CsStack* stack, const CsFit* fit, double* image, double* misfit, CsCrossings* out) {
   try {
     cs::draw(*stack, *fit, image, misfit, out);
-  } catch (const std::exception&) {
-    return 1;
-  }
-  return 0;
-}
-
-int32_t cs_stack_equations(const CsFit* fit, const double* image, const CsCrossings* crossings, CsEquations* out) {
-  try {
-    cs::equations(*fit, image, *crossings, out);
   } catch (const std::exception&) {
     return 1;
   }

@@ -21,6 +21,8 @@ struct CsFit {
   const double* target;  // H x W x 4, premultiplied
   double channels[4];    // weights
   double bound;          // of a pixel's residual, beyond which it counts linearly
+  int32_t reach;         // px, of the blur that the picture of the stack goes through first, 0 for none
+  const double* taps;    // reach + 1: its weights along a row or column, from the middle on
 };
 
 // For each pixel that a piece crosses (twice where it comes back to one).
@@ -35,7 +37,7 @@ struct CsCrossings {
 
 // The normal equations over the control points of all pieces.
 struct CsEquations {
-  int32_t pieces;
+  int32_t pieces, width, height;
   int64_t room, count;  // of the pairs of pieces that share pixels; where count > room the rest is missing
   int32_t* first;       // <= second
   int32_t* second;
