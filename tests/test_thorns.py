@@ -1,4 +1,4 @@
-"""The penalty on joins that turn back."""
+"""The penalties on joins that turn back and on slivers."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import pytest
 import torch
 from test_fit import settings
 
+from cubicsplat_cli.evaluate.thorns import thorns_of
 from cubicsplat_cli.photo import fit
-from cubicsplat_cli.photo.geometric import crossing_gradient, crossing_penalty, thorn_gradient
+from cubicsplat_cli.photo.geometric import HELD, Regulariser, crossing_gradient, crossing_penalty, thorn_gradient
+from cubicsplat_cli.photo.slivers import gradient_by_arrays, sliver_gradient
 from cubicsplat_cli.scene import pack_rings
 from cubicsplat_cli.settings import Mode
 
@@ -66,3 +68,59 @@ def test_curves_of_several_lengths_and_rings_are_judged_each_by_itself(mode):
     mean = sum(count * loss for count, loss in losses) / sum(count for count, _ in losses)
     assert torch.allclose(crossing_penalty(points, mode, ends), mean)
     assert not crossing_gradient(points, mode, 1.0, ends)[~used].any()
+
+
+def strip(thickness: float, length: float = 12.0) -> np.ndarray:
+    """(1, 12, 2): a rectangle of four straight cubics."""
+    corners = np.array([[3, 4], [3 + length, 4], [3 + length, 4 + thickness], [3, 4 + thickness]], np.float32)
+    after = np.roll(corners, -1, axis=0)
+    return np.stack([corners, (2 * corners + after) / 3, (corners + 2 * after) / 3], axis=1).reshape(1, 12, 2)
+
+
+def test_following_the_gradient_widens_a_sliver_and_leaves_what_is_wider():
+    assert not sliver_gradient(strip(0.6), 1.0).any()
+    points = strip(0.2)
+    gradient = sliver_gradient(points, 3.0)
+    assert np.allclose(gradient, 3.0 * sliver_gradient(points, 1.0))
+    assert np.allclose(gradient.sum(axis=1), 0.0, atol=1e-4), "it moves nothing as a whole"
+    for _ in range(200):
+        points = points - 0.01 * sliver_gradient(points, 1.0)
+    top, bottom = points[0, 1:3, 1], points[0, 7:9, 1]
+    assert (bottom - top > 0.4).all()
+    assert not sliver_gradient(np.zeros((1, 6, 2), np.float32), 1.0).any()
+
+
+@pytest.mark.parametrize("ragged", [False, True])
+def test_the_library_and_arrays_of_any_kind_agree_on_slivers(ragged):
+    generator = np.random.default_rng(7)
+    points = (generator.random((50, 12, 2)) * [5.0, 1.0]).astype(np.float32)
+    ends = np.sort(generator.integers(1, 5, (50, 2)), axis=1).astype(np.int32) if ragged else None
+    found = sliver_gradient(points, 1.0, ends)
+    there, ends_there = torch.from_numpy(points), None if ends is None else torch.from_numpy(ends)
+    assert np.abs(found).max() > 1.0
+    assert np.allclose(found, gradient_by_arrays(points, ends), atol=1e-4)
+    assert np.allclose(found, gradient_by_arrays(there, ends_there).numpy(), atol=1e-4)
+    assert np.array_equal(found, sliver_gradient(there, 1.0, ends_there).numpy())
+    if ragged:
+        assert not found[np.arange(12) >= 3 * ends[:, -1:]].any()
+
+
+def test_a_penalty_is_found_anew_now_and_then_and_where_the_curves_are_others():
+    recipe = settings(thorn_reg=1.0).recipe
+    regulariser = Regulariser(recipe, Mode.CLOSED, 100, 4)
+    course = {"progress": 0.9, "loss": 2.0}
+    first = regulariser.gradient(strip(0.2), None, **course)
+    assert first.any()
+    for _ in range(HELD - 1):
+        assert regulariser.gradient(strip(0.6), None, **course) is first
+    assert not regulariser.gradient(strip(0.6), None, **course).any()
+    regulariser.forget()
+    assert regulariser.gradient(strip(0.2), None, **course).any()
+    assert Regulariser(recipe, Mode.CLOSED, 100, 4).gradient(strip(0.2), None, progress=0.0, loss=2.0) is None
+
+
+def test_a_fit_with_the_penalty_has_fewer_slivers():
+    small = np.random.default_rng(6).random((14, 20, 3), np.float32)
+    target = small.repeat(4, 0).repeat(4, 1)
+    plain, smooth = (fit(target, settings(curves=60, steps=150, thorn_reg=w)).scene for w in (0.0, 1.0))
+    assert thorns_of(smooth).slivers < 0.6 * thorns_of(plain).slivers

@@ -14,7 +14,7 @@ from PIL import Image
 from test_fit import picture, settings
 
 from cubicsplat_cli.photo.best import Best
-from cubicsplat_cli.photo.geometric import regulariser
+from cubicsplat_cli.photo.geometric import Regulariser
 from cubicsplat_cli.photo.guide import Guide
 from cubicsplat_cli.photo.initial import new_curves
 from cubicsplat_cli.photo.trainer import Trainer
@@ -109,8 +109,10 @@ def test_what_a_step_does_outside_the_engine_waits_for_no_value(mode, ragged):
     for _ in range(2):
         best.consider(torch.zeros((), device="meta"), there)
     recipe = replace(given.recipe, geometric_reg=0.1, thorn_reg=0.1)
-    course = {"progress": 1.0, "pixels": 99, "joins": 24, "loss": torch.zeros((), device="meta")}
-    assert regulariser(recipe, there.points, mode, there.ring_ends, **course).shape == there.points.shape
+    found = Regulariser(recipe, mode, 99, 24).gradient(
+        there.points, there.ring_ends, progress=1.0, loss=torch.zeros((), device="meta")
+    )
+    assert found.shape == there.points.shape
 
 
 @pytest.mark.parametrize(

@@ -149,8 +149,10 @@ class Recipe:
     geometric_reg: float = setting(
         0.0, "number", "Penalty on curves that cross themselves.", most=1e6, metavar="WEIGHT"
     )
-    # weight of the penalty on joins that turn back: for each radian beyond 140 degrees, in shares of the loss a join
-    thorn_reg: float = setting(0.0, "number", "Penalty on thorns, joins that turn back.", most=1e6, metavar="WEIGHT")
+    # weight of the penalties on joins that turn back, in shares of the loss a join, and on slivers: photo/geometric.py
+    thorn_reg: float = setting(
+        0.0, "number", "Penalty on thorns: joins that turn back, and slivers.", most=1e6, metavar="WEIGHT"
+    )
     # polyline: by uniform parameters, or adaptive subdivision to flatness 0.5 px
     flatten: str = setting("uniform", "choice", "How curves become polylines.", choices=("uniform", "de-casteljau"))
     tolerance: float = 0.05  # px; 0: always `samples` edges per cubic

@@ -15,7 +15,7 @@ from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.capacity import gini, in_front, reallocate, seeded
 from cubicsplat_cli.photo.diary import Diary
 from cubicsplat_cli.photo.faults import broken_down, check_finite
-from cubicsplat_cli.photo.geometric import regulariser
+from cubicsplat_cli.photo.geometric import Regulariser
 from cubicsplat_cli.photo.guide import UNGUIDED, Guide, spread_of
 from cubicsplat_cli.photo.initial import first_curves
 from cubicsplat_cli.photo.judge import Judge
@@ -111,6 +111,8 @@ class Trainer:
         if self.curves.gradients is not None:
             self.training.frames_gradient = xp.empty_like(self.curves.gradients.frames)
             self.training.stops_gradient = xp.empty_like(self.curves.gradients.stops)
+        pixels, joins = self.width * self.height, self.parameters.curves * self.settings.segments
+        self.regulariser = Regulariser(self.recipe, self.settings.mode, pixels, joins)
         self.best = Best()
         self.saved: tuple[int, Parameters] | None = None  # what the host has of a GPU's fit, and of which step
         self.diary = Diary(self.on_progress)
@@ -258,10 +260,10 @@ class Trainer:
         due = self.schedule.take_reallocation(progress)
         before = self.parameters.copy() if phase.exact else None
         training = self.training
-        training.rates, training.points_gradient = self._rates(phase), regulariser(
-            self.recipe, self.parameters.points, self.settings.mode, self.parameters.ring_ends, progress=progress,
-            pixels=self.width * self.height, joins=self.parameters.curves * self.settings.segments, loss=self.loss,
-        )  # fmt: skip
+        training.rates = self._rates(phase)
+        training.points_gradient = self.regulariser.gradient(
+            self.parameters.points, self.parameters.ring_ends, progress=progress, loss=self.loss
+        )
         training.image, training.importance = (self.image, self.importance) if due else (None, None)
         if not self.objective.squared:
             training.image = self.image
@@ -331,6 +333,7 @@ class Trainer:
         """Goes on with other parameters, the new ones in front; where all share an opacity, with that of the others."""
         self.parameters.overwrite(parameters)
         self.state.overwrite(state)
+        self.regulariser.forget()
         if self.recipe.shared_opacity > 0.0:
             self.parameters.opacity_logits[...] = copied(self.parameters.opacity_logits[-1:])
 

@@ -1,0 +1,88 @@
+"""A penalty on slivers: places where two sides of an outline run against each other, closer than half a pixel."""
+
+from __future__ import annotations
+
+from cubicsplat_cli.photo.segments import Segments, length, segments_of, taken, together
+from cubicsplat_cli.raster.slivers import slivers
+from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace
+from cubicsplat_cli.settings import Mode
+
+THINNEST = 0.5  # px: more than what is called a sliver, a third of a px, so that those end above
+EDGES = 6  # of a segment: its polyline, whose edges are held against one another
+OPPOSITE = -0.5  # cosine between two edges that are two sides, and not one that bends
+_PAIRS = 2**22  # of edges at once, of 4 bytes a value
+_LEAST_LENGTH = 1e-6  # px
+
+
+def sliver_gradient(points: Array, weight: float | Array, ring_ends: Array | None = None) -> Array:
+    """Gradient (N, K, 2), for closed curves, of weight times the sum over all pairs of opposite edges of
+    l D relu(1 - |d| / D)^2: d the distance in px of the middle of the one, of length l, from the other, if its foot
+    lies on that, and D `THINNEST`. The lengths count as given. ring_ends: as in `Scene`.
+    """
+    if str(points.device) == "cpu":
+        found = slivers(as_numpy(points), None if ring_ends is None else as_numpy(ring_ends), EDGES, THINNEST, OPPOSITE)
+        return weight * like(points, found)
+    return weight * gradient_by_arrays(points, ring_ends)
+
+
+def gradient_by_arrays(points: Array, ring_ends: Array | None = None) -> Array:
+    """The same with weight 1, by whatever computes with such arrays: for a GPU."""
+    xp, found = namespace(points), segments_of(points, Mode.CLOSED, ring_ends)
+    edges = found.index.shape[1] * EDGES
+    many = max(1, _PAIRS // edges**2)
+    parts = []
+    for begin in range(0, len(points), many):
+        chosen = slice(begin, begin + many)
+        own = found if ring_ends is None else Segments(*(each[chosen] for each in vars(found).values()))
+        parts.append(_gradient(points[chosen], own, found.real[chosen]))
+    return xp.concat(parts, axis=0)
+
+
+def _gradient(points: Array, found: Segments, real: Array) -> Array:
+    xp, (n, m) = namespace(points), real.shape
+    t = xp.arange(EDGES + 1, dtype=points.dtype, device=points.device) / EDGES
+    basis = xp.stack(((1 - t) ** 3, 3 * (1 - t) ** 2 * t, 3 * (1 - t) * t * t, t**3), axis=1)
+    places = [*(3 * found.index + k for k in range(3)), 3 * found.after]
+    corners = xp.stack([taken(points, place) for place in places], axis=2)
+    vertices = xp.matmul(basis, corners)  # (n, m, EDGES + 1, 2)
+    starts, ends = (xp.reshape(v, (n, m * EDGES, 2)) for v in (vertices[:, :, :-1], vertices[:, :, 1:]))
+    long = xp.clip(length(ends - starts), min=_LEAST_LENGTH)
+    along = (ends - starts) / long[..., None]
+    is_edge = xp.repeat(real, EDGES, axis=1)
+    force, share = _forces(0.5 * (starts + ends), starts, along, long, is_edge)
+    normals = xp.stack((-along[..., 1], along[..., 0]), axis=-1)
+    of_middles = 0.5 * xp.matmul(force, normals)
+    at_end = xp.sum(force * share, axis=1)
+    of_starts = of_middles - normals * (xp.sum(force, axis=1) - at_end)[..., None]
+    of_ends = of_middles - normals * at_end[..., None]
+    nothing = xp.zeros_like(vertices[:, :, :1])
+    of_vertices = xp.concat((xp.reshape(of_starts, (n, m, EDGES, 2)), nothing), axis=2)
+    of_vertices = of_vertices + xp.concat((nothing, xp.reshape(of_ends, (n, m, EDGES, 2))), axis=2)
+    a, b, c, d = (xp.matmul(basis.T, of_vertices)[:, :, k] for k in range(4))
+    a = a + taken(d, found.before) * real[..., None]
+    return together(a, b, c, nothing[:, 0], Mode.CLOSED)
+
+
+def _forces(middles: Array, starts: Array, along: Array, long: Array, is_edge: Array) -> tuple[Array, Array]:
+    """Of each pair (n, V, V) the derivative by the distance of the first one's middle from the second edge, to its left
+    positive, and where on that the foot lies, 0 to 1.
+    """
+    xp = namespace(middles)
+    origin = xp.mean(middles, axis=1)[:, None]  # near the curve, where float32 is fine
+    middles, starts = middles - origin, starts - origin
+    normals = xp.stack((-along[..., 1], along[..., 0]), axis=-1)
+    distance = _seen(normals, starts, middles)
+    share = _seen(along / long[..., None], starts, middles)
+    pair = xp.matmul(along, xp.matrix_transpose(along)) < OPPOSITE
+    pair &= xp.abs(distance) < THINNEST
+    pair &= xp.abs(share - 0.5) <= 0.5
+    pair &= is_edge[:, :, None] & is_edge[:, None, :]
+    force = (distance - THINNEST * xp.sign(distance)) * (2.0 / THINNEST * long[:, :, None])
+    return xp.where(pair, force, 0.0), share
+
+
+def _seen(axes: Array, starts: Array, middles: Array) -> Array:
+    """(n, V, V): each middle along each edge's axis from its start, a x m - a x s."""
+    xp = namespace(axes)
+    offset = xp.sum(axes * starts, axis=-1)
+    return xp.matmul(middles, xp.matrix_transpose(axes)) - offset[:, None, :]
