@@ -114,6 +114,11 @@ def picture_of(pens: list[Pen]) -> np.ndarray:
     return np.rint(drawn.reshape(SIZE, FINE, SIZE, FINE, 3).mean(axis=(1, 3))).astype(np.uint8)
 
 
+def sampled_picture_of(pens: list[Pen]) -> np.ndarray:
+    """(SIZE, SIZE, 3) uint8: drawn at its own size by an independent renderer, with its few samples a pixel."""
+    return rerender(svg_of(pens).encode(), SIZE, SIZE).pixels[..., :3]
+
+
 def line_of(pen: Pen) -> np.ndarray:
     """(n, 2) px, points about a fiftieth of a px apart along a pen's way."""
     found = []

@@ -10,14 +10,17 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy.spatial import cKDTree
-from stroke_icons import ICONS, SIZE, Pen, line_of, picture_of
+from stroke_icons import ICONS, SIZE, Pen, line_of, picture_of, sampled_picture_of, svg_of
 
 from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pieces_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.strokes.find import with_strokes
+from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
+from cubicsplat_cli.artwork.strokes.freedom import StrokeFreedom
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.artwork.tracing.cubics import point
 from cubicsplat_cli.artwork.vectorize import draw
@@ -31,7 +34,7 @@ INK = (26, 43, 109, 255)
 
 
 def strokes_in(picture: np.ndarray) -> list[Stroke]:
-    drawing = with_strokes(draw(picture.astype(np.float32) / 255.0))
+    drawing = draw(picture.astype(np.float32) / 255.0, strokes=True)
     return [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
 
 
@@ -41,18 +44,48 @@ def points_on(stroke: Stroke) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", sorted(ICONS))
-def test_widths_and_centre_lines_of_icons(name):
+@pytest.mark.parametrize(("picture", "usual"), [(picture_of, 0.06), (sampled_picture_of, 0.07)])
+def test_widths_and_centre_lines_of_icons(name, picture, usual):
     pens = ICONS[name]
-    found = strokes_in(picture_of(pens))
+    found = strokes_in(picture(pens))
     assert len(found) == len(pens)
     widths = sorted(stroke.width for stroke in found)
-    assert widths == pytest.approx(sorted(pen.width for pen in pens), abs=0.1)
-    # An end that lies beneath another stroke may be a little off, and the tight inner bends of a broad pen show less.
+    assert widths == pytest.approx(sorted(pen.width for pen in pens), abs=0.02)
+    # A corner of a degree or two is drawn smoothly, and an end beneath another stroke lies anywhere near.
     lines = np.concatenate([line_of(pen) for pen in pens])
     off = cKDTree(lines).query(np.concatenate([points_on(stroke) for stroke in found]))[0]
-    assert np.percentile(off, 95) < 0.06 and off.max() < 0.2
+    assert np.percentile(off, 95) < usual and off.max() < 0.2
     missed = cKDTree(np.concatenate([points_on(stroke) for stroke in found])).query(lines)[0]
-    assert missed.max() < 0.2
+    assert missed.max() < 0.35
+
+
+def over_white(stroke: Stroke) -> Drawing:
+    """A stroke of the ink over white."""
+    ground = Shape((255, 255, 255, 255), (Rectangle(0.0, 0.0, SIZE, SIZE),), "ground")
+    return Drawing(SIZE, SIZE, (ground, Shape(INK, outlines_of_stroke(stroke), "line", stroke=stroke)))
+
+
+def test_strokes_are_fitted_through_their_pixels():
+    pen = Pen("M50 130L105 190L210 70", 14, "round", "round")
+    picture = np.concatenate([picture_of([pen]) / 255.0, np.ones((SIZE, SIZE, 1))], axis=2)
+    start = Stroke(line_chain(np.array([[50.6, 130.4], [104.5, 189.2], [210.3, 69.4]])), 13.2, "round", "round")
+    fitted = fitted_strokes(over_white(start), picture).shapes[1]
+    assert fitted.stroke is not None and fitted.stroke.width == pytest.approx(14.0, abs=0.005)
+    assert isinstance(fitted.stroke.path, Chain)
+    assert fitted.stroke.path.anchors == pytest.approx(np.array([[50, 130], [105, 190], [210, 70]]), abs=0.01)
+    assert fitted.outlines[0].ring().cubics == pytest.approx(outlines_of_stroke(fitted.stroke)[0].ring().cubics)
+
+
+@pytest.mark.parametrize("name", ["house", "gear", "infinity", "letter s", "circle"])
+def test_outlines_move_with_their_centre_lines_as_the_jacobian_says(name):
+    for shape in read_drawing(svg_of(ICONS[name])).shapes:
+        if shape.stroke is None:
+            continue
+        freedom = StrokeFreedom.of(shape.stroke, Held(SIZE, SIZE))
+        told = freedom.jacobian.toarray()
+        for k, step in enumerate(1e-4 * np.eye(told.shape[1])):
+            moved = (freedom.moved(step).cubics - freedom.moved(0.0 * step).cubics).ravel() / 1e-4
+            assert np.abs(moved - told[:, k]).max() < 5e-3
 
 
 @pytest.mark.parametrize(
@@ -125,7 +158,7 @@ def test_outlines_are_those_that_viewers_draw(d, cap, join):
 
 
 def test_a_file_with_strokes_is_read_back():
-    found = with_strokes(draw(picture_of(ICONS["house"]).astype(np.float32) / 255.0))
+    found = draw(picture_of(ICONS["house"]).astype(np.float32) / 255.0, strokes=True)
     text = write_drawing(found, title="t", comment="c")
     again = read_drawing(text)
     assert write_drawing(again, title="t", comment="c") == text

@@ -25,6 +25,8 @@ from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.strokes.find import with_strokes
+from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
 from cubicsplat_cli.scene.paint import mean_ink
 
@@ -34,12 +36,19 @@ MOST_POINTS, FEW, LEAST_AREA = 60_000, 16, 10
 BLURS = (0.0, 1.5, 3.0, 6.0, 12.0, 24.0)
 
 
-def draw(target: np.ndarray, settings: ArtworkSettings | None = None, intake: Intake | None = None) -> Drawing:
+def draw(
+    target: np.ndarray,
+    settings: ArtworkSettings | None = None,
+    intake: Intake | None = None,
+    *,
+    strokes: bool = False,
+) -> Drawing:
     """The drawing of a flat picture: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1].
 
     What was made larger by a whole number is drawn as it was before. Very large pictures, and those of very many
     regions, are drawn with less detail (`limits`), which is logged. What has hardly a region of more than a few px is
-    drawn as it looks from farther away. intake: `taken_in(target)`, where that is known already.
+    drawn as it looks from farther away. intake: `taken_in(target)`, where that is known already. strokes: shapes of
+    even width become pen strokes.
     """
     settings, intake = settings or ArtworkSettings(), intake or taken_in(target)
     seen, condition = intake.levels, intake.condition
@@ -57,13 +66,17 @@ def draw(target: np.ndarray, settings: ArtworkSettings | None = None, intake: In
         ink = eight_bit(own)
         shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height), gradient))
     drawing = Drawing(width, height, tuple(shapes))
-    if len(shapes) <= MOST_POLISHED:
+    polished = len(shapes) <= MOST_POLISHED
+    if polished:
         grid = samples_across(levels, regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came, but for what JPEG leaves in busy places.
         goal = levels if condition.clean or (condition.jpeg and not condition.blur) else flat.levels
         picture, blur = goal.astype(float) / 255.0, condition.blur
         drawing = polish(drawing, picture, settings.detail, error / 255.0, blur)
         drawing = regularised(drawing, picture, settings.detail, grid, error / 255.0, blur)
+    if strokes:
+        drawing = with_strokes(drawing, settings.detail)
+        drawing = fitted_strokes(drawing, picture, blur) if polished else drawing
     return enlarged(in_palette(_painted(drawing), settings.palette), intake.scale, intake.width, intake.height)
 
 

@@ -31,11 +31,7 @@ def drawn_artwork(task: Task) -> Made:
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
     target = task.target.target()
     intake = taken_in(target)
-    drawing = draw(target, chosen, intake)
-    if task.request.settings.mode is Mode.OPEN:
-        from cubicsplat_cli.artwork.strokes.find import with_strokes
-
-        drawing = with_strokes(drawing, chosen.detail)
+    drawing = draw(target, chosen, intake, strokes=task.request.settings.mode is Mode.OPEN)
     drawing = scaled_drawing(drawing, *task.picture.size)
     if chosen.stacking == CUTOUT:
         from cubicsplat_cli.artwork.planar.cutout import cut_out

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.finish.freedom import NO_PINS, CopyFreedom, Freedom,
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack, normal_equations
+from cubicsplat_cli.scene.paint import Ink
 
 ROUNDS = 14
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
@@ -188,10 +189,13 @@ def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
 
 
 def _layer(shape: Shape, held: Held) -> Layer:
-    r, g, b, a = (v / 255.0 for v in shape.ink)
-    return layer_of(
-        shape, np.array([r * a, g * a, b * a, a]), [freedom_of(outline, held) for outline in shape.outlines]
-    )
+    return layer_of(shape, premultiplied(shape.ink), [freedom_of(outline, held) for outline in shape.outlines])
+
+
+def premultiplied(ink: Ink) -> np.ndarray:
+    """(4,) in [0, 1] an ink of 8 bits."""
+    r, g, b, a = (v / 255.0 for v in ink)
+    return np.array([r * a, g * a, b * a, a])
 
 
 def layer_of(shape: Shape, ink: np.ndarray, outlines: list[Freedom]) -> Layer:

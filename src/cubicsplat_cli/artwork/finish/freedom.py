@@ -164,7 +164,9 @@ def ring_pieces(ring: Ring, held: Held) -> Pieces:
     along = np.abs(np.concatenate([outgoing, incoming], axis=1))
     smooth = ring.smooth & ~_bent(outgoing, incoming)
     level = smooth & ((along[:, [0, 2]].max(axis=1) < FINEST_TURN) | (along[:, [1, 3]].max(axis=1) < FINEST_TURN))
-    pieces = Pieces(anchors, incoming, outgoing, ring.lines, smooth, level, _tied(anchors, ring.lines, fixed))
+    pieces = Pieces(
+        anchors, incoming, outgoing, ring.lines, smooth, level, tied_coordinates(anchors, ring.lines, fixed)
+    )
     variables = Variables(pieces)
     return variables.moved(np.zeros(variables.total + 1))
 
@@ -176,7 +178,7 @@ def _bent(outgoing: np.ndarray, incoming: np.ndarray) -> np.ndarray:
     return (np.abs(cross) > MOST_BEND * np.abs(dot)) | (dot > 0.0)
 
 
-def _tied(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+def tied_coordinates(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """(A, 2) the variable of each coordinate: one for both ends of a level or upright line, -1 where fixed."""
     tied = np.arange(anchors.size).reshape(anchors.shape)
     for i in np.flatnonzero(lines):
@@ -189,6 +191,28 @@ def _tied(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) -> np.ndarr
     _, numbers = np.unique(tied[free], return_inverse=True)
     tied[free] = numbers.reshape(-1)
     return tied
+
+
+class Still:
+    """An outline that stays as it is."""
+
+    def __init__(self, outline: Outline) -> None:
+        self._outline = outline
+        ring = outline if isinstance(outline, Ring) else fine_ring(outline)
+        self.cubics, self.lines = ring.cubics, ring.lines
+        self.jacobian = sparse.csr_matrix((8 * len(self.lines), 0))
+
+    def moved(self, _step: np.ndarray) -> Still:
+        """Itself."""
+        return self
+
+    def trimmed(self) -> Still:
+        """Itself."""
+        return self
+
+    def outline(self) -> Outline:
+        """The outline."""
+        return self._outline
 
 
 class PrimitiveFreedom:

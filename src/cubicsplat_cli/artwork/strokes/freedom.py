@@ -1,0 +1,157 @@
+"""The free parameters of a stroke, centre line and width, and how the outline that it covers moves with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from cubicsplat_cli.artwork.finish.freedom import Freedom, Held, freedom_of, tied_coordinates
+from cubicsplat_cli.artwork.geometry.outlines import Outline
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke
+from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of, rings_around
+from cubicsplat_cli.artwork.tracing.refine import Pieces, Variables
+
+STEP = 1e-5  # px, of the differences that tell how an outline moves with its centre line
+LEAST_WIDTH, MOST_WIDER = 0.1, 0.5  # px, of a stroke, and in a step
+
+
+class ChainFreedom:
+    """An open centre line: its anchors, the directions of smooth joints, handle lengths, and handles at corners."""
+
+    def __init__(self, pieces: Pieces) -> None:
+        self.pieces = pieces
+        self.cubics, self.lines = pieces.cubics, pieces.lines
+        self._variables = Variables(pieces)
+
+    @classmethod
+    def of(cls, chain: Chain) -> ChainFreedom:
+        """That of a chain; lines that are exactly level or upright stay so."""
+        nothing = np.zeros((1, 2))
+        outgoing = np.concatenate([chain.controls[:, 0] - chain.anchors[:-1], nothing])
+        incoming = np.concatenate([nothing, chain.controls[:, 1] - chain.anchors[1:]])
+        tied = tied_coordinates(chain.anchors, chain.lines, np.zeros(chain.anchors.shape, dtype=bool))
+        level = np.zeros(len(chain.anchors), dtype=bool)
+        pieces = Pieces(chain.anchors, incoming, outgoing, chain.lines, chain.smooth, level, tied)
+        variables = Variables(pieces)
+        return cls(variables.moved(np.zeros(variables.total + 1)))
+
+    @cached_property
+    def jacobian(self) -> sparse.csr_matrix:
+        """(8 S, variables)."""
+        return self._variables.jacobian()
+
+    def moved(self, step: np.ndarray) -> ChainFreedom:
+        """The line after a step."""
+        return ChainFreedom(self._variables.moved(np.append(step, 0.0)))
+
+    def chain(self) -> Chain:
+        """The line as it stands."""
+        p = self.pieces
+        return Chain(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
+
+
+Line = ChainFreedom | Freedom
+
+
+def _line_of(path: Path, held: Held) -> Line:
+    return ChainFreedom.of(path) if isinstance(path, Chain) else freedom_of(path, held)
+
+
+class StrokeFreedom:
+    """A stroke, as a freedom of the whole outline that it covers (`finish.Freedom`), holes run the other way.
+
+    The last variable is its width, unless that is fixed.
+    """
+
+    def __init__(self, stroke: Stroke, line: Line, fixed: bool = False) -> None:
+        self.line, self.fixed, self._stroke = line, fixed, stroke
+        self.plan = plan_of(line.cubics, line.lines)
+        rings = rings_around(line.cubics, line.lines, stroke, self.plan)
+        self._ends = np.cumsum([len(ring) for ring in rings])
+        pieces = [piece for ring in rings for piece in ring]
+        self._owners = np.array([(piece.first, piece.last) for piece in pieces])
+        self.cubics = _joined(np.stack([piece.points for piece in pieces]), self._ends)
+        self.lines = np.array([piece.line for piece in pieces])
+
+    @classmethod
+    def of(cls, stroke: Stroke, held: Held, fixed: bool = False) -> StrokeFreedom:
+        """That of a stroke; fixed: its width stays."""
+        return cls(stroke, _line_of(stroke.path, held), fixed)
+
+    @property
+    def stroke(self) -> Stroke:
+        """The stroke as it stands."""
+        path = self.line.chain() if isinstance(self.line, ChainFreedom) else self.line.outline()
+        return replace(self._stroke, path=path)
+
+    @cached_property
+    def jacobian(self) -> sparse.csr_matrix:
+        """(8 pieces of the outline, variables): by the control points of the centre line, times how these move."""
+        centre = self._by_centre() @ self.line.jacobian
+        if self.fixed:
+            return centre.tocsr()
+        stroke = replace(self._stroke, width=self._stroke.width + STEP)
+        wider = (self._outline(self.line.cubics, stroke) - self.cubics) / STEP
+        return sparse.hstack([centre, sparse.csr_matrix(wider.reshape(-1, 1))], format="csr")
+
+    def _outline(self, cubics: np.ndarray, stroke: Stroke) -> np.ndarray:
+        rings = rings_around(cubics, self.line.lines, stroke, self.plan)
+        return _joined(np.stack([piece.points for ring in rings for piece in ring]), self._ends)
+
+    def _by_centre(self) -> sparse.csr_matrix:
+        """(8 pieces of the outline, 8 S): how each of its points moves with those of the one or two pieces of the
+        centre line that it depends on.
+
+        No two pieces that are neighbours have one colour, so all of a colour can be moved at once.
+        """
+        count = len(self.line.cubics)
+        colours = np.arange(count) % 2
+        if count % 2:
+            colours[-1] = 2
+        # The end of each piece is the start of the next.
+        following = np.arange(1, len(self._owners) + 1)
+        following[self._ends - 1] = np.concatenate([[0], self._ends[:-1]])
+        owners = np.repeat(self._owners[:, None], 4, axis=1)
+        owners[:, 3] = self._owners[following]
+        found = []
+        for colour in np.unique(colours):
+            mine = np.where(colours[owners[..., 0]] == colour, owners[..., 0], owners[..., 1])
+            known = colours[mine] == colour
+            for k in range(8):
+                cubics = self.line.cubics.copy().reshape(count, 8)
+                cubics[colours == colour, k] += STEP
+                change = (self._outline(cubics.reshape(count, 4, 2), self._stroke) - self.cubics) / STEP
+                piece, point, axis = np.nonzero((np.abs(change) > 1e-12) & known[..., None])
+                columns = 8 * mine[piece, point] + k
+                found.append((8 * piece + 2 * point + axis, columns, change[piece, point, axis]))
+        rows, columns, values = (np.concatenate(part) for part in zip(*found, strict=True))
+        return sparse.csr_matrix((values, (rows, columns)), shape=(8 * len(self.cubics), 8 * count))
+
+    def moved(self, step: np.ndarray) -> StrokeFreedom:
+        """The stroke after a step of its variables."""
+        stroke, own = self._stroke, step
+        if not self.fixed:
+            own = step[:-1]
+            wider = float(np.clip(step[-1], -MOST_WIDER, MOST_WIDER))
+            stroke = replace(stroke, width=max(stroke.width + wider, LEAST_WIDTH))
+        return StrokeFreedom(stroke, self.line.moved(own), self.fixed)
+
+    def trimmed(self) -> StrokeFreedom:
+        """Itself."""
+        return self
+
+    def outline(self) -> Outline:
+        """The outer one of its outlines."""
+        return outlines_of_stroke(self.stroke)[0]
+
+
+def _joined(cubics: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Pieces (n, 4, 2) of rings that end at `ends`, each with its end where the next begins."""
+    start = 0
+    for end in ends.tolist():
+        cubics[start:end, 3] = np.roll(cubics[start:end, 0], -1, axis=0)
+        start = end
+    return cubics
