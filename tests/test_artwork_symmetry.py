@@ -11,6 +11,8 @@ from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredFreedom, 
 from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.svg.drawing import write_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
 
 SIZE, FINE = 160, 8
 # A shield: level above, bulging sides, a point below; {} px is where its right side bulges to.
@@ -43,6 +45,12 @@ def test_a_symmetric_shape_is_exactly_its_own_mirror_image(shift):
     middle = 0.5 * (ring.anchors[:, 0].min() + ring.anchors[:, 0].max())
     assert middle == pytest.approx(80.0 + shift, abs=0.02)
     assert asymmetry(ring, middle) < 1e-6
+
+
+def test_a_symmetric_shape_is_so_in_the_file_to_its_last_digit():
+    drawing = read_drawing(write_drawing(draw(pictured(SHIELD.format(130.0))), title="x", comment="y"))
+    ring = ring_of(drawing)
+    assert asymmetry(ring, 0.5 * (ring.anchors[:, 0].min() + ring.anchors[:, 0].max())) < 1e-6
 
 
 def test_a_shape_that_is_asymmetric_by_half_a_pixel_stays_so():

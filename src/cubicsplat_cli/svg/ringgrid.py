@@ -12,6 +12,9 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 
+# Steps by which a handle may be off the mirror image of the one before it and be written as that.
+MIRROR_REACH = 1
+
 
 @dataclass(frozen=True)
 class GridRing:
@@ -85,4 +88,18 @@ def _smoothed(ring: GridRing) -> np.ndarray:
     controls[np.roll(move_back, -1), 1] = np.roll(ring.anchors + aligned(back, ahead), -1, axis=0)[
         np.roll(move_back, -1)
     ]
+    return _evened(ring, controls, joint & ~ring.lines & ~line_before)
+
+
+def _evened(ring: GridRing, controls: np.ndarray, joint: np.ndarray) -> np.ndarray:
+    """Controls of which the two at a joint (A,) bool that are each other's mirror images but for a step are so: both
+    are as the shorter one, whichever way round the ring runs, so that what is symmetric stays so.
+    """
+    back, ahead = np.roll(controls[:, 1], 1, axis=0) - ring.anchors, controls[:, 0] - ring.anchors
+    even = joint & (np.abs(back + ahead).max(axis=1) <= MIRROR_REACH)
+    shorter = np.where(((back**2).sum(axis=1) < (ahead**2).sum(axis=1))[:, None], back, -ahead)
+    controls = controls.copy()
+    controls[even, 0] = (ring.anchors - shorter)[even]
+    after = np.roll(even, -1)
+    controls[after, 1] = np.roll(ring.anchors + shorter, -1, axis=0)[after]
     return controls

@@ -7,11 +7,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cubicsplat_cli.svg.pathdata import format_number
-from cubicsplat_cli.svg.ringgrid import GridRing
+from cubicsplat_cli.svg.ringgrid import MIRROR_REACH, GridRing
 
 Point = tuple[int, int]
-# A handle that is so many steps off the mirrored one before it is written as mirrored.
-_MIRROR_REACH = 1
 
 
 class PathText:
@@ -89,13 +87,13 @@ def add_ring(path: PathText, ring: GridRing, exact: bool = False, relative: bool
     """
     if ring.pieces == 0:
         return
-    _add_pieces(path, ring, [*range(1, ring.pieces), 0], 0 if exact else _MIRROR_REACH, relative)
+    _add_pieces(path, ring, [*range(1, ring.pieces), 0], 0 if exact else MIRROR_REACH, relative)
     path.close()
 
 
 def add_chain(path: PathText, chain: GridRing) -> None:
     """Appends an open row of lines and cubics, of which there is one less than anchors."""
-    _add_pieces(path, chain, list(range(1, len(chain.anchors))), _MIRROR_REACH)
+    _add_pieces(path, chain, list(range(1, len(chain.anchors))), MIRROR_REACH)
 
 
 def _add_pieces(path: PathText, ring: GridRing, ends: Sequence[int], reach: int, relative: bool = False) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, goal_of, layer_of, settle
-from cubicsplat_cli.artwork.finish.freedom import NO_PINS, ON_BORDER, CopyFreedom, Freedom, Held
+from cubicsplat_cli.artwork.finish.freedom import NO_PINS, ON_BORDER, CopyFreedom, Freedom, Held, ring_pieces
 from cubicsplat_cli.artwork.finish.merges import Sight
 from cubicsplat_cli.artwork.finish.moves import PRICE, gain
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
@@ -22,11 +22,12 @@ from cubicsplat_cli.artwork.regularities.alike import Track
 from cubicsplat_cli.artwork.regularities.axes import found_axes
 from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.grid import on_grid
-from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredFreedom, mirrored_rings
+from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredFreedom, MirroredRing, mirrored_rings
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster.stack import Goal
 
 ROUNDS, AFTER_REFUSALS = 6, 2
+EXACT = 1e-6  # px
 MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the ring
 
 
@@ -69,9 +70,15 @@ def with_symmetries(state: State, goal: Goal, held: Held, detail: float, error: 
 def _mirrored(ring: Ring, axis: Axis, held: Held) -> MirroredFreedom | None:
     """The freedom of a ring as its own mirror image, of the side with fewer variables; None where it cannot be one, or
     only with clearly more coordinates."""
-    found = [MirroredFreedom(one, held) for one in mirrored_rings(ring, axis)]
+    found = [MirroredFreedom(one, held) for one in mirrored_rings(ring, axis) if _fits(one, held)]
     found = [one for one in found if one.outline().ring().coordinates <= ring.coordinates + MORE_NUMBERS]
     return min(found, key=lambda freedom: freedom.jacobian.shape[1], default=None)
+
+
+def _fits(found: MirroredRing, held: Held) -> bool:
+    """Whether a ring is still its own mirror image with what is held where it must be, such as the canvas's border."""
+    anchors = ring_pieces(found.ring, held).anchors
+    return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
 
 
 def with_copies(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
