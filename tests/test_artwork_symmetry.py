@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
+from cubicsplat_cli.artwork.regularities.alike import Track, symmetry_of
 from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredFreedom, mirrored_rings
 from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
 from cubicsplat_cli.artwork.vectorize import draw
@@ -58,6 +60,14 @@ def test_a_shape_that_is_asymmetric_by_half_a_pixel_stays_so():
     ring = ring_of(draw(pictured(SHIELD.format(130.0 + 0.5 / 0.75))))
     points = flattened(ring)
     assert points[:, 0].max() - 80.0 == pytest.approx(80.0 - points[:, 0].min() + 0.5, abs=0.1)
+
+
+def test_a_ring_that_is_exactly_symmetric_is_found_so():
+    points = flattened(heart(), 0.5)
+    track = Track(points, cKDTree(points), points)
+    found = symmetry_of(track, 0)
+    assert found.axis.at == pytest.approx(20.0, abs=1e-9) and found.most < 1e-6
+    assert symmetry_of(track, 1) is None
 
 
 def heart(jitter=0.0):

@@ -13,6 +13,7 @@ from cubicsplat_cli.artwork.regularities.mirrored import Axis
 
 STEP = 0.5  # px between the points of an outline
 MOST = 400  # points of a piece
+ON_IT = 1e-9  # px
 TRIES = 4  # times that points are brought nearer
 LARGEST = 3.0  # px that they move at most to be
 FARTHEST, MEAN = 0.2, 0.06  # px that what is alike may be off, its farthest point and in the mean
@@ -47,12 +48,16 @@ class Track:
         for first in (near - 1, near):
             a, b = self.points[first], self.points[(first + 1) % len(self.points)]
             way = b - a
-            share = ((points - a) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12)
+            length = np.maximum(np.hypot(*way.T), 1e-12)
+            share = ((points - a) * way).sum(axis=1) / length**2
             gap = points - a - np.clip(share, 0.0, 1.0)[:, None] * way
             size = np.hypot(*gap.T)
+            # What lies right on the outline is off it across.
+            across = np.stack([-way[:, 1], way[:, 0]], axis=1) / length[:, None]
+            direction = np.where((size > ON_IT)[:, None], gap / np.maximum(size, ON_IT)[:, None], across)
             nearer = size < best
-            best[nearer], found[nearer] = size[nearer], gap[nearer]
-        return best, found / np.maximum(best, 1e-12)[:, None]
+            best[nearer], found[nearer] = size[nearer], direction[nearer]
+        return best, found
 
 
 def _dense(corners: np.ndarray) -> np.ndarray:
