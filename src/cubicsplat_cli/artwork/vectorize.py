@@ -111,8 +111,9 @@ def _planned(
     while True:
         soft, regions = _regions(levels, settings, min_area)
         soft = without_seams(soft, regions)
-        layers = stack(regions, settings.completion == ON)
-        parts = list(extents(regions, layers, crossings(soft, regions, ROUNDING + error)))
+        found = crossings(soft, regions, ROUNDING + error)
+        layers = stack(regions, found, settings.completion == ON)
+        parts = list(extents(regions, layers, found))
         if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:
             return soft, regions, layers, parts
         # The regions beyond as many as may be drawn join their neighbours.

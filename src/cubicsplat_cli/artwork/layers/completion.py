@@ -12,7 +12,6 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
-from cubicsplat_cli.artwork.geometry.hulls import holes_of
 from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
@@ -58,7 +57,7 @@ class _Window:
         beneath = ndimage.binary_dilation(extent.shown) & extent.allowed & ~extent.shown
         must |= beneath & ~ndimage.binary_dilation(~extent.allowed, SQUARE, 2)
         # An outer outline may go around holes, which have outlines of their own.
-        may = ndimage.binary_dilation(extent.allowed | holes_of(extent.allowed), SQUARE)
+        may = ndimage.binary_dilation(extent.allowed | extent.holes, SQUARE)
         return cls(extent.top, extent.left, must, may, canvas)
 
     def wrong(self, outline: Outline, hole: bool) -> np.ndarray:

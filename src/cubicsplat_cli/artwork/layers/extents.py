@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.hulls import hull_mask
+from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.layers.stacking import Stack
 from cubicsplat_cli.artwork.regions.cracks import Loop, trace
 from cubicsplat_cli.artwork.regions.regions import Regions
@@ -36,13 +36,15 @@ class Contour:
 @dataclass(frozen=True)
 class Extent:
     """A connected part of a layer. top, left: its window's corner, px. shown: the window's pixels (h, w) bool that
-    show it; allowed: those that it may cover. contours: the outer one first."""
+    show it; allowed: those that it may cover; holes: those within the contours of its holes. contours: the outer one
+    first."""
 
     layer: int
     top: int
     left: int
     shown: np.ndarray
     allowed: np.ndarray
+    holes: np.ndarray
     contours: tuple[Contour, ...]
 
 
@@ -92,7 +94,7 @@ def _extent(
     contours = []
     for loop in sorted(trace(part), key=lambda loop: -loop.area):
         contours.append(_contour(loop, shown, top, left, found))
-    return Extent(place, top, left, shown & part, shown | above, tuple(contours))
+    return Extent(place, top, left, shown & part, shown | above, holes_of(part), tuple(contours))
 
 
 def _contour(loop: Loop, shown: np.ndarray, top: int, left: int, found: Crossings) -> Contour:

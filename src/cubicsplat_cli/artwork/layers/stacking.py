@@ -14,16 +14,14 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
+from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.regions.inks import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.tracing.contours import Crossings
 
-# A disc of this radius, px, around a meeting point of three regions; the share of it that a straight outline leaves.
-DISC = 6
-STRAIGHT = (0.44, 0.56)
-NARROWEST = 0.1  # share of it that each of the others takes, a wedge of 36 degrees
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
-# Votes: being enclosed outweighs everything, a junction counts 1, a hull at most 0.9.
+# Votes: being enclosed outweighs everything, a junction counts at most 1.
 ENCLOSED = 1000.0
 MOST_HULLS = 400
 NO_LOAD = 1e-3  # votes below which nothing stands against coming next
@@ -46,10 +44,11 @@ class Stack:
     rank: np.ndarray
 
 
-def stack(regions: Regions, joined: bool = True) -> Stack:
-    """The layers of a picture's regions, back to front. joined: pieces of one ink may be one beneath what hides it."""
+def stack(regions: Regions, found: Crossings, joined: bool = True) -> Stack:
+    """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one ink may
+    be one beneath what hides it."""
     clear = regions.inks[:, 3] <= CLEAR
-    facts = _Facts(regions, clear)
+    facts = _Facts(regions, found, clear)
     group = _merged(facts, MOST_HULLS if joined else 0)
     order = _ordered(facts, group)
     rank = np.full(regions.count, -1)
@@ -65,15 +64,13 @@ def stack(regions: Regions, joined: bool = True) -> Stack:
 class _Facts:
     """What is measured of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
 
-    def __init__(self, regions: Regions, clear: np.ndarray) -> None:
+    def __init__(self, regions: Regions, found: Crossings, clear: np.ndarray) -> None:
         self.regions, self.clear = regions, clear
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()
         self.touching = _touching(regions.labels)
         self.inside = self._enclosures()
-        self.votes: dict[tuple[int, int], float] = {}
-        for above, below in _junctions(regions.labels):
-            self.votes[above, below] = self.votes.get((above, below), 0.0) + 1.0
+        self.votes = junction_votes(regions, found)
         for outer, held in self.inside.items():
             for i in held:
                 self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED
@@ -111,29 +108,6 @@ def _touching(labels: np.ndarray) -> dict[int, dict[int, int]]:
             out[i][j] = out[i].get(j, 0) + size
             out[j][i] = out[j].get(i, 0) + size
     return out
-
-
-def _junctions(labels: np.ndarray) -> list[tuple[int, int]]:
-    """(above, below) for every meeting point of three regions where one of them takes half of the surroundings."""
-    quads = np.stack([labels[:-1, :-1], labels[:-1, 1:], labels[1:, :-1], labels[1:, 1:]], axis=-1)
-    ordered = np.sort(quads, axis=-1)
-    kinds = 1 + (np.diff(ordered, axis=-1) != 0).sum(axis=-1)
-    found = []
-    yy, xx = np.mgrid[-DISC:DISC, -DISC:DISC] + 0.5
-    disc = yy * yy + xx * xx <= DISC * DISC
-    for y, x in np.argwhere(kinds >= 3) + 1:
-        if not (DISC <= y <= labels.shape[0] - DISC and DISC <= x <= labels.shape[1] - DISC):
-            continue
-        around = labels[y - DISC : y + DISC, x - DISC : x + DISC][disc]
-        names, sizes = np.unique(around, return_counts=True)
-        if len(names) != 3:
-            continue
-        top = int(sizes.argmax())
-        if STRAIGHT[0] <= sizes[top] / len(around) <= STRAIGHT[1] and np.delete(sizes, top).min() > NARROWEST * len(
-            around
-        ):
-            found += [(int(names[top]), int(other)) for other in np.delete(names, top)]
-    return found
 
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:

@@ -1,0 +1,120 @@
+"""Which region lies above two others where the three meet: the one whose outline runs straight on there.
+
+Outlines are known to hundredths of a px, so each one's heading on either side of a meeting point has a standard error
+of a degree or so. An outline that turns by less than that is far likelier to be one that passes than two that happen
+to meet; the others' turns must not be as small.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.layers.ends import heading
+from cubicsplat_cli.artwork.regions.cracks import Loop as Cracks
+from cubicsplat_cli.artwork.regions.cracks import trace
+from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.tracing.contours import Crossings, loop_points
+
+REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth
+SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
+LEAST_TURN = math.radians(2.5)  # standard error beyond that of the points
+LEAST_VOTE = 0.3
+MEETING = 3  # px within which the outlines of three regions meet at one place
+
+
+@dataclass(frozen=True)
+class _Passing:
+    """How one region's outline passes a meeting point. others: the regions before and after; at: (2,) vertex x, y;
+    turn: radians; error: its standard error."""
+
+    region: int
+    others: tuple[int, int]
+    at: tuple[int, int]
+    turn: float
+    error: float
+
+    @property
+    def likelihood(self) -> float:
+        """Of this turn where the outline goes straight on, over that of any turn up to a right angle."""
+        return math.exp(-0.5 * (self.turn / self.error) ** 2) * math.sqrt(0.5 * math.pi) / self.error
+
+
+def junction_votes(regions: Regions, found: Crossings) -> dict[tuple[int, int], float]:
+    """How sure it is that a region lies above another: for (above, below) the sum over their meeting points with a
+    third, each from LEAST_VOTE to 1.
+    """
+    places: dict[tuple[int, ...], list[_Passing]] = {}
+    for passing in _passings(regions, found):
+        names = tuple(sorted((passing.region, *passing.others)))
+        places.setdefault(names, []).append(passing)
+    votes: dict[tuple[int, int], float] = {}
+    for passings in places.values():
+        for passing in passings:
+            rivals = [p for p in passings if p.region != passing.region and _near(p.at, passing.at)]
+            if len(rivals) != 2:
+                continue
+            sure = passing.likelihood / (1.0 + passing.likelihood + sum(p.likelihood for p in rivals))
+            if sure >= LEAST_VOTE:
+                for other in passing.others:
+                    votes[passing.region, other] = votes.get((passing.region, other), 0.0) + sure
+    return votes
+
+
+def _near(a: tuple[int, int], b: tuple[int, int]) -> bool:
+    return max(abs(a[0] - b[0]), abs(a[1] - b[1])) <= MEETING
+
+
+def _passings(regions: Regions, found: Crossings) -> list[_Passing]:
+    out = []
+    labels = np.pad(regions.labels, 1, constant_values=-1)
+    for region, box in enumerate(ndimage.find_objects(regions.labels + 1)):
+        top, left = box[0].start, box[1].start
+        for loop in trace(regions.labels[box] == region):
+            placed = Cracks(loop.x + left, loop.y + top, loop.direction)
+            row, column = placed.outside
+            beside = labels[row + 1, column + 1]
+            change = np.flatnonzero(beside != np.roll(beside, -1))
+            if len(change) < 2:
+                continue
+            points, sigma, index = loop_points(placed, found)
+            for k in change:
+                before, after = int(beside[k]), int(beside[(k + 1) % len(beside)])
+                if before < 0 or after < 0:
+                    continue
+                turn = _turn(placed, beside, (points, sigma, index), int(k))
+                if turn is not None:
+                    nxt = (k + 1) % len(beside)
+                    out.append(_Passing(region, (before, after), (int(placed.x[nxt]), int(placed.y[nxt])), *turn))
+    return out
+
+
+def _turn(
+    loop: Cracks, beside: np.ndarray, outline: tuple[np.ndarray, np.ndarray, np.ndarray], crack: int
+) -> tuple[float, float] | None:
+    """By how much an outline turns behind one of its cracks, radians, and the standard error; None where unknown."""
+    points, sigma, index = outline
+    n = len(beside)
+    arms = []
+    for first, step in ((crack, -1), ((crack + 1) % n, 1)):
+        # Cracks of this arm, going away from the meeting point.
+        cracks = (first + step * np.arange(min(n, int(2 * REACHES[0]) + 4))) % n
+        other = np.flatnonzero(beside[cracks] != beside[first])
+        cracks = cracks[: other[0]] if len(other) else cracks
+        own = np.searchsorted(index, cracks)
+        own = own[(own < len(index)) & (index[np.minimum(own, len(index) - 1)] == cracks)]
+        found = None
+        for reach in REACHES:
+            found = heading(points[own], sigma[own], reach)
+            if found is not None and found.misfit <= SMOOTH:
+                break
+        if found is None or found.misfit > SMOOTH:
+            return None
+        arms.append(found)
+    u, v = arms[0].tangent, arms[1].tangent
+    # Both head into the meeting point: straight on is opposite.
+    turn = math.pi - math.acos(float(np.clip(u @ v, -1.0, 1.0)))
+    return turn, math.hypot(arms[0].error, arms[1].error, LEAST_TURN)

@@ -1,0 +1,86 @@
+"""Which shape lies over which: by the outlines that run straight on where three regions meet."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.layers.completion import outlines_of
+from cubicsplat_cli.artwork.layers.ends import heading
+from cubicsplat_cli.artwork.layers.extents import extents
+from cubicsplat_cli.artwork.layers.junctions import junction_votes
+from cubicsplat_cli.artwork.layers.stacking import Layer, Stack
+from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.tracing.contours import crossings
+
+FINE = 8
+SIZE = 100
+INKS = np.array([[250.0, 250.0, 250.0, 255.0], [200.0, 30.0, 30.0, 255.0], [30.0, 50.0, 180.0, 255.0]])
+
+
+def votes(names) -> dict[tuple[int, int], float]:
+    """The votes of a picture whose inks at x, y are those of these names (h, w)."""
+    y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE
+    fine = names(x - 50.0, y - 50.0)
+    shares = (fine[..., None] == np.arange(3)).reshape(SIZE, FINE, SIZE, FINE, 3).mean(axis=(1, 3))
+    regions = Regions(shares.argmax(axis=2), INKS, np.arange(3))
+    return junction_votes(regions, crossings(shares @ INKS, regions))
+
+
+@pytest.mark.parametrize("slope", [20.0, 33.0, 70.0, 90.0, 140.0])
+def test_the_outline_that_runs_straight_on_is_of_what_lies_above(slope):
+    # A half-plane over the border of two others, which it meets at this angle.
+    normal = np.array([math.sin(math.radians(slope)), -math.cos(math.radians(slope))])
+    found = votes(lambda x, y: np.where(x * normal[0] + y * normal[1] > 0.0, 2, np.where(y < 0.0, 0, 1)))
+    assert set(found) == {(2, 0), (2, 1)}
+    assert min(found.values()) > 0.8
+
+
+def test_a_round_outline_runs_on_as_well():
+    found = votes(lambda x, y: np.where(x * x + y * y < 900.0, 2, np.where(x + 0.2 * y < 0.0, 0, 1)))
+    assert set(found) == {(2, 0), (2, 1)}
+    # At both ends of the border that it hides.
+    assert min(found.values()) > 1.6
+
+
+def test_where_three_corners_meet_none_lies_above():
+    angle_of = lambda x, y: np.arctan2(y, x) % (2.0 * math.pi)  # noqa: E731
+    assert votes(lambda x, y: (angle_of(x, y) // (2.0 * math.pi / 3.0)).astype(int)) == {}
+
+
+def test_a_heading_is_known_as_well_as_its_points():
+    rng = np.random.default_rng(3)
+    along = np.arange(15.0)
+    found = []
+    for _ in range(400):
+        points = np.stack([-along, rng.normal(0.0, 0.05, 15)], axis=1)
+        end = heading(points, np.full(15, 0.05), 14.0)
+        assert end is not None
+        found.append(math.atan2(end.tangent[1], end.tangent[0]))
+    assert np.std(found) == pytest.approx(end.error, rel=0.15)
+    assert heading(points[:3], np.full(3, 0.05), 14.0) is None
+
+
+def test_what_upper_shapes_shut_in_is_not_covered_from_beneath_them():
+    # A collar about three sides of a neck lies over a coat, a bar over both: the coat goes on beneath the collar, but
+    # not across the neck, which is no hole of the coat.
+    labels = np.zeros((120, 120), dtype=int)
+    labels[40:110, 20:100] = 2
+    labels[40:80, 35:85] = 3
+    labels[40:70, 45:75] = 1
+    labels[25:45, 10:110] = 4
+    inks = np.vstack([INKS, [[20.0, 120.0, 40.0, 255.0], [0.0, 0.0, 0.0, 255.0]]])
+    regions = Regions(labels, inks, np.arange(5))
+    stack = Stack(tuple(Layer((k,), k) for k in range(5)), np.arange(5))
+    found = crossings(inks[labels], regions)
+    (coat,) = (part for part in extents(regions, stack, found) if part.layer == 2)
+    covered = np.zeros(labels.shape)
+    for contour, outline in zip(coat.contours, outlines_of(coat, labels.shape, 1.0), strict=True):
+        ring = outline.ring()
+        share = np.abs(coverage(edges_of(ring.cubics, ring.lines), 0, 0, *labels.shape))
+        covered += -share if contour.hole else share
+    assert covered[labels == 2].min() > 0.5
+    assert covered[46:69, 46:74].max() < 0.5
