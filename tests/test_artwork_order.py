@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.ends import heading
 from cubicsplat_cli.artwork.layers.extents import extents
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
-from cubicsplat_cli.artwork.layers.stacking import Layer, Stack
+from cubicsplat_cli.artwork.layers.stacking import Layer, Stack, stack
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import crossings
 
@@ -84,3 +84,19 @@ def test_what_upper_shapes_shut_in_is_not_covered_from_beneath_them():
         covered += -share if contour.hole else share
     assert covered[labels == 2].min() > 0.5
     assert covered[46:69, 46:74].max() < 0.5
+
+
+def test_pieces_join_across_what_hides_them_and_no_farther():
+    # Two bars cross beneath a disc that is wider than they are, on a ground of which four corners show.
+    y, x = np.mgrid[:120, :120] - 59.5
+    labels = np.where(y < 0.0, 0, 2) + (x > 0.0)
+    labels[np.abs(x) < 8.0] = np.where(y < 0.0, 4, 5)[np.abs(x) < 8.0]
+    labels[np.abs(y) < 8.0] = np.where(x < 0.0, 6, 7)[np.abs(y) < 8.0]
+    labels[x * x + y * y < 900.0] = 8
+    inks = INKS[[0, 0, 0, 0, 1, 1, 1, 1, 2]]
+    regions = Regions(labels, inks, np.array([0, 0, 0, 0, 1, 1, 1, 1, 2]))
+    found = stack(regions, crossings(inks[labels], regions))
+    # The ground runs beneath all; either bar beneath the disc only, not beneath the corners of the ground.
+    assert [layer.members for layer in found.layers[:1]] == [(0, 1, 2, 3)]
+    assert {layer.members for layer in found.layers[1:]} == {(4, 5), (6, 7), (8,)}
+    assert found.layers[-1].members == (8,)

@@ -21,8 +21,8 @@ from cubicsplat_cli.artwork.tracing.contours import Crossings
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
-# Votes: being enclosed outweighs everything, a junction counts at most 1.
-ENCLOSED = 1000.0
+# Votes: being enclosed outweighs everything, a junction counts at most 1, lying between pieces that are joined less.
+ENCLOSED, JOINED = 1000.0, 0.5
 MOST_HULLS = 400
 NO_LOAD = 1e-3  # votes below which nothing stands against coming next
 MOST_WAITING = 8  # how many groups may wait for each other in a row
@@ -90,6 +90,14 @@ class _Facts:
                 inside[i] = held
         return inside
 
+    def assume(self, above: np.ndarray, below: np.ndarray) -> None:
+        """Takes regions to lie above others, where nothing is known of the two."""
+        for i in above.tolist():
+            for j in below.tolist():
+                if self.vote(i, j) == 0.0:
+                    self.votes[i, j] = self.votes.get((i, j), 0.0) + JOINED
+                    self.beneath.setdefault(i, set()).add(j)
+
     def vote(self, above: int, below: int) -> float:
         """The evidence that one lies above the other, less that for the contrary."""
         return self.votes.get((above, below), 0.0) - self.votes.get((below, above), 0.0)
@@ -123,7 +131,10 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
             group[members] = members.min()
         elif budget > 0:
             budget -= 1
-            if _continues(facts, members):
+            between = _between(facts, members)
+            if between is not None:
+                # What the joined shape runs beneath cannot be joined beneath it any more.
+                facts.assume(np.flatnonzero(np.isin(group, group[between])), members)
                 group[members] = members.min()
     return group
 
@@ -155,8 +166,8 @@ def _shows_through(facts: _Facts, a: int, b: int) -> bool:
     return False
 
 
-def _continues(facts: _Facts, members: np.ndarray) -> bool:
-    """Whether the hull of the members holds nothing but them and regions that may lie above them."""
+def _between(facts: _Facts, members: np.ndarray) -> np.ndarray | None:
+    """The regions that the hull of the members runs beneath; None where it holds others than may lie above them."""
     boxes = [facts.boxes[m] for m in members]
     rows = slice(min(b[0].start for b in boxes), max(b[0].stop for b in boxes))
     columns = slice(min(b[1].start for b in boxes), max(b[1].stop for b in boxes))
@@ -165,10 +176,10 @@ def _continues(facts: _Facts, members: np.ndarray) -> bool:
     between = hull_mask(own) & ~own
     names, sizes = np.unique(view[between], return_counts=True)
     below = set().union(*(facts.beneath.get(int(m), set()) for m in members))
-    shut = [bool(facts.clear[n]) or int(n) in below for n in names]
-    exposed = int(sizes[np.array(shut, dtype=bool)].sum()) if len(names) else 0
+    shut = np.array([bool(facts.clear[n]) or int(n) in below for n in names], dtype=bool)
     # Outlines are only known to a pixel here, so a rim of the hull may be exposed.
-    return exposed <= EXPOSED * own.size + 0.02 * between.sum()
+    rim = EXPOSED * own.size + 0.02 * between.sum()
+    return names[~shut & (sizes > rim)] if sizes[shut].sum() <= rim else None
 
 
 def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
