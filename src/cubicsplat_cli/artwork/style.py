@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import reduce
 
@@ -45,12 +46,28 @@ def choose_style(target: np.ndarray) -> Style:
     even = evenness(levels, drawn)
     if even >= SURELY_EVEN or (even >= LEAST_EVEN and covered(levels, drawn) >= LEAST_COVERED):
         return Style(ARTWORK, f"{reason}, but it was even before noise, JPEG or blur: {even:.2f} of 2")
+    if _grey(levels) and _scanned(target):
+        return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
     # In a steep gradient no pixel is flat, but colours change by straight lines.
     if texture > MOST_TEXTURE and _texture(levels, drawn, _straight(levels)) > MOST_TEXTURE:
         return Style(PHOTO, reason)
     shaded = _shaded(levels, drawn)
     style = ARTWORK if shaded >= LEAST_SHADED else PHOTO
     return Style(style, f"{reason}, {100 * shaded:.0f} % in inks and gradients")
+
+
+def _grey(levels: np.ndarray) -> bool:
+    """Whether a picture has no colour, and so too few different values for its evenness to be told."""
+    return bool((levels[..., :3] == levels[..., :1]).all())
+
+
+def _scanned(target: np.ndarray) -> bool:
+    """Whether a picture, every so many px of it, is a scan."""
+    from cubicsplat_cli.artwork.input.intake import as_levels
+    from cubicsplat_cli.artwork.input.paper import scan_of
+
+    step = math.ceil(math.sqrt(target.shape[0] * target.shape[1] / _MOST_PIXELS))
+    return scan_of(as_levels(target[::step, ::step])) is not None
 
 
 def _sampled(target: np.ndarray) -> np.ndarray:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import flattened
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
+from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.limits import reduced, reduction
 
 
@@ -16,6 +17,7 @@ from cubicsplat_cli.artwork.limits import reduced, reduction
 class Intake:
     """levels: (H, W, 4) float32 premultiplied RGBA in 0..255, what is drawn. condition: of it. scale: by which its
     drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
+    scanned: whether levels are the ink on a scan's paper, made white and evenly lit.
     """
 
     levels: np.ndarray
@@ -24,11 +26,14 @@ class Intake:
     times: int
     width: int
     height: int
+    scanned: bool = False
 
     @property
     def notes(self) -> list[str]:
         """What the user should know of it, a sentence each."""
         found = [f"drawn as it was before it was made {self.times} times as large"] if self.times > 1 else []
+        if self.scanned:
+            found.append("drawn as ink on white paper under even light")
         if not self.condition.clean:
             found.append(f"drawn through {self.condition.words()}")
         return found
@@ -40,6 +45,9 @@ def taken_in(target: np.ndarray) -> Intake:
     factor = reduction(height, width)
     levels = reduced(as_levels(target), factor)
     condition, times = condition_of(levels), 1
+    scan = scan_of(levels)
+    if scan is not None:
+        return Intake(scan.levels, replace(condition, noise=scan.grain), factor, 1, width, height, scanned=True)
     if not condition.noise:
         levels, times = before_enlargement(levels)
         if times > 1:

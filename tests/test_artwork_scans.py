@@ -1,0 +1,93 @@
+"""Scans of pen drawings: the paper found, its light evened out, and what is on it drawn; nothing else counts as one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+from scans import scaled_pens
+from scans import scan_of as scan
+from scipy.spatial import cKDTree
+from skimage import data
+from stroke_icons import ICONS, SIZE, line_of, svg_of
+
+from cubicsplat_cli.artwork.geometry.stroke import pieces_of
+from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
+from cubicsplat_cli.artwork.input.paper import scan_of
+from cubicsplat_cli.artwork.style import choose_style
+from cubicsplat_cli.artwork.tracing.cubics import point
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.evaluate import rerender
+
+SIDE = 600
+PENS = scaled_pens(ICONS["clock"], 1.6)
+
+
+def target_of(pixels: np.ndarray) -> np.ndarray:
+    return pixels.astype(np.float32) / np.float32(255.0)
+
+
+@pytest.mark.parametrize(("light", "quality"), [(0.15, 85), (0.3, None)])
+def test_paper_is_white_and_ink_as_it_was_drawn(light, quality):
+    found = scan_of(as_levels(target_of(scan(PENS, SIDE, light=light, quality=quality))))
+    assert found is not None and 3.0 < found.grain < 9.0
+    truth = rerender(svg_of(PENS).encode(), SIDE, SIDE).pixels[..., :3].astype(float)
+    away = np.abs(truth - 255.0).max(axis=2) == 0.0
+    assert (found.levels[away][:, :3] == 255.0).all(axis=1).mean() > 0.97
+    # The pen's lines are soft, but dark in their middle.
+    assert found.levels[truth[..., 0] < 27.0][:, 0].mean() < 110.0
+    assert (found.levels[..., 3] == 255.0).all()
+
+
+def test_a_scan_becomes_its_strokes_on_one_ground():
+    picture = target_of(scan(PENS, SIDE))
+    intake = taken_in(picture)
+    assert intake.scanned and intake.notes[0] == "drawn as ink on white paper under even light"
+    drawing = draw(picture, intake=intake, strokes=True)
+    strokes = [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
+    assert len(drawing.shapes) <= len(PENS) + 2 and strokes
+    assert drawing.shapes[0].ink == (255, 255, 255, 255)
+    assert [stroke.width for stroke in strokes] == pytest.approx([1.6 * SIDE / SIZE] * len(strokes), abs=0.5)
+    lines = np.concatenate([line_of(pen) for pen in PENS]) * SIDE / SIZE
+    cubics = np.concatenate([pieces_of(stroke.path)[0] for stroke in strokes])
+    drawn = np.concatenate([point(cubic[None], np.linspace(0.0, 1.0, 500)[None])[0] for cubic in cubics])
+    assert np.percentile(cKDTree(lines).query(drawn)[0], 95) < 0.3
+
+
+def test_the_command_says_that_it_drew_a_scan(run_cli, tmp_path):
+    Image.fromarray(scan(PENS, 320)).save(tmp_path / "scan.png")
+    done = run_cli("vectorize", str(tmp_path / "scan.png"), "--style", "artwork", "--threads", "1")
+    assert done.returncode == 0, done.stderr
+    assert "drawn as ink on white paper under even light" in (tmp_path / "scan.json").read_text()
+
+
+def gradient() -> np.ndarray:
+    x = np.linspace(0.0, 1.0, 256)
+    return np.repeat(np.repeat((200.0 + 50.0 * x)[None, :, None], 256, axis=0), 3, axis=2)
+
+
+def test_what_is_no_scan_stays_as_it_is():
+    generator = np.random.default_rng(3)
+    noisy = generator.normal(0.0, 4.0, (256, 256, 3))
+    clean = rerender(svg_of(ICONS["house"]).encode(), 256, 256).pixels[..., :3].astype(float)
+    bright = np.clip(gradient() - 60.0 + noisy, 0.0, 255.0)
+    bright[100:160, 100:160] = 250.0
+    for picture in (clean, gradient(), clean + noisy, bright):
+        assert scan_of(as_levels(np.clip(np.rint(picture), 0, 255).astype(np.float32) / 255.0)) is None
+    seethrough = as_levels(target_of(scan(PENS, 200)))
+    seethrough[:10, :, 3] = 0.0
+    assert scan_of(seethrough) is None
+
+
+@pytest.mark.parametrize("grey", [False, True])
+def test_a_scan_is_artwork(grey):
+    picture = target_of(scan(PENS, SIDE))
+    if grey:
+        picture = np.repeat(np.rint(255.0 * picture.mean(axis=2, keepdims=True)) / 255.0, 3, axis=2)
+    assert choose_style(picture.astype(np.float32)).name == "artwork"
+
+
+def test_scans_of_text_are_artwork_and_grey_photos_are_not():
+    for name, style in (("page", "artwork"), ("text", "artwork"), ("camera", "photo"), ("brick", "photo")):
+        grey = np.asarray(getattr(data, name)())
+        assert choose_style(target_of(np.repeat(grey[..., None], 3, axis=2))).name == style, name
