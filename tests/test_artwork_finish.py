@@ -7,9 +7,11 @@ from cubicsplat_cli.artwork.finish.freedom import Held, freedom_of
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
+from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.restore import seen_as
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
-RED, BLUE = (255, 0, 0, 255), (0, 0, 255, 255)
+RED, BLUE, YELLOW = (255, 0, 0, 255), (0, 0, 255, 255), (255, 230, 0, 255)
 
 
 def finish(drawing, target):
@@ -97,6 +99,19 @@ def test_the_finish_looks_through_a_blur():
     # An outline is judged by what the blur carries beyond the pixels that it crosses, too.
     disc_only = settled.crossed(1)
     assert len(np.unique(disc_only)) > 3 * len(np.unique(settled.crossings.pixel[settled.marks[1] :]))
+
+
+def test_the_finish_of_a_jpeg_trusts_luma_more_than_chroma():
+    ground, disc, space = Rectangle(0.0, 0.0, 48.0, 48.0), Circle(24.2, 23.7, 14.3), seen_as(Condition(1.0, jpeg=True))
+    target = picture([(ground, YELLOW), (disc, BLUE)], 48, 48) @ space
+    target[..., 1:3] = np.roll(target[..., 1:3], 1, axis=1)
+    target = target @ np.linalg.inv(space)
+    drawing = Drawing(48, 48, (Shape(YELLOW, (ground,), "x"), Shape(BLUE, (disc,), "y")))
+    off = []
+    for goal in (goal_of(target), goal_of(target, space=space)):
+        found = drawn(drawing, settle(begin(drawing, goal), goal)).shapes[1].outlines[0]
+        off.append(abs(found.cx - disc.cx))
+    assert off[0] > 0.3 and off[1] < 0.5 * off[0]
 
 
 def test_the_finish_leaves_the_canvas_border_and_a_hole_in_place():

@@ -49,7 +49,7 @@ def test_the_polish_bends_a_line_that_should_be_an_arc():
     share = coverage(edges_of(cubics, np.array([False, True, True, True])), 0, 0, 48, 48)
     target = share[..., None] * (np.array(RED) / 255.0)
     start = Drawing(48, 48, (Shape(RED, (square,), "red"),))
-    done = polish(start, target)
+    done = polish(start, goal_of(target))
     assert begin(done, goal_of(target)).value < 0.02 * begin(start, goal_of(target)).value
     assert done.segments == 4
 
@@ -57,5 +57,5 @@ def test_the_polish_bends_a_line_that_should_be_an_arc():
 def test_the_polish_leaves_alone_what_is_right():
     share = coverage(edges_of(SQUARE.cubics, SQUARE.lines), 0, 0, 48, 48)
     start = Drawing(48, 48, (Shape(RED, (SQUARE,), "red"),))
-    done = polish(start, share[..., None] * (np.array(RED) / 255.0))
+    done = polish(start, goal_of(share[..., None] * (np.array(RED) / 255.0)))
     assert np.allclose(done.shapes[0].outlines[0].anchors, SQUARE.anchors, atol=1e-6)

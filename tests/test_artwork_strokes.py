@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from stroke_icons import ICONS, SIZE, Pen, line_of, picture_of, sampled_picture_of, svg_of
 
 from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pieces_of
@@ -69,7 +70,7 @@ def test_strokes_are_fitted_through_their_pixels():
     pen = Pen("M50 130L105 190L210 70", 14, "round", "round")
     picture = np.concatenate([picture_of([pen]) / 255.0, np.ones((SIZE, SIZE, 1))], axis=2)
     start = Stroke(line_chain(np.array([[50.6, 130.4], [104.5, 189.2], [210.3, 69.4]])), 13.2, "round", "round")
-    fitted = fitted_strokes(over_white(start), picture).shapes[1]
+    fitted = fitted_strokes(over_white(start), goal_of(picture)).shapes[1]
     assert fitted.stroke is not None and fitted.stroke.width == pytest.approx(14.0, abs=0.005)
     assert isinstance(fitted.stroke.path, Chain)
     assert fitted.stroke.path.anchors == pytest.approx(np.array([[50, 130], [105, 190], [210, 70]]), abs=0.01)

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.intake import Intake, taken_in
-from cubicsplat_cli.artwork.input.restore import restored
+from cubicsplat_cli.artwork.input.restore import restored, seen_as
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import Extent, extents
 from cubicsplat_cli.artwork.layers.seams import without_seams
@@ -69,14 +70,14 @@ def draw(
     polished = len(shapes) <= MOST_POLISHED
     if polished:
         grid = samples_across(levels, regions) if condition.clean else 0
-        # Edges that were restored tell less than the picture as it came, but for what JPEG leaves in busy places.
-        goal = levels if condition.clean or (condition.jpeg and not condition.blur) else flat.levels
-        picture, blur = goal.astype(float) / 255.0, condition.blur
-        drawing = polish(drawing, picture, settings.detail, error / 255.0, blur)
-        drawing = regularised(drawing, picture, settings.detail, grid, error / 255.0, blur)
+        # Edges that were restored tell less than the picture as it came.
+        came = levels if condition.clean else flat.levels
+        goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
+        drawing = polish(drawing, goal, settings.detail, error / 255.0)
+        drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
     if strokes:
         drawing = with_strokes(drawing, settings.detail)
-        drawing = fitted_strokes(drawing, picture, blur) if polished else drawing
+        drawing = fitted_strokes(drawing, goal) if polished else drawing
     return enlarged(in_palette(_painted(drawing), settings.palette), intake.scale, intake.width, intake.height)
 
 

@@ -51,13 +51,15 @@ class _Equations(ctypes.Structure):
 class Goal:
     """What a stack is compared with. target: (H, W, 4); channels: the weights of the four; bound: of a pixel's weighted
     residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel; taps: (reach + 1,)
-    weights along a row or column, from the middle on, of what blurs the stack's picture before it is compared."""
+    weights along a row or column, from the middle on, of what blurs the stack's picture before it is compared; space:
+    (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which inks are too."""
 
     target: np.ndarray
     channels: Sequence[float]
     bound: float
     grid: int = 0
     taps: np.ndarray = field(default_factory=lambda: np.ones(1))
+    space: np.ndarray = field(default_factory=lambda: np.eye(4))
 
     @property
     def reach(self) -> int:

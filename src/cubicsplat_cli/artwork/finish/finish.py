@@ -34,7 +34,8 @@ WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so th
 
 @dataclass
 class Layer:
-    """A shape while it is optimised. ink: (4,) premultiplied; signs: (outlines,) +1 where a ring runs as it must."""
+    """A shape while it is optimised. ink: (4,) premultiplied, in the goal's coordinates; signs:
+    (outlines,) +1 where a ring runs as it must."""
 
     shape: Shape
     ink: np.ndarray
@@ -97,14 +98,15 @@ class State:
         return np.unique(rows * width + np.clip(x[:, None] + self._around[:, 1], 0, width - 1))
 
 
-def goal_of(target: np.ndarray, grid: int = 0, blur: float = 0.0) -> Goal:
-    """What a drawing is fitted to: a picture (H, W, 4) premultiplied in [0, 1], drawn with grid x grid samples a pixel,
-    or (0) with true areas, and blurred since by a Gaussian of so many px.
+def goal_of(target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = None) -> Goal:
+    """What a drawing is fitted to: a picture (H, W, 4) premultiplied in [0, 1], blurred by a Gaussian of so many px
+    since it was drawn, and compared in other coordinates: rows of RGBA times `space` (4, 4).
     """
     reach = math.ceil(BLUR_REACH * blur)
     taps = np.exp(-0.5 * (np.arange(reach + 1) / max(blur, 1e-9)) ** 2)
     taps /= 2.0 * taps.sum() - taps[0]
-    return Goal(np.ascontiguousarray(target, dtype=np.float64), WHITE.tolist(), HUBER, grid, taps)
+    space = np.eye(4) if space is None else space
+    return Goal(np.ascontiguousarray(target @ space, dtype=np.float64), WHITE.tolist(), HUBER, 0, taps, space)
 
 
 def _around(goal: Goal) -> np.ndarray:
@@ -116,7 +118,7 @@ def _around(goal: Goal) -> np.ndarray:
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
     """The state of a drawing against its picture; what is pinned stays where it is."""
     held = Held(drawing.width, drawing.height, pins)
-    return State.of([_layer(shape, held) for shape in drawing.shapes], goal)
+    return State.of([_layer(shape, held, goal.space) for shape in drawing.shapes], goal)
 
 
 def settle(state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True) -> State:
@@ -188,8 +190,9 @@ def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
     ]
 
 
-def _layer(shape: Shape, held: Held) -> Layer:
-    return layer_of(shape, premultiplied(shape.ink), [freedom_of(outline, held) for outline in shape.outlines])
+def _layer(shape: Shape, held: Held, space: np.ndarray) -> Layer:
+    ink = premultiplied(shape.ink) @ space
+    return layer_of(shape, ink, [freedom_of(outline, held) for outline in shape.outlines])
 
 
 def premultiplied(ink: Ink) -> np.ndarray:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from cubicsplat_cli.artwork.finish.finish import ROUNDS, State, begin, drawn, goal_of, kept, settle
+from cubicsplat_cli.artwork.finish.finish import ROUNDS, State, begin, drawn, kept, settle
 from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
@@ -14,22 +12,21 @@ from cubicsplat_cli.raster.stack import Goal
 # Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
 PASSES, CROWDED, FULL = 3, 400, 1500
 TRIAL_ROUNDS = 6
-MERGES = 3  # passes, of a picture that is blurred
+MERGES = 3  # passes, of a picture that is blurred and not crowded
 
 
-def polish(drawing: Drawing, target: np.ndarray, detail: float = 1.0, error: float = 0.0, blur: float = 0.0) -> Drawing:
-    """The drawing fitted to a picture (H, W, 4) premultiplied in [0, 1]; detail as in ArtworkSettings.
+def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0) -> Drawing:
+    """The drawing fitted to its goal; detail as in ArtworkSettings.
 
-    error: of pixels on edges beyond that of a clean picture, of full scale. blur: standard deviation, px, of what has
-    blurred it since it was drawn.
+    error: of pixels on edges beyond that of a clean picture, of full scale.
     """
     if not drawing.shapes:
         return drawing
     pieces = drawing.segments
-    goal, held = goal_of(target, blur=blur), Held(drawing.width, drawing.height)
+    held = Held(drawing.width, drawing.height)
     state = settle(begin(drawing, goal), goal, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
     # What was traced in edges made sharp again has many pieces too many.
-    for _ in range(MERGES if blur else 1):
+    for _ in range(MERGES if goal.reach and pieces <= CROWDED else 1):
         following = with_merges(state, goal, held, detail, error) if pieces <= FULL else state
         if following is state:
             break

@@ -36,11 +36,16 @@ _TO_YCC = np.array(
 )
 
 
+def seen_as(condition: Condition) -> np.ndarray:
+    """(4, 4) what rows of RGBA are multiplied by for coordinates whose distances tell colours apart."""
+    if not condition.jpeg:
+        return np.eye(4)
+    return (_TO_YCC * np.array([1.0, CHROMA, CHROMA, 1.0])[:, None]).T
+
+
 def restored(levels: np.ndarray, condition: Condition, most: int | None = None) -> np.ndarray:
     """The picture (H, W, 4) in levels as a clean one, float32, of at most so many inks."""
-    space = np.eye(4)
-    if condition.jpeg:
-        space = (_TO_YCC * np.array([1.0, CHROMA, CHROMA, 1.0])[:, None]).T
+    space = seen_as(condition)
     seen = (levels @ space).astype(np.float32)
     palette = noisy_inks(levels, seen, condition.noise, most)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT

@@ -8,10 +8,11 @@ price of the variables that are saved.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, goal_of, layer_of, settle
+from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, layer_of, settle
 from cubicsplat_cli.artwork.finish.freedom import NO_PINS, ON_BORDER, CopyFreedom, Freedom, Held, ring_pieces
 from cubicsplat_cli.artwork.finish.merges import Sight
 from cubicsplat_cli.artwork.finish.moves import PRICE, gain
@@ -31,27 +32,18 @@ EXACT = 1e-6  # px
 MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the ring
 
 
-def regularised(
-    drawing: Drawing,
-    target: np.ndarray,
-    detail: float = 1.0,
-    grid: int = 0,
-    error: float = 0.0,
-    blur: float = 0.0,
-) -> Drawing:
-    """The drawing with its regularities, fitted to a picture (H, W, 4) premultiplied in [0, 1].
+def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0, error: float = 0.0) -> Drawing:
+    """The drawing with its regularities, fitted to its goal; detail as in ArtworkSettings.
 
-    detail as in ArtworkSettings. grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas.
-    error: of pixels on edges beyond that of a clean picture, of full scale. blur: standard deviation, px, of what has
-    blurred it since it was drawn.
+    grid: the picture was drawn with grid x grid samples a pixel, or (0) with true areas. error: of pixels on edges
+    beyond that of a clean picture, of full scale.
     """
     if not drawing.shapes:
         return drawing
-    goal = goal_of(target, blur=blur)
     state = begin(drawing, goal)
     done, pins = on_grid(drawing, state, 1.0 / grid if grid else 0.0)
     if pins != NO_PINS:
-        goal = goal_of(target, grid, blur)
+        goal = replace(goal, grid=grid)
         state = settle(begin(done, goal, pins), goal, ROUNDS)
     held = Held(drawing.width, drawing.height, pins)
     state = with_symmetries(state, goal, held, detail, error)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import State, goal_of, layer_of, premultiplied, settle
+from cubicsplat_cli.artwork.finish.finish import State, layer_of, premultiplied, settle
 from cubicsplat_cli.artwork.finish.freedom import Freedom, Held, Still
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing
@@ -18,15 +18,11 @@ FIRST_ROUNDS, LAST_ROUNDS = 24, 6
 MOST_PIECES = 600  # of centre lines; more take minutes
 
 
-def fitted_strokes(drawing: Drawing, target: np.ndarray, blur: float = 0.0) -> Drawing:
-    """The drawing with its strokes fitted to a picture (H, W, 4) premultiplied in [0, 1], all else as it is.
-
-    Strokes that have one width keep one. blur: standard deviation in px of what the picture was blurred by.
-    """
+def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
+    """The drawing with its strokes fitted to its goal, all else as it is; strokes that have one width keep one."""
     strokes = [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
     if not strokes or sum(len(pieces_of(stroke.path)[1]) for stroke in strokes) > MOST_PIECES:
         return drawing
-    goal = goal_of(target, blur=blur)
     state = settle(_state(drawing, goal, fixed=False), goal, FIRST_ROUNDS)
     tied = _with_common_widths(drawing, _strokes(state))
     return _with(tied, _strokes(settle(_state(tied, goal, fixed=True), goal, LAST_ROUNDS)))
@@ -40,7 +36,7 @@ def _state(drawing: Drawing, goal: Goal, fixed: bool) -> State:
         outlines: list[Freedom] = [Still(outline) for outline in shape.outlines]
         if shape.stroke is not None:
             outlines = [StrokeFreedom.of(shape.stroke, held, fixed)]
-        layers.append(layer_of(shape, premultiplied(shape.ink), outlines))
+        layers.append(layer_of(shape, premultiplied(shape.ink) @ goal.space, outlines))
     return State.of(layers, goal)
 
 
