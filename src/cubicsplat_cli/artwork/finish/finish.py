@@ -14,9 +14,10 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from cubicsplat_cli.artwork.finish.freedom import NO_PINS, CopyFreedom, Freedom, Held, Pins, freedom_of
+from cubicsplat_cli.artwork.finish.seals import leak_misfit, sealed_equations
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack, normal_equations
+from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack
 from cubicsplat_cli.scene.paint import Ink
 
 ROUNDS = 14
@@ -46,13 +47,15 @@ class Layer:
 @dataclass
 class State:
     """A drawing against its picture. layers: back to front; image: (H, W, 4) what they draw; misfit: (H W,) of every
-    pixel; crossings: of its pieces, numbered through all outlines; pieces, marks: (outlines + 1,) where those of each
-    outline begin; sharing: how much of what a crossing changes is left by the goal's blur, in squares, 1 without one.
+    pixel; cost: that, and what shows of the ground where the picture is opaque (`seals`); crossings: of its pieces,
+    numbered through all outlines; pieces, marks: (outlines + 1,) where those of each outline begin; sharing: how much
+    of what a crossing changes is left by the goal's blur, in squares, 1 without one.
     """
 
     layers: list[Layer]
     image: np.ndarray
     misfit: np.ndarray
+    cost: np.ndarray
     crossings: Crossings
     pieces: np.ndarray
     marks: np.ndarray
@@ -77,11 +80,12 @@ class State:
         marks = np.searchsorted(crossings.piece, pieces)
         # A blur spreads what an outline does to either side of it; along the outline it hardly changes anything.
         sharing = float(2.0 * (goal.taps**2).sum() - goal.taps[0] ** 2)
-        return cls(layers, image, misfit.ravel(), crossings, pieces, marks, sharing, _around(goal))
+        cost = misfit.ravel() + leak_misfit(image, goal)
+        return cls(layers, image, misfit.ravel(), cost, crossings, pieces, marks, sharing, _around(goal))
 
     @property
     def value(self) -> float:
-        return float(self.misfit.sum())
+        return float(self.cost.sum())
 
     def crossed(self, number: int) -> np.ndarray:
         """The pixels that an outline changes: those that it crosses, some of them twice, and what a blur adds."""
@@ -172,8 +176,8 @@ def _trimmed(state: State, goal: Goal) -> State:
 
 
 def _losses(old: State, new: State) -> np.ndarray:
-    """(outlines,) by how much the misfit has grown on the pixels that an outline crosses before or after a step."""
-    grown = new.misfit - old.misfit
+    """(outlines,) by how much the cost has grown on the pixels that an outline crosses before or after a step."""
+    grown = new.cost - old.cost
     out = []
     for k in range(len(old.marks) - 1):
         pixels = np.unique(np.concatenate([old.crossed(k), new.crossed(k)]))
@@ -226,7 +230,7 @@ def _normal_equations(state: State, goal: Goal) -> tuple[sparse.csc_matrix, np.n
     columns = np.concatenate([part.col + starts[family] for part, family in zip(parts, families, strict=True)])
     values = np.concatenate([part.data for part in parts])
     jacobian = sparse.csr_matrix((values, (rows, columns)), shape=(8 * int(state.pieces[-1]), starts[-1]))
-    gram, gradient = normal_equations(goal, state.image, state.crossings, int(state.pieces[-1]))
+    gram, gradient = sealed_equations(goal, state.image, state.crossings, int(state.pieces[-1]))
     return (jacobian.T @ (gram.tocsr() @ jacobian)).tocsc(), jacobian.T @ gradient, starts
 
 

@@ -2,7 +2,8 @@
 
 A shape in front covers a share a of the pixel, the one behind 1 - a, and of what the front leaves only: the pixel is
 a F + (1 - a)^2 B + a (1 - a) G. Nobody wants to see the ground G there, and taken for a blend of the two inks such a
-pixel says the wrong place; what it should have been follows from a.
+pixel says the wrong place; what it should have been follows from a. Where three opaque shapes meet nothing should shine
+through either; the shares of the three are in what the pixel shows without it.
 """
 
 from __future__ import annotations
@@ -17,12 +18,15 @@ ODD, SEEN = 6.0, 4.0
 RUN = 9  # px
 STEPS = 32  # of the share
 MOST_ODD = 20_000  # pixels, beyond which a picture is no clean drawing
+OPAQUE = 254.5  # levels
+AROUND = [(i, j) for i in range(-2, 3) for j in range(-2, 3)]  # px
 MOST_GROUNDS = 8  # inks, beside none at all, that may shine through: the commonest
 CHUNK = 4096  # pixels at a time
 
 
 def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     """The picture (H, W, 4) in levels with the pixels of seams as they should have been; itself without any."""
+    levels = _closed_junctions(levels, regions)
     y, x, other = _odd(levels, regions)
     if not 0 < len(y) <= MOST_ODD:
         return levels
@@ -34,6 +38,25 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     healed = levels.copy()
     own, beside = regions.inks[regions.labels[y, x]], regions.inks[other]
     healed[y, x] = own + (beside - own) * share[:, None]
+    return healed
+
+
+def _closed_junctions(levels: np.ndarray, regions: Regions) -> np.ndarray:
+    """The picture with pixels within two px of where three opaque regions meet, and beside no other, opaque."""
+    labels = regions.labels
+    y, x = np.nonzero((levels[..., 3] < OPAQUE) & (levels[..., 3] > 0.0))
+    solid = regions.inks[:, 3] >= OPAQUE
+    inside = ndimage.minimum_filter(solid[labels], 3)[y, x]
+    y, x = y[inside], x[inside]
+    if not len(y):
+        return levels
+    near = [labels[np.clip(y + i, 0, len(labels) - 1), np.clip(x + j, 0, labels.shape[1] - 1)] for i, j in AROUND]
+    ordered = np.sort(np.stack(near, axis=-1), axis=-1)
+    first = np.concatenate([np.ones((len(y), 1), dtype=bool), np.diff(ordered, axis=-1) != 0], axis=-1)
+    several = (first & solid[ordered]).sum(axis=-1) >= 3
+    y, x = y[several], x[several]
+    healed = levels.copy()
+    healed[y, x] *= 255.0 / levels[y, x, 3:]
     return healed
 
 
