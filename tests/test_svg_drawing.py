@@ -107,14 +107,29 @@ def letters(count: int, ink=RED, x: float = 0.0) -> list[Shape]:
     ]
 
 
+OTHERS = [shape(Circle(5 + 12 * i, 90, 4), ink=(0, 80 + 40 * i, 0, 255)) for i in range(4)]
+
+
 def test_three_paths_of_one_ink_are_a_compound_path():
-    assert len(written(*letters(2))) == 2
-    found = written(*letters(4))
-    assert [element.get("id") for element in found] == ["letter-0"]
+    assert len(written(*OTHERS, *letters(2))) == len(OTHERS) + 2
+    found = written(*letters(4), *OTHERS)
+    assert [element.get("id") for element in found[: -len(OTHERS)]] == ["letter-0"]
     assert len(written(*letters(4, ink=GLASS))) == 4, "translucent shapes are not one where they overlap"
     read = read_drawing(svg_of(*letters(4))).shapes
     assert [len(one.outlines) for one in read] == [2, 2, 2, 2]
     assert all(isinstance(one.outlines[1], Circle) for one in read)
+
+
+def test_in_a_drawing_of_few_inks_each_is_one_path_unless_it_is_primitives_alone():
+    dot, bar = shape(Circle(45, 5, 3)), shape(Rectangle(60, 0, 4, 10))
+    assert len(written(*letters(1), dot, bar)) == 1
+    assert len(written(dot, *letters(2), *OTHERS[:3])) == 1 + 3, "of four inks"
+    assert len(written(dot, *letters(2), *OTHERS)) == 3 + 4, "five are too many"
+    assert [element.tag.rpartition("}")[2] for element in written(dot, bar)] == ["circle", "rect"]
+    drawn = [
+        rerender(svg.encode(), 800, 400, renderer="resvg").pixels for svg in (svg_of(dot, *letters(1)), svg_of(dot))
+    ]
+    assert np.array_equal(drawn[0][:, 160:], drawn[1][:, 160:])
 
 
 def test_what_lies_between_shapes_keeps_them_apart():
@@ -122,7 +137,8 @@ def test_what_lies_between_shapes_keeps_them_apart():
     apart = shape(Ellipse(5, 80, 5, 3), ink=BLACK)
     assert len(written(first, apart, *rest)) == 2
     over_second = shape(Ellipse(15, 8, 5, 3), ink=BLACK)
-    assert len(written(first, over_second, *rest)) == 4
+    assert len(written(first, over_second, *rest)) == 3
+    assert len(written(first, over_second, *rest, *OTHERS)) == 4 + len(OTHERS)
     orders = ((first, apart, *rest), (first, *rest, apart))
     drawn = [rerender(svg_of(*order).encode(), 800, 400, renderer="resvg").pixels for order in orders]
     assert np.array_equal(*drawn)
@@ -256,9 +272,9 @@ def some_shapes() -> tuple[Shape, ...]:
         shape(smooth_ring(3, 5), Circle(50, 50, 8), square, ink=GLASS, name="b"),
         shape(Circle(10.5, 20.25, 7), name="c"),
         shape(Ellipse(50, 40, 10, 5, math.radians(30)), ink=BLACK, name="d"),
-        shape(Ellipse(50, 40, 10, 5, math.radians(-20)), Rectangle(48, 38, 4, 4).ring(), name="e"),
+        shape(Ellipse(50, 40, 10, 5, math.radians(-20)), Rectangle(48, 38, 4, 4).ring(), ink=(0, 99, 0, 255), name="e"),
         shape(Rectangle(100, 10, 40, 20, 4, math.radians(12.5)), name="f"),
-        shape(Rectangle(100, 10, 40, 20, 4), Rectangle(105, 12, 20, 6), name="g"),
+        shape(Rectangle(100, 10, 40, 20, 4), Rectangle(105, 12, 20, 6), ink=(0, 0, 99, 255), name="g"),
     )
 
 

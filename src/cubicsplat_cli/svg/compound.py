@@ -14,6 +14,8 @@ from cubicsplat_cli.svg.strokes import joinable
 
 # Two shapes of one ink may be a pair of eyes; so many are lettering or a pattern.
 LEAST_SHAPES = 3
+# A drawing of so few inks is a sign, a mark or lettering: its artist writes all of an ink as one path.
+FEW_PAINTS = 4
 _OPAQUE = 255
 Pen = tuple[float, str, str, bool]
 # Shapes that come nearer than this to each other keep their order.
@@ -21,7 +23,8 @@ _MARGIN = 1.0  # px
 
 
 def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
-    """The shapes back to front, those to be written as one together: three or more paths in one opaque ink or gradient.
+    """The shapes back to front, those to be written as one together: three or more paths in one opaque ink or gradient;
+    in a drawing of at most FEW_PAINTS of these, where no shape is a stroke, any path and whatever else has its paint.
 
     The rings of all of them in one path cover what the shapes cover, since every outer ring runs clockwise as seen and
     every hole the other way. A shape joins an earlier one where nothing of another ink that is drawn between them
@@ -30,18 +33,19 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     boxes = np.array([_box(shape) for shape in shapes]).reshape(-1, 4)
     paints = [(shape.gradient or shape.ink, _pen(shape.stroke)) for shape in shapes]
     known = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
+    sign = len(known) <= FEW_PAINTS and all(shape.stroke is None for shape in shapes)
     numbers = np.array([known[paint] for paint in paints], dtype=int)
     leaders = np.arange(len(shapes))
     last: dict[tuple[Ink | Gradient, Pen | None], int] = {}
     for index, shape in enumerate(shapes):
-        if not _may_join(shape):
+        if not _opaque(shape) or (_primitive(shape) and not sign):
             continue
         leader = last.get(paints[index])
         if leader is not None and not _meets_another(boxes, numbers, leader, index):
             leaders[index] = leader
         else:
             last[paints[index]] = index
-    return _groups(shapes, leaders)
+    return _groups(shapes, leaders, sign)
 
 
 def _pen(stroke: Stroke | None) -> Pen | None:
@@ -49,24 +53,28 @@ def _pen(stroke: Stroke | None) -> Pen | None:
     return None if stroke is None else (stroke.width, stroke.cap, stroke.join, stroke.closed)
 
 
-def _groups(shapes: Sequence[Shape], leaders: np.ndarray) -> list[list[Shape]]:
-    """Each group where its leader stands; groups of too few are taken apart again."""
-    sizes = np.bincount(leaders, minlength=len(shapes))
+def _groups(shapes: Sequence[Shape], leaders: np.ndarray, sign: bool) -> list[list[Shape]]:
+    """Each group where its leader stands; groups of too few, and of primitives alone, are taken apart again."""
+    paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
+    found = np.bincount(leaders, paths, len(shapes)) >= (1 if sign else LEAST_SHAPES)
     groups: dict[int, list[Shape]] = {}
     for index, shape in enumerate(shapes):
         leader = int(leaders[index])
-        groups.setdefault(leader if sizes[leader] >= LEAST_SHAPES else index, []).append(shape)
+        groups.setdefault(leader if found[leader] else index, []).append(shape)
     return list(groups.values())
 
 
-def _may_join(shape: Shape) -> bool:
-    """Primitives are worth more as such; two translucent shapes are not one where they overlap."""
+def _primitive(shape: Shape) -> bool:
+    """Whether a shape is a circle, ellipse or rectangle, which is worth more as such; of strokes, what cannot join."""
     if shape.stroke is not None:
-        primitive = not joinable(shape.stroke)
-    else:
-        primitive = len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
+        return not joinable(shape.stroke)
+    return len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
+
+
+def _opaque(shape: Shape) -> bool:
+    """Two translucent shapes are not one where they overlap."""
     inks = [shape.ink] if shape.gradient is None else [stop.ink for stop in shape.gradient.stops]
-    return all(ink[3] == _OPAQUE for ink in inks) and not primitive
+    return all(ink[3] == _OPAQUE for ink in inks)
 
 
 def _meets_another(boxes: np.ndarray, numbers: np.ndarray, leader: int, index: int) -> bool:

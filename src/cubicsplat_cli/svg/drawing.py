@@ -165,7 +165,9 @@ def _degrees(angle: float) -> str:
 def _add_outline(
     path: PathText, outline: Outline, precision: int, clockwise: bool, exact: bool, repeated: Container[bytes]
 ) -> None:
-    """One ring of a compound path: the outer ones clockwise as seen, holes the other way."""
+    """One ring of a compound path: the outer ones clockwise as seen, holes the other way; none without extent."""
+    if not isinstance(outline, Ring) and _primitive(outline, precision) is None:
+        return
     if isinstance(outline, Rectangle):
         outline = _disc(outline, precision) or outline
     if isinstance(outline, (Circle, Ellipse)):
