@@ -74,6 +74,15 @@ def test_a_pill_becomes_a_rectangle_of_the_roundest_corners(length, width, angle
     assert found.radius == pytest.approx(0.5 * width, abs=0.12)
 
 
+@pytest.mark.parametrize("end", [0.0, 1.0, -1.0])
+def test_a_bar_with_a_slanted_end_is_no_rectangle(end):
+    def bar(x, y):
+        return (x > 8.3) & (np.abs(y - 20.2) < 2.3) & (x < 60.0 + end * (y - 20.0))
+
+    drawing = draw(painted(70, 40, (bar, RED), ground=WHITE, fine=4))
+    assert isinstance(drawing.shapes[1].outlines[0], Rectangle) == (end == 0.0)
+
+
 def test_a_disc_behind_another_goes_on_beneath_it():
     drawing = draw(painted(120, 80, (disc(45.0, 40.0, 30.0), RED), (disc(80.0, 40.0, 25.0), BLUE)))
     assert [shape.ink[:3] for shape in drawing.shapes] == [(255, 0, 0), (0, 0, 255)]

@@ -18,6 +18,7 @@ FEW = 120  # points suffice for the first fit
 LEAST_FULLNESS = 11.7
 MOST_HIDDEN = 0.03  # share of the loop's length above which its area tells nothing
 SHARP_REACH, SHARP_SIGMA = 1.5, 0.3  # px from a sharp corner in which points are biased, and by how much
+FAR = 3.0  # sigmas that no point of a rectangle may be off, near its corners either
 RADII = (0.15, 0.3, 0.5, 0.75, 1.0)  # of round corners to begin with, as shares of half of the shorter side
 LEAST_SIDE = 0.25  # px; half the straight part of a rounded rectangle's longer side, below which it is a circle
 MOST_BACK = 0.25  # share of the way around a primitive's middle that a loop may run against its own sense
@@ -158,6 +159,11 @@ def _fitted(candidate: _Candidate, p: np.ndarray, w: np.ndarray) -> tuple[Outlin
     value, misfit = _least_squares(candidate.distance, value, p, w)
     mean = misfit / max(int((w > 0.0).sum()), 1)
     outline = candidate.outline(value)
+    # A round or slanted end of a thin bar is all corner, and hardly a point among those of its sides. What is known no
+    # better than near corners may be a guess at what is hidden.
+    firm = np.where(sure > SHARP_SIGMA**-2, sure, 0.0)
+    if isinstance(outline, Rectangle) and (np.abs(candidate.distance(value, p)) * np.sqrt(firm)).max() > FAR:
+        return None
     return None if outline is None or mean > WORST_MISFIT else (outline, misfit, mean)
 
 
