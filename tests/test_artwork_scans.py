@@ -72,7 +72,10 @@ def test_what_is_no_scan_stays_as_it_is():
     clean = rerender(svg_of(ICONS["house"]).encode(), 256, 256).pixels[..., :3].astype(float)
     bright = np.clip(gradient() - 60.0 + noisy, 0.0, 255.0)
     bright[100:160, 100:160] = 250.0
-    for picture in (clean, gradient(), clean + noisy, bright):
+    # A gradient with a kink, which no polynomial follows, and a dark shape on it.
+    kinked = np.full((256, 256, 3), 140.0) + 100.0 * np.abs(np.linspace(-1.0, 1.0, 256))[:, None, None]
+    kinked[60:90, 60:90] = 20.0
+    for picture in (clean, gradient(), clean + noisy, bright, kinked):
         assert scan_of(as_levels(np.clip(np.rint(picture), 0, 255).astype(np.float32) / 255.0)) is None
     seethrough = as_levels(target_of(scan(PENS, 200)))
     seethrough[:10, :, 3] = 0.0

@@ -18,6 +18,7 @@ LIGHTER = 0.75  # of the pixels of a cell, ordered by lightness: at least a quar
 DEGREE, ROUNDS = 4, 12
 TUKEY = 4.685  # standard deviations from which a cell does not count
 NEAR = 3.0  # standard deviations of the grain within which pixels are paper
+FINE = 4.0  # px, the standard deviation of the window to whose mean pixels of paper are compared
 SMOOTH, PRIOR = 2.0, 0.05  # cells, and of a cell's pixels that the polynomial counts as
 # What a scan is. Levels of grain; of the paper at its lightest, and its darkest over that; by which it changes.
 GRAIN, LIGHTEST, DARKEST, UNEVEN = (0.6, 14.0), 110.0, 0.3, 6.0
@@ -46,6 +47,8 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     if not GRAIN[0] <= grain <= GRAIN[1]:
         return None
     own = np.abs(luma - light) <= NEAR * grain
+    if _fine(luma, own) < GRAIN[0]:
+        return None
     surface = np.stack([_surface(colours[..., k], own, cell) for k in range(3)], axis=-1)
     light = surface @ LUMA
     off = luma - light
@@ -115,6 +118,15 @@ def _centred(luma: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, float]:
     middle = float(ndimage.uniform_filter1d(counts.astype(float), 3).argmax()) - 64.0
     above = off[off >= middle] - middle
     return light + middle, float(np.sqrt(np.mean(above[above <= np.quantile(above, 0.99)] ** 2)))
+
+
+def _fine(luma: np.ndarray, own: np.ndarray) -> float:
+    """The deviation of the paper, own (H, W) bool, from its mean nearby: hardly any in a gradient, which a polynomial
+    may leave as much of as paper has grain."""
+    own = ndimage.binary_erosion(own, iterations=2)
+    weight = ndimage.gaussian_filter(own.astype(np.float32), FINE)
+    off = luma - ndimage.gaussian_filter(np.where(own, luma, 0.0), FINE) / np.maximum(weight, 1e-6)
+    return 1.4826 * float(np.median(np.abs(off[own]))) if own.any() else 0.0
 
 
 def _surface(channel: np.ndarray, own: np.ndarray, cell: int) -> np.ndarray:

@@ -173,11 +173,12 @@ def _between(facts: _Facts, members: np.ndarray) -> np.ndarray | None:
     columns = slice(min(b[1].start for b in boxes), max(b[1].stop for b in boxes))
     view = facts.regions.labels[rows, columns]
     own = np.isin(view, members)
-    between = hull_mask(own) & ~own
-    names, sizes = np.unique(view[between], return_counts=True)
+    hull = hull_mask(own)
+    between = hull & ~own
+    # Outlines are only known to a pixel here, so a rim of the hull may be exposed.
+    names, sizes = np.unique(view[between & ndimage.binary_erosion(hull)], return_counts=True)
     below = set().union(*(facts.beneath.get(int(m), set()) for m in members))
     shut = np.array([bool(facts.clear[n]) or int(n) in below for n in names], dtype=bool)
-    # Outlines are only known to a pixel here, so a rim of the hull may be exposed.
     rim = EXPOSED * own.size + 0.02 * between.sum()
     return names[~shut & (sizes > rim)] if sizes[shut].sum() <= rim else None
 

@@ -98,7 +98,10 @@ def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: floa
         return state
     outlines = _outlines(state)
     trial = settle(_with(state, tied, goal), goal, ROUNDS, trim=False)
-    families = np.array([tied[k].source if isinstance(tied.get(k), CopyFreedom) else k for k in range(len(outlines))])
+    families = np.arange(len(outlines))
+    for k, freedom in tied.items():
+        if isinstance(freedom, CopyFreedom):
+            families[k] = freedom.source
     net = np.zeros(len(outlines))
     for k in sorted({*tied, *families[list(tied)].tolist()}):
         net[families[k]] += gain(state, trial, k, error) * detail
