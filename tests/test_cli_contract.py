@@ -264,7 +264,9 @@ app(["--help"])
 
 
 @pytest.mark.skipif(resource is None, reason="no resource module on this system")
-@pytest.mark.parametrize(("arguments", "most"), [(["--version"], 0.4), (["--help"], 1.5), (["vectorize", "--help"], 1.5)])
+@pytest.mark.parametrize(
+    ("arguments", "most"), [(["--version"], 0.4), (["--help"], 1.5), (["vectorize", "--help"], 1.5)]
+)
 def test_version_and_help_are_quick(arguments, most):
     # In the time of the help of a command that does nothing, which is mostly the libraries' and the machine's. That may
     # be busy: more attempts where the first takes longer.

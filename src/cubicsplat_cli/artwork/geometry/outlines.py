@@ -212,6 +212,15 @@ def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
     return np.concatenate(out)
 
 
+def dense(corners: np.ndarray, step: float) -> np.ndarray:
+    """The corners (n, 2) of a closed polyline, and points between those that are farther apart than `step` px."""
+    after = np.roll(corners, -1, axis=0)
+    counts = np.maximum(np.ceil(np.hypot(*(after - corners).T) / step).astype(int), 1)
+    owner = np.repeat(np.arange(len(corners)), counts)
+    share = (np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[owner]
+    return corners[owner] + (after - corners)[owner] * share[:, None]
+
+
 def bezier_points(cubic: np.ndarray, t: np.ndarray) -> np.ndarray:
     """(n, 2) points of a cubic (4, 2) at the parameters t (n,)."""
     s = 1.0 - t

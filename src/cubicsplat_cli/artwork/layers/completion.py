@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
     Ring,
+    dense,
     flattened,
     polygon,
     reversed_ring,
@@ -63,7 +64,7 @@ class _Window:
     def wrong(self, outline: Outline, hole: bool) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline covers or leaves wrongly."""
         ring = outline.ring()
-        points = flattened(ring, 1.0) - [self.left, self.top]
+        points = dense(flattened(ring, 1.0), 1.0) - [self.left, self.top]
         ring = ring if signed_area(ring) > 0.0 else reversed_ring(ring)
         inside = coverage(edges_of(ring.cubics, ring.lines), self.top, self.left, *self.must.shape) > 0.5
         bad = (inside & self.must) if hole else (inside & ~self.may) | (~inside & self.must)

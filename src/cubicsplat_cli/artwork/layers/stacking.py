@@ -74,8 +74,9 @@ class _Facts:
         for outer, held in self.inside.items():
             for i in held:
                 self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED
-        # The regions that each one lies above.
+        # The regions that each one lies above, and those that it is taken to lie above.
         self.beneath: dict[int, set[int]] = {}
+        self.assumed: dict[int, set[int]] = {}
         for above, below in self.votes:
             if self.vote(above, below) > 0.0:
                 self.beneath.setdefault(above, set()).add(below)
@@ -96,7 +97,7 @@ class _Facts:
             for j in below.tolist():
                 if self.vote(i, j) == 0.0:
                     self.votes[i, j] = self.votes.get((i, j), 0.0) + JOINED
-                    self.beneath.setdefault(i, set()).add(j)
+                    self.assumed.setdefault(i, set()).add(j)
 
     def vote(self, above: int, below: int) -> float:
         """The evidence that one lies above the other, less that for the contrary."""
@@ -175,12 +176,15 @@ def _between(facts: _Facts, members: np.ndarray) -> np.ndarray | None:
     own = np.isin(view, members)
     hull = hull_mask(own)
     between = hull & ~own
-    # Outlines are only known to a pixel here, so a rim of the hull may be exposed.
-    names, sizes = np.unique(view[between & ndimage.binary_erosion(hull)], return_counts=True)
-    below = set().union(*(facts.beneath.get(int(m), set()) for m in members))
-    shut = np.array([bool(facts.clear[n]) or int(n) in below for n in names], dtype=bool)
+    names, sizes = np.unique(view[between], return_counts=True)
+    sure, likely = (set().union(*(of.get(int(m), set()) for m in members)) for of in (facts.beneath, facts.assumed))
+    shut = np.array([bool(facts.clear[n]) or int(n) in sure for n in names], dtype=bool)
+    doubtful = np.array([int(n) in likely for n in names], dtype=bool) & ~shut
+    # Outlines are only known to a pixel here, so a rim of the hull may be exposed; all of it of what is but assumed.
     rim = EXPOSED * own.size + 0.02 * between.sum()
-    return names[~shut & (sizes > rim)] if sizes[shut].sum() <= rim else None
+    inner = view[between & ndimage.binary_erosion(hull)]
+    exposed = sizes[shut].sum() + np.isin(inner, names[doubtful]).sum()
+    return names[~(shut | doubtful) & (sizes > rim)] if exposed <= rim else None
 
 
 def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:

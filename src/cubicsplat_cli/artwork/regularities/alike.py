@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Sight, samples_along
-from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened
+from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
 from cubicsplat_cli.artwork.regularities.mirrored import Axis
 
 STEP = 0.5  # px between the points of an outline
@@ -32,7 +32,7 @@ class Track:
 
     @classmethod
     def of(cls, ring: Ring, sight: Sight) -> Track:
-        points = _dense(flattened(ring, STEP))
+        points = dense(flattened(ring, STEP), STEP)
         shown = [p[w > 0.5 * SEEN_SIGMA**-2] for p, w, _ in samples_along(ring, sight, MOST)]
         return cls(points, cKDTree(points), np.concatenate(shown))
 
@@ -58,15 +58,6 @@ class Track:
             nearer = size < best
             best[nearer], found[nearer] = size[nearer], direction[nearer]
         return best, found
-
-
-def _dense(corners: np.ndarray) -> np.ndarray:
-    """The corners (n, 2) of a closed polyline, and points between those that are farther apart than STEP px."""
-    after = np.roll(corners, -1, axis=0)
-    counts = np.maximum(np.ceil(np.hypot(*(after - corners).T) / STEP).astype(int), 1)
-    owner = np.repeat(np.arange(len(corners)), counts)
-    share = (np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[owner]
-    return corners[owner] + (after - corners)[owner] * share[:, None]
 
 
 @dataclass(frozen=True)
