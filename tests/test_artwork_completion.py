@@ -8,10 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.layers.completion import hidden_runs
+from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
+from cubicsplat_cli.artwork.layers.completion import _Window, hidden_runs
 from cubicsplat_cli.artwork.layers.continuation import continued
 from cubicsplat_cli.artwork.layers.ends import End
+from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.taut import Room, taut
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
@@ -165,3 +167,21 @@ def test_stripes_beneath_a_stripe_stay_rectangles():
     stripes = picture(90, (box(0.0, 0.0, 90.0, 30.2), RED), (box(0.0, 30.2, 90.0, 60.4), BLUE))
     found = draw(stripes)
     assert all(isinstance(outline, Rectangle) for shape in found.shapes for outline in shape.outlines)
+
+
+def test_a_loop_that_runs_the_other_way_is_covered_too():
+    eight = polygon(np.array([[2.0, 2.0], [10.0, 10.0], [18.0, 2.0], [18.0, 10.0], [10.0, 2.0], [2.0, 10.0]]))
+    covered = coverage(edges_of(eight.cubics, eight.lines), 0, 0, 12, 20)
+    assert covered[5, 3] == pytest.approx(1.0) and covered[5, 16] == pytest.approx(1.0)
+    assert covered[3, 10] == pytest.approx(1.0) and covered[0, 0] == 0.0
+
+
+def test_an_outline_that_leaves_its_window_over_the_canvas_is_seen():
+    shown = np.ones((8, 20), dtype=bool)
+    square = np.array([[10.0, 20.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]])
+    contour = Contour(square, np.full(4, 0.1), False)
+    extent = Extent(0, 20, 10, shown, shown, np.zeros_like(shown), (contour,))
+    window = _Window.of(extent, (40, 40))
+    assert len(window.wrong(polygon(square))) == 0
+    # Two sides go on until they meet, beyond the canvas.
+    assert len(window.wrong(polygon(np.array([[10.0, 20.0], [20.0, -50.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]]))))

@@ -100,4 +100,5 @@ def coverage(edges: Edges, top: int, left: int, height: int, width: int) -> np.n
     dy = edges.step[inside, 1]
     size = height * (width + 2)
     sums = np.bincount(flat, -dy * (1.0 - share[inside]), size) + np.bincount(flat + 1, -dy * share[inside], size)
-    return np.clip(np.cumsum(sums.reshape(height, width + 2), axis=1)[:, :width], 0.0, 1.0)
+    # A loop of an outline that crosses itself has less than nothing, but is filled as well.
+    return np.clip(np.abs(np.cumsum(sums.reshape(height, width + 2), axis=1)[:, :width]), 0.0, 1.0)

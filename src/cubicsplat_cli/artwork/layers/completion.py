@@ -6,7 +6,7 @@ way is good when the outline covers what shows and nothing else does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -32,6 +32,7 @@ from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline
 SEVERAL = 8
 FEWEST_SEEN = 4  # points of a contour, below which it becomes a polygon
 TRIALS = 24
+HIDDEN_SIGMA = 0.5  # px, of points along the edge of what hides an outline
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 LEVEL = 1e-6  # px that the ends of a level line may differ
 MOST_TIPS = 3  # corners, the first of them twice, that enclose nothing
@@ -42,7 +43,8 @@ SQUARE = np.ones((3, 3), dtype=bool)
 
 @dataclass(frozen=True)
 class _Window:
-    """What an outline of an extent must and must not cover, one px of tolerance taken off."""
+    """What an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that shows,
+    and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows."""
 
     top: int
     left: int
@@ -61,14 +63,22 @@ class _Window:
         may = ndimage.binary_dilation(extent.allowed | extent.holes, SQUARE)
         return cls(extent.top, extent.left, must, may, canvas)
 
-    def wrong(self, outline: Outline, hole: bool) -> np.ndarray:
-        """(k, 2) middles x, y of the pixels that an outline covers or leaves wrongly."""
+    def hole(self, contour: Contour, extent: Extent) -> _Window:
+        """The same of a contour of a hole of the extent."""
+        free = self._inside(polygon(contour.points)) & ~extent.allowed
+        return replace(self, must=ndimage.binary_erosion(free, SQUARE), may=~self.must)
+
+    def _inside(self, ring: Ring) -> np.ndarray:
+        """(h, w) bool: the pixels of the window of which a ring encloses half or more."""
+        ring = ring if signed_area(ring) > 0.0 else reversed_ring(ring)
+        return coverage(edges_of(ring.cubics, ring.lines), self.top, self.left, *self.must.shape) > 0.5
+
+    def wrong(self, outline: Outline) -> np.ndarray:
+        """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
         ring = outline.ring()
         points = dense(flattened(ring, 1.0), 1.0) - [self.left, self.top]
-        ring = ring if signed_area(ring) > 0.0 else reversed_ring(ring)
-        inside = coverage(edges_of(ring.cubics, ring.lines), self.top, self.left, *self.must.shape) > 0.5
-        bad = (inside & self.must) if hole else (inside & ~self.may) | (~inside & self.must)
-        y, x = np.nonzero(bad)
+        inside = self._inside(ring)
+        y, x = np.nonzero((inside & ~self.may) | (~inside & self.must))
         within = np.stack([x + 0.5, y + 0.5], axis=1)
         corner = np.array([self.left, self.top])
         return np.concatenate([within, points[self._astray(points)]]) + corner
@@ -112,7 +122,9 @@ def outlines_of(
     room = Room(extent.top, extent.left, extent.shown, extent.allowed, spare, canvas)
     least = max(least, FEWEST)
     return tuple(
-        few_lines(contour.points) if len(contour.points) < least else _completed(contour, window, room, detail, whole)
+        few_lines(contour.points)
+        if len(contour.points) < least
+        else _completed(contour, window.hole(contour, extent) if contour.hole else window, room, detail, whole)
         for contour in extent.contours
     )
 
@@ -125,7 +137,7 @@ def _completed(contour: Contour, window: _Window, room: Room, detail: float, who
         return _unseen(contour, window, room)
 
     def wrong(points: np.ndarray) -> int:
-        return len(window.wrong(polygon(points), contour.hole))
+        return len(window.wrong(polygon(points)))
 
     loop = Loop(contour.points, contour.sigma, wrong, room, window.canvas)
     whole = whole and len(runs) <= SEVERAL
@@ -136,7 +148,7 @@ def _completed(contour: Contour, window: _Window, room: Room, detail: float, who
     for _ in range(TRIALS):
         points, sigma, corners = guided(contour, runs, ways)
         outline = fit_outline(points, sigma, detail, corners)
-        bad = window.wrong(outline, contour.hole)
+        bad = window.wrong(outline)
         count = len(bad) + (0 if _every_side_shows(contour, outline) else contour.points.size)
         if count < least:
             best, least = outline, count
@@ -149,6 +161,12 @@ def _completed(contour: Contour, window: _Window, room: Room, detail: float, who
         if not open_runs.any():
             break
     assert best is not None
+    if least > ALLOWED:
+        # No way is hidden all along, or the fit has gone astray: what is hidden ends where it does for certain.
+        known = np.where(np.isfinite(contour.sigma), contour.sigma, HIDDEN_SIGMA)
+        for outline in (fit_outline(contour.points, known, detail), few_lines(contour.points)):
+            if (count := len(window.wrong(outline))) < least:
+                best, least = outline, count
     best = _as_box(best)
     return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
 
@@ -182,7 +200,7 @@ def _with_corners(
     ways = [other or way for other, way in zip(meeting, ways, strict=True)]
     points, sigma, corners = guided(contour, runs, ways)
     outline = fit_outline(points, sigma, detail, corners)
-    good = outline.coordinates <= found.coordinates and len(window.wrong(outline, contour.hole)) <= ALLOWED
+    good = outline.coordinates <= found.coordinates and len(window.wrong(outline)) <= ALLOWED
     return outline if good else found
 
 
@@ -191,7 +209,7 @@ def _unseen(contour: Contour, window: _Window, room: Room) -> Outline:
     end = End(contour.points[0], None, False)
     for corners in taut(contour.points, end, end, room):
         outline = polygon(corners[:-1])
-        if len(corners) > MOST_TIPS and len(window.wrong(outline, contour.hole)) <= ALLOWED:
+        if len(corners) > MOST_TIPS and len(window.wrong(outline)) <= ALLOWED:
             return outline
     return few_lines(contour.points, SLACK)
 
