@@ -32,6 +32,7 @@ from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline
 SEVERAL = 8
 FEWEST_SEEN = 4  # points of a contour, below which it becomes a polygon
 TRIALS = 24
+ASTRAY = 20  # px so covered or left, beyond which a way that certainly is hidden is worth its many pieces
 HIDDEN_SIGMA = 0.5  # px, of points along the edge of what hides an outline
 ALLOWED = 1  # px that an outline may cover or leave wrongly
 LEVEL = 1e-6  # px that the ends of a level line may differ
@@ -161,8 +162,8 @@ def _completed(contour: Contour, window: _Window, room: Room, detail: float, who
         if not open_runs.any():
             break
     assert best is not None
-    if least > ALLOWED:
-        # No way is hidden all along, or the fit has gone astray: what is hidden ends where it does for certain.
+    if least > ASTRAY:
+        # No way is hidden all along, or the fit has gone far astray: what is hidden ends where it does for certain.
         known = np.where(np.isfinite(contour.sigma), contour.sigma, HIDDEN_SIGMA)
         for outline in (fit_outline(contour.points, known, detail), few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:
