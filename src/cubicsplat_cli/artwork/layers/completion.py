@@ -19,7 +19,6 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     dense,
     flattened,
     polygon,
-    reversed_ring,
     signed_area,
 )
 from cubicsplat_cli.artwork.layers.ends import End
@@ -71,7 +70,6 @@ class _Window:
 
     def _inside(self, ring: Ring) -> np.ndarray:
         """(h, w) bool: the pixels of the window of which a ring encloses half or more."""
-        ring = ring if signed_area(ring) > 0.0 else reversed_ring(ring)
         return coverage(edges_of(ring.cubics, ring.lines), self.top, self.left, *self.must.shape) > 0.5
 
     def wrong(self, outline: Outline) -> np.ndarray:
