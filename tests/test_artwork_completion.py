@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.hulls import holes_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import _Window, hidden_runs
 from cubicsplat_cli.artwork.layers.continuation import continued
@@ -185,3 +186,18 @@ def test_an_outline_that_leaves_its_window_over_the_canvas_is_seen():
     assert len(window.wrong(polygon(square))) == 0
     # Two sides go on until they meet, beyond the canvas.
     assert len(window.wrong(polygon(np.array([[10.0, 20.0], [20.0, -50.0], [30.0, 20.0], [30.0, 28.0], [10.0, 28.0]]))))
+
+
+def test_a_hole_lies_within_the_outer_contour_of_a_thin_shape():
+    shown = np.zeros((40, 40), dtype=bool)
+    shown[10:30, 10:30] = True
+    shown[12:28, 12:28] = False
+    contours = [
+        Contour(np.array([[a, a], [b, a], [b, b], [a, b]], dtype=float), np.full(4, 0.1), hole)
+        for a, b, hole in ((10, 30, False), (12, 28, True))
+    ]
+    extent = Extent(0, 0, 0, shown, shown, holes_of(shown), tuple(contours))
+    window = _Window.of(extent, (40, 40)).hole(contours[1], extent)
+    assert len(window.wrong(polygon(contours[1].points))) == 0
+    # Nothing of the thin shape itself is so far from its edges that a hole surely must not have it.
+    assert len(window.wrong(Circle(20.0, 4.0, 24.0)))

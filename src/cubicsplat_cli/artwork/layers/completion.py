@@ -44,7 +44,8 @@ SQUARE = np.ones((3, 3), dtype=bool)
 @dataclass(frozen=True)
 class _Window:
     """What an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that shows,
-    and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows."""
+    and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or lies
+    outside of the outer one."""
 
     top: int
     left: int
@@ -66,7 +67,7 @@ class _Window:
     def hole(self, contour: Contour, extent: Extent) -> _Window:
         """The same of a contour of a hole of the extent."""
         free = self._inside(polygon(contour.points)) & ~extent.allowed
-        return replace(self, must=ndimage.binary_erosion(free, SQUARE), may=~self.must)
+        return replace(self, must=ndimage.binary_erosion(free, SQUARE), may=self.may & ~self.must)
 
     def _inside(self, ring: Ring) -> np.ndarray:
         """(h, w) bool: the pixels of the window of which a ring encloses half or more."""
