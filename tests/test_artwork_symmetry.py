@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
 from cubicsplat_cli.artwork.regularities.alike import Track, symmetry_of
-from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredFreedom, mirrored_rings
+from cubicsplat_cli.artwork.regularities.mirrored import Axis, mirrored_freedom, mirrored_rings
 from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
@@ -87,13 +87,13 @@ def heart(jitter=0.0):
 @settings(max_examples=20, deadline=None)
 def test_a_mirrored_ring_stays_one_however_it_moves(steps):
     for found in mirrored_rings(heart(0.3), Axis(0, 20.0)):
-        freedom = MirroredFreedom(found, Held(40, 40))
+        freedom = mirrored_freedom(found, Held(40, 40))
         moved = freedom.moved(np.array(steps[: freedom.jacobian.shape[1]]))
         assert asymmetry(moved.outline(), 20.0) < 1e-9
 
 
 def test_the_jacobian_of_a_mirrored_ring_matches_finite_differences():
-    freedom = MirroredFreedom(mirrored_rings(heart(), Axis(0, 20.0))[0], Held(40, 40))
+    freedom = mirrored_freedom(mirrored_rings(heart(), Axis(0, 20.0))[0], Held(40, 40))
     jacobian = freedom.jacobian.toarray()
     for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
         change = (freedom.moved(step).cubics - freedom.moved(-step).cubics).ravel() / 2e-5
@@ -101,7 +101,7 @@ def test_the_jacobian_of_a_mirrored_ring_matches_finite_differences():
 
 
 def test_a_mirrored_ring_has_about_half_of_the_variables():
-    freedom = MirroredFreedom(mirrored_rings(heart(), Axis(0, 20.0))[0], Held(40, 40))
+    freedom = mirrored_freedom(mirrored_rings(heart(), Axis(0, 20.0))[0], Held(40, 40))
     # Two anchors on the axis (1 each), one beside it (2) with two lengths, and two handles at corners (2 each).
     assert freedom.jacobian.shape[1] == 2 + 2 + 2 + 4
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.freedom import Held, ring_pieces
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, bezier_points
+from cubicsplat_cli.artwork.geometry.outlines import Ring, bezier_points
+from cubicsplat_cli.artwork.regularities.tied import TiedRing
 from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
-from cubicsplat_cli.artwork.tracing.refine import Pieces, Variables
+from cubicsplat_cli.artwork.tracing.refine import Variables
 
 ON_AXIS = 1.0  # px: a lone anchor nearer than this to the axis is on it
 SQUARE = 0.15  # tangent of the angle off square to the axis below which a smooth joint there is square
@@ -194,32 +194,10 @@ def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:
     return MirroredRing(shorter, found.axis, number[found.partner[rest]])
 
 
-class MirroredFreedom:
+def mirrored_freedom(found: MirroredRing, held: Held) -> TiedRing:
     """A ring that is its own mirror image and stays so: the freedom of one half; the axis stays where it is."""
-
-    def __init__(self, found: MirroredRing, held: Held) -> None:
-        pieces = ring_pieces(found.ring, held)
-        self._take(pieces, tie_matrix(Variables(pieces).total, list(_ties(Variables(pieces), found))))
-
-    def _take(self, pieces: Pieces, ties: sparse.csr_matrix) -> None:
-        self._variables, self._ties = Variables(pieces), ties
-        self.cubics, self.lines = pieces.cubics, pieces.lines
-
-    @property
-    def jacobian(self) -> sparse.csr_matrix:
-        return (self._variables.jacobian() @ self._ties).tocsr()
-
-    def moved(self, step: np.ndarray) -> MirroredFreedom:
-        following = object.__new__(MirroredFreedom)
-        following._take(self._variables.moved(np.append(self._ties @ step, 0.0)), self._ties)
-        return following
-
-    def trimmed(self) -> MirroredFreedom:
-        return self
-
-    def outline(self) -> Outline:
-        p = self._variables.pieces
-        return Ring(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
+    pieces = ring_pieces(found.ring, held)
+    return TiedRing(pieces, tie_matrix(Variables(pieces).total, list(_ties(Variables(pieces), found))))
 
 
 def _ties(v: Variables, found: MirroredRing) -> list[Tie]:

@@ -1,4 +1,5 @@
-"""Regularities of a finished drawing: coordinates on the artist's grid, rings that are their own mirror images, copies.
+"""Regularities of a finished drawing: coordinates on the artist's grid, rings that are their own mirror images, lines
+at 45 degrees, copies.
 
 Each is taken where the outlines as they were fitted say so within their errors, tied, settled against the pixels once
 more, and kept only where the description of the picture becomes shorter by it: half of chi^2 may grow by less than the
@@ -22,8 +23,10 @@ from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.regularities.alike import Track
 from cubicsplat_cli.artwork.regularities.axes import found_axes
 from cubicsplat_cli.artwork.regularities.copies import found_copies
+from cubicsplat_cli.artwork.regularities.directions import directed, found_slopes, has_diagonal
 from cubicsplat_cli.artwork.regularities.grid import on_grid
-from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredFreedom, MirroredRing, mirrored_rings
+from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_freedom, mirrored_rings
+from cubicsplat_cli.artwork.regularities.tied import TiedRing, tied_ring
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster.stack import Goal
 
@@ -47,7 +50,9 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
         state = settle(begin(done, goal, pins), goal, ROUNDS)
     held = Held(drawing.width, drawing.height, pins)
     state = with_symmetries(state, goal, held, detail, error)
-    return drawn(done, with_copies(state, goal, held, detail, error))
+    state = with_directions(state, goal, detail, error)
+    state = with_copies(state, goal, held, detail, error)
+    return drawn(done, _on_steps(state, goal, 10.0 ** -suggested_precision(held.width, held.height)))
 
 
 def with_symmetries(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
@@ -59,10 +64,10 @@ def with_symmetries(state: State, goal: Goal, held: Held, detail: float, error: 
     return _settled(state, tied, goal, detail, error)
 
 
-def _mirrored(ring: Ring, axis: Axis, held: Held) -> MirroredFreedom | None:
+def _mirrored(ring: Ring, axis: Axis, held: Held) -> TiedRing | None:
     """The freedom of a ring as its own mirror image, of the side with fewer variables; None where it cannot be one, or
     only with clearly more coordinates."""
-    found = [MirroredFreedom(one, held) for one in mirrored_rings(ring, axis) if _fits(one, held)]
+    found = [mirrored_freedom(one, held) for one in mirrored_rings(ring, axis) if _fits(one, held)]
     found = [one for one in found if one.outline().ring().coordinates <= ring.coordinates + MORE_NUMBERS]
     return min(found, key=lambda freedom: freedom.jacobian.shape[1], default=None)
 
@@ -71,6 +76,16 @@ def _fits(found: MirroredRing, held: Held) -> bool:
     """Whether a ring is still its own mirror image with what is held where it must be, such as the canvas's border."""
     anchors = ring_pieces(found.ring, held).anchors
     return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
+
+
+def with_directions(state: State, goal: Goal, detail: float, error: float) -> State:
+    """The state with the lines at 45 degrees, or at 30 and 60, made and kept such; the same without any."""
+    outlines = _outlines(state)
+    free = {k: one for k, o in enumerate(outlines) if (one := tied_ring(o)) is not None}
+    rings = {k: ring for k in free if isinstance(ring := free[k].outline(), Ring)}
+    slopes = found_slopes({k: (ring, Sight.of(state, k)) for k, ring in rings.items()})
+    tied = {k: one for k, own in slopes.items() if (one := directed(free[k], own)) is not None}
+    return _settled(state, tied, goal, detail, error)
 
 
 def with_copies(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
@@ -112,6 +127,18 @@ def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: floa
     if refused.any():
         trial = settle(_back(state, trial, refused, goal), goal, AFTER_REFUSALS, trim=False)
     return trial
+
+
+def _on_steps(state: State, goal: Goal, step: float) -> State:
+    """The state with rings of lines at 45 degrees, and their copies, on whole steps of the file's grid, px."""
+    outlines = _outlines(state)
+    moved: dict[int, Freedom] = {}
+    for k, outline in enumerate(outlines):
+        if isinstance(outline, TiedRing) and isinstance(ring := outline.outline(), Ring) and has_diagonal(ring):
+            moved[k] = outline.on_steps(step)
+    copies = {k: o for k, o in enumerate(outlines) if isinstance(o, CopyFreedom) and o.source in moved}
+    moved |= {k: copy.following(moved[copy.source]) for k, copy in copies.items()}
+    return _with(state, moved, goal) if moved else state
 
 
 def _outlines(state: State) -> list[Freedom]:
