@@ -269,7 +269,8 @@ class CopyFreedom:
     @cached_property
     def jacobian(self) -> sparse.csr_matrix:
         """Over the variables of the model."""
-        return (sparse.diags(np.tile(self.way.signs, 4 * len(self.lines))) @ self.model.jacobian).tocsr()
+        turn = sparse.kron(sparse.identity(4 * len(self.lines)), self.way.matrix.T)
+        return (turn @ self.model.jacobian).tocsr()
 
     def following(self, model: Freedom) -> CopyFreedom:
         """The copy of the model after that has moved."""

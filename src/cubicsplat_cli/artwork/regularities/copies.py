@@ -1,4 +1,4 @@
-"""Outlines that are alike but for where they lie, or mirrored: one is the model, the others its copies."""
+"""Outlines that are alike but for where they lie, or mirrored, or turned: one is the model, the others its copies."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.outlines import Way
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
+from cubicsplat_cli.artwork.regularities.turned import Turn, Walk, evenly, turned_onto
 
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
 FLIPS = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))  # as it is, mirrored either way, turned by half a circle
@@ -23,21 +24,41 @@ class Copy:
     way: Way
 
 
-def found_copies(tracks: Mapping[int, Track], step: float, mirrors: tuple[float, float]) -> dict[int, Copy]:
+def found_copies(
+    tracks: Mapping[int, Track], numbers: Mapping[int, int], step: float, mirrors: tuple[float, float]
+) -> dict[int, Copy]:
     """The outlines that are copies, by number; tracks: those of all, in the order in which they are to be models.
+    numbers: how many variables each has.
 
-    step: of the file's grid, px, of which shifts are whole multiples. mirrors: twice where the axes of the canvas are,
-    across which pairs lie that are nearly there.
+    step: of the file's grid, px, of which shifts are whole multiples but after a turn. mirrors: twice where the axes of
+    the canvas are, across which pairs lie that are nearly there.
     """
-    models: list[int] = []
-    copies: dict[int, Copy] = {}
+    walks = {k: Walk.of(track) for k, track in tracks.items()}
+    pairs = 0.5 * len(tracks) ** 2
+    level: dict[int, Copy] = {}
+    turns: dict[int, dict[int, Turn]] = {}  # by model
+    # What is turned is a model too of what lies as it does, so that both are written as the same text.
+    first: list[int] = []
     for k, track in tracks.items():
-        ways = ((m, _way(tracks[m], track, step, mirrors)) for m in models)
+        ways = ((m, _way(tracks[m], track, step, mirrors)) for m in first)
         found = next(((m, way) for m, way in ways if way is not None), None)
-        if found is None:
-            models.append(k)
+        if found is not None:
+            level[k] = Copy(*found)
+            continue
+        first.append(k)
+        able = turns if walks[k].tells(numbers[k], pairs) else ()
+        turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in able)
+        way_round = next(((m, turn) for m, turn in turned if turn is not None), None)
+        if way_round is None:
+            turns[k] = {}
         else:
-            copies[k] = Copy(*found)
+            turns[way_round[0]][k] = way_round[1]
+    copies: dict[int, Copy] = {}
+    for model, own in turns.items():
+        copies |= {k: Copy(model, way) for k, way in zip(own, evenly(list(own.values()), step), strict=True)}
+    for k, copy in level.items():
+        between = copies.get(copy.model)
+        copies[k] = copy if between is None else Copy(between.model, copy.way.after(between.way))
     return copies
 
 

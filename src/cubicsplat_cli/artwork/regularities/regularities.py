@@ -89,7 +89,7 @@ def with_directions(state: State, goal: Goal, detail: float, error: float) -> St
 
 
 def with_copies(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
-    """The state with the outlines that are like another one, moved or mirrored, made and kept such."""
+    """The state with the outlines that are like another one, moved, mirrored or turned, made and kept such."""
     outlines, size = _outlines(state), (held.width, held.height)
     tracks = {}
     for k, freedom in enumerate(outlines):
@@ -102,7 +102,8 @@ def with_copies(state: State, goal: Goal, held: Held, detail: float, error: floa
         ):
             tracks[k] = track
     order = sorted(tracks, key=lambda k: (outlines[k].jacobian.shape[1], k))
-    copies = found_copies({k: tracks[k] for k in order}, 10.0 ** -suggested_precision(*size), size)
+    numbers = {k: outlines[k].jacobian.shape[1] for k in order}
+    copies = found_copies({k: tracks[k] for k in order}, numbers, 10.0 ** -suggested_precision(*size), size)
     tied = {k: CopyFreedom(outlines[copy.model], copy.way, copy.model) for k, copy in copies.items()}
     return _settled(state, tied, goal, detail, error)
 

@@ -1,0 +1,172 @@
+"""How an outline comes to lie on another one by a turn, whatever its angle, with or without being mirrored.
+
+Both outlines are walked round at even steps. Seen from their middles the steps are complex numbers, and of two outlines
+that are alike those of one are those of the other times a turn, from some step on: the correlation of the two rows, by
+the fast Fourier transform, says from which, and its argument is the turn. Copies of one outline that lie evenly around
+a middle then share it, and their angles are whole multiples of the n-th part of a turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
+from cubicsplat_cli.artwork.geometry.outlines import Way
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
+
+STEPS = 128  # round an outline
+LENGTH_OFF, NEAR = 0.8, 0.4  # px by which lengths of outlines that are alike differ, and their steps in the mean
+ALIKE = 0.1  # px by which turns that fit as well differ in that
+FEWEST, CLEAR = 8, 3.0  # points that show, and nats by which an outline must tell more than chance does
+FEWEST_AROUND, MOST_PARTS = 2, 36  # copies around a middle besides their model, and parts of a turn
+
+
+@dataclass(frozen=True)
+class Walk:
+    """An outline at even steps, clockwise as seen. middle: of the steps, steps: from there, complex numbers of px;
+    length: px."""
+
+    middle: complex
+    steps: np.ndarray
+    length: float
+
+    @classmethod
+    def of(cls, track: Track) -> Walk:
+        points = track.points @ np.array([1.0, 1.0j])
+        if (points.real * np.roll(points.imag, -1) - points.imag * np.roll(points.real, -1)).sum() < 0.0:
+            points = points[::-1]
+        closed = np.append(points, points[0])
+        along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(closed)))])
+        places = np.arange(STEPS) / STEPS * along[-1]
+        steps = np.interp(places, along, closed.real) + 1.0j * np.interp(places, along, closed.imag)
+        middle = complex(steps.mean())
+        return cls(middle, steps - middle, float(along[-1]))
+
+    def tells(self, numbers: int, pairs: float) -> bool:
+        """Whether an outline of so many variables is unlikely to be like another in one of so many pairs by chance: a
+        turn and a shift say three of them, each other is right by chance for the farthest it may be off over the size.
+        """
+        size = math.sqrt(float((np.abs(self.steps) ** 2).mean()))
+        return (numbers - 3) * math.log(size / (2.0 * FARTHEST)) > math.log(pairs) + CLEAR
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A way by a turn. signs, angle: as in `Way`; pivot, at: (2,) px, the middle of the model and where it comes to
+    lie; errors: standard errors of the angle, radians, and of that place, px."""
+
+    signs: tuple[float, float]
+    angle: float
+    pivot: np.ndarray
+    at: np.ndarray
+    errors: tuple[float, float]
+
+    @property
+    def way(self) -> Way:
+        """The way itself."""
+        x, y = (self.at - Way(self.signs, (0.0, 0.0), self.angle).points(self.pivot)).tolist()
+        return Way(self.signs, (x, y), self.angle)
+
+    def near(self, angle: float) -> bool:
+        """Whether an angle is within the errors of this one."""
+        return abs(math.remainder(self.angle - angle, 2.0 * math.pi)) <= SIGMAS * self.errors[0]
+
+
+def turned_onto(model: Track, own: Walk, track: Track, walk: Walk) -> Turn | None:
+    """How a model comes to lie on an outline by a turn, not mirrored where either will do; None where they are not
+    alike. own, walk: of the two."""
+    if min(len(model.seen), len(track.seen)) < FEWEST or abs(own.length - walk.length) > LENGTH_OFF:
+        return None
+    for mirrored in (False, True):
+        # Mirrored about the level axis, and run through clockwise again.
+        steps = np.conj(own.steps)[::-1] if mirrored else own.steps
+        match = np.fft.ifft(np.fft.fft(walk.steps) * np.conj(np.fft.fft(steps)))
+        off = (np.abs(steps) ** 2 + np.abs(walk.steps) ** 2).mean() - 2.0 * np.abs(match) / STEPS
+        if off.min() > NEAR**2:
+            continue
+        # Of the turns that a star or a cross leaves the choice between, the smallest.
+        angles = np.angle(match[off <= off.min() + ALIKE**2])
+        angle = float(angles[int(np.abs(angles).argmin())])
+        found = _settled(model, own.middle, track, (1.0, -1.0 if mirrored else 1.0), angle, walk.middle)
+        if found is not None:
+            return found
+    return None
+
+
+def _settled(
+    model: Track, middle: complex, track: Track, signs: tuple[float, float], angle: float, onto: complex
+) -> Turn | None:
+    """The turn with which the model lies nearest to an outline; None where it lies not near enough. onto: where the
+    middle of the model begins to lie."""
+    pivot, at = np.array([middle.real, middle.imag]), np.array([onto.real, onto.imag])
+    for left in reversed(range(TRIES + 1)):
+        matrix = Way(signs, (0.0, 0.0), angle).matrix
+        spokes = (model.seen - pivot) @ matrix
+        forth, ahead = track.off(spokes + at)
+        back, behind = model.off((track.seen - at) @ matrix.T + pivot)
+        behind = -behind @ matrix
+        size = np.concatenate([forth, back])
+        if size.max() > LARGEST:
+            return None
+        ways = np.concatenate([ahead, behind])
+        levers = np.concatenate([spokes, track.seen - at])
+        rows = np.column_stack([ways, levers[:, 0] * ways[:, 1] - levers[:, 1] * ways[:, 0]])
+        gram = rows.T @ rows + 1e-6 * np.eye(3)
+        if left:
+            step = -np.linalg.solve(gram, rows.T @ size)
+            at, angle = at + step[:2], angle + float(step[2])
+    if size.max() > FARTHEST or np.sqrt((size**2).mean()) > MEAN:
+        return None
+    chance = 2.0 * SEEN_SIGMA * np.sqrt(np.diag(np.linalg.inv(gram)))
+    reach = math.sqrt(float((levers**2).sum(axis=1).mean()))
+    errors = math.hypot(float(chance[2]), SYSTEMATIC / reach), math.hypot(float(chance[:2].max()), SYSTEMATIC)
+    return Turn(signs, math.remainder(angle, 2.0 * math.pi), pivot, at, errors)
+
+
+def evenly(turns: Sequence[Turn], step: float) -> list[Way]:
+    """The ways of the turns of one model: around a middle that they share, by whole parts of a turn, where they are so
+    within their errors; by whole quarters of a turn otherwise where they are that. step: of the file's grid, px.
+    """
+    ways = [_level(turn, step) for turn in turns]
+    own = [i for i, turn in enumerate(turns) if turn.signs[0] == turn.signs[1]]
+    found = _around([turns[i] for i in own], step) if len(own) >= FEWEST_AROUND else None
+    for i, way in zip(own, found or [], strict=False):
+        ways[i] = way
+    return ways
+
+
+def _level(turn: Turn, step: float) -> Way:
+    """The way of a turn, by quarters on whole steps where that is within its errors."""
+    quarter = 0.5 * math.pi * round(turn.angle / (0.5 * math.pi))
+    if not turn.near(quarter):
+        return turn.way
+    way = replace(turn, angle=quarter).way
+    x, y = (round(s / step) * step for s in way.shift)
+    return replace(way, shift=(x, y))
+
+
+def _around(turns: Sequence[Turn], step: float) -> list[Way] | None:
+    """The ways around one middle by whole parts of a turn; None where some is not so within its errors."""
+    for parts in range(2, MOST_PARTS + 1):
+        part = 2.0 * math.pi / parts
+        angles = [part * round(turn.angle / part) for turn in turns]
+        if all(turn.near(angle) and angle for turn, angle in zip(turns, angles, strict=True)):
+            break
+    else:
+        return None
+    exact = [replace(turn, angle=angle) for turn, angle in zip(turns, angles, strict=True)]
+    middles = np.array([np.linalg.solve((np.eye(2) - t.way.matrix).T, t.way.shift) for t in exact])
+    errors = np.array([t.errors[1] / (2.0 * abs(math.sin(0.5 * t.angle))) for t in exact])
+    middle = np.average(middles, axis=0, weights=errors**-2)
+    middle = np.rint(middle / (0.5 * step)) * (0.5 * step)
+    if (np.abs(middles - middle).max(axis=1) > SIGMAS * errors).any():
+        return None
+    ways = []
+    for turn in exact:
+        x, y = (middle - middle @ turn.way.matrix).tolist()
+        ways.append(Way(turn.signs, (x, y), turn.angle))
+    return ways
