@@ -48,14 +48,15 @@ def test_the_equations_of_leaks_match_finite_differences():
     target = target_of(stacked(30.0))
     goal, state = goal_of(target), begin(stacked(20.7), goal_of(target))
     given = (goal, state.image, state.crossings, int(state.pieces[-1]))
-    gradient = seals.sealed_equations(*given)[1] - normal_equations(*given)[1]
+    gradient = seals.sealed_equations(*given, state.leaking)[1] - normal_equations(*given)[1]
     outline = state.layers[0].outlines[0]
     found = outline.jacobian.T @ gradient[: outline.jacobian.shape[0]]
 
     def misfit(step):
         layers = begin(stacked(20.7), goal).layers
         layers[0].outlines[0] = outline.moved(step)
-        return seals.leak_misfit(State.of(layers, goal).image, goal).sum()
+        state = State.of(layers, goal)
+        return seals.leak_misfit(state.image, state.leaking).sum()
 
     steps = 1e-5 * np.eye(len(found))
     expected = [(misfit(step) - misfit(-step)) / 2e-5 for step in steps]

@@ -10,11 +10,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import sparse
+from scipy import ndimage, sparse
 from scipy.sparse.linalg import splu
 
 from cubicsplat_cli.artwork.finish.freedom import NO_PINS, CopyFreedom, Freedom, Held, Pins, freedom_of
-from cubicsplat_cli.artwork.finish.seals import leak_misfit, sealed_equations
+from cubicsplat_cli.artwork.finish.seals import leak_misfit, leaks, sealed_equations
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack
@@ -26,7 +26,7 @@ PIXEL_SIGMA, FREE = 0.02, 0.5
 HUBER = 0.15  # residuals beyond count linearly: they are details that no shape draws
 ENOUGH = 2e-3  # relative gain of a round below which it is finished
 # Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
-START, RELAXED, HOPELESS = 1e-3, 1e-2, 1e3
+START, RELAXED, HOPELESS = 1e-3, 5e-3, 1e3
 TAKEN_BACK, SAME = 3, 1e-12  # times that outlines are taken back after a step, for a misfit that has grown by more
 BLUR_REACH = 3.0  # standard deviations of a blur, beyond which nothing is left of it
 LONGEST = 1.5  # px that a control point moves at most in a step
@@ -47,20 +47,22 @@ class Layer:
 @dataclass
 class State:
     """A drawing against its picture. layers: back to front; image: (H, W, 4) what they draw; misfit: (H W,) of every
-    pixel; cost: that, and what shows of the ground where the picture is opaque (`seals`); crossings: of its pieces,
-    numbered through all outlines; pieces, marks: (outlines + 1,) where those of each outline begin; sharing: how much
-    of what a crossing changes is left by the goal's blur, in squares, 1 without one.
+    pixel; leaking: (k,) pixels at which the ground shows where the picture is opaque (`seals`); cost: the misfit and
+    what they add; crossings: of its pieces, numbered through all outlines; pieces, marks: (outlines + 1,) where those
+    of each outline begin; sharing: how much of what a crossing changes is left by the goal's blur, in squares, 1
+    without one; spread: px by which that carries most of a pixel's change, 0 without one.
     """
 
     layers: list[Layer]
     image: np.ndarray
     misfit: np.ndarray
+    leaking: np.ndarray
     cost: np.ndarray
     crossings: Crossings
     pieces: np.ndarray
     marks: np.ndarray
     sharing: float
-    _around: np.ndarray
+    spread: int
 
     @classmethod
     def of(cls, layers: list[Layer], goal: Goal) -> State:
@@ -80,8 +82,9 @@ class State:
         marks = np.searchsorted(crossings.piece, pieces)
         # A blur spreads what an outline does to either side of it; along the outline it hardly changes anything.
         sharing = float(2.0 * (goal.taps**2).sum() - goal.taps[0] ** 2)
-        cost = misfit.ravel() + leak_misfit(image, goal)
-        return cls(layers, image, misfit.ravel(), cost, crossings, pieces, marks, sharing, _around(goal))
+        leaking, misfit, spread = leaks(image, goal), misfit.ravel(), -(-goal.reach // 2)
+        cost = misfit + leak_misfit(image, leaking)
+        return cls(layers, image, misfit, leaking, cost, crossings, pieces, marks, sharing, spread)
 
     @property
     def value(self) -> float:
@@ -94,12 +97,16 @@ class State:
     def changed(self, own: slice | np.ndarray) -> np.ndarray:
         """The pixels that some of the crossings change."""
         pixel = self.crossings.pixel[own]
-        if not len(self._around):
+        if not self.spread or not len(pixel):
             return pixel
         height, width = self.image.shape[:2]
-        y, x = np.divmod(np.unique(pixel), width)
-        rows = np.clip(y[:, None] + self._around[:, 0], 0, height - 1)
-        return np.unique(rows * width + np.clip(x[:, None] + self._around[:, 1], 0, width - 1))
+        y, x = np.divmod(pixel, width)
+        top, left = max(y.min() - self.spread, 0), max(x.min() - self.spread, 0)
+        bottom, right = min(y.max() + self.spread + 1, height), min(x.max() + self.spread + 1, width)
+        marked = np.zeros((bottom - top, right - left), dtype=bool)
+        marked[y - top, x - left] = True
+        y, x = np.nonzero(ndimage.maximum_filter(marked, 2 * self.spread + 1))
+        return (y + top) * width + x + left
 
 
 def goal_of(target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = None) -> Goal:
@@ -111,12 +118,6 @@ def goal_of(target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = No
     taps /= 2.0 * taps.sum() - taps[0]
     space = np.eye(4) if space is None else space
     return Goal(np.ascontiguousarray(target @ space, dtype=np.float64), WHITE.tolist(), HUBER, 0, taps, space)
-
-
-def _around(goal: Goal) -> np.ndarray:
-    """(k, 2) rows and columns from a pixel to those that share most of its change by a blur; none without one."""
-    reach = -(-goal.reach // 2)
-    return np.array([(y, x) for y in range(-reach, reach + 1) for x in range(-reach, reach + 1) if goal.reach])
 
 
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
@@ -230,7 +231,7 @@ def _normal_equations(state: State, goal: Goal) -> tuple[sparse.csc_matrix, np.n
     columns = np.concatenate([part.col + starts[family] for part, family in zip(parts, families, strict=True)])
     values = np.concatenate([part.data for part in parts])
     jacobian = sparse.csr_matrix((values, (rows, columns)), shape=(8 * int(state.pieces[-1]), starts[-1]))
-    gram, gradient = sealed_equations(goal, state.image, state.crossings, int(state.pieces[-1]))
+    gram, gradient = sealed_equations(goal, state.image, state.crossings, int(state.pieces[-1]), state.leaking)
     return (jacobian.T @ (gram.tocsr() @ jacobian)).tocsc(), jacobian.T @ gradient, starts
 
 

@@ -37,20 +37,19 @@ def leaks(image: np.ndarray, goal: Goal) -> np.ndarray:
     return np.asarray(y[inside] * width + x[inside])
 
 
-def leak_misfit(image: np.ndarray, goal: Goal) -> np.ndarray:
+def leak_misfit(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """(H W,) the misfit of leaking pixels beyond that of their colours."""
     out = np.zeros(image.shape[0] * image.shape[1])
-    pixels = leaks(image, goal)
     out[pixels] = WEIGHT * (1.0 - image[..., 3].ravel()[pixels]) ** 2
     return out
 
 
 def sealed_equations(
-    goal: Goal, image: np.ndarray, crossings: Crossings, count: int
+    goal: Goal, image: np.ndarray, crossings: Crossings, count: int, pixels: np.ndarray
 ) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """The Gram matrix and the gradient over the control points of `count` pieces, of colours and of leaks."""
+    """The Gram matrix and the gradient over the control points of `count` pieces, of colours and of leaking pixels."""
     gram, gradient = normal_equations(goal, image, crossings, count)
-    gram, found = gram.tocsr(), np.isin(crossings.pixel, leaks(image, goal))
+    gram, found = gram.tocsr(), np.isin(crossings.pixel, pixels)
     if not found.any():
         return gram, gradient
     parts = (crossings.piece, crossings.pixel, crossings.t, crossings.change, crossings.slope)
