@@ -16,6 +16,8 @@ from cubicsplat_cli.photo.slivers import gradient_by_arrays, sliver_gradient
 from cubicsplat_cli.scene import pack_rings
 from cubicsplat_cli.settings import Mode
 
+SIZE = (20, 20)  # px, of a canvas
+
 
 def thorns(points: torch.Tensor) -> int:
     """Joins of rings (N, K, 2) that turn by more than 150 degrees."""
@@ -29,7 +31,7 @@ def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(mode):
     along = torch.arange(6 if mode is Mode.CLOSED else 7).float()
     points = torch.stack((along, along * (6 - along)), -1)[None]
     points[0, 4] = points[0, 2] + torch.tensor([0.1, 0.2])  # back where it came from, at the join 3
-    gradient = thorn_gradient(points, mode, 2.0)
+    gradient = thorn_gradient(points, mode, 2.0, SIZE)
     moved = set(gradient[0].abs().sum(-1).nonzero().flatten().tolist())
     assert {2, 3, 4} <= moved
     if mode is Mode.OPEN:
@@ -40,7 +42,7 @@ def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(mode):
         return float((u @ v) / (u.norm() * v.norm()))
 
     assert cosine(points - 0.01 * gradient) > cosine(points)
-    assert not thorn_gradient(torch.zeros(1, 6, 2), Mode.CLOSED, 1.0).isnan().any()
+    assert not thorn_gradient(torch.zeros(1, 6, 2), Mode.CLOSED, 1.0, SIZE).isnan().any()
 
 
 def test_a_fit_with_the_penalty_has_fewer_thorns():
@@ -56,10 +58,10 @@ def test_curves_of_several_lengths_and_rings_are_judged_each_by_itself(mode):
     generator = torch.Generator().manual_seed(3)
     lengths = [[4], [3, 2], [1, 1]] if mode is Mode.CLOSED else [[4], [2], [1]]
     shared = 0 if mode is Mode.CLOSED else 1
-    rings = [[torch.randn(3 * n + shared, 2, generator=generator) for n in counts] for counts in lengths]
+    rings = [[10 + torch.randn(3 * n + shared, 2, generator=generator) for n in counts] for counts in lengths]
     points, ends = pack_rings(mode, rings)
-    gradient = thorn_gradient(points, mode, 2.0, ends)
-    every = torch.cat([thorn_gradient(ring[None], mode, 2.0)[0] for of_curve in rings for ring in of_curve])
+    gradient = thorn_gradient(points, mode, 2.0, SIZE, ends)
+    every = torch.cat([thorn_gradient(ring[None], mode, 2.0, SIZE)[0] for of_curve in rings for ring in of_curve])
     used = torch.arange(points.shape[1]) < 3 * ends[:, -1:] + shared
     assert torch.allclose(gradient[used], every)
     assert every.abs().max() > 0
@@ -78,16 +80,56 @@ def strip(thickness: float, length: float = 12.0) -> np.ndarray:
 
 
 def test_following_the_gradient_widens_a_sliver_and_leaves_what_is_wider():
-    assert not sliver_gradient(strip(0.6), 1.0).any()
+    assert not sliver_gradient(strip(0.6), 1.0, SIZE).any()
     points = strip(0.2)
-    gradient = sliver_gradient(points, 3.0)
-    assert np.allclose(gradient, 3.0 * sliver_gradient(points, 1.0))
+    gradient = sliver_gradient(points, 3.0, SIZE)
+    assert np.allclose(gradient, 3.0 * sliver_gradient(points, 1.0, SIZE))
     assert np.allclose(gradient.sum(axis=1), 0.0, atol=1e-4), "it moves nothing as a whole"
     for _ in range(200):
-        points = points - 0.01 * sliver_gradient(points, 1.0)
+        points = points - 0.01 * sliver_gradient(points, 1.0, SIZE)
     top, bottom = points[0, 1:3, 1], points[0, 7:9, 1]
-    assert (bottom - top > 0.4).all()
-    assert not sliver_gradient(np.zeros((1, 6, 2), np.float32), 1.0).any()
+    assert (bottom - top > 0.34).all()
+    assert not sliver_gradient(np.zeros((1, 6, 2), np.float32), 1.0, SIZE).any()
+
+
+def joined(*corners: tuple[float, float]) -> np.ndarray:
+    """(1, 3N, 2): a ring of straight cubics."""
+    start = np.array(corners, np.float32)
+    after = np.roll(start, -1, axis=0)
+    return np.stack([start, (2 * start + after) / 3, (start + 2 * after) / 3], axis=1).reshape(1, -1, 2)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_gap_and_what_lies_within_the_shape_are_no_slivers(turned):
+    """A U whose arms stand 0.2 px apart; and a square with a strip 0.2 px wide in it, as a hole or hidden."""
+    u = joined((3, 3), (15, 3), (15, 9), (9.1, 9), (9.1, 5), (8.9, 5), (8.9, 9), (3, 9))
+    square = joined((1, 1), (19, 1), (19, 19), (1, 19))
+    hidden, hole = (np.concatenate((square, ring), axis=1) for ring in (strip(0.2), backwards(strip(0.2))))
+    ends = np.array([[4, 8]], np.int32)
+    for points, of_points in ((u, None), (hidden, ends), (hole, ends)):
+        if turned:
+            rings = np.split(points, 1 if of_points is None else 2, axis=1)
+            points = np.concatenate([backwards(ring) for ring in rings], axis=1)
+        assert not sliver_gradient(points, 1.0, SIZE, of_points).any()
+        assert not gradient_by_arrays(points, SIZE, of_points).any()
+    shown = strip(0.2)
+    assert sliver_gradient(shown, 1.0, SIZE).any()
+    assert sliver_gradient(backwards(shown), 1.0, SIZE).any(), "whichever way it runs"
+
+
+def backwards(ring: np.ndarray) -> np.ndarray:
+    """The same ring (1, 3N, 2), run through the other way."""
+    return np.roll(ring[:, ::-1], 1, axis=1).copy()
+
+
+def test_what_lies_beside_the_canvas_does_not_count():
+    inside, beside = strip(0.2), strip(0.2) + np.array([0, 20], np.float32)
+    assert gradient_by_arrays(inside, SIZE).any()
+    assert not gradient_by_arrays(beside, SIZE).any()
+    assert not sliver_gradient(beside, 1.0, SIZE).any()
+    tip = joined((3, 4), (15, 4.5), (3, 5))
+    assert thorn_gradient(tip, Mode.CLOSED, 1.0, SIZE).any()
+    assert not thorn_gradient(tip - np.array([16, 0], np.float32), Mode.CLOSED, 1.0, SIZE).any()
 
 
 @pytest.mark.parametrize("ragged", [False, True])
@@ -95,19 +137,19 @@ def test_the_library_and_arrays_of_any_kind_agree_on_slivers(ragged):
     generator = np.random.default_rng(7)
     points = (generator.random((50, 12, 2)) * [5.0, 1.0]).astype(np.float32)
     ends = np.sort(generator.integers(1, 5, (50, 2)), axis=1).astype(np.int32) if ragged else None
-    found = sliver_gradient(points, 1.0, ends)
+    found = sliver_gradient(points, 1.0, SIZE, ends)
     there, ends_there = torch.from_numpy(points), None if ends is None else torch.from_numpy(ends)
     assert np.abs(found).max() > 1.0
-    assert np.allclose(found, gradient_by_arrays(points, ends), atol=1e-4)
-    assert np.allclose(found, gradient_by_arrays(there, ends_there).numpy(), atol=1e-4)
-    assert np.array_equal(found, sliver_gradient(there, 1.0, ends_there).numpy())
+    assert np.allclose(found, gradient_by_arrays(points, SIZE, ends), atol=1e-4)
+    assert np.allclose(found, gradient_by_arrays(there, SIZE, ends_there).numpy(), atol=1e-4)
+    assert np.array_equal(found, sliver_gradient(there, 1.0, SIZE, ends_there).numpy())
     if ragged:
         assert not found[np.arange(12) >= 3 * ends[:, -1:]].any()
 
 
 def test_a_penalty_is_found_anew_now_and_then_and_where_the_curves_are_others():
     recipe = settings(thorn_reg=1.0).recipe
-    regulariser = Regulariser(recipe, Mode.CLOSED, 100, 4)
+    regulariser = Regulariser(recipe, Mode.CLOSED, SIZE, 4)
     course = {"progress": 0.9, "loss": 2.0}
     first = regulariser.gradient(strip(0.2), None, **course)
     assert first.any()
@@ -116,7 +158,7 @@ def test_a_penalty_is_found_anew_now_and_then_and_where_the_curves_are_others():
     assert not regulariser.gradient(strip(0.6), None, **course).any()
     regulariser.forget()
     assert regulariser.gradient(strip(0.2), None, **course).any()
-    assert Regulariser(recipe, Mode.CLOSED, 100, 4).gradient(strip(0.2), None, progress=0.0, loss=2.0) is None
+    assert Regulariser(recipe, Mode.CLOSED, SIZE, 4).gradient(strip(0.2), None, progress=0.0, loss=2.0) is None
 
 
 def test_a_fit_with_the_penalty_has_fewer_slivers():

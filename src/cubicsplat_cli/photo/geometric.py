@@ -11,21 +11,21 @@ from cubicsplat_cli.photo.slivers import sliver_gradient
 from cubicsplat_cli.scene.arrays import Array, namespace
 from cubicsplat_cli.settings import Mode, Recipe
 
-THORN_TURN = math.radians(140.0)  # less than what is called a thorn, 150 degrees, so that those end below
+THORN_TURN = math.radians(147.0)  # a little less than what is called a thorn, 150 degrees, so that those end below
 LEAST_ARM = 0.3  # px: shorter handles are pulled no more than such
 LEAST_CROSSING = 1e-6  # px^2, of the lengths of two handles, which are no shorter as a divisor
-THORNS_FROM = 0.25  # of the fit: earlier they are on their way to something
-TURNS = 0.5  # times what a join has of the loss, for a radian that it turns too far
-SLIVERS = 5.0  # times what a pixel has of the loss, for a px^2 of slivers
+THORNS_FROM = 0.1  # of the fit: a small penalty for long costs less than a large one for a short time
+TURNS = 0.25  # times what a join has of the loss, for a radian that it turns too far
+SLIVERS = 6.0  # times what a pixel has of the loss, for a px^2 of slivers
 HELD = 3  # steps: the gradient changes slowly, and takes a tenth of a step
 _NEXT_TO_NOTHING = 1e-30
 
 
 class Regulariser:
-    """What a recipe penalises beside the error of a picture of so many pixels. joins: of all curves."""
+    """What a recipe penalises beside the error of a picture. size: its width and height, px. joins: of all curves."""
 
-    def __init__(self, recipe: Recipe, mode: Mode, pixels: int, joins: int) -> None:
-        self.recipe, self.mode, self.pixels, self.joins = recipe, mode, pixels, joins
+    def __init__(self, recipe: Recipe, mode: Mode, size: tuple[int, int], joins: int) -> None:
+        self.recipe, self.mode, self.size, self.joins = recipe, mode, size, joins
         self._held: Array | None = None
         self._left = 0  # steps for which that is good
 
@@ -44,14 +44,15 @@ class Regulariser:
 
     def _found(self, points: Array, ring_ends: Array | None, progress: float, loss: float | Array) -> Array | None:
         recipe, found = self.recipe, None
+        pixels = self.size[0] * self.size[1]
         if recipe.geometric_reg > 0.0:
-            found = crossing_gradient(points, self.mode, recipe.geometric_reg * self.pixels, ring_ends)
+            found = crossing_gradient(points, self.mode, recipe.geometric_reg * pixels, ring_ends)
         if recipe.thorn_reg > 0.0 and progress > THORNS_FROM:
             # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
             weight = recipe.thorn_reg * loss
-            blunting = thorn_gradient(points, self.mode, TURNS * weight / self.joins, ring_ends)
+            blunting = thorn_gradient(points, self.mode, TURNS * weight / self.joins, self.size, ring_ends)
             if self.mode is Mode.CLOSED:
-                blunting = blunting + sliver_gradient(points, SLIVERS * weight / self.pixels, ring_ends)
+                blunting = blunting + sliver_gradient(points, SLIVERS * weight / pixels, self.size, ring_ends)
             found = blunting if found is None else found + blunting
         return found
 
@@ -88,14 +89,19 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
     return together(starts, of_first, -of_last, ends, mode)
 
 
-def thorn_gradient(points: Array, mode: Mode, weight: float | Array, ring_ends: Array | None = None) -> Array:
-    """Gradient (N, K, 2) of weight times the sum over all joins of relu(t - `THORN_TURN`), t the turn in radians from
-    the handle before the join to the one after it; at most weight / `LEAST_ARM` a point. ring_ends: as in `Scene`.
+def thorn_gradient(
+    points: Array, mode: Mode, weight: float | Array, size: tuple[int, int], ring_ends: Array | None = None
+) -> Array:
+    """Gradient (N, K, 2) of weight times the sum over all joins on the canvas of relu(t - `THORN_TURN`), t the turn in
+    radians from the handle before the join to the one after it; at most weight / `LEAST_ARM` a point. size: width and
+    height of the canvas, px. ring_ends: as in `Scene`.
     """
     xp, found = namespace(points), segments_of(points, mode, ring_ends)
     joins, joined = taken(points, 3 * found.index), found.real
     if mode is Mode.OPEN:
         joined = joined & (found.index > 0)
+    x, y = joins[..., 0], joins[..., 1]
+    joined = joined & (x >= 0.0) & (x <= size[0]) & (y >= 0.0) & (y <= size[1])
     arriving = joins - taken(points, 3 * found.before + 2)
     leaving = taken(points, 3 * found.index + 1) - joins
     turn, of_arriving, of_leaving = _turn(arriving, leaving)

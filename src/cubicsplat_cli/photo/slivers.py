@@ -1,4 +1,6 @@
-"""A penalty on slivers: places where two sides of an outline run against each other, closer than half a pixel."""
+"""A penalty on slivers: places where two sides of an outline, with the shape between them, run against each other,
+closer than about a third of a pixel.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +9,29 @@ from cubicsplat_cli.raster.slivers import slivers
 from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace
 from cubicsplat_cli.settings import Mode
 
-THINNEST = 0.5  # px: more than what is called a sliver, a third of a px, so that those end above
-EDGES = 6  # of a segment: its polyline, whose edges are held against one another
+THINNEST = 0.36  # px: a little more than what is called a sliver, a third of a px, so that those end above
+EDGES = 12  # of a segment: its polyline, whose edges are held against one another
 OPPOSITE = -0.5  # cosine between two edges that are two sides, and not one that bends
 _PAIRS = 2**22  # of edges at once, of 4 bytes a value
 _LEAST_LENGTH = 1e-6  # px
 
 
-def sliver_gradient(points: Array, weight: float | Array, ring_ends: Array | None = None) -> Array:
+def sliver_gradient(
+    points: Array, weight: float | Array, size: tuple[int, int], ring_ends: Array | None = None
+) -> Array:
     """Gradient (N, K, 2), for closed curves, of weight times the sum over all pairs of opposite edges of
-    l D relu(1 - |d| / D)^2: d the distance in px of the middle of the one, of length l, from the other, if its foot
-    lies on that, and D `THINNEST`. The lengths count as given. ring_ends: as in `Scene`.
+    l relu(D - |d|): d the distance in px of the middle of the one, of length l, from the other, if its foot lies on
+    that and the shape lies between them and not beyond either; D `THINNEST`. The lengths count as given. size: width
+    and height of the canvas, px, beyond which nothing counts. ring_ends: as in `Scene`.
     """
     if str(points.device) == "cpu":
-        found = slivers(as_numpy(points), None if ring_ends is None else as_numpy(ring_ends), EDGES, THINNEST, OPPOSITE)
+        ends = None if ring_ends is None else as_numpy(ring_ends)
+        found = slivers(as_numpy(points), ends, EDGES, THINNEST, OPPOSITE, size)
         return weight * like(points, found)
-    return weight * gradient_by_arrays(points, ring_ends)
+    return weight * gradient_by_arrays(points, size, ring_ends)
 
 
-def gradient_by_arrays(points: Array, ring_ends: Array | None = None) -> Array:
+def gradient_by_arrays(points: Array, size: tuple[int, int], ring_ends: Array | None = None) -> Array:
     """The same with weight 1, by whatever computes with such arrays: for a GPU."""
     xp, found = namespace(points), segments_of(points, Mode.CLOSED, ring_ends)
     edges = found.index.shape[1] * EDGES
@@ -34,11 +40,11 @@ def gradient_by_arrays(points: Array, ring_ends: Array | None = None) -> Array:
     for begin in range(0, len(points), many):
         chosen = slice(begin, begin + many)
         own = found if ring_ends is None else Segments(*(each[chosen] for each in vars(found).values()))
-        parts.append(_gradient(points[chosen], own, found.real[chosen]))
+        parts.append(_gradient(points[chosen], own, found.real[chosen], size))
     return xp.concat(parts, axis=0)
 
 
-def _gradient(points: Array, found: Segments, real: Array) -> Array:
+def _gradient(points: Array, found: Segments, real: Array, size: tuple[int, int]) -> Array:
     xp, (n, m) = namespace(points), real.shape
     t = xp.arange(EDGES + 1, dtype=points.dtype, device=points.device) / EDGES
     basis = xp.stack(((1 - t) ** 3, 3 * (1 - t) ** 2 * t, 3 * (1 - t) * t * t, t**3), axis=1)
@@ -48,8 +54,7 @@ def _gradient(points: Array, found: Segments, real: Array) -> Array:
     starts, ends = (xp.reshape(v, (n, m * EDGES, 2)) for v in (vertices[:, :, :-1], vertices[:, :, 1:]))
     long = xp.clip(length(ends - starts), min=_LEAST_LENGTH)
     along = (ends - starts) / long[..., None]
-    is_edge = xp.repeat(real, EDGES, axis=1)
-    force, share = _forces(0.5 * (starts + ends), starts, along, long, is_edge)
+    force, share = _forces(starts, ends, along, long, xp.repeat(real, EDGES, axis=1), size)
     normals = xp.stack((-along[..., 1], along[..., 0]), axis=-1)
     of_middles = 0.5 * xp.matmul(force, normals)
     at_end = xp.sum(force * share, axis=1)
@@ -63,22 +68,44 @@ def _gradient(points: Array, found: Segments, real: Array) -> Array:
     return together(a, b, c, nothing[:, 0], Mode.CLOSED)
 
 
-def _forces(middles: Array, starts: Array, along: Array, long: Array, is_edge: Array) -> tuple[Array, Array]:
+def _forces(
+    starts: Array, ends: Array, along: Array, long: Array, is_edge: Array, size: tuple[int, int]
+) -> tuple[Array, Array]:
     """Of each pair (n, V, V) the derivative by the distance of the first one's middle from the second edge, to its left
     positive, and where on that the foot lies, 0 to 1.
     """
-    xp = namespace(middles)
+    xp, middles = namespace(starts), 0.5 * (starts + ends)
+    x, y = middles[..., 0], middles[..., 1]
+    shown = (x >= 0.0) & (x <= size[0]) & (y >= 0.0) & (y <= size[1])
     origin = xp.mean(middles, axis=1)[:, None]  # near the curve, where float32 is fine
-    middles, starts = middles - origin, starts - origin
+    middles, starts, ends = middles - origin, starts - origin, ends - origin
     normals = xp.stack((-along[..., 1], along[..., 0]), axis=-1)
     distance = _seen(normals, starts, middles)
     share = _seen(along / long[..., None], starts, middles)
+    left = _windings(distance, starts[..., 1], ends[..., 1], middles[..., 1], is_edge)
     pair = xp.matmul(along, xp.matrix_transpose(along)) < OPPOSITE
-    pair &= xp.abs(distance) < THINNEST
+    pair &= (xp.abs(distance) < THINNEST) & (distance != 0.0)
     pair &= xp.abs(share - 0.5) <= 0.5
-    pair &= is_edge[:, :, None] & is_edge[:, None, :]
-    force = (distance - THINNEST * xp.sign(distance)) * (2.0 / THINNEST * long[:, :, None])
+    pair &= (is_edge & shown)[:, :, None] & is_edge[:, None, :]
+    # Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
+    within = xp.astype(distance > 0.0, left.dtype)
+    pair &= (left[:, :, None] == within) & (left[:, None, :] == within)
+    force = -xp.sign(distance) * long[:, :, None]
     return xp.where(pair, force, 0.0), share
+
+
+def _windings(distance: Array, starts: Array, ends: Array, middles: Array, is_edge: Array) -> Array:
+    """(n, V): the winding numbers to the left of the middle of each edge, by the edges that a ray from it towards +x
+    crosses; the ray begins just left of the edge itself. starts, ends, middles: (n, V) y, px.
+    """
+    xp = namespace(distance)
+    rising = ends > starts
+    reached = (starts[:, None, :] <= middles[:, :, None]) != (ends[:, None, :] <= middles[:, :, None])
+    number = xp.arange(starts.shape[1], device=distance.device)
+    reached &= is_edge[:, None, :] & (number[:, None] != number)
+    up = reached & rising[:, None, :] & (distance > 0.0)
+    down = reached & ~rising[:, None, :] & (distance < 0.0)
+    return xp.sum(xp.astype(up, xp.int64) - xp.astype(down, xp.int64), axis=-1) + xp.astype(rising, xp.int64)
 
 
 def _seen(axes: Array, starts: Array, middles: Array) -> Array:

@@ -111,8 +111,8 @@ class Trainer:
         if self.curves.gradients is not None:
             self.training.frames_gradient = xp.empty_like(self.curves.gradients.frames)
             self.training.stops_gradient = xp.empty_like(self.curves.gradients.stops)
-        pixels, joins = self.width * self.height, self.parameters.curves * self.settings.segments
-        self.regulariser = Regulariser(self.recipe, self.settings.mode, pixels, joins)
+        joins = self.parameters.curves * self.settings.segments
+        self.regulariser = Regulariser(self.recipe, self.settings.mode, (self.width, self.height), joins)
         self.best = Best()
         self.saved: tuple[int, Parameters] | None = None  # what the host has of a GPU's fit, and of which step
         self.diary = Diary(self.on_progress)

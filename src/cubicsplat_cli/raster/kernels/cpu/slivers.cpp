@@ -1,5 +1,5 @@
-// The gradient of a penalty on slivers: places where two sides of an outline run closely against each other. The
-// formula is that of photo/slivers.py, which does the same with arrays.
+// The gradient of a penalty on slivers: places where two sides of an outline run closely against each other, with the
+// shape between them. The formula is that of photo/slivers.py, which does the same with arrays.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -10,16 +10,23 @@
 
 namespace {
 
+constexpr int kUnknown = -1000;
+
 struct Edge {
-  float ax, ay, ux, uy, length, mx, my;  // start, direction, length, middle
-  float fx, fy, gx, gy;                  // gradients of its start and end
+  float ax, ay, by, ux, uy, length, mx, my;  // start, the end's y, direction, length, middle
+  float fx = 0, fy = 0, gx = 0, gy = 0;      // gradients of its start and end
+  int left = kUnknown;                       // the winding number to the left of its middle
+};
+
+struct Canvas {
+  float width, height;
+  bool has(const Edge& edge) const { return edge.mx >= 0 && edge.my >= 0 && edge.mx <= width && edge.my <= height; }
 };
 
 struct Box {
   float left, top, right, bottom;
-  bool near(const Box& other, float distance) const {
-    return left - distance <= other.right && other.left - distance <= right && top - distance <= other.bottom &&
-           other.top - distance <= bottom;
+  bool near(float x, float y, float distance) const {
+    return left - distance <= x && x <= right + distance && top - distance <= y && y <= bottom + distance;
   }
 };
 
@@ -49,8 +56,7 @@ Box flatten(const Basis& basis, int edges, const float* points, const int* corne
     } else {
       const float dx = y[0] - x[0], dy = y[1] - x[1];
       const float length = std::max(std::sqrt(dx * dx + dy * dy), kLeastLength);
-      out[s - 1] = {x[0], x[1], dx / length, dy / length, length, 0.5f * (x[0] + y[0]), 0.5f * (x[1] + y[1]),
-                    0,    0,    0,           0};
+      out[s - 1] = {x[0], x[1], y[1], dx / length, dy / length, length, 0.5f * (x[0] + y[0]), 0.5f * (x[1] + y[1])};
       box = {std::min(box.left, y[0]), std::min(box.top, y[1]), std::max(box.right, y[0]), std::max(box.bottom, y[1])};
     }
     std::copy(y, y + 2, x);
@@ -58,15 +64,39 @@ Box flatten(const Basis& basis, int edges, const float* points, const int* corne
   return box;
 }
 
+// The distance in px of the point x, y from the edge's line, to its left positive.
+float beside(const Edge& edge, float x, float y) { return edge.ux * (y - edge.ay) - edge.uy * (x - edge.ax); }
+
+// By the edges that a ray from the middle towards +x crosses; the ray begins just left of the edge itself.
+int winding_left(const Edge* all, int count, Edge& edge) {
+  if (edge.left != kUnknown) return edge.left;
+  int winding = edge.uy > 0 ? 1 : 0;
+  for (const Edge* other = all; other != all + count; ++other) {
+    if (other == &edge || (other->ay <= edge.my) == (other->by <= edge.my)) continue;
+    const float side = beside(*other, edge.mx, edge.my);
+    if (other->uy > 0 && side > 0) ++winding;
+    if (other->uy < 0 && side < 0) --winding;
+  }
+  return edge.left = winding;
+}
+
+struct Penalty {
+  float thinnest, opposite;
+  Canvas canvas;
+};
+
 // What the middle of the one edge and the other edge do to each other.
-void push(Edge& one, Edge& other, float thinnest, float opposite) {
-  if (one.ux * other.ux + one.uy * other.uy >= opposite) return;
+void push(const Penalty& penalty, const Edge* all, int count, Edge& one, Edge& other) {
+  if (one.ux * other.ux + one.uy * other.uy >= penalty.opposite) return;
   const float across = one.mx - other.ax, down = one.my - other.ay;
-  const float distance = other.ux * down - other.uy * across;
-  if (std::fabs(distance) >= thinnest || distance == 0.0f) return;
+  const float distance = beside(other, one.mx, one.my);
+  if (std::fabs(distance) >= penalty.thinnest || distance == 0.0f || !penalty.canvas.has(one)) return;
   const float share = (across * other.ux + down * other.uy) / other.length;
   if (share < 0.0f || share > 1.0f) return;
-  const float force = 2.0f * one.length * (distance / thinnest - (distance > 0 ? 1.0f : -1.0f));
+  // Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
+  const int within = distance > 0 ? 1 : 0;
+  if (winding_left(all, count, one) != within || winding_left(all, count, other) != within) return;
+  const float force = distance > 0 ? -one.length : one.length;
   const float x = -other.uy * force, y = other.ux * force;
   one.fx += 0.5f * x, one.fy += 0.5f * y, one.gx += 0.5f * x, one.gy += 0.5f * y;
   other.fx -= (1.0f - share) * x, other.fy -= (1.0f - share) * y, other.gx -= share * x, other.gy -= share * y;
@@ -74,10 +104,13 @@ void push(Edge& one, Edge& other, float thinnest, float opposite) {
 
 }  // namespace
 
-// points: curves x 3 segments x 2, closed; ring_ends: curves x rings, as in CsScene, or null. gradient: as points.
+// points: curves x 3 segments x 2, closed; ring_ends: curves x rings, as in CsScene, or null. width, height: of the
+// canvas, px. gradient: as points.
 CS_EXPORT void cs_slivers(const float* points, int32_t curves, int32_t segments, const int32_t* ring_ends,
-                          int32_t rings, int32_t edges, float thinnest, float opposite, float* gradient) {
+                          int32_t rings, int32_t edges, float thinnest, float opposite, float width, float height,
+                          float* gradient) {
   const Basis basis(edges);
+  const Penalty penalty{thinnest, opposite, {width, height}};
   std::vector<Edge> all(size_t(segments) * edges);
   std::vector<Box> boxes(segments);
   std::vector<int> corners(4 * size_t(segments));
@@ -95,11 +128,10 @@ CS_EXPORT void cs_slivers(const float* points, int32_t curves, int32_t segments,
         boxes[count] = flatten(basis, edges, own, c, &all[size_t(count) * edges]);
       }
     }
-    for (int p = 0; p < count; ++p)
-      for (int q = 0; q < count; ++q)
-        if (boxes[p].near(boxes[q], thinnest))
-          for (int i = p * edges; i < (p + 1) * edges; ++i)
-            for (int j = q * edges; j < (q + 1) * edges; ++j) push(all[i], all[j], thinnest, opposite);
+    for (int q = 0; q < count; ++q)
+      for (int i = 0; i < count * edges; ++i)
+        if (boxes[q].near(all[i].mx, all[i].my, thinnest))
+          for (int j = q * edges; j < (q + 1) * edges; ++j) push(penalty, all.data(), count * edges, all[i], all[j]);
     for (int p = 0; p < count; ++p)
       for (int s = 0; s < edges; ++s) {
         const Edge& edge = all[size_t(p) * edges + s];
