@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.ends import heading
 from cubicsplat_cli.artwork.layers.extents import extents
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
-from cubicsplat_cli.artwork.layers.stacking import Layer, Stack, stack
+from cubicsplat_cli.artwork.layers.stacking import Layer, Stack, _without_cycles, stack
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import crossings
 
@@ -100,3 +100,34 @@ def test_pieces_join_across_what_hides_them_and_no_farther():
     assert [layer.members for layer in found.layers[:1]] == [(0, 1, 2, 3)]
     assert {layer.members for layer in found.layers[1:]} == {(4, 5), (6, 7), (8,)}
     assert found.layers[-1].members == (8,)
+
+
+def test_a_region_that_ends_between_two_that_touch_says_nothing_of_them():
+    # A wedge of 6 degrees: the outlines on either side of it both run on nearly straight.
+    slope = math.tan(math.radians(6.0))
+    assert votes(lambda x, y: np.where(y > 0.0, 2, np.where((x < 0.0) & (y > slope * x), 1, 0))) == {}
+
+
+def test_pieces_do_not_join_beneath_a_shape_that_lies_around_one_of_them():
+    # Two boxes (2, 3) are one shape beneath a bar (4). What lies within one of them (1) lies above it, and so is no
+    # piece of what lies around the other (5), though nothing else is between.
+    labels = np.zeros((120, 140), dtype=int)
+    labels[40:80, 10:50] = 2
+    labels[58:62, 47:49] = 1
+    labels[37:83, 60:125] = 5
+    labels[40:41, 50:60] = 5
+    labels[40:80, 60:110] = 3
+    labels[41:80, 50:60] = 4
+    inks = np.vstack([INKS, [[20.0, 120.0, 40.0, 255.0]]])
+    ink_of = np.array([0, 1, 2, 2, 3, 1])
+    regions = Regions(labels, inks[ink_of], ink_of)
+    found = stack(regions, crossings(inks[ink_of][labels], regions))
+    assert {layer.members for layer in found.layers} == {(0,), (1,), (2, 3), (4,), (5,)}
+
+
+def test_cycles_are_broken_where_the_evidence_is_weakest():
+    net = np.zeros((5, 5), dtype=np.float32)
+    net[0, 1], net[1, 2], net[2, 0], net[3, 2], net[0, 4], net[4, 0] = 3.0, 1.0, 2.0, 0.5, 4.0, 0.75
+    kept = _without_cycles(net)
+    assert sorted(zip(*np.nonzero(kept), strict=True)) == [(0, 1), (0, 4), (2, 0), (3, 2)]
+    assert (kept[kept > 0.0] == net[kept > 0.0]).all()

@@ -12,6 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
@@ -133,9 +135,11 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
         elif budget > 0:
             budget -= 1
             between = _between(facts, members)
-            if between is not None:
+            above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
+            # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
+            if above is not None and not _held(facts, above, members):
                 # What the joined shape runs beneath cannot be joined beneath it any more.
-                facts.assume(np.flatnonzero(np.isin(group, group[between])), members)
+                facts.assume(above, members)
                 group[members] = members.min()
     return group
 
@@ -167,6 +171,12 @@ def _shows_through(facts: _Facts, a: int, b: int) -> bool:
     return False
 
 
+def _held(facts: _Facts, outer: np.ndarray, inner: np.ndarray) -> bool:
+    """Whether one of some regions encloses one of others."""
+    wanted = set(inner.tolist())
+    return any(not wanted.isdisjoint(facts.inside.get(i, ())) for i in outer.tolist())
+
+
 def _between(facts: _Facts, members: np.ndarray) -> np.ndarray | None:
     """The regions that the hull of the members runs beneath; None where it holds others than may lie above them."""
     boxes = [facts.boxes[m] for m in members]
@@ -188,7 +198,7 @@ def _between(facts: _Facts, members: np.ndarray) -> np.ndarray | None:
 
 
 def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
-    """The groups back to front: the one with the least evidence of lying above the others first, then the largest."""
+    """The groups back to front: of those that lie above none that is left, the largest first."""
     names = [int(n) for n in np.unique(group) if n >= 0]
     index = {n: i for i, n in enumerate(names)}
     count = len(names)
@@ -200,7 +210,7 @@ def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
     size = np.bincount(group[group >= 0], facts.areas[group >= 0].astype(float), minlength=len(group))[names]
     span = np.array([_span(facts, group, n) for n in names])
     _settle_enclosures(facts, group, weight, index)
-    net = np.maximum(weight - weight.T, 0.0)
+    net = _without_cycles(np.maximum(weight - weight.T, 0.0))
     # What a large one waits for comes as early as the large one would, lest all small ones come between.
     for _ in range(MOST_WAITING):
         span = np.maximum(span, np.where(net > NO_LOAD, span[:, None], 0.0).max(axis=0, initial=0.0))
@@ -208,13 +218,30 @@ def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
     load = net.sum(axis=1)
     order = []
     for _ in range(count):
-        best = min(
-            np.nonzero(left)[0].tolist(), key=lambda i: (load[i] > NO_LOAD, load[i] >= 2.5, -span[i], -size[i], i)
-        )
+        best = min(np.nonzero(left)[0].tolist(), key=lambda i: (load[i] > NO_LOAD, -span[i], -size[i], i))
         left[best] = False
         load -= net[:, best]
         order.append(names[best])
     return order
+
+
+def _without_cycles(net: np.ndarray) -> np.ndarray:
+    """Evidence (n, n) that one lies above another, cycles broken where it is weakest."""
+    above, below = np.nonzero(net > NO_LOAD)
+    weight = net[above, below]
+    while True:
+        graph = coo_array((np.ones(len(above)), (above, below)), shape=net.shape)
+        _, knot = connected_components(graph, directed=True, connection="strong")
+        inside = np.flatnonzero(knot[above] == knot[below])
+        if not len(inside):
+            break
+        # The weakest of each knot, which may be of several cycles.
+        inside = inside[np.lexsort((inside, weight[inside]))]
+        weakest = inside[np.unique(knot[above[inside]], return_index=True)[1]]
+        above, below, weight = (np.delete(each, weakest) for each in (above, below, weight))
+    out = np.zeros_like(net)
+    out[above, below] = weight
+    return out
 
 
 def _settle_enclosures(facts: _Facts, group: np.ndarray, weight: np.ndarray, index: dict[int, int]) -> None:
