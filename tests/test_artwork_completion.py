@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.layers.continuation import continued
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.taut import Room, taut
+from cubicsplat_cli.artwork.layers.ways import Loop, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
@@ -110,6 +111,26 @@ def test_straight_sides_go_on_until_they_meet():
     anchors = corners_of(found, RED)
     assert len(anchors) == 3
     assert np.hypot(*(anchors - [95.0, 90.0]).T).min() < 0.5
+
+
+@pytest.mark.parametrize("slant", [0.0, 8.0])
+def test_a_limb_goes_on_by_half_its_width(slant):
+    # Two sides 40 px apart, of which 15 to 23 px show, vanish along a level or slanted edge.
+    up = np.arange(100.0, 120.0)[:, None]
+    left, right = up * [0.0, 1.0] + [30.0, slant], up * [0.0, 1.0] + [70.0, -slant]
+    foot = np.stack([np.arange(31.0, 70.0), np.full(39, 125.0)], axis=1)
+    top = np.stack([np.arange(69.0, 30.0, -1.0), np.full(39, 100.0)], axis=1)
+    points = np.concatenate([left, foot, right[::-1], top])
+    sigma = np.full(len(points), 0.05)
+    sigma[-39:] = np.inf
+    nothing = np.zeros((200, 200), dtype=bool)
+    loop = Loop(points, sigma, lambda _: 99, Room(0, 0, nothing, nothing, nothing, (200, 200)), (200, 200))
+    found = [way for way in ways_on(loop, hidden_runs(sigma)[0]) if len(way.corners) == 2]
+    assert found[0].points[found[0].corners] == pytest.approx(np.array([[70.0, 80.0], [30.0, 80.0]]), abs=0.01)
+    # Sides that are not parallel are no limb's.
+    points[: len(left), 0] -= 0.6 * np.arange(20.0)
+    ways = [way for way in ways_on(loop, hidden_runs(sigma)[0]) if len(way.corners) == 2]
+    assert all(way.points[way.corners, 1].min() > 85.0 for way in ways)
 
 
 def test_taut_lines_stay_within_what_hides_them():
