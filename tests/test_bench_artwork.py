@@ -246,6 +246,39 @@ def test_primitives_of_compound_paths_are_known_by_their_notation():
     assert counts(truth, '<path d="M4 4h30v30H4z"/>')[0] == 0
 
 
+def test_holes_are_right_by_the_sides_that_show():
+    framed = '<path fill-rule="evenodd" d="M4 4h40v40H4zM{}z" fill="#08f"/>'
+    hole = "10 10h20v14H10"
+    assert counts(framed.format(hole), framed.format(hole))[2:] == (2, 2)
+    assert counts(framed.format(hole), framed.format("10 10h20v18H10"))[2:] == (1, 2)
+
+
+def test_the_outer_edge_of_a_ring_counts_whatever_lies_in_its_middle():
+    # The artist's outline is none that is a primitive: half rings, and a bar from side to side.
+    ring = '<path d="M14 24a18 18 0 0 1 36 0h-3a15 15 0 0 0-30 0zM14 24a18 18 0 0 0 36 0h-3a15 15 0 0 1-30 0z{}"/>'
+    truth = ring.format("M16 22h33v4H16z")
+    made = ring.format("M16 22h33v4H16z") + '<circle cx="32" cy="24" r="18" fill="#000"/>'
+    assert counts(truth, made)[2:] == (1, 1)
+    assert counts(truth, made.replace('r="18"', 'r="16.5"'))[2:] == (0, 1)
+
+
+def test_what_no_picture_tells_is_not_judged():
+    # A neck beneath a chin might be a circle; what shows of it must be right.
+    chin = '<path d="M0 0h64v24H0z" fill="#c80"/>'
+    neck = '<path d="M20 8V24a12 12 0 0 0 24 0V8z" fill="#08f"/>'
+    disc = '<circle cx="32" cy="24" r="12" fill="#08f"/>'
+    assert counts(neck + chin, disc + chin)[2:] == (0, 0)
+    assert counts(neck + chin, disc.replace("24", "23") + chin)[2:] == (0, 1)
+    # Of less than a third of it no circle is certain.
+    lower = chin.replace("v24", "v31")
+    assert counts(neck + lower, disc + lower)[2:] == (0, 1)
+    # Nor is a turned rectangle, one end of which does not show.
+    bar = '<rect x="10" y="20" width="{}" height="12" transform="rotate(20 32 26)" fill="#08f"/>'
+    over = '<path d="M36 0h28v48H36z" fill="#c80"/>'
+    assert counts(bar.format(40) + over, bar.format(36) + over)[2:] == (0, 0)
+    assert counts(bar.format(40), bar.format(36))[2:] == (0, 1)
+
+
 def both(truth: str, made: str) -> tuple[Pieces, Pieces]:
     return Pieces(document(truth)), Pieces(document(made))
 

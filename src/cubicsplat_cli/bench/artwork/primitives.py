@@ -5,22 +5,21 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 from skimage.draw import polygon2mask
-from skimage.measure import find_contours
 
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.bench.artwork.pieces import LEAST_SEEN, Pieces
-from cubicsplat_cli.bench.artwork.shapes import NEAR_SHARE, Form, forms_of, kind_of
+from cubicsplat_cli.bench.artwork.shapes import NEAR_SHARE, OFF, Form, forms_of
+from cubicsplat_cli.bench.artwork.views import View
 
 SEEN = 0.5  # share of a primitive, and of its outline, that must show
 BESIDE = 1.0  # px to either side of an outline at which what shows must differ
 PLACE, PLACE_SHARE = 0.5, 0.01  # px, and share of its size, that each side of the box around a primitive may be off
-# An even area of the truth is looked at in so many times the size, at most so many px across; its edge is known to so
-# many of those px.
-FINEST, WIDEST, STEP = 8, 2048, 0.75
 # Px of a side of a box that must show for it to tell where that side is, and from such a side or the canvas's border in
 # which a point lies on it; a way is level where it rises by less than this, px.
 SIDE_SEEN, ON_SIDE, CORNER, LEVEL = 2.0, 0.75, 1.5, 0.1
-MARGIN = 3  # px around a primitive in which the truth is looked at
+# Share of a circle or an ellipse that must show, and share of what shows along which the truth must have edges, for the
+# hidden rest to be what no picture tells.
+TELLING, NEARLY_ALL = 1.0 / 3.0, 0.95
 EVERY = np.ones(4, dtype=bool)  # sides
 
 Box = tuple[str, np.ndarray]
@@ -33,7 +32,9 @@ def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces
 
     Primitives are circles and ellipses, rectangles, rounded rectangles; in the truth also where they are written as
     paths. Two are the same if they are of one kind and the boxes around them agree. A side of a rectangle that shows
-    nowhere might be anywhere: such rectangles of the truth are not asked for, and of the file's only the others count.
+    nowhere might be anywhere: such rectangles of the truth are not asked for, and of the file's only the others count;
+    those turned of which a side shows nowhere are left out, and so are circles and ellipses of which a third or more
+    shows, where the truth has edges all along what shows: how they go on no picture tells.
     """
     forms = [form for form in forms_of(truth) if form.near]
     every = [form for form in forms_of(made) if form.written and form.near]
@@ -43,11 +44,16 @@ def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces
     boxes = [(form.near, box) for form in every for box in _boxes(form, size)]
     found = sum(_among(form.near, _boxes(form, size), boxes) for form in wanted)
     known = [(form.near, box) for form in forms for box in _boxes(form, size)]
-    right = 0
+    right = judged = 0
     for form in written:
         own, told = _boxes(form, size), sides_told(form, own_pieces)
-        right += _among(form.near, own, known, told) or _among(form.near, own, _area_seen(form, truth), told)
-    return found, len(wanted), right, len(written)
+        if not told.any():
+            continue
+        view = View(truth, form.points)
+        good = _among(form.near, own, known, told) or _among(form.near, own, _areas_seen(form, view, size), told)
+        right += good
+        judged += good or not _open(form, own_pieces, view)
+    return found, len(wanted), right, judged
 
 
 def _shows(form: Form, pieces: Pieces) -> bool:
@@ -86,27 +92,29 @@ def _edge(form: Form, pieces: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarra
     """Points (n, 2) along a form's outline; which of them lie well on the canvas, at which of them it shows, and shows
     against something else, (n,) bool each.
     """
-    points = _evenly(form.points)
-    way = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    x, y = points.T
-    clockwise = float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 0.0
-    out = np.stack([way[:, 1], -way[:, 0]], axis=1) / np.maximum(np.hypot(*way.T), 1e-9)[:, None]
-    out *= 1.0 if clockwise else -1.0
-    inner, outer = (np.floor(points + out * (0.5 * form.width + side)).astype(int) for side in (-BESIDE, BESIDE))
+    points, inwards = _evenly(form.points)
+    inner, outer = (np.floor(points - inwards * (0.5 * form.width + side)).astype(int) for side in (-BESIDE, BESIDE))
     size = np.array(pieces.shape[::-1])
     inside, around = (((place >= 0) & (place < size)).all(axis=1) for place in (inner, outer))
     (column, row), (outer_column, outer_row) = (np.clip(place, 0, size - 1).T for place in (inner, outer))
+    # A hole's element lies around it.
     own = inside & (pieces.element[row, column] == form.element)
-    edge = own & around & (pieces.shown[row, column] != pieces.shown[outer_row, outer_column])
+    own |= around & (pieces.element[outer_row, outer_column] == form.element)
+    edge = own & inside & around & (pieces.shown[row, column] != pieces.shown[outer_row, outer_column])
     return points, inside & around, own, edge
 
 
-def _evenly(points: np.ndarray) -> np.ndarray:
-    """Points about half a px apart along a closed outline."""
+def _evenly(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 2) about half a px apart along a closed outline, and the unit vectors (n, 2) inwards there."""
     closed = np.vstack([points, points[:1]])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     at = np.linspace(0.0, along[-1], max(8, int(2.0 * along[-1])), endpoint=False)
-    return np.stack([np.interp(at, along, closed[:, c]) for c in (0, 1)], axis=1)
+    even = np.stack([np.interp(at, along, closed[:, c]) for c in (0, 1)], axis=1)
+    way = np.roll(even, -1, axis=0) - np.roll(even, 1, axis=0)
+    x, y = even.T
+    clockwise = float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 0.0
+    left = np.stack([-way[:, 1], way[:, 0]], axis=1) / np.maximum(np.hypot(*way.T), 1e-9)[:, None]
+    return even, left if clockwise else -left
 
 
 def _matters(form: Form, pieces: Pieces) -> bool:
@@ -134,29 +142,19 @@ def _box(points: np.ndarray, size: np.ndarray, offset: float = 0.0) -> np.ndarra
     return np.clip([points.min(axis=0) - offset, points.max(axis=0) + offset], 0.0, size).ravel()
 
 
-def _area_seen(form: Form, truth: Document) -> list[Box]:
-    """The kind of, and the box around, the area of one colour of the truth that fills most of a form's middle."""
-    size = np.array([truth.width, truth.height], dtype=float)
-    low = np.maximum(np.floor(form.points.min(axis=0)) - MARGIN, 0.0)
-    high = np.minimum(np.ceil(form.points.max(axis=0)) + MARGIN, size)
-    extent = (high - low).astype(int)
-    if (extent <= 0).any():
-        return []
-    scale = max(1, min(FINEST, WIDEST // int(extent.max())))
-    window = (int(low[0]), int(low[1]), int(extent[0]), int(extent[1]))
-    pixels = truth.draw(scale, window=window, smooth=False)
-    inside = polygon2mask(pixels.shape[:2], (form.points - low)[:, ::-1] * scale - 0.5)
-    colours = np.ascontiguousarray(pixels).view(np.uint32)[..., 0]
-    if not inside.any():
-        return []
-    values, counts = np.unique(colours[inside], return_counts=True)
-    labels, _ = ndimage.label(colours == values[counts.argmax()])
-    area = labels == np.bincount(labels[inside & (labels > 0)]).argmax()
-    # The outermost contour; a ring of px of other colour makes it closed along the window.
-    edges = find_contours(np.pad(ndimage.binary_fill_holes(area), 1).astype(float), 0.5)
-    points = max(edges, key=len)[:-1, ::-1] - 0.5
-    points = points / scale + low
-    return [(kind_of(points, NEAR_SHARE, STEP / scale), _box(points, size))]
+def _areas_seen(form: Form, view: View, size: np.ndarray) -> list[Box]:
+    """The kinds of, and the boxes around, the areas of one colour that show in the truth in a form's place."""
+    points, inwards = _evenly(form.points)
+    return [(kind, _box(around, size)) for kind, around in view.areas(points, inwards)]
+
+
+def _open(form: Form, pieces: Pieces, view: View) -> bool:
+    """Whether the truth has edges all along what shows of a circle or an ellipse, a third of it at least."""
+    points, _, _, edge = _edge(form, pieces)
+    if form.near != "round" or edge.mean() < TELLING:
+        return False
+    off = OFF + NEAR_SHARE * float(np.ptp(form.points, axis=0).max())
+    return bool(view.edges(points[edge], _evenly(form.points)[1][edge], off).mean() >= NEARLY_ALL)
 
 
 def _among(kind: str, boxes: list[np.ndarray], others: list[Box], told: np.ndarray = EVERY) -> bool:
