@@ -8,26 +8,33 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.outlines import Ellipse
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.ends import heading
 from cubicsplat_cli.artwork.layers.extents import extents
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
+from cubicsplat_cli.artwork.layers.rounds import round_votes
 from cubicsplat_cli.artwork.layers.stacking import Layer, Stack, _without_cycles, stack
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import crossings
+from cubicsplat_cli.artwork.tracing.contours import Crossings, crossings
 
 FINE = 8
 SIZE = 100
 INKS = np.array([[250.0, 250.0, 250.0, 255.0], [200.0, 30.0, 30.0, 255.0], [30.0, 50.0, 180.0, 255.0]])
 
 
-def votes(names) -> dict[tuple[int, int], float]:
-    """The votes of a picture whose inks at x, y are those of these names (h, w)."""
+def drawn(names) -> tuple[Regions, Crossings]:
+    """The regions of a picture whose inks at x, y are those of these names (h, w), and where they end."""
     y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE
     fine = names(x - 50.0, y - 50.0)
     shares = (fine[..., None] == np.arange(3)).reshape(SIZE, FINE, SIZE, FINE, 3).mean(axis=(1, 3))
     regions = Regions(shares.argmax(axis=2), INKS, np.arange(3))
-    return junction_votes(regions, crossings(shares @ INKS, regions))
+    return regions, crossings(shares @ INKS, regions)
+
+
+def votes(names) -> dict[tuple[int, int], float]:
+    """The votes of where three regions of such a picture meet."""
+    return junction_votes(*drawn(names))
 
 
 @pytest.mark.parametrize("slope", [20.0, 33.0, 70.0, 90.0, 140.0])
@@ -49,6 +56,29 @@ def test_a_round_outline_runs_on_as_well():
 def test_where_three_corners_meet_none_lies_above():
     angle_of = lambda x, y: np.arctan2(y, x) % (2.0 * math.pi)  # noqa: E731
     assert votes(lambda x, y: (angle_of(x, y) // (2.0 * math.pi / 3.0)).astype(int)) == {}
+
+
+def tin(x, y):
+    """A tin whose sides begin at the ends of its lid, which therefore run on into either."""
+    side = (np.abs(x) < 30.0) & (y > -15.0) & (y < 30.0)
+    return np.where((x / 30.0) ** 2 + ((y + 15.0) / 10.0) ** 2 < 1.0, 2, np.where(side, 1, 0))
+
+
+def test_a_region_that_is_round_all_the_way_lies_above_its_neighbours():
+    regions, found = drawn(tin)
+    assert set(round_votes(regions, found, np.zeros(3, dtype=bool))) == {(2, 0), (2, 1)}
+    layers = stack(regions, found)
+    assert [layer.members for layer in layers.layers] == [(0,), (1,), (2,)]
+    lid = [part for part in extents(regions, layers, found) if part.layer == 2]
+    (outline,) = outlines_of(lid[0], (SIZE, SIZE), 1.0)
+    assert isinstance(outline, Ellipse)
+    assert (outline.cx, outline.cy, outline.rx, outline.ry) == pytest.approx((50.0, 35.0, 30.0, 10.0), abs=0.1)
+
+
+@pytest.mark.parametrize("bite", [3.0, 8.0])
+def test_a_round_region_with_a_bite_taken_out_is_not_known_to_lie_above(bite):
+    regions, found = drawn(lambda x, y: np.where(x > 30.0 - bite, 1, tin(x, y)))
+    assert round_votes(regions, found, np.zeros(3, dtype=bool)) == {}
 
 
 def test_a_heading_is_known_as_well_as_its_points():

@@ -1,8 +1,8 @@
 """Which regions make one shape, and which shape lies over which.
 
 Evidence that a region lies above another: it is enclosed by it; its outline runs straight on where three regions
-meet; little of it lies in the other's convex hull. Regions of one ink with only higher regions between them are pieces
-of one shape that continues beneath.
+meet; it is a whole circle or ellipse; little of it lies in the other's convex hull. Regions of one ink with only higher
+regions between them are pieces of one shape that continues beneath.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
+from cubicsplat_cli.artwork.layers.rounds import round_votes
 from cubicsplat_cli.artwork.regions.inks import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import Crossings
@@ -73,6 +74,8 @@ class _Facts:
         self.touching = _touching(regions.labels)
         self.inside = self._enclosures()
         self.votes = junction_votes(regions, found)
+        for pair, vote in round_votes(regions, found, clear).items():
+            self.votes[pair] = self.votes.get(pair, 0.0) + vote
         for outer, held in self.inside.items():
             for i in held:
                 self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED
