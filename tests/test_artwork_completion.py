@@ -127,7 +127,10 @@ def test_a_limb_goes_on_by_half_its_width(slant):
     loop = Loop(points, sigma, lambda _: 99, Room(0, 0, nothing, nothing, nothing, (200, 200)), (200, 200))
     found = [way for way in ways_on(loop, hidden_runs(sigma)[0]) if len(way.corners) == 2]
     assert found[0].points[found[0].corners] == pytest.approx(np.array([[70.0, 80.0], [30.0, 80.0]]), abs=0.01)
-    # Sides that are not parallel are no limb's.
+    # Sides that are too far apart for their headings, or not parallel, are no limb's.
+    wide = Loop(points + np.where(points[:, :1] > 50.0, [100.0, 0.0], 0.0), sigma, lambda _: 99, loop.room, (200, 200))
+    ways = [way for way in ways_on(wide, hidden_runs(sigma)[0]) if len(way.corners)]
+    assert all(way.points[way.corners, 1].min() > 85.0 for way in ways)
     points[: len(left), 0] -= 0.6 * np.arange(20.0)
     ways = [way for way in ways_on(loop, hidden_runs(sigma)[0]) if len(way.corners) == 2]
     assert all(way.points[way.corners, 1].min() > 85.0 for way in ways)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.continuation import continued
-from cubicsplat_cli.artwork.layers.ends import End, end_of
+from cubicsplat_cli.artwork.layers.ends import REACH, End, end_of
 from cubicsplat_cli.artwork.layers.taut import Room, along_edge, taut
 
 CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on
@@ -23,8 +23,8 @@ SLIGHT, ROUND = 0.5 * math.pi, 1.25 * math.pi
 BLUNTEST, SHARPEST = math.radians(15.0), math.radians(125.0)  # by which an outline turns where its sides meet
 LEAST_REACH = 1.0  # px that a side goes on until it meets another
 # Straight sides within such an angle are those of a limb or a band. How far it goes on, of its width: artists' limbs
-# went 0.25 to 0.87, the middle one of ten 0.6.
-PARALLEL, DEPTH = math.radians(25.0), 0.5
+# went 0.25 to 0.87, the middle one of ten 0.6. Beyond FARTHEST px the sides' headings say too little.
+PARALLEL, DEPTH, FARTHEST = math.radians(25.0), 0.5, 3.0 * REACH
 
 
 @dataclass(frozen=True)
@@ -145,6 +145,8 @@ def _across(first: End, last: End) -> np.ndarray | None:
     along /= np.hypot(*along)
     gap = last.at - first.at
     width = abs(float(gap[0] * along[1] - gap[1] * along[0]))
+    if DEPTH * width > FARTHEST:
+        return None
     level = 0.5 * float((first.at + last.at) @ along) + DEPTH * width
     reach = [(level - float(end.at @ along)) / float(end.tangent @ along) for end in (first, last)]
     if min(reach) < LEAST_REACH:
