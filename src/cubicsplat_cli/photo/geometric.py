@@ -114,8 +114,8 @@ def thorn_gradient(
         thirds = -xp.concat((of_arriving[:, 1:], nothing), axis=1)
     gradient = together(of_arriving - of_leaving, of_leaving, thirds, nothing, mode)
     # The angle at a handle of no length may change at any rate.
-    size = xp.clip(length(gradient)[..., None], min=1e-9)
-    return weight * gradient * xp.clip(1.0 / (LEAST_ARM * size), max=1.0)
+    long = xp.clip(length(gradient)[..., None], min=1e-9)
+    return weight * gradient * xp.clip(1.0 / (LEAST_ARM * long), max=1.0)
 
 
 def _handles(points: Array, mode: Mode, found: Segments) -> tuple[Array, Array, Array]:
