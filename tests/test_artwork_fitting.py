@@ -100,6 +100,16 @@ def test_a_loop_there_and_back_is_no_huge_circle(clockwise: bool) -> None:
     assert np.ptp(flattened(fit.ring(), 0.5), axis=0) == pytest.approx([56.0, 0.5], abs=3.0)
 
 
+@pytest.mark.parametrize(("share", "found"), [(0.25, False), (0.45, True)])
+def test_an_arc_is_a_circle_from_a_third_of_the_turn_on(share: float, found: bool) -> None:
+    truth = Circle(60.0, 60.0, 40.0)
+    points = sampled(truth)
+    shown = np.abs(np.arctan2(points[:, 1] - 60.0, points[:, 0] - 60.0)) < share * math.pi
+    fit = fit_primitive(points, np.where(shown, NOISE**-2, 0.0), 4.0)
+    assert (fit is not None and isinstance(fit[0], Circle)) == found
+    assert found or fit is None or isinstance(fit[0], Rectangle)
+
+
 def test_a_star_has_its_ten_corners_where_they_are() -> None:
     fit = fitted(star())
     assert isinstance(fit, Ring)

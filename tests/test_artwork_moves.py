@@ -1,5 +1,7 @@
 """Edits that add a piece to a ring, and the moves that choose among them."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,17 @@ from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, round
 from cubicsplat_cli.artwork.finish.finish import begin, goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
-from cubicsplat_cli.artwork.geometry.outlines import Circle, flattened, polygon, signed_area
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.geometry.outlines import (
+    Circle,
+    Ellipse,
+    Outline,
+    Rectangle,
+    Ring,
+    flattened,
+    polygon,
+    signed_area,
+)
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_outline
 
 RED = (255, 0, 0, 255)
 SQUARE = polygon(np.array([[8.0, 8.0], [40.0, 8.0], [40.0, 40.0], [8.0, 40.0]]))
@@ -59,3 +70,31 @@ def test_the_polish_leaves_alone_what_is_right():
     start = Drawing(48, 48, (Shape(RED, (SQUARE,), "red"),))
     done = polish(start, goal_of(share[..., None] * (np.array(RED) / 255.0)))
     assert np.allclose(done.shapes[0].outlines[0].anchors, SQUARE.anchors, atol=1e-6)
+
+
+def polished(drawn: Outline, start: Outline) -> Outline:
+    """What the polish makes of an outline where another one was drawn."""
+    ring = drawn.ring()
+    target = coverage(edges_of(ring.cubics, ring.lines), 0, 0, 48, 48)[..., None] * (np.array(RED) / 255.0)
+    (outline,) = polish(Drawing(48, 48, (Shape(RED, (start,), "red"),)), goal_of(target)).shapes[0].outlines
+    return outline
+
+
+def test_the_polish_gives_up_an_ellipse_where_a_leaf_was_drawn():
+    anchors = np.array([[10.0, 24.0], [38.0, 24.0]])
+    controls = np.array([[[19.0, 15.0], [29.0, 15.0]], [[29.0, 33.0], [19.0, 33.0]]])
+    leaf = Ring(anchors, controls, np.zeros(2, dtype=bool), np.zeros(2, dtype=bool))
+    found = polished(leaf, Ellipse(24.0, 24.0, 13.0, 6.6))
+    assert isinstance(found, Ring)
+    assert found.pieces <= 4
+    assert np.hypot(*(found.anchors[:, None] - anchors).transpose(2, 0, 1)).min(axis=0).max() < 0.3
+
+
+@pytest.mark.parametrize(
+    "drawn", [Ellipse(24.3, 23.8, 13.0, 6.6, 0.3), Circle(24.1, 23.7, 9.0), Rectangle(12.3, 18.2, 24.0, 11.0, 0.0, 0.4)]
+)
+def test_the_polish_keeps_primitives_that_are_right(drawn):
+    start = scaled_outline(drawn, 1.005, 1.005)
+    found = polished(drawn, start)
+    assert type(found) is type(drawn)
+    assert astuple(found) == pytest.approx(astuple(drawn), abs=0.02)

@@ -1,4 +1,5 @@
-"""Moves of the finish: where the pixels ask for more than an outline's pieces can do, it gets a piece more.
+"""Moves of the finish: where the pixels ask for more than an outline's pieces can do, it gets a piece more, and a
+primitive becomes a ring.
 
 Every move is tried with a short finish, and kept only where the description of the picture becomes shorter: half of
 chi^2 over the pixels that the outline crosses, plus a price for every parameter.
@@ -10,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.finish.demotion import given_up
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State
 from cubicsplat_cli.artwork.finish.freedom import Freedom, Held, freedom_of
@@ -50,7 +52,7 @@ def with_moves(state: State, held: Held, detail: float, error: float = 0.0) -> t
         for outline in layer.outlines:
             own = {i - first: c for i, c in found.items() if first <= i < first + len(outline.lines)}
             first += len(outline.lines)
-            better = _edited(outline, {i: c for i, c in own.items() if c.chi * detail > WORTH}, held)
+            better = _edited(outline, own, held, detail)
             outlines.append(better or outline)
             changed.append(better is not None)
         layers.append(replace(layer, outlines=outlines))
@@ -85,11 +87,13 @@ def _floor(state: State, own: slice, error: float) -> np.ndarray:
     return SHARE_SIGMA**2 * state.sharing * slopes + error**2
 
 
-def _edited(outline: Freedom, found: dict[int, Complaint], held: Held) -> Freedom | None:
+def _edited(outline: Freedom, own: dict[int, Complaint], held: Held, detail: float) -> Freedom | None:
     """The outline with the moves that its complaints suggest, from the last piece on; None without any."""
-    ring = outline.outline().ring()
-    if not found or not isinstance(outline.outline(), Ring):
-        return None
+    ring = outline.outline()
+    if not isinstance(ring, Ring):
+        other = given_up(ring, detail * sum(complaint.chi for complaint in own.values()), PRICE)
+        return None if other is None else freedom_of(other, held)
+    found = {i: complaint for i, complaint in own.items() if complaint.chi * detail > WORTH}
     done = ring
     joints: set[int] = set()
     for i in sorted(found, reverse=True):

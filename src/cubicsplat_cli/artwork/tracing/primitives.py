@@ -22,6 +22,7 @@ FAR = 3.0  # sigmas that no point of a rectangle may be off, near its corners ei
 RADII = (0.15, 0.3, 0.5, 0.75, 1.0)  # of round corners to begin with, as shares of half of the shorter side
 LEAST_SIDE = 0.25  # px; half the straight part of a rounded rectangle's longer side, below which it is a circle
 MOST_BACK = 0.25  # share of the way around a primitive's middle that a loop may run against its own sense
+LEAST_TURN = 2.0 * math.pi / 3.0  # around the middle of a circle or an ellipse that known points must run
 
 Signed = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -69,10 +70,11 @@ def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tupl
 
 
 def _runs_around(points: np.ndarray, known: np.ndarray, outline: Outline) -> bool:
-    """Whether the known points of a loop run around a primitive as the loop does, rather than there and back along it.
+    """Whether the known points of a loop run around a primitive as the loop does, rather than there and back along it,
+    and far enough around a circle or an ellipse for it to be one.
 
     The two sides of a thin sliver lie as near to a huge circle that touches them as to anything, but enclose nothing
-    like it.
+    like it; and so does a short arc of anything lie near to some circle.
     """
     ring = outline.ring()
     arms = points - 0.5 * (ring.anchors.min(axis=0) + ring.anchors.max(axis=0))
@@ -82,6 +84,8 @@ def _runs_around(points: np.ndarray, known: np.ndarray, outline: Outline) -> boo
     x, y = (points - points.mean(axis=0)).T
     clockwise = float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 0.0
     back = np.maximum(-steps if clockwise else steps, 0.0).sum()
+    if not isinstance(outline, Rectangle) and abs(steps.sum()) < LEAST_TURN:
+        return False
     return bool(back <= MOST_BACK * np.abs(steps).sum())
 
 
