@@ -139,19 +139,17 @@ def _meeting(first: End, last: End) -> np.ndarray | None:
 
 def _across(first: End, last: End) -> np.ndarray | None:
     """(2, 2) corners of the straight end of a limb whose two sides are about parallel; None of other sides."""
-    if first.tangent is None or last.tangent is None or first.tangent @ last.tangent < math.cos(PARALLEL):
+    u, v = first.tangent, last.tangent
+    if u is None or v is None or u @ v < math.cos(PARALLEL):
         return None
-    along = first.tangent + last.tangent
-    along /= np.hypot(*along)
+    along = (u + v) / np.hypot(*(u + v))
     gap = last.at - first.at
     width = abs(float(gap[0] * along[1] - gap[1] * along[0]))
     if DEPTH * width > FARTHEST:
         return None
     level = 0.5 * float((first.at + last.at) @ along) + DEPTH * width
-    reach = [(level - float(end.at @ along)) / float(end.tangent @ along) for end in (first, last)]
-    if min(reach) < LEAST_REACH:
-        return None
-    return np.array([end.at + far * end.tangent for end, far in zip((first, last), reach, strict=True)])
+    far = [(level - float(at @ along)) / float(way @ along) for at, way in ((first.at, u), (last.at, v))]
+    return np.array([first.at + far[0] * u, last.at + far[1] * v]) if min(far) >= LEAST_REACH else None
 
 
 def _off_canvas(loop: Loop, first: End, last: End) -> np.ndarray | None:
