@@ -98,10 +98,10 @@ def _edge(form: Form, pieces: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarra
     inside, around = (((place >= 0) & (place < size)).all(axis=1) for place in (inner, outer))
     (column, row), (outer_column, outer_row) = (np.clip(place, 0, size - 1).T for place in (inner, outer))
     # A hole's element lies around it.
-    own = inside & (pieces.element[row, column] == form.element)
-    own |= around & (pieces.element[outer_row, outer_column] == form.element)
+    within = inside & (pieces.element[row, column] == form.element)
+    own: np.ndarray = within | (around & (pieces.element[outer_row, outer_column] == form.element))
     edge = own & inside & around & (pieces.shown[row, column] != pieces.shown[outer_row, outer_column])
-    return points, inside & around, own, edge
+    return points, np.asarray(inside & around), own, edge
 
 
 def _evenly(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
