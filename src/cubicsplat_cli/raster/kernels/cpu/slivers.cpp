@@ -41,6 +41,16 @@ struct Basis {
   }
 };
 
+// What tells most pairs apart, of all edges, each in an array of its own for vector instructions.
+struct Lines {
+  std::vector<float> ax, ay, ux, uy;
+  std::vector<uint8_t> close;
+  explicit Lines(size_t count) : ax(count), ay(count), ux(count), uy(count), close(count) {}
+  void set(const Edge* all, int count) {
+    for (int i = 0; i < count; ++i) ax[i] = all[i].ax, ay[i] = all[i].ay, ux[i] = all[i].ux, uy[i] = all[i].uy;
+  }
+};
+
 constexpr float kLeastLength = 1e-6f;
 
 // The edges of the segment with the control points p[c[0]] .. p[c[3]], and the box around them.
@@ -85,12 +95,25 @@ struct Penalty {
   Canvas canvas;
 };
 
-// What the middle of the one edge and the other edge do to each other.
+// Whether the line of any edge from begin to end runs against the one edge and is close to its middle; which: close.
+bool any_close(const Penalty& penalty, Lines& lines, const Edge& one, int begin, int end) {
+  const float *ax = lines.ax.data(), *ay = lines.ay.data(), *ux = lines.ux.data(), *uy = lines.uy.data();
+  uint8_t* close = lines.close.data();
+  unsigned any = 0;
+  for (int j = begin; j < end; ++j) {
+    const float distance = std::fabs(ux[j] * (one.my - ay[j]) - uy[j] * (one.mx - ax[j]));
+    const bool is = (distance < penalty.thinnest) & (one.ux * ux[j] + one.uy * uy[j] < penalty.opposite);
+    close[j] = is;
+    any |= is;
+  }
+  return any != 0;
+}
+
+// What the middle of the one edge and the other edge, close to it, do to each other.
 void push(const Penalty& penalty, const Edge* all, int count, Edge& one, Edge& other) {
-  if (one.ux * other.ux + one.uy * other.uy >= penalty.opposite) return;
   const float across = one.mx - other.ax, down = one.my - other.ay;
   const float distance = beside(other, one.mx, one.my);
-  if (std::fabs(distance) >= penalty.thinnest || distance == 0.0f || !penalty.canvas.has(one)) return;
+  if (distance == 0.0f || !penalty.canvas.has(one)) return;
   const float share = (across * other.ux + down * other.uy) / other.length;
   if (share < 0.0f || share > 1.0f) return;
   // Inside between them and outside beyond both: elsewhere it is a gap, or lies within the shape.
@@ -112,6 +135,7 @@ CS_EXPORT void cs_slivers(const float* points, int32_t curves, int32_t segments,
   const Basis basis(edges);
   const Penalty penalty{thinnest, opposite, {width, height}};
   std::vector<Edge> all(size_t(segments) * edges);
+  Lines lines(all.size());
   std::vector<Box> boxes(segments);
   std::vector<int> corners(4 * size_t(segments));
   for (int32_t n = 0; n < curves; ++n) {
@@ -128,10 +152,14 @@ CS_EXPORT void cs_slivers(const float* points, int32_t curves, int32_t segments,
         boxes[count] = flatten(basis, edges, own, c, &all[size_t(count) * edges]);
       }
     }
+    lines.set(all.data(), count * edges);
     for (int q = 0; q < count; ++q)
-      for (int i = 0; i < count * edges; ++i)
-        if (boxes[q].near(all[i].mx, all[i].my, thinnest))
-          for (int j = q * edges; j < (q + 1) * edges; ++j) push(penalty, all.data(), count * edges, all[i], all[j]);
+      for (int i = 0; i < count * edges; ++i) {
+        const int first = q * edges, last = first + edges;
+        if (!boxes[q].near(all[i].mx, all[i].my, thinnest) || !any_close(penalty, lines, all[i], first, last)) continue;
+        for (int j = first; j < last; ++j)
+          if (lines.close[j]) push(penalty, all.data(), count * edges, all[i], all[j]);
+      }
     for (int p = 0; p < count; ++p)
       for (int s = 0; s < edges; ++s) {
         const Edge& edge = all[size_t(p) * edges + s];
