@@ -52,7 +52,7 @@ def with_moves(state: State, held: Held, detail: float, error: float = 0.0) -> t
         for outline in layer.outlines:
             own = {i - first: c for i, c in found.items() if first <= i < first + len(outline.lines)}
             first += len(outline.lines)
-            better = _edited(outline, own, held, detail)
+            better = _edited(outline, own, held, detail, int(state.marks[len(changed) + 1] - state.marks[len(changed)]))
             outlines.append(better or outline)
             changed.append(better is not None)
         layers.append(replace(layer, outlines=outlines))
@@ -87,11 +87,12 @@ def _floor(state: State, own: slice, error: float) -> np.ndarray:
     return SHARE_SIGMA**2 * state.sharing * slopes + error**2
 
 
-def _edited(outline: Freedom, own: dict[int, Complaint], held: Held, detail: float) -> Freedom | None:
-    """The outline with the moves that its complaints suggest, from the last piece on; None without any."""
+def _edited(outline: Freedom, own: dict[int, Complaint], held: Held, detail: float, crossed: int) -> Freedom | None:
+    """The outline, which crosses so many pixels, with the moves that its complaints suggest, from the last piece on;
+    None without any."""
     ring = outline.outline()
     if not isinstance(ring, Ring):
-        other = given_up(ring, detail * sum(complaint.chi for complaint in own.values()), PRICE)
+        other = given_up(ring, detail * sum(complaint.chi for complaint in own.values()), PRICE, crossed)
         return None if other is None else freedom_of(other, held)
     found = {i: complaint for i, complaint in own.items() if complaint.chi * detail > WORTH}
     done = ring
