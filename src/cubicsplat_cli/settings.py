@@ -179,7 +179,7 @@ class Recipe:
         return 0.5 * width if self.length_unit == "canvas" else math.sqrt(width * height / curves)
 
 
-_CLOSED = {"segments": 4, "samples": 12, "finish_samples": 48}
+_CLOSED = {"segments": 4, "samples": 12, "finish_samples": 48, "thorn_reg": 1.0}
 # The outer side of a wide, tightly bent stroke needs more edges than its centre line.
 _OPEN = {"segments": 3, "samples": 24, "finish_samples": 48}
 # As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.

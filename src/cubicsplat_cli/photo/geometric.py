@@ -15,8 +15,8 @@ THORN_TURN = math.radians(147.0)  # a little less than what is called a thorn, 1
 LEAST_ARM = 0.3  # px: shorter handles are pulled no more than such
 LEAST_CROSSING = 1e-6  # px^2, of the lengths of two handles, which are no shorter as a divisor
 THORNS_FROM = 0.1  # of the fit: a small penalty for long costs less than a large one for a short time
-TURNS = 0.25  # times what a join has of the loss, for a radian that it turns too far
-SLIVERS = 6.0  # times what a pixel has of the loss, for a px^2 of slivers
+TURNS = 0.28  # times what a join has of the loss, for a radian that it turns too far
+SLIVERS = 5.0  # times what a pixel has of the loss, for a px^2 of slivers
 HELD = 3  # steps: the gradient changes slowly, and takes a tenth of a step
 _NEXT_TO_NOTHING = 1e-30
 
