@@ -132,12 +132,6 @@ def test_pieces_join_across_what_hides_them_and_no_farther():
     assert found.layers[-1].members == (8,)
 
 
-def test_a_region_that_ends_between_two_that_touch_says_nothing_of_them():
-    # A wedge of 6 degrees: the outlines on either side of it both run on nearly straight.
-    slope = math.tan(math.radians(6.0))
-    assert votes(lambda x, y: np.where(y > 0.0, 2, np.where((x < 0.0) & (y > slope * x), 1, 0))) == {}
-
-
 def test_pieces_do_not_join_beneath_a_shape_that_lies_around_one_of_them():
     # Two boxes (2, 3) are one shape beneath a bar (4). What lies within one of them (1) lies above it, and so is no
     # piece of what lies around the other (5), though nothing else is between.

@@ -23,9 +23,6 @@ REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, th
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
 LEAST_TURN = math.radians(2.5)  # standard error beyond that of the points
 LEAST_VOTE = 0.3
-# A region that ends in a wedge narrower than this says nothing of the two that it ends between: their outlines touch
-# there, so that both run straight on whichever lies above.
-NARROWEST = math.radians(15.0)
 MEETING = 3  # px within which the outlines of three regions meet at one place
 
 
@@ -58,7 +55,7 @@ def junction_votes(regions: Regions, found: Crossings) -> dict[tuple[int, int], 
     for passings in places.values():
         for passing in passings:
             rivals = [p for p in passings if p.region != passing.region and _near(p.at, passing.at)]
-            if len(rivals) != 2 or max(p.turn for p in rivals) > math.pi - NARROWEST:
+            if len(rivals) != 2:
                 continue
             sure = passing.likelihood / (1.0 + passing.likelihood + sum(p.likelihood for p in rivals))
             if sure >= LEAST_VOTE:
