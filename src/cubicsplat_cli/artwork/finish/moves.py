@@ -44,19 +44,20 @@ def with_moves(state: State, held: Held, detail: float, error: float = 0.0) -> t
 
     error: of pixels on edges beyond that of a clean picture, of full scale.
     """
-    layers, changed = [], []
+    layers, changed = [], np.zeros(len(state.marks) - 1, dtype=bool)
     found = complaints(state, error)
-    first = 0
+    first = number = 0
     for layer in state.layers:
         outlines: list[Freedom] = []
         for outline in layer.outlines:
             own = {i - first: c for i, c in found.items() if first <= i < first + len(outline.lines)}
             first += len(outline.lines)
-            better = _edited(outline, own, held, detail, int(state.marks[len(changed) + 1] - state.marks[len(changed)]))
+            better = _edited(outline, own, held, detail, int(state.marks[number + 1] - state.marks[number]))
             outlines.append(better or outline)
-            changed.append(better is not None)
+            changed[number] = better is not None
+            number += 1
         layers.append(replace(layer, outlines=outlines))
-    return layers, np.array(changed)
+    return layers, changed
 
 
 def complaints(state: State, error: float = 0.0) -> dict[int, Complaint]:
