@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_artwork_finish import covered
 
-from cubicsplat_cli.artwork.finish.finish import begin, goal_of, settle
+from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.freedom import CopyFreedom, Held, freedom_of
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, Way, flattened
+from cubicsplat_cli.artwork.regularities.regularities import with_copies
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
@@ -154,6 +155,29 @@ def test_copies_follow_their_model_and_fit_together():
     first, second = (layer.outlines[0].outline() for layer in settle(state, goal, trim=False).layers)
     assert (first.r, second.r) == pytest.approx((9.02, 9.02), abs=0.005) and first.r == second.r
     assert (second.cx - first.cx, second.cy - first.cy) == (46.0, 0.0)
+
+
+def copied(truth, begun):
+    """The outlines of a drawing of primitives in white, with its copies, of a picture of others."""
+    goal = goal_of(sum(covered(shape, 48, 128)[..., None] for shape in truth).repeat(4, axis=2))
+    drawing = Drawing(128, 48, tuple(Shape((255, 255, 255, 255), (shape,), "x") for shape in begun))
+    state = with_copies(settle(begin(drawing, goal), goal), goal, Held(128, 48), 1.0, 0.0)
+    return [shape.outlines[0] for shape in drawn(drawing, state).shapes]
+
+
+@pytest.mark.parametrize(("radius", "alike"), [(9.03, True), (9.5, False)])
+def test_primitives_that_touch_the_border_are_copies_where_they_are_alike(radius, alike):
+    truth = [Ellipse(12.4, 9.0, 12.4, 9.0), Ellipse(60.2, 30.1, 12.41, radius)]
+    first, second = copied(truth, [Ellipse(12.3, 9.1, 12.2, 9.2), Ellipse(60.1, 30.2, 12.3, 9.1)])
+    assert ((first.rx, first.ry) == (second.rx, second.ry)) is alike
+    assert second.ry == pytest.approx(0.5 * (9.0 + radius) if alike else radius, abs=0.02)
+
+
+def test_one_that_is_hardly_alike_does_not_keep_the_others_from_being_copies():
+    radii = (14.0, 14.01, 14.14)
+    found = copied(*([Circle(x, 24.0, r) for x, r in zip((20.2, 60.3, 100.1), radii, strict=True)] for _ in range(2)))
+    assert found[0].r == found[1].r == pytest.approx(14.005, abs=0.01)
+    assert found[2].r == pytest.approx(14.14, abs=0.01)
 
 
 def test_the_jacobian_of_a_copy_matches_finite_differences():

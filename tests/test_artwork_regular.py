@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 from test_artwork_draw import BLUE, RED, WHITE, box, disc, painted
+from test_artwork_finish import covered
 
+from cubicsplat_cli.artwork.finish.finish import begin, goal_of
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
 from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.regions.regions import find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
+from cubicsplat_cli.artwork.regularities.grid import on_grid
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
 
 UNIT = 128 / 18  # px
@@ -35,6 +40,16 @@ def test_edges_sampled_to_a_quarter_of_a_pixel_are_brought_onto_the_artists_grid
     first, second = (boxes[y] for y in sorted(boxes))
     assert [first.x, first.width, first.height] == pytest.approx(units(2, 9, 4), abs=1e-9)
     assert [second.x, second.width, second.height] == pytest.approx(units(4, 11, 7), abs=1e-9)
+
+
+def test_an_ellipse_whose_half_axes_are_one_on_the_grid_is_a_circle():
+    boxes = [Rectangle(8.0 * a, 8.0 * b, 8.0 * c, 8.0 * d) for a, b, c, d in ((1, 1, 3, 2), (5, 2, 4, 3), (2, 9, 5, 4))]
+    shapes = [*boxes, Ellipse(96.02, 88.01, 24.02, 23.97), Ellipse(96.0, 30.0, 16.01, 20.02)]
+    drawing = Drawing(128, 128, tuple(Shape((255, 255, 255, 255), (shape,), "x") for shape in shapes))
+    goal = goal_of(np.clip(sum(covered(shape, 128, 128)[..., None] for shape in shapes), 0.0, 1.0).repeat(4, axis=2))
+    snapped, _ = on_grid(drawing, begin(drawing, goal))
+    assert snapped.shapes[3].outlines == (Circle(96.0, 88.0, 24.0),)
+    assert snapped.shapes[4].outlines[0].rx == 16.0 and snapped.shapes[4].outlines[0].ry == 20.0
 
 
 def test_edges_off_any_grid_stay_where_they_are():

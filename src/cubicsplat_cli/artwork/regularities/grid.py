@@ -154,6 +154,8 @@ class _Snap:
         if isinstance(outline, Ellipse):
             x, y = self._on(0, outline.cx, ROUND), self._on(1, outline.cy, ROUND)
             across, down = (self._on(2, r, ROUND) if outline.angle == 0.0 else r for r in (outline.rx, outline.ry))
+            if across == down:
+                return Circle(x, y, across)
             return Ellipse(x, y, across, down, outline.angle)
         if isinstance(outline, Rectangle):
             return self._box(outline)

@@ -14,7 +14,15 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, layer_of, settle
-from cubicsplat_cli.artwork.finish.freedom import NO_PINS, ON_BORDER, CopyFreedom, Freedom, Held, ring_pieces
+from cubicsplat_cli.artwork.finish.freedom import (
+    NO_PINS,
+    ON_BORDER,
+    CopyFreedom,
+    Freedom,
+    Held,
+    PrimitiveFreedom,
+    ring_pieces,
+)
 from cubicsplat_cli.artwork.finish.merges import Sight
 from cubicsplat_cli.artwork.finish.moves import PRICE, gain
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
@@ -94,12 +102,12 @@ def with_copies(state: State, goal: Goal, held: Held, detail: float, error: floa
     tracks = {}
     for k, freedom in enumerate(outlines):
         shape = freedom.outline()
+        if not freedom.jacobian.shape[1]:
+            continue
         track = Track.of(shape if isinstance(shape, Ring) else fine_ring(shape), Sight.of(state, k))
-        if (
-            freedom.jacobian.shape[1]
-            and (track.extent[0] > ON_BORDER).all()
-            and (track.extent[1] < np.array(size) - ON_BORDER).all()
-        ):
+        inside = (track.extent[0] > ON_BORDER).all() and (track.extent[1] < np.array(size) - ON_BORDER).all()
+        # What is held on the border would not stay there; primitives are held by their numbers alone.
+        if inside or isinstance(freedom, PrimitiveFreedom):
             tracks[k] = track
     order = sorted(tracks, key=lambda k: (outlines[k].jacobian.shape[1], k))
     numbers = {k: outlines[k].jacobian.shape[1] for k in order}
@@ -109,25 +117,38 @@ def with_copies(state: State, goal: Goal, held: Held, detail: float, error: floa
 
 
 def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: float, error: float) -> State:
-    """The state with some outlines tied, less those that cost more than they save."""
+    """The state with some outlines tied, less those that cost more than they save: of a model and its copies, where
+    these do together, first the copies that do, and then all that are left."""
     if not tied:
         return state
-    outlines = _outlines(state)
     trial = settle(_with(state, tied, goal), goal, ROUNDS, trim=False)
-    families = np.arange(len(outlines))
+    copies = np.array([isinstance(tied.get(k), CopyFreedom) for k in range(len(state.marks) - 1)])
+    for able in (copies, np.ones_like(copies)):
+        families, saved = _saved(state, trial, tied, detail, error)
+        refused = able & (np.bincount(families, saved, len(saved))[families] < 0.0)
+        if able is copies:
+            refused &= saved < 0.0
+        if refused.any():
+            trial = settle(_back(state, trial, refused, goal), goal, AFTER_REFUSALS, trim=False)
+            tied = {k: freedom for k, freedom in tied.items() if not refused[k]}
+    return trial
+
+
+def _saved(
+    state: State, trial: State, tied: Mapping[int, Freedom], detail: float, error: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of each outline the number of the model that it follows, or its own, and the nats that it saves by its ties."""
+    outlines = _outlines(state)
+    families, saved = np.arange(len(outlines)), np.zeros(len(outlines))
     for k, freedom in tied.items():
         if isinstance(freedom, CopyFreedom):
             families[k] = freedom.source
-    net = np.zeros(len(outlines))
     for k in sorted({*tied, *families[list(tied)].tolist()}):
-        net[families[k]] += gain(state, trial, k, error) * detail
+        saved[k] = gain(state, trial, k, error) * detail
     for k, freedom in tied.items():
         own = 0 if isinstance(freedom, CopyFreedom) else freedom.jacobian.shape[1]
-        net[families[k]] += PRICE * (outlines[k].jacobian.shape[1] - own)
-    refused = net[families] < 0.0
-    if refused.any():
-        trial = settle(_back(state, trial, refused, goal), goal, AFTER_REFUSALS, trim=False)
-    return trial
+        saved[k] += PRICE * (outlines[k].jacobian.shape[1] - own)
+    return families, saved
 
 
 def _on_steps(state: State, goal: Goal, step: float) -> State:
