@@ -9,7 +9,7 @@ import ctypes
 from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import sparse
@@ -17,6 +17,7 @@ from scipy import sparse
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import library
 
+_OPAQUE = 254.5 / 255.0
 _ROOM = 8  # crossings and pairs a piece beyond those that its length asks for
 
 
@@ -65,6 +66,13 @@ class Goal:
     def reach(self) -> int:
         """Px to either side that a blur carries, 0 without one."""
         return len(self.taps) - 1
+
+    @cached_property
+    def inside(self) -> np.ndarray:
+        """(H, W) bool: pixels of the target that are opaque and lie next to no others, as at the edge of a drawing."""
+        opaque = np.pad(self.target[..., 3] >= _OPAQUE, 1, mode="edge")
+        wide = opaque[:, :-2] & opaque[:, 1:-1] & opaque[:, 2:]
+        return np.asarray(wide[:-2] & wide[1:-1] & wide[2:])
 
     def _pointers(self) -> _Fit:
         return _Fit(

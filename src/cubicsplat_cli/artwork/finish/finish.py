@@ -83,7 +83,10 @@ class State:
         # A blur spreads what an outline does to either side of it; along the outline it hardly changes anything.
         sharing = float(2.0 * (goal.taps**2).sum() - goal.taps[0] ** 2)
         leaking, misfit, spread = leaks(image, goal), misfit.ravel(), -(-goal.reach // 2)
-        cost = misfit + leak_misfit(image, leaking)
+        cost = misfit
+        if len(leaking):
+            cost = misfit.copy()
+            cost[leaking] += leak_misfit(image, leaking)
         return cls(layers, image, misfit, leaking, cost, crossings, pieces, marks, sharing, spread)
 
     @property
@@ -178,12 +181,11 @@ def _trimmed(state: State, goal: Goal) -> State:
 
 def _losses(old: State, new: State) -> np.ndarray:
     """(outlines,) by how much the cost has grown on the pixels that an outline crosses before or after a step."""
-    grown = new.cost - old.cost
-    out = []
-    for k in range(len(old.marks) - 1):
-        pixels = np.unique(np.concatenate([old.crossed(k), new.crossed(k)]))
-        out.append(float(grown[pixels].sum()))
-    return np.array(out)
+    count, size = len(old.marks) - 1, len(old.cost)
+    touched = [state.crossed(k).astype(np.int64) + k * size for k in range(count) for state in (old, new)]
+    keys = np.sort(np.concatenate(touched))
+    number, pixel = np.divmod(keys[np.diff(keys, prepend=-1) > 0], size)
+    return np.bincount(number, new.cost[pixel] - old.cost[pixel], count)
 
 
 def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:

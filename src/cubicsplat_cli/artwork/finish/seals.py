@@ -17,31 +17,20 @@ from cubicsplat_cli.raster.stack import Crossings, Goal, normal_equations
 # Weight of the squared share of the ground that shows: 1/255 of it counts as much as what a pixel is off by chance.
 WEIGHT = 100.0
 LEAST = 1e-6  # share of the ground that counts as showing
-OPAQUE = 254.5 / 255.0
 
 
 def leaks(image: np.ndarray, goal: Goal) -> np.ndarray:
     """(k,) the pixels, row times width plus column, in which an image (H, W, 4) shows the ground and the goal does not,
-    nor next to them, where the edge of the whole drawing may be; none of a blurred goal, which spreads them.
+    nor next to them; none of a blurred goal, which spreads them.
     """
-    target = goal.target
     if goal.reach:
         return np.zeros(0, dtype=np.intp)
-    y, x = np.nonzero((image[..., 3] < 1.0 - LEAST) & (target[..., 3] >= OPAQUE))
-    height, width = image.shape[:2]
-    inside = np.ones(len(y), dtype=bool)
-    for down in (-1, 0, 1):
-        for across in (-1, 0, 1):
-            row, column = np.clip(y + down, 0, height - 1), np.clip(x + across, 0, width - 1)
-            inside &= target[row, column, 3] >= OPAQUE
-    return np.asarray(y[inside] * width + x[inside])
+    return np.flatnonzero((image[..., 3] < 1.0 - LEAST) & goal.inside)
 
 
 def leak_misfit(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(H W,) the misfit of leaking pixels beyond that of their colours."""
-    out = np.zeros(image.shape[0] * image.shape[1])
-    out[pixels] = WEIGHT * (1.0 - image[..., 3].ravel()[pixels]) ** 2
-    return out
+    """(k,) the misfit of leaking pixels beyond that of their colours."""
+    return WEIGHT * (1.0 - image.reshape(-1, 4)[pixels, 3]) ** 2
 
 
 def sealed_equations(

@@ -39,29 +39,44 @@ class Pairs {
 
 // The crossings in the order of their pixels, row by row, and where those of each pixel begin.
 struct ByPixel {
-  std::vector<int64_t> order, starts;
+  std::vector<int64_t> order;
+  std::vector<int32_t> starts;
 
   ByPixel(const CsCrossings& c, int64_t pixels) : order(c.count), starts(pixels + 1, 0) {
     for (int64_t n = 0; n < c.count; n++) starts[c.pixel[n] + 1]++;
     for (int64_t p = 0; p < pixels; p++) starts[p + 1] += starts[p];
-    std::vector<int64_t> next(starts.begin(), starts.end() - 1);
+    std::vector<int32_t> next(starts.begin(), starts.end() - 1);
     for (int64_t n = 0; n < c.count; n++) order[next[c.pixel[n]]++] = n;
   }
 };
 
-// What the misfit pulls at each pixel of the sharp picture (x 4), and by how much less pixels count that are far off.
+// What the misfit pulls at the pixel of each crossing, in the sharp picture (x 4), and by how much less pixels count that
+// are far off.
 struct Pulls {
   std::vector<double> pull, trust;
 
-  Pulls(const CsFit& fit, const double* image, int width, int height)
-      : pull(4 * int64_t(width) * height), trust(int64_t(width) * height) {
-    for (int64_t pixel = 0; pixel < int64_t(trust.size()); pixel++) {
-      double* rest = &pull[4 * pixel];
-      const double size = residual(fit, image, pixel, rest);
-      trust[pixel] = size <= fit.bound ? 1.0 : fit.bound / size;
-      for (int k = 0; k < 4; k++) rest[k] *= trust[pixel] * fit.channels[k];
+  Pulls(const CsFit& fit, const double* image, const CsCrossings& c, int width, int height)
+      : pull(4 * c.count), trust(c.count) {
+    if (fit.reach == 0) {
+      for (int64_t n = 0; n < c.count; n++) trust[n] = pulled(fit, image, c.pixel[n], &pull[4 * n]);
+      return;
     }
-    if (fit.reach > 0) blur(fit, pull.data(), width, height, true);
+    const int64_t pixels = int64_t(width) * height;
+    std::vector<double> all(4 * pixels), trusted(pixels);
+    for (int64_t pixel = 0; pixel < pixels; pixel++) trusted[pixel] = pulled(fit, image, pixel, &all[4 * pixel]);
+    blur(fit, all.data(), width, height, true);
+    for (int64_t n = 0; n < c.count; n++) {
+      trust[n] = trusted[c.pixel[n]];
+      std::copy(&all[4 * int64_t(c.pixel[n])], &all[4 * int64_t(c.pixel[n])] + 4, &pull[4 * n]);
+    }
+  }
+
+ private:
+  static double pulled(const CsFit& fit, const double* image, int64_t pixel, double* pull) {
+    const double size = residual(fit, image, pixel, pull);
+    const double trust = size <= fit.bound ? 1.0 : fit.bound / size;
+    for (int k = 0; k < 4; k++) pull[k] *= trust * fit.channels[k];
+    return trust;
   }
 };
 
@@ -94,14 +109,14 @@ void equations(const CsFit& fit, const double* image, const CsCrossings& c, CsEq
   std::fill(out->gradient, out->gradient + 8 * int64_t(out->pieces), 0.0);
   const int width = out->width, height = out->height;
   const ByPixel sorted(c, int64_t(width) * height);
-  const Pulls pulls(fit, image, width, height);
+  const Pulls pulls(fit, image, c, width, height);
   const std::vector<double> overlap = overlaps(fit);
   const int reach = int(overlap.size()) - 1;
   for (const int64_t m : sorted.order) {
     const int64_t pixel = c.pixel[m];
     const int x = int(pixel % width), y = int(pixel / width);
     double pull = 0.0;
-    for (int k = 0; k < 4; k++) pull += c.slope[4 * m + k] * pulls.pull[4 * pixel + k];
+    for (int k = 0; k < 4; k++) pull += c.slope[4 * m + k] * pulls.pull[4 * m + k];
     for (int p = 0; p < 8; p++) out->gradient[8 * int64_t(c.piece[m]) + p] += pull * c.change[8 * m + p];
     for (int row = std::max(0, y - reach); row <= std::min(height - 1, y + reach); row++) {
       const int64_t from = int64_t(row) * width + std::max(0, x - reach);
@@ -110,7 +125,7 @@ void equations(const CsFit& fit, const double* image, const CsCrossings& c, CsEq
         const int64_t n = sorted.order[at];
         if (c.piece[n] < c.piece[m]) continue;
         const double shared = overlap[std::abs(row - y)] * overlap[std::abs(int(c.pixel[n] % width) - x)];
-        const double trust = std::sqrt(pulls.trust[pixel] * pulls.trust[c.pixel[n]]);
+        const double trust = std::sqrt(pulls.trust[m] * pulls.trust[n]);
         add_products(c, fit, shared * trust, m, n, pairs);
       }
     }
