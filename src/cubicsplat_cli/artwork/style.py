@@ -90,10 +90,10 @@ def _straight(levels: np.ndarray) -> np.ndarray:
 
 def _texture(levels: np.ndarray, drawn: np.ndarray, even: np.ndarray | None = None) -> float:
     """Share of the drawn pixels in blocks without a flat pixel, nor one that is `even` (H, W) bool; blocks of 7 px,
-    smaller in small pictures.
+    smaller in small pictures, and no larger than the picture's shorter side.
     """
     longer = max(levels.shape[:2])
-    block = 7 if longer >= 256 else 5 if longer >= 64 else 3
+    block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *levels.shape[:2])
     rough = _spread(levels) > FLAT_LEVELS
     whole = _over_blocks(rough if even is None else rough & ~even, block, np.logical_and)
     uneven = _over_blocks(np.pad(whole, block - 1), block, np.logical_or)
