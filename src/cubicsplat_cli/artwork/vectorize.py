@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.details.spots import with_spots
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
@@ -75,6 +76,10 @@ def draw(
         goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
         drawing = polish(drawing, goal, settings.detail, error / 255.0)
         drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
+        # What was given up for fewer inks or shapes is no detail that was lost.
+        if condition.clean and settings.colors is None and not settings.palette:
+            most = None if settings.curves is None else settings.curves - len(shapes)
+            drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
     if strokes:
         drawing = with_strokes(drawing, settings.detail)
         drawing = fitted_strokes(drawing, goal) if polished else drawing
