@@ -42,18 +42,38 @@ def choose_style(target: np.ndarray) -> Style:
     texture, inked = _texture(levels, drawn), _inked(levels[drawn])
     reason = f"{100 * texture:.0f} % texture, {100 * inked:.0f} % in the {COUNTED_INKS} commonest colours"
     if texture <= MOST_TEXTURE and inked >= LEAST_INKED:
-        return Style(ARTWORK, reason)
+        return _unless_soft(levels, drawn, reason)
     even = evenness(levels, drawn)
     if even >= SURELY_EVEN or (even >= LEAST_EVEN and covered(levels, drawn) >= LEAST_COVERED):
-        return Style(ARTWORK, f"{reason}, but it was even before noise, JPEG or blur: {even:.2f} of 2")
-    if _grey(levels) and _scanned(target):
-        return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
+        return _unless_soft(levels, drawn, f"{reason}, but it was even before noise, JPEG or blur: {even:.2f} of 2")
+    if _grey(levels):
+        if _scanned(target):
+            return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
+        if _flat(levels, drawn):
+            return Style(ARTWORK, f"{reason}, but most of it is even greys")
     # In a steep gradient no pixel is flat, but colours change by straight lines.
     if texture > MOST_TEXTURE and _texture(levels, drawn, _straight(levels)) > MOST_TEXTURE:
         return Style(PHOTO, reason)
     shaded = _shaded(levels, drawn)
-    style = ARTWORK if shaded >= LEAST_SHADED else PHOTO
-    return Style(style, f"{reason}, {100 * shaded:.0f} % in inks and gradients")
+    reason = f"{reason}, {100 * shaded:.0f} % in inks and gradients"
+    return _unless_soft(levels, drawn, reason) if shaded >= LEAST_SHADED else Style(PHOTO, reason)
+
+
+def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:
+    """Artwork; or a photo, where colours drift without an edge."""
+    from cubicsplat_cli.artwork.input.softness import softness
+
+    found = softness(levels, drawn)
+    if found.drifts:
+        return Style(PHOTO, f"{reason}, but colours drift across {100 * found.soft:.0f} % of it")
+    return Style(ARTWORK, reason)
+
+
+def _flat(levels: np.ndarray, drawn: np.ndarray) -> bool:
+    """Whether most of a picture is even but for noise, JPEG or blur, by where its colours lie."""
+    from cubicsplat_cli.artwork.input.softness import softness
+
+    return softness(levels, drawn).flat
 
 
 def _grey(levels: np.ndarray) -> bool:

@@ -61,8 +61,11 @@ def scan_of(levels: np.ndarray) -> Scan | None:
         return None
     white = np.clip(colours * (255.0 / np.maximum(surface, 1.0)), 0.0, 255.0)
     grain *= 255.0 / float(np.median(light))
+    ink = _ink(white, grain)
+    if not ink.any():
+        return None
     out = levels.copy()
-    out[..., :3] = np.where(_ink(white, grain)[..., None], white, 255.0)
+    out[..., :3] = np.where(ink[..., None], white, 255.0)
     return Scan(out, grain)
 
 

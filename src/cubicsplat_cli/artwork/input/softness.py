@@ -1,0 +1,122 @@
+"""What is even in a picture, and what drifts: changes softly without an edge, as in a photo out of focus.
+
+Connected places in which colours hardly change from one pixel to the next are looked at as a whole: in a drawing such a
+place has one colour, or a gradient; in a photo colours drift across it. Noise is taken out by the means of windows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.gradients.areas import gradient_areas, smooth_parts
+
+# Px of a window, wider where there is more noise than NOISY levels.
+WINDOW, WIDER, NOISY = 5, 9, 2.0
+QUIET = 1.2  # levels per px, beyond which there is an edge or texture
+SAME, SAME_GROUND = 4.0, 6.0  # levels around a place's median, and between the medians of places that are the ground
+FEW = 9  # px, of a place that tells nothing
+SECOND_MEDIAN = 0.6745 * 6.0**0.5  # of the size of second differences of normal noise of 1
+LEAST_SOFT = 0.05  # share of the pixels, below which nothing drifts
+# Of what is neither ground nor edge: drawings have at most 0.57 but for a bird in one gradient (0.77) and lettering in
+# one (0.93), soft photos 0.63 to 1.
+MOST_DRIFT = 0.6
+TRIES = 8  # gradients sought
+# Shares by which a picture is even: of the pixels, of those besides the ground, and what drifts.
+LEAST_EVEN, LEAST_BESIDES, HARDLY = 0.5, 0.4, 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class Softness:
+    """Shares of the pixels: ground, of the commonest even colour; even, of all others; soft, of what drifts.
+
+    levels: (H, W, C) float32, the picture; mask: (H, W) bool, what drifts.
+    """
+
+    ground: float
+    even: float
+    soft: float
+    levels: np.ndarray
+    mask: np.ndarray
+
+    @property
+    def drift(self) -> float:
+        """0..1: of what is neither edge nor ground, the share that drifts; 0 where hardly anything does."""
+        return _drift(self.soft, self.even)
+
+    @property
+    def drifts(self) -> bool:
+        """Whether colours drift, and no gradients explain it."""
+        if self.drift <= MOST_DRIFT:
+            return False
+        left = float((self.mask & ~_shaded(self.levels)).sum()) / max(float(self.mask.sum()), 1.0)
+        return _drift(left * self.soft, self.even) > MOST_DRIFT
+
+    @property
+    def flat(self) -> bool:
+        """Whether most is even, also besides the ground: as in a drawing, whatever has happened to it."""
+        besides = self.even / max(1.0 - self.ground, 1e-9)
+        return self.ground + self.even >= LEAST_EVEN and besides >= LEAST_BESIDES and self.drift <= HARDLY
+
+
+def _drift(soft: float, even: float) -> float:
+    return soft / (soft + even) if soft >= LEAST_SOFT else 0.0
+
+
+def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
+    """The shares of a picture (H, W, C) in 0..255; drawn: (H, W) bool, not empty, what counts."""
+    values = levels.astype(np.float32)
+    means, slopes = _planes(values, WIDER if _noise(values) > NOISY else WINDOW)
+    places, count = ndimage.label((slopes <= QUIET) & drawn)
+    inside = places > 0
+    order = np.argsort(places[inside], kind="stable")
+    ends = np.cumsum(np.bincount(places[inside], minlength=count + 1)[1:])
+    sorted_means = means[inside][order]
+    soft = np.zeros(len(order), dtype=bool)
+    colours, sizes = [np.full(levels.shape[2], -1e3)], [0]
+    for start, end in zip([0, *ends[:-1]], ends, strict=True):
+        if end - start < FEW:
+            continue
+        middle = np.median(sorted_means[start:end], axis=0)
+        off = np.abs(sorted_means[start:end] - middle).max(axis=1) > SAME
+        soft[order[start:end]] = off
+        colours.append(middle)
+        sizes.append(int((~off).sum()))
+    total, area = float(drawn.sum()), np.array(sizes, dtype=float)
+    ground = np.abs(np.array(colours) - colours[int(area.argmax())]).max(axis=1) <= SAME_GROUND
+    mask = np.zeros(places.shape, dtype=bool)
+    mask[inside] = soft
+    even = float(area[~ground].sum()) / total
+    return Softness(float(area[ground].sum()) / total, even, float(soft.sum()) / total, values, mask)
+
+
+def _noise(values: np.ndarray) -> float:
+    """Levels, the standard deviation of what differs from pixel to pixel in most of the picture."""
+    if values.shape[1] < 3:
+        return 0.0
+    second = np.abs(values[:, 2:, :3] - 2.0 * values[:, 1:-1, :3] + values[:, :-2, :3])
+    return float(np.median(second)) / SECOND_MEDIAN
+
+
+def _planes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W, C) the means of windows, and (H, W) by how much their planes change per px, in the channel with most."""
+    at = np.arange(size) - size // 2
+    weights = at / float(size * (at * at).sum())
+    means = ndimage.uniform_filter(values, (size, size, 1), mode="nearest")
+    square = np.zeros_like(means)
+    for axis in (0, 1):
+        along = ndimage.correlate1d(values, weights * size, axis=axis, mode="nearest")
+        square += ndimage.uniform_filter1d(along, size, axis=1 - axis, mode="nearest") ** 2
+    return means, np.sqrt(square.max(axis=-1))
+
+
+def _shaded(levels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: what a gradient explains."""
+    if levels.shape[2] == 3:
+        levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=2)
+    explained = np.zeros(levels.shape[:2], dtype=bool)
+    for area in gradient_areas(levels, *smooth_parts(levels), TRIES):
+        explained |= area.mask
+    return explained

@@ -1,0 +1,110 @@
+"""Photos whose colours drift without edges are none of artwork; drawings that have suffered are, in grey too."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+from skimage import data
+
+from cubicsplat_cli.artwork.input.intake import as_levels
+from cubicsplat_cli.artwork.input.paper import scan_of
+from cubicsplat_cli.artwork.input.softness import softness
+from cubicsplat_cli.artwork.style import choose_style
+
+HEIGHT, WIDTH = 240, 320
+Y, X = np.mgrid[:HEIGHT, :WIDTH] / WIDTH
+
+
+def of(levels: np.ndarray) -> np.ndarray:
+    """A picture, (H, W) or (H, W, 3) in levels, as the command has it."""
+    rounded = np.clip(np.rint(levels), 0, 255).astype(np.float32) / np.float32(255.0)
+    return rounded if rounded.ndim == 3 else np.repeat(rounded[..., None], 3, axis=2)
+
+
+def grey(levels: np.ndarray) -> np.ndarray:
+    return levels @ np.array([0.299, 0.587, 0.114])
+
+
+def discs(seed: int, number: int, ground: float = 255.0) -> np.ndarray:
+    """(H, W, 3) levels: even discs on an even ground, with smooth edges."""
+    generator = np.random.default_rng(seed)
+    picture = np.full((HEIGHT, WIDTH, 3), ground)
+    for _ in range(number):
+        x, y, radius = generator.uniform(0.0, 1.0), generator.uniform(0.0, 0.75), generator.uniform(0.05, 0.15)
+        share = np.clip(0.5 + WIDTH * (radius - np.hypot(X - x, Y - y)), 0.0, 1.0)[..., None]
+        picture += share * (generator.uniform(0.0, 230.0, 3) - picture)
+    return picture
+
+
+def sky(seed: int) -> np.ndarray:
+    """(H, W, 3) levels: clouds without edges before a sky that gets lighter, with a grain of a level."""
+    generator = np.random.default_rng(seed)
+    clouds = sum(s * ndimage.gaussian_filter(generator.normal(size=(HEIGHT, WIDTH)), s) for s in (8.0, 16.0, 32.0))
+    blue, orange = np.array([60.0, 80.0, 150.0]), np.array([240.0, 160.0, 80.0])
+    even = blue + (orange - blue) * (Y / Y.max())[..., None]
+    return even + 14.0 * clouds[..., None] / clouds.std() + generator.normal(size=even.shape)
+
+
+def jpeg(levels: np.ndarray, quality: int = 80) -> np.ndarray:
+    with io.BytesIO() as file:
+        Image.fromarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8)).save(file, "JPEG", quality=quality)
+        return np.asarray(Image.open(file)).astype(float)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("in_grey", [False, True])
+def test_skies_and_scenes_out_of_focus_are_photos(seed, in_grey):
+    scene = ndimage.gaussian_filter(discs(seed, 30, 90.0), (14.0, 14.0, 0.0))
+    for picture in (sky(seed), scene, jpeg(sky(seed))):
+        style = choose_style(of(grey(picture) if in_grey else picture))
+        assert style.name == "photo", style.reason
+
+
+@pytest.mark.parametrize("name", ["cell", "clock"])
+def test_soft_grey_photos_are_photos(name):
+    picture = getattr(data, name)().astype(float)
+    for seen in (picture, ndimage.gaussian_filter(picture, 3.0)):
+        style = choose_style(of(seen))
+        assert style.name == "photo", style.reason
+        assert "colours drift across" in style.reason
+
+
+def test_drawings_that_have_suffered_are_artwork_in_grey():
+    drawing = grey(discs(3, 12))
+    noisy = drawing + np.random.default_rng(0).normal(0.0, 4.0, drawing.shape)
+    small = ndimage.zoom(drawing, 0.4, order=1)
+    for picture in (drawing, noisy, jpeg(drawing), ndimage.gaussian_filter(drawing, 3.0), small):
+        style = choose_style(of(picture))
+        assert style.name == "artwork", style.reason
+
+
+def test_a_card_in_a_gradient_with_a_soft_shadow_is_artwork():
+    box = ((Y > 0.2) & (Y < 0.55) & (X > 0.2) & (X < 0.8)).astype(float)
+    ground = np.full((HEIGHT, WIDTH, 3), 245.0) * (1.0 - 0.3 * ndimage.gaussian_filter(box, 4.0))[..., None]
+    ramp = np.array([90.0, 120.0, 240.0]) * (1.0 - X)[..., None] + np.array([220.0, 70.0, 160.0]) * X[..., None]
+    assert choose_style(of(np.where(box[..., None] > 0.0, ramp, ground))).name == "artwork"
+
+
+def test_shares_of_what_is_even_and_what_drifts():
+    everywhere = np.ones((HEIGHT, WIDTH), dtype=bool)
+    halves = np.where(X < 0.5, 60.0, 200.0)[..., None] + np.zeros(3)
+    found = softness(halves, everywhere)
+    assert found.soft == 0.0 and found.ground + found.even > 0.95
+    assert found.ground == pytest.approx(0.5, abs=0.02) and found.flat and not found.drifts
+    ramp = np.rint(40.0 + 180.0 * X)[..., None] + np.zeros(3)
+    found = softness(ramp, everywhere)
+    assert found.drift > 0.9 and not found.drifts and not found.flat
+    waves = np.rint(120.0 + 40.0 * np.sin(9.0 * X + 3.0 * Y) * np.cos(7.0 * Y - 4.0 * X * Y))[..., None] + np.zeros(3)
+    found = softness(waves, everywhere)
+    assert found.drifts and not found.flat
+
+
+def test_a_picture_on_which_the_paper_leaves_no_ink_is_no_scan():
+    # Without that rule it is one, and all white: the paper follows it everywhere.
+    scene = ndimage.zoom(ndimage.gaussian_filter(grey(discs(10, 30, 90.0)), 14.0), 0.4, order=1)
+    assert scan_of(as_levels(of(scene))) is None
+    assert choose_style(of(scene)).name == "photo"
