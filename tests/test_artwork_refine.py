@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from test_artwork_fitting import sampled, star
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.tracing.corners import find_corners
 from cubicsplat_cli.artwork.tracing.cubics import Ends, basis, fit_cubics
-from cubicsplat_cli.artwork.tracing.refine import Feet, Pieces, Variables, refine
+from cubicsplat_cli.artwork.tracing.refine import Feet, refine
+from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 
 SIGMA = 0.02
 
@@ -41,6 +43,16 @@ def test_the_control_points_move_with_the_variables_as_the_jacobian_says() -> No
         np.testing.assert_allclose(jacobian[:, k], (ends[0] - ends[1]) / 2e-5, atol=1e-5)
 
 
+def test_pieces_that_have_moved_keep_the_numbers_of_their_variables_and_those_with_other_joints_do_not() -> None:
+    variables = Variables(drop())
+    moved = variables.moved(np.full(variables.total + 1, 0.01))
+    assert Variables(moved).numbering is variables.numbering
+    cornered = replace(moved, smooth=np.zeros_like(moved.smooth))
+    fresh = replace(cornered, numbering=None)
+    assert Variables(cornered).total == Variables(fresh).total > variables.total
+    assert abs(Variables(cornered).jacobian() - Variables(fresh).jacobian()).max() == 0.0
+
+
 def test_pieces_moved_off_their_points_find_back() -> None:
     truth = drop()
     u = np.tile((np.arange(30) + 0.5) / 30, 5)
@@ -49,7 +61,7 @@ def test_pieces_moved_off_their_points_find_back() -> None:
     variables = Variables(truth)
     step = np.random.default_rng(0).normal(0.0, 0.2, variables.total + 1)
     step[-1] = 0.0
-    step[variables.angle[variables.turning]] *= 0.05
+    step[variables.numbering.angle[variables.numbering.turning]] *= 0.05
     start = variables.moved(step)
     found, _, misfit = refine(start, points, np.full(len(points), SIGMA**-2), Feet(piece, u))
     assert misfit < 5.0

@@ -225,14 +225,15 @@ def _families(layers: list[Layer]) -> list[int]:
 
 def _normal_equations(state: State, goal: Goal) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
     """Gram matrix, gradient, and the first variable of each outline, the number of variables last; copies have none."""
-    parts = [o.jacobian.tocoo() for layer in state.layers for o in layer.outlines]
+    parts = [o.jacobian for layer in state.layers for o in layer.outlines]
     families = _families(state.layers)
     own = [part.shape[1] if k == family else 0 for k, (family, part) in enumerate(zip(families, parts, strict=True))]
     starts = np.cumsum([0, *own]).tolist()
-    rows = np.concatenate([part.row + 8 * first for part, first in zip(parts, state.pieces, strict=False)])
-    columns = np.concatenate([part.col + starts[family] for part, family in zip(parts, families, strict=True)])
     values = np.concatenate([part.data for part in parts])
-    jacobian = sparse.csr_matrix((values, (rows, columns)), shape=(8 * int(state.pieces[-1]), starts[-1]))
+    columns = np.concatenate([part.indices + starts[family] for part, family in zip(parts, families, strict=True)])
+    ends = np.cumsum([0, *(part.nnz for part in parts)])
+    rows = np.concatenate([[0], *(part.indptr[1:] + end for part, end in zip(parts, ends, strict=False))])
+    jacobian = sparse.csr_matrix((values, columns, rows), shape=(8 * int(state.pieces[-1]), starts[-1]))
     gram, gradient = sealed_equations(goal, state.image, state.crossings, int(state.pieces[-1]), state.leaking)
     return (jacobian.T @ (gram.tocsr() @ jacobian)).tocsc(), jacobian.T @ gradient, starts
 

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, Way
-from cubicsplat_cli.artwork.tracing.refine import Pieces, Variables
+from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 
 # Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
 ON_BORDER = 0.06
@@ -270,7 +270,7 @@ class CopyFreedom:
     def jacobian(self) -> sparse.csr_matrix:
         """Over the variables of the model."""
         turn = sparse.kron(sparse.identity(4 * len(self.lines)), self.way.matrix.T)
-        return (turn @ self.model.jacobian).tocsr()
+        return (turn @ self.model.jacobian).tocsr().sorted_indices()
 
     def following(self, model: Freedom) -> CopyFreedom:
         """The copy of the model after that has moved."""

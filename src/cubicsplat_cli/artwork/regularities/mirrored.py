@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.finish.freedom import Held, ring_pieces
 from cubicsplat_cli.artwork.geometry.outlines import Ring, bezier_points
 from cubicsplat_cli.artwork.regularities.tied import TiedRing
 from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
-from cubicsplat_cli.artwork.tracing.refine import Variables
+from cubicsplat_cli.artwork.tracing.variables import Numbering
 
 ON_AXIS = 1.0  # px: a lone anchor nearer than this to the axis is on it
 SQUARE = 0.15  # tangent of the angle off square to the axis below which a smooth joint there is square
@@ -197,15 +197,16 @@ def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:
 def mirrored_freedom(found: MirroredRing, held: Held) -> TiedRing:
     """A ring that is its own mirror image and stays so: the freedom of one half; the axis stays where it is."""
     pieces = ring_pieces(found.ring, held)
-    return TiedRing(pieces, tie_matrix(Variables(pieces).total, list(_ties(Variables(pieces), found))))
+    numbering = Numbering.of(pieces)
+    return TiedRing(pieces, tie_matrix(numbering.total, list(_ties(numbering, found))))
 
 
-def _ties(v: Variables, found: MirroredRing) -> list[Tie]:
+def _ties(v: Numbering, found: MirroredRing) -> list[Tie]:
     """What of a ring is the same on both sides of its axis, or the opposite; what is fixed on one is on both."""
     across, ties = found.axis.across, []
     signs = np.where(np.arange(2) == across, -1.0, 1.0)
     for i, j in enumerate(found.partner.tolist()):
-        ties += [Tie(int(v.pieces.tied[i, c]), int(v.pieces.tied[j, c]), float(signs[c])) for c in (0, 1)]
+        ties += [Tie(int(v.tied[i, c]), int(v.tied[j, c]), float(signs[c])) for c in (0, 1)]
         ties.append(Tie(int(v.angle[i]), int(v.angle[j]), -1.0))
         ties.append(Tie(int(v.length_out[i]), int(v.length_in[j]), 1.0))
         if v.vector_out[i] >= 0 and v.vector_in[j] >= 0:

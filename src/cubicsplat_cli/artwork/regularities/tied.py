@@ -9,7 +9,7 @@ from scipy import sparse
 
 from cubicsplat_cli.artwork.finish.freedom import Freedom, RingFreedom
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring
-from cubicsplat_cli.artwork.tracing.refine import Pieces, Variables
+from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 
 ON_STEP = 1e-6  # steps by which a coordinate may be off a whole one
 
@@ -24,7 +24,7 @@ class TiedRing:
 
     @cached_property
     def jacobian(self) -> sparse.csr_matrix:
-        return (self.variables.jacobian() @ self.ties).tocsr()
+        return (self.variables.jacobian() @ self.ties).tocsr().sorted_indices()
 
     def moved(self, step: np.ndarray) -> TiedRing:
         return TiedRing(self.variables.moved(np.append(self.ties @ step, 0.0)), self.ties)

@@ -10,9 +10,10 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
 from cubicsplat_cli.artwork.tracing.fitting import fit_outline, parameter_price
-from cubicsplat_cli.artwork.tracing.refine import Feet, Pieces, refine
+from cubicsplat_cli.artwork.tracing.refine import Feet, refine
 from cubicsplat_cli.artwork.tracing.sections import Division, Section, divide
 from cubicsplat_cli.artwork.tracing.smoothing import arc_lengths, local_fits
+from cubicsplat_cli.artwork.tracing.variables import Pieces
 
 SIGMA = 0.05  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner

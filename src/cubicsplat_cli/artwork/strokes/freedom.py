@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.finish.freedom import Freedom, Held, freedom_of, tie
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of, rings_around
-from cubicsplat_cli.artwork.tracing.refine import Pieces, Variables
+from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 
 STEP = 1e-5  # px, of the differences that tell how an outline moves with its centre line
 LEAST_WIDTH, MOST_WIDER = 0.1, 0.5  # px, of a stroke, and in a step

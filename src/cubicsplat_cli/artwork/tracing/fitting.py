@@ -15,8 +15,9 @@ from cubicsplat_cli.artwork.tracing.corners import Corners, find_corners
 from cubicsplat_cli.artwork.tracing.joining import as_ring, joined, loosened, tightened, with_level_lines
 from cubicsplat_cli.artwork.tracing.layout import independent, lay_out
 from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
-from cubicsplat_cli.artwork.tracing.refine import Feet, Pieces, Variables, refine
+from cubicsplat_cli.artwork.tracing.refine import Feet, refine
 from cubicsplat_cli.artwork.tracing.smoothing import HIDDEN_SIGMA
+from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 from cubicsplat_cli.errors import InputError
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring
-from cubicsplat_cli.artwork.tracing.refine import Feet, Pieces
+from cubicsplat_cli.artwork.tracing.refine import Feet
 from cubicsplat_cli.artwork.tracing.sections import Division
+from cubicsplat_cli.artwork.tracing.variables import Pieces
 
 LEVEL_ERRORS = 2.0  # standard errors a line may be off an axis to count as along it
 LEAST_OFF = 0.03  # px, of one end against the other, that always count so
