@@ -15,7 +15,8 @@ from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle
 from cubicsplat_cli.artwork.finish.freedom import ON_BORDER, Held, freedom_of
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.geometry.outlines import Ring
-from cubicsplat_cli.artwork.tracing.cubics import basis, nearer, point
+from cubicsplat_cli.artwork.tracing.cubics import basis, point
+from cubicsplat_cli.raster.cubics import newton_steps
 from cubicsplat_cli.raster.stack import Goal
 
 LONGEST_RUN, LONGEST_HIDDEN = 3, 12  # pieces that are merged at once, where they show and where none does
@@ -228,7 +229,7 @@ def _cubic(
         values = np.linalg.lstsq(np.stack(columns, axis=1), (rest * root).ravel(), rcond=None)[0]
         handles = (values[:, None, None] * ways).sum(axis=0)
         cubic = np.stack([a, a + handles[0], b + handles[1], b])
-        t = np.clip(nearer(np.broadcast_to(cubic, (len(t), 4, 2)), points[:, None], t[:, None])[:, 0], 0.0, 1.0)
+        t = np.clip(newton_steps(np.broadcast_to(cubic, (len(t), 4, 2)), points[:, None], t[:, None])[:, 0], 0.0, 1.0)
     if handles[0] @ ahead <= 0.0 or handles[1] @ back <= 0.0:
         return cubic, np.inf
     off = points - point(cubic[None], t[None])[0]

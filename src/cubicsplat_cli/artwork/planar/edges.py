@@ -11,7 +11,8 @@ from cubicsplat_cli.artwork.planar.borders import Borders
 from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID
 from cubicsplat_cli.artwork.planar.sources import Sources
-from cubicsplat_cli.artwork.tracing.cubics import derivatives, nearer, point
+from cubicsplat_cli.artwork.tracing.cubics import derivatives, point
+from cubicsplat_cli.raster.cubics import newton_steps
 
 SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
 AT_END = 1e-6  # of the parameter
@@ -101,7 +102,7 @@ def _foot(sources: Sources, piece: int, t: float, place: np.ndarray) -> float:
     """The parameter of a piece nearest to a place."""
     u = np.array([[t]])
     for _ in range(_ROUNDS):
-        u = np.clip(nearer(sources.cubics[[piece]], place[None, None], u), 0.0, 1.0)
+        u = np.clip(newton_steps(sources.cubics[[piece]], place[None, None], u), 0.0, 1.0)
     return float(u[0, 0])
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.raster.cubics import gauss_newton, newton_steps
+
 ROUNDS = 3
 SHORTEST_HANDLE = 0.03  # of the run's length
 LONGEST_HANDLE = 1.0
@@ -62,17 +64,6 @@ def derivatives(cubics: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarr
     )
 
 
-def nearer(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """One Newton step of the parameters u (P, K) towards the feet of the points (P, K, 2), not clipped."""
-    rest = point(cubics, u) - points
-    first, second = derivatives(cubics, u)
-    along = (rest * first).sum(-1)
-    speed = (first * first).sum(-1)
-    bend = speed + (rest * second).sum(-1)
-    # Where the distance is not convex, the Gauss-Newton step still leads downhill.
-    return u - along / np.maximum(np.where(bend > 0.3 * speed, bend, speed), 1e-12)
-
-
 def rough_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits:
     """Cubics with the ends and tangents as given, after one step of least squares for the handle lengths.
 
@@ -96,7 +87,7 @@ def rough_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFi
     start, stop = ends.positions[:, 0], ends.positions[:, 1]
     handles = sizes[..., None] * np.stack([first[:, 0], last[:, 0]], axis=1)
     cubics = np.stack([start, start + handles[:, 0], stop + handles[:, 1], stop], axis=1)
-    u = np.clip(nearer(cubics, points, u), 0.0, 1.0)
+    u = np.clip(newton_steps(cubics, points, u), 0.0, 1.0)
     rest = point(cubics, u) - points
     return CubicFits(cubics, (rest * rest).sum(-1), np.zeros(len(points)))
 
@@ -105,13 +96,9 @@ def fit_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits
     """The best cubics between roughly known ends; arguments as for rough_cubics."""
     u, length = _start(ends, points)
     frame = _Frame(ends, length)
-    values = frame.start()
-    cubics = frame.cubics(values)
-    u = np.clip(nearer(cubics, points, u), 0.0, 1.0)
-    for _ in range(ROUNDS):
-        values = frame.improved(values, cubics, points, weights, u)
-        cubics = frame.cubics(values)
-        u = np.clip(nearer(cubics, points, u), 0.0, 1.0)
+    limits = length[:, None] * [SHORTEST_HANDLE, LONGEST_HANDLE]
+    given = (frame.base, frame.directions, frame.expected, frame.stiffness, limits)
+    values, cubics, u = gauss_newton(*given, points, weights, u, ROUNDS)
     rest = point(cubics, u) - points
     return CubicFits(cubics, (rest * rest).sum(-1), frame.strain(values))
 
@@ -155,35 +142,6 @@ class _Frame:
         self.stiffness = 1.0 / np.maximum(sizes, 1e-6) ** 2
         self.stiffness[:, :2] *= 0.1
 
-    def start(self) -> np.ndarray:
-        """(P, 6) ends as given, handles of a third."""
-        return self.expected.copy()
-
-    def cubics(self, values: np.ndarray) -> np.ndarray:
-        """(P, 4, 2) control points."""
-        return self.base + (values[:, None] @ self.directions.reshape(-1, 6, 8)).reshape(-1, 4, 2)
-
     def strain(self, values: np.ndarray) -> np.ndarray:
         """(P,) chi^2 of the ends."""
         return (self.stiffness * (values - self.expected) ** 2)[:, 2:].sum(-1)
-
-    def improved(
-        self, values: np.ndarray, cubics: np.ndarray, points: np.ndarray, weights: np.ndarray, u: np.ndarray
-    ) -> np.ndarray:
-        """The values after one Gauss-Newton step."""
-        first, _ = derivatives(cubics, u)
-        speed = np.maximum(np.hypot(first[..., 0], first[..., 1]), 1e-12)
-        normal = np.stack([-first[..., 1] / speed, first[..., 0] / speed], axis=-1)
-        b = basis(u)
-        rows = (b[..., :, None] * normal[..., None, :]).reshape(*u.shape, 8)
-        columns = rows @ np.swapaxes(self.directions.reshape(-1, 6, 8), 1, 2)
-        rest = ((points - b @ cubics) * normal).sum(-1)
-        weighted = np.swapaxes(columns * weights[..., None], 1, 2)
-        gram = weighted @ columns
-        diagonal = np.arange(6)
-        gram[:, diagonal, diagonal] += self.stiffness
-        slope = (weighted @ rest[..., None])[..., 0] + self.stiffness * (self.expected - values)
-        values = values + np.linalg.solve(gram, slope[..., None])[..., 0]
-        least, most = SHORTEST_HANDLE * self.length[:, None], LONGEST_HANDLE * self.length[:, None]
-        values[:, :2] = np.clip(values[:, :2], least, most)
-        return values

@@ -12,8 +12,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from cubicsplat_cli.artwork.tracing.cubics import basis, derivatives, nearer, point
+from cubicsplat_cli.artwork.tracing.cubics import basis, derivatives, point
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.raster.cubics import newton_steps
 
 HUBER = 3.0  # sigmas beyond which a residual counts linearly
 ROUNDS = 8
@@ -41,7 +42,7 @@ def settle(pieces: Pieces, points: np.ndarray, feet: Feet, rounds: int = 2) -> F
     count, ends = len(pieces.lines), pieces.ends
     cubics, piece, u = pieces.cubics, feet.piece, feet.u
     for _ in range(rounds):
-        u = nearer(cubics[piece], points[:, None], u[:, None])[:, 0]
+        u = newton_steps(cubics[piece], points[:, None], u[:, None])[:, 0]
         on = (u > 1.0) & pieces.smooth[ends[piece]]
         back = (u < 0.0) & pieces.smooth[piece]
         piece = (piece + on.astype(int) - back) % count
