@@ -235,12 +235,12 @@ def is_quarter(angle: float) -> bool:
 
 def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
     """(n, 2) points along a ring, those of a cubic about `step` px apart; each piece gives its start, not its end."""
-    out = []
-    for cubic, line in zip(ring.cubics, ring.lines, strict=True):
-        length = float(np.linalg.norm(np.diff(cubic, axis=0), axis=1).sum())
-        count = 1 if line else max(2, math.ceil(length / step))
-        out.append(bezier_points(cubic, np.arange(count) / count))
-    return np.concatenate(out)
+    cubics = ring.cubics
+    lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    counts = np.where(ring.lines, 1, np.maximum(2, np.ceil(lengths / step))).astype(int)
+    owner = np.repeat(np.arange(ring.pieces), counts)
+    t = (np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[owner]
+    return (bernstein(t)[:, :, None] * cubics[owner]).sum(axis=1)
 
 
 def dense(corners: np.ndarray, step: float) -> np.ndarray:
@@ -254,9 +254,13 @@ def dense(corners: np.ndarray, step: float) -> np.ndarray:
 
 def bezier_points(cubic: np.ndarray, t: np.ndarray) -> np.ndarray:
     """(n, 2) points of a cubic (4, 2) at the parameters t (n,)."""
+    return bernstein(t) @ cubic
+
+
+def bernstein(t: np.ndarray) -> np.ndarray:
+    """(n, 4) what the control points of a cubic count for at the parameters t (n,)."""
     s = 1.0 - t
-    weights = np.stack([s**3, 3.0 * s * s * t, 3.0 * s * t * t, t**3], axis=1)
-    return weights @ cubic
+    return np.stack([s**3, 3.0 * s * s * t, 3.0 * s * t * t, t**3], axis=1)
 
 
 def signed_area(ring: Ring) -> float:

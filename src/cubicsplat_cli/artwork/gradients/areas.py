@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.ramps import alike
 from cubicsplat_cli.artwork.gradients.shades import Shade, shade_of
 
@@ -56,8 +57,8 @@ def smooth_parts(levels: np.ndarray) -> tuple[np.ndarray, int]:
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
         after = around[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width]
         before = around[1 - dy : 1 - dy + height, 1 - dx : 1 - dx + width]
-        smooth &= np.abs(after - 2.0 * levels + before).max(axis=-1) <= BEND
-        step = np.abs(after - before).max(axis=-1)
+        smooth &= largest(np.abs(after - 2.0 * levels + before)) <= BEND
+        step = largest(np.abs(after - before))
         smooth &= step <= 2.0 * STEEP
         changing |= step > 0.0
     # Opened with room around the canvas, so that its border takes nothing away.

@@ -12,6 +12,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.fft import dctn
 
+from cubicsplat_cli.artwork.channels import largest
+
 # Levels: pixels whose 5 x 5 neighbours span less are away from edges; a second difference that an even or shaded
 # picture does not have.
 QUIET, ROUGH = 24.0, 3.0
@@ -82,7 +84,7 @@ def condition_of(levels: np.ndarray) -> Condition:
     luma = levels @ LUMA
     second = _second_differences(levels)
     spread = ndimage.maximum_filter(levels, (5, 5, 1)) - ndimage.minimum_filter(levels, (5, 5, 1))
-    quiet = spread.max(axis=-1) < QUIET
+    quiet = largest(spread) < QUIET
     if not quiet.any():
         return CLEAN
     everywhere = float(np.median(second[quiet])) / (SECOND * LARGER_MEDIAN)
@@ -101,8 +103,8 @@ def _second_differences(levels: np.ndarray) -> np.ndarray:
     """(H, W) the larger one of those along the row and along the column, of the colour channel that has the largest."""
     out = np.zeros(levels.shape[:2], dtype=np.float32)
     colours = levels[..., :3]
-    out[:, 1:-1] = np.abs(colours[:, 2:] - 2.0 * colours[:, 1:-1] + colours[:, :-2]).max(axis=-1)
-    down = np.abs(colours[2:] - 2.0 * colours[1:-1] + colours[:-2]).max(axis=-1)
+    out[:, 1:-1] = largest(np.abs(colours[:, 2:] - 2.0 * colours[:, 1:-1] + colours[:, :-2]))
+    down = largest(np.abs(colours[2:] - 2.0 * colours[1:-1] + colours[:-2]))
     out[1:-1] = np.maximum(out[1:-1], down)
     return out
 

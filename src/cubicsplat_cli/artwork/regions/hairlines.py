@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.channels import largest
+
 # Residuals, in levels, of a blend that the inks beside it explain, and that the ink of a line must explain; lines are
 # sought with the MOST_INKS commonest inks.
 STRANGE, CLOSE = 24.0, 10.0
@@ -75,14 +77,13 @@ def level_lines(
         along = _long(levels, 1 - axis) & strange
         if not along[place].any():
             continue
+        apart = {step: largest(np.abs(levels - np.roll(levels, step, axis=axis))) > ALIKE for step in (-1, 1)}
         for ink in palette[:MOST_INKS]:
             own = np.zeros(strange.shape, dtype=bool)
             own[place] = blend_with(levels[place], ink, beside, beside)[1] <= CLOSE
             own &= along
-            for step in (-1, 1):
-                across = np.roll(own, step, axis=axis)
-                apart = np.abs(levels - np.roll(levels, step, axis=axis)).max(axis=-1) > ALIKE
-                out |= (own & across & apart)[place]
+            for step, differs in apart.items():
+                out |= (own & np.roll(own, step, axis=axis) & differs)[place]
     return out
 
 
@@ -90,16 +91,9 @@ def _long(levels: np.ndarray, axis: int) -> np.ndarray:
     """(H, W) bool: belongs to LONG px of one colour along an axis."""
     size = [1, 1, 1]
     size[axis] = LONG
-    even = (
-        np.ptp(
-            [
-                ndimage.maximum_filter(levels, size, mode="nearest"),
-                ndimage.minimum_filter(levels, size, mode="nearest"),
-            ],
-            axis=0,
-        ).max(axis=-1)
-        <= 1.0
-    )
+    high = ndimage.maximum_filter(levels, size, mode="nearest")
+    low = ndimage.minimum_filter(levels, size, mode="nearest")
+    even = largest(high - low) <= 1.0
     return ndimage.binary_dilation(even, np.ones(size[:2], dtype=bool))
 
 

@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.channels import largest
+
 # Levels: a pixel is flat where its 3x3 neighbourhood spans at most so much; inks nearer than `SAME` are one.
 FLAT_RANGE = 3.0
 SAME = 3.5
@@ -31,7 +33,7 @@ def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:
     size = (3, 3, 1)
     high = ndimage.maximum_filter(levels, size, mode="nearest")
     low = ndimage.minimum_filter(levels, size, mode="nearest")
-    return (high - low).max(axis=-1) <= limit
+    return largest(high - low) <= limit
 
 
 def picture_inks(levels: np.ndarray, most: int | None = None) -> np.ndarray:
@@ -71,7 +73,7 @@ def _small_inks(levels: np.ndarray, flat: np.ndarray) -> list[tuple[np.ndarray, 
     free = ~np.logical_or.reduce(
         [near[y : near.shape[0] - 1 + y, x : near.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
     )
-    even = free & (np.ptp(np.stack(corners), axis=0).max(axis=-1) <= SQUARE_RANGE)
+    even = free & (largest(np.ptp(np.stack(corners), axis=0)) <= SQUARE_RANGE)
     colours, counts = np.unique(np.rint(corners[0][even]), axis=0, return_counts=True)
     common = np.argsort(-counts, kind="stable")[:MOST_SMALL]
     return [(colours[i].astype(float), float(counts[i])) for i in common if counts[i] >= FEWEST_SQUARES]
@@ -82,7 +84,7 @@ def _is_line(levels: np.ndarray, flat: np.ndarray, colour: np.ndarray, size: flo
 
     A line of 1.5 px in the middle of two rows leaves both the same blend of it with the ground. inks: the others.
     """
-    here = np.abs(levels - colour).max(axis=-1) <= SQUARE_RANGE
+    here = largest(np.abs(levels - colour)) <= SQUARE_RANGE
     square = here[:-1, :-1] & here[1:, :-1] & here[:-1, 1:] & here[1:, 1:]
     y, x = np.nonzero(square)
     padded = np.pad(levels, ((1, 2), (1, 2), (0, 0)), mode="edge")
@@ -96,7 +98,7 @@ def _is_line(levels: np.ndarray, flat: np.ndarray, colour: np.ndarray, size: flo
         share = (spans @ (colour - ground)) / np.maximum((spans * spans).sum(axis=1), 1e-9)
         rest = np.abs(colour - ground - share[:, None] * spans).max(axis=1)
         for k in np.flatnonzero((rest <= BLEND_LEVELS) & (share > BLEND_SHARES[0]) & (share < BLEND_SHARES[1])):
-            if (np.abs(thin - inks[k]).max(axis=-1) <= SQUARE_RANGE).sum() > MORE * size:
+            if (largest(np.abs(thin - inks[k])) <= SQUARE_RANGE).sum() > MORE * size:
                 return True
     return False
 

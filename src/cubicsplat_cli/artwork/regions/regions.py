@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.hairlines import level_lines, line_inks, missing_inks, strangers
 from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blends
@@ -118,7 +119,7 @@ def nearest_inks(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, n
     gap = np.empty(len(colours), dtype=np.float32)
     for start in range(0, len(colours), CHUNK):
         part = slice(start, start + CHUNK)
-        gaps = np.abs(colours[part, None] - palette[None].astype(np.float32)).max(axis=-1)
+        gaps = largest(np.abs(colours[part, None] - palette[None].astype(np.float32)))
         index[part] = gaps.argmin(axis=1)
         gap[part] = gaps.min(axis=1)
     shape = levels.shape[:2]
