@@ -18,7 +18,7 @@ def found_axes(rings: dict[int, tuple[Ring, Sight]], size: tuple[int, int]) -> d
     px of the canvas."""
     found: dict[int, Symmetry] = {}
     for k, (ring, sight) in rings.items():
-        if _box(ring):
+        if is_box(ring):
             continue
         track = Track.of(ring, sight)
         symmetries = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
@@ -35,7 +35,7 @@ def found_axes(rings: dict[int, tuple[Ring, Sight]], size: tuple[int, int]) -> d
     return axes
 
 
-def _box(ring: Ring) -> bool:
+def is_box(ring: Ring) -> bool:
     """Whether a ring has nothing but level and upright lines that a box has too, which are mirror images anyway."""
     steps = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
     return ring.pieces <= 4 and bool(ring.lines.all() and (steps < LEVEL).any(axis=1).all())

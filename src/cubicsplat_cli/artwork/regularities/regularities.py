@@ -1,5 +1,5 @@
 """Regularities of a finished drawing: coordinates on the artist's grid, rings that are their own mirror images, lines
-at 45 degrees, copies.
+at 45 degrees, copies, rings that are their own images by parts of a turn.
 
 Each is taken where the outlines as they were fitted say so within their errors, tied, settled against the pixels once
 more, and kept only where the description of the picture becomes shorter by it: half of chi^2 may grow by less than the
@@ -21,25 +21,28 @@ from cubicsplat_cli.artwork.finish.freedom import (
     Freedom,
     Held,
     PrimitiveFreedom,
+    RingFreedom,
     ring_pieces,
 )
-from cubicsplat_cli.artwork.finish.merges import Sight
-from cubicsplat_cli.artwork.finish.moves import PRICE, gain
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Sight
+from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of, gain
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.artwork.regularities.alike import Track
-from cubicsplat_cli.artwork.regularities.axes import found_axes
+from cubicsplat_cli.artwork.regularities.alike import SYSTEMATIC, Track
+from cubicsplat_cli.artwork.regularities.axes import found_axes, is_box
 from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.directions import directed, found_slopes, has_diagonal
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_freedom, mirrored_rings
+from cubicsplat_cli.artwork.regularities.rotational import rotated
 from cubicsplat_cli.artwork.regularities.tied import TiedRing, tied_ring
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster.stack import Goal
 
 ROUNDS, AFTER_REFUSALS = 6, 2
 EXACT = 1e-6  # px
+TINY = 1e-12
 MORE_NUMBERS = 2  # of path data that a mirrored ring may have more than the ring
 
 
@@ -60,6 +63,7 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
     state = with_symmetries(state, goal, held, detail, error)
     state = with_directions(state, goal, detail, error)
     state = with_copies(state, goal, held, detail, error)
+    state = with_rotations(state, goal, detail, error)
     return drawn(done, _on_steps(state, goal, 10.0 ** -suggested_precision(held.width, held.height)))
 
 
@@ -116,13 +120,34 @@ def with_copies(state: State, goal: Goal, held: Held, detail: float, error: floa
     return _settled(state, tied, goal, detail, error)
 
 
+def with_rotations(state: State, goal: Goal, detail: float, error: float) -> State:
+    """The state with the rings that are their own images by parts of a turn, and their copies, made and kept such."""
+    outlines = _outlines(state)
+    tied: dict[int, Freedom] = {}
+    for k, freedom in enumerate(outlines):
+        ring = freedom.outline()
+        if isinstance(freedom, RingFreedom | TiedRing) and isinstance(ring, Ring) and not is_box(ring):
+            found = rotated(freedom, Track.of(ring, Sight.of(state, k)))
+            tied |= {k: found} if found is not None else {}
+    tied |= _followers(outlines, tied)
+    return _settled(state, tied, goal, detail, error)
+
+
+def _followers(outlines: list[Freedom], models: Mapping[int, Freedom]) -> dict[int, Freedom]:
+    """The copies, by number, of outlines that have become others."""
+    copies = {k: o for k, o in enumerate(outlines) if isinstance(o, CopyFreedom) and o.source in models}
+    return {k: copy.following(models[copy.source]) for k, copy in copies.items()}
+
+
 def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: float, error: float) -> State:
     """The state with some outlines tied, less those that cost more than they save: of a model and its copies, where
     these do together, first the copies that do, and then all that are left."""
     if not tied:
         return state
     trial = settle(_with(state, tied, goal), goal, ROUNDS, trim=False)
-    copies = np.array([isinstance(tied.get(k), CopyFreedom) for k in range(len(state.marks) - 1)])
+    # What has been a copy before stays one of whatever its model becomes.
+    new = [isinstance(tied.get(k), CopyFreedom) and _variables(old) > 0 for k, old in enumerate(_outlines(state))]
+    copies = np.array(new)
     for able in (copies, np.ones_like(copies)):
         families, saved = _saved(state, trial, tied, detail, error)
         refused = able & (np.bincount(families, saved, len(saved))[families] < 0.0)
@@ -137,18 +162,28 @@ def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: floa
 def _saved(
     state: State, trial: State, tied: Mapping[int, Freedom], detail: float, error: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of each outline the number of the model that it follows, or its own, and the nats that it saves by its ties."""
+    """Of each outline the number of the model that it follows, or its own, and the nats that it saves by its ties.
+
+    Outlines are off by SYSTEMATIC px besides by chance, alike along their length; what a tie moves them so far is free.
+    """
     outlines = _outlines(state)
     families, saved = np.arange(len(outlines)), np.zeros(len(outlines))
     for k, freedom in tied.items():
         if isinstance(freedom, CopyFreedom):
             families[k] = freedom.source
     for k in sorted({*tied, *families[list(tied)].tolist()}):
-        saved[k] = gain(state, trial, k, error) * detail
+        crossed = int(state.marks[k + 1] - state.marks[k])
+        known = 1.0 - error**2 / max(floor_of(state, k, error), error**2, TINY)
+        allowed = 0.5 * crossed * known * (SYSTEMATIC / SEEN_SIGMA) ** 2
+        saved[k] = (gain(state, trial, k, error) + allowed) * detail
     for k, freedom in tied.items():
-        own = 0 if isinstance(freedom, CopyFreedom) else freedom.jacobian.shape[1]
-        saved[k] += PRICE * (outlines[k].jacobian.shape[1] - own)
+        saved[k] += PRICE * (_variables(outlines[k]) - _variables(freedom))
     return families, saved
+
+
+def _variables(freedom: Freedom) -> int:
+    """How many variables an outline has of its own."""
+    return 0 if isinstance(freedom, CopyFreedom) else freedom.jacobian.shape[1]
 
 
 def _on_steps(state: State, goal: Goal, step: float) -> State:
@@ -158,8 +193,7 @@ def _on_steps(state: State, goal: Goal, step: float) -> State:
     for k, outline in enumerate(outlines):
         if isinstance(outline, TiedRing) and isinstance(ring := outline.outline(), Ring) and has_diagonal(ring):
             moved[k] = outline.on_steps(step)
-    copies = {k: o for k, o in enumerate(outlines) if isinstance(o, CopyFreedom) and o.source in moved}
-    moved |= {k: copy.following(moved[copy.source]) for k, copy in copies.items()}
+    moved |= _followers(outlines, moved)
     return _with(state, moved, goal) if moved else state
 
 

@@ -1,0 +1,145 @@
+"""Rings that are their own images by parts of a turn: found where they are, exact in the file, and nowhere else."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from cubicsplat_cli.artwork.finish.freedom import Held, freedom_of
+from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
+from cubicsplat_cli.artwork.regularities.alike import Track
+from cubicsplat_cli.artwork.regularities.rotational import Rotation, rotated, rotational
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.svg.drawing import write_drawing
+from cubicsplat_cli.svg.drawing_reader import read_drawing
+
+SIZE, FINE, RED = 128, 8, (204, 34, 0, 255)
+
+
+def corners(*radii, degrees=0.0):
+    """Corners (n, 2) around (0, 0) at even angles, with so many px in turn."""
+    angle = np.radians(degrees) + 2.0 * np.pi * np.arange(len(radii)) / len(radii)
+    return np.array(radii)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def path_of(points):
+    return "M" + "L".join(f"{x:.6f} {y:.6f}" for x, y in points) + "z"
+
+
+def drawn(path, place="translate(63.3 64.6)"):
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" width="{SIZE}" height="{SIZE}" viewBox="0 0 {SIZE} {SIZE}">'
+    text += f'<rect width="100%" height="100%" fill="#fff"/><path d="{path}" transform="{place}" fill="#c20"/></svg>'
+    fine = rerender(text.encode(), SIZE * FINE, SIZE * FINE, renderer="resvg").pixels.astype(float)
+    picture = (np.rint(fine.reshape(SIZE, FINE, SIZE, FINE, 4).mean(axis=(1, 3))) / 255.0).astype(np.float32)
+    return draw(picture)
+
+
+def ring_of(drawing):
+    (red,) = (shape for shape in drawing.shapes if shape.ink == RED)
+    return red.outlines[0]
+
+
+def unlike(ring, parts):
+    """px by which the control points of a ring are off others when it is turned by an n-th."""
+    z = ring.cubics @ np.array([1.0, 1.0j])
+    turned = (z - ring.anchors.mean(axis=0) @ [1.0, 1.0j]) * np.exp(2.0j * np.pi / parts)
+    own = z - ring.anchors.mean(axis=0) @ [1.0, 1.0j]
+    return np.abs(turned - np.roll(own, -(ring.pieces // parts), axis=0)).max()
+
+
+STAR = corners(*(50.0, 21.0) * 5, degrees=7.0)
+
+
+def test_a_star_is_exactly_its_own_image_by_fifths_of_a_turn():
+    drawing = drawn(path_of(STAR))
+    ring = ring_of(drawing)
+    assert ring.pieces == 10 and unlike(ring, 5) < 1e-6
+    assert ring.anchors.mean(axis=0) == pytest.approx([63.3, 64.6], abs=0.01)
+    # In the file to half a step of every coordinate, 0.001 px.
+    assert unlike(ring_of(read_drawing(write_drawing(drawing, title="x", comment="y"))), 5) < 0.003
+
+
+def test_a_gear_is_so_by_its_teeth():
+    teeth = corners(*(40.0, 40.0, 48.0, 48.0) * 9, degrees=3.0)
+    assert unlike(ring_of(drawn(path_of(teeth))), 9) < 1e-6
+
+
+@pytest.mark.parametrize("off", [0.5, -0.5])
+def test_a_star_with_a_tip_that_is_longer_or_shorter_stays_so(off):
+    points = STAR * np.where(np.arange(10) == 2, 1.0 + off / 50.0, 1.0)[:, None]
+    ring = ring_of(drawn(path_of(points)))
+    reach = np.sort(np.hypot(*(ring.anchors - [63.3, 64.6]).T))[-5:]
+    assert (reach[-1] - reach[:-1].mean() if off > 0 else reach[0] - reach[1:].mean()) == pytest.approx(off, abs=0.1)
+
+
+def test_a_star_with_a_tip_that_is_two_degrees_aside_stays_so():
+    angle = np.radians(2.0)
+    points = STAR.copy()
+    points[2] = points[2] @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+    found = ring_of(drawn(path_of(points))).anchors - [63.3, 64.6]
+    assert np.hypot(*(found[:, None] - points).transpose(2, 0, 1)).min(axis=0).max() < 0.1
+
+
+def track_of(ring):
+    points = flattened(ring, 0.5)
+    return Track(points, cKDTree(points), points)
+
+
+def pinwheel(jitter=0.0):
+    """A ring of three arms, each a line, a smooth joint and a cubic that ends in a corner."""
+    part = np.array([[6.0, 1.0], [20.0, 3.0], [25.0, 9.0]])
+    handles = np.array([[[23.0, 3.0 + 3.0 / 7.0], [26.0, 6.0]], [[20.0, 14.0], [8.0, 10.0]]])
+    turns = [np.array([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]]) for a in 2 * np.pi * np.arange(3) / 3]
+    anchors = np.concatenate([part @ turn for turn in turns]) + 32.0
+    anchors[1] += jitter
+    ends = np.roll(anchors, -1, axis=0)
+    controls = np.stack([(2.0 * anchors + ends) / 3.0, (anchors + 2.0 * ends) / 3.0], axis=1)
+    for k, turn in enumerate(turns):
+        controls[3 * k + 1 : 3 * k + 3] = handles @ turn + [32.0, 32.0]
+    return Ring(anchors, controls, np.tile([True, False, False], 3), np.tile([False, True, True], 3))
+
+
+def test_a_part_stands_for_all():
+    ring = pinwheel(0.05)
+    freedom = freedom_of(ring, Held(64, 64))
+    found = rotated(freedom, track_of(ring))
+    assert unlike(found.outline(), 3) < 1e-9 < 0.05 < unlike(ring, 3)
+    # Of one part three anchors, an angle, and the lengths and handles of two cubics; and the middle.
+    alone = freedom.jacobian.shape[1] // 3
+    assert found.jacobian.shape[1] == alone + 2
+
+
+@given(st.lists(st.floats(-0.5, 0.5), min_size=60, max_size=60))
+@settings(max_examples=20, deadline=None)
+def test_such_a_ring_stays_one_however_it_moves(steps):
+    freedom = rotational(freedom_of(pinwheel(), Held(64, 64)), Rotation(3, np.array([32.0, 32.0])))
+    moved = freedom.moved(np.array(steps[: freedom.jacobian.shape[1]]))
+    assert unlike(moved.outline(), 3) < 1e-9
+
+
+def test_its_jacobian_matches_finite_differences():
+    freedom = rotational(freedom_of(pinwheel(), Held(64, 64)), Rotation(3, np.array([32.0, 32.0])))
+    jacobian = freedom.jacobian.toarray()
+    for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
+        change = (freedom.moved(step).cubics - freedom.moved(-step).cubics).ravel() / 2e-5
+        assert np.allclose(change, jacobian[:, i], atol=2e-3)
+
+
+def test_what_is_small_or_uneven_is_no_rotation():
+    speck = polygon(corners(2.0, 2.1, 2.05, 2.1, degrees=10.0) * [1.0, 0.8] + 32.0)
+    uneven = polygon(corners(20.0, 9.0, 20.0, 9.0, 21.0, 9.0) + 32.0)
+    for ring in (speck, uneven):
+        assert rotated(freedom_of(ring, Held(64, 64)), track_of(ring)) is None
+
+
+def test_a_star_keeps_the_tip_that_is_held_on_the_border():
+    points = corners(*(20.0, 9.0) * 5)
+    ring = polygon(points + np.array([[44.0, 32.0]]) + np.where(np.arange(10) == 3, 0.05, 0.0)[:, None])
+    found = rotated(freedom_of(ring, Held(64, 64)), track_of(ring))
+    assert found.outline().anchors[0, 0] == 64.0 and unlike(found.outline(), 5) < 1e-9
+    moved = found.moved(np.full(found.jacobian.shape[1], 0.1)).outline()
+    assert moved.anchors[0, 0] == 64.0 and unlike(moved, 5) < 1e-9
