@@ -29,6 +29,7 @@ UNEXPLAINED = 32.0 / 255.0  # of full scale, by which a pixel is off that is not
 SHAPE_PARAMETERS = 3.0  # parameters that a shape is worth besides its outlines'
 OPAQUE = 254  # levels of opacity of inks that spots are drawn in
 ROUNDS = 5
+LEAST_SIDE = 8  # px of a picture that has details
 
 Paint = tuple[Ink, Gradient | None]
 
@@ -41,7 +42,8 @@ def with_spots(
     detail as in ArtworkSettings. min_area: px^2 that a spot has at least; most: spots, or None for any number. Spots
     are of the drawing's opaque inks.
     """
-    if not drawing.shapes or (most is not None and most <= 0):
+    small = min(drawing.width, drawing.height) < LEAST_SIDE
+    if not drawing.shapes or small or (most is not None and most <= 0):
         return drawing
     before = begin(drawing, goal)
     unexplained = np.abs(before.image - goal.target).max(axis=2) > UNEXPLAINED

@@ -12,6 +12,7 @@ from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.hairlines import level_lines, line_inks, missing_inks, strangers
 from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blends
 from cubicsplat_cli.artwork.regions.inks import SAME, flat_pixels
+from cubicsplat_cli.artwork.regions.line_blends import line_blends
 
 # A pixel within so many levels of an ink is that ink.
 PURE = 2.5
@@ -58,7 +59,17 @@ def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0)
 
 
 def _with_inks_of_lines(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The palette with the inks that only thin lines have, and (H, W) int32 the ink of pixels that are one."""
+    """The palette with the inks that only thin lines have, less those that lines of other inks make, and (H, W) int32
+    the ink of pixels that are one.
+    """
+    palette, pure = _with_missing_inks(levels, palette)
+    if len(palette) > MOST_SEEN:
+        return palette, pure
+    false = line_blends(palette, pure, flat_pixels(levels, SAME))
+    return (palette[~false], _pure_inks(levels, palette[~false])) if false.any() else (palette, pure)
+
+
+def _with_missing_inks(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     pure = _pure_inks(levels, palette)
     y, x = np.nonzero(pure < 0)
     if len(y) == 0 or len(palette) >= MOST_PALETTE:
