@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, 
 from cubicsplat_cli.artwork.regularities.tied import TiedRing
 from cubicsplat_cli.artwork.regularities.ties import LEAST, null_basis
 from cubicsplat_cli.artwork.regularities.turned import NEAR, STEPS, Walk
-from cubicsplat_cli.artwork.tracing.refine import PAIR, Pieces, Variables
+from cubicsplat_cli.artwork.tracing.variables import PAIR, Pieces, Variables
 
 MOST_PARTS = 36
 # Px that a ring may be off itself in the root mean square: level edges are often known to a quarter of a pixel only,
@@ -119,7 +119,7 @@ def _freed(pieces: Pieces, parts: int) -> Pieces:
 def _constraints(v: Variables, rotation: Rotation) -> tuple[np.ndarray, np.ndarray]:
     """How what is alike in all parts changes with the variables (rows, variables + 3), behind which come one for all
     that is fixed and the x and y of the middle, and (rows,) by how much, px and radians, each is off now."""
-    p, n = v.pieces, rotation.parts
+    p, n, numbers = v.pieces, rotation.parts, v.numbering
     own = np.arange(len(p.anchors) // n)
     rows, off = [], []
 
@@ -142,13 +142,13 @@ def _constraints(v: Variables, rotation: Rotation) -> tuple[np.ndarray, np.ndarr
         for row, c in zip(rows[first:], np.tile([0, 1], len(own)), strict=True):
             row[-2:] -= (np.eye(2) - turn)[:, c]
         one = np.eye(1)
-        curved = v.turning[own]
+        curved = numbers.turning[own]
         headings = [np.arctan2(*v.direction[k[curved]].T[::-1]) for k in (there, own)]
         gap = np.mod(headings[0] - headings[1] - 2.0 * math.pi * count / n + math.pi, 2.0 * math.pi) - math.pi
-        add(v.angle[there[curved], None], v.angle[own[curved], None], one, gap[:, None])
+        add(numbers.angle[there[curved], None], numbers.angle[own[curved], None], one, gap[:, None])
         for handles, long, lengths, free, vectors in (
-            (p.incoming, v.long_in, v.length_in, v.free_in, v.vector_in),
-            (p.outgoing, v.long_out, v.length_out, v.free_out, v.vector_out),
+            (p.incoming, numbers.long_in, numbers.length_in, numbers.free_in, numbers.vector_in),
+            (p.outgoing, numbers.long_out, numbers.length_out, numbers.free_out, numbers.vector_out),
         ):
             k, sizes = long[own], np.hypot(*handles.T)
             add(lengths[there[k], None], lengths[own[k], None], one, (sizes[there[k]] - sizes[own[k]])[:, None])
