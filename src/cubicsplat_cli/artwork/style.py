@@ -8,6 +8,7 @@ from functools import reduce
 
 import numpy as np
 
+from cubicsplat_cli.artwork.input.cells import cells_of
 from cubicsplat_cli.artwork.input.evenness import covered, evenness
 
 PHOTO, ARTWORK = "photo", "artwork"
@@ -35,6 +36,9 @@ class Style:
 
 def choose_style(target: np.ndarray) -> Style:
     """The style for a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. Large ones are sampled."""
+    cells = cells_of(target)
+    if cells is not None:
+        return Style(ARTWORK, f"cells of {len(cells.colours)} colours")
     levels = np.rint(255.0 * _sampled(target)).astype(np.float32)
     drawn = levels[..., 3] > 0 if levels.shape[2] == 4 else np.ones(levels.shape[:2], dtype=bool)
     if not drawn.any():

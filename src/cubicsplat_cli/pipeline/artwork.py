@@ -23,7 +23,26 @@ LEAST_THROUGH_DB = 18.0
 
 
 def drawn_artwork(task: Task) -> Made:
-    """Few opaque shapes with exact outlines."""
+    """Few opaque shapes with exact outlines; cells where the picture is made of such."""
+    from cubicsplat_cli.artwork.input.cells import cells_of
+
+    cells = cells_of(task.target.target())
+    if cells is not None:
+        from cubicsplat_cli.artwork.mosaic import mosaic
+        from cubicsplat_cli.artwork.shapes import scaled_drawing
+        from cubicsplat_cli.artwork.vectorize import in_palette
+
+        chosen, most = task.request.artwork, task.request.settings.curves
+        drawing = mosaic(cells, abutting=chosen.stacking == CUTOUT)
+        few = len(drawing.inks) <= (chosen.colors or len(drawing.inks)) and not chosen.min_area
+        if few and (most is None or len(drawing.shapes) <= most):
+            drawing = scaled_drawing(in_palette(drawing, chosen.palette), *task.picture.size)
+            return replace(_drawn(drawing, task.request), notes=cells.notes, least_db=LEAST_DB)
+    return _outlined(task)
+
+
+def _outlined(task: Task) -> Made:
+    """The drawing of regions with smooth outlines."""
     from cubicsplat_cli.artwork.input.intake import taken_in
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import draw
