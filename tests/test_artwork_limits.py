@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
+import resvg_py
+from PIL import Image
 
 from cubicsplat_cli.artwork import limits, vectorize
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 
@@ -49,3 +54,17 @@ def test_every_outline_is_enlarged():
     drawing = Drawing(5, 5, tuple(Shape((1, 2, 3, 255), (outline,), "x") for outline in outlines))
     for one, other in zip(limits.enlarged(drawing, 3, 14, 15).shapes, drawing.shapes, strict=True):
         assert np.allclose(one.outlines[0].ring().cubics, 3 * other.outlines[0].ring().cubics)
+
+
+@pytest.mark.parametrize("colors", [2, 3, 4])
+def test_inks_of_lines_count_among_the_colours_asked_for(colors):
+    body = (
+        '<rect width="120" height="90" fill="#fff"/><circle cx="40" cy="45" r="30" fill="#d32"/>'
+        '<rect x="70" y="20" width="40" height="50" fill="#26c"/>'
+        '<path d="M5 85L115 60M5 5L115 30" stroke="#092"/><path d="M8 40L60 88" stroke="#c0c" stroke-width="1.2"/>'
+    )
+    svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 120 90">{body}</svg>'
+    image = Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_string=svg, width=120))))
+    picture = np.asarray(image.convert("RGB"), np.float32) / 255.0
+    assert len(vectorize.draw(picture, ArtworkSettings(colors=colors)).inks) == colors
+    assert len(vectorize.draw(picture).inks) == 5

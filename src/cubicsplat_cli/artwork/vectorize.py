@@ -148,7 +148,7 @@ def _regions(levels: np.ndarray, settings: ArtworkSettings, min_area: float) -> 
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
         elif levels.shape[0] * levels.shape[1] > MOST_REGIONS and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
-        regions = bounded_regions(soft, picture_inks(soft, settings.colors), min_area)
+        regions = bounded_regions(soft, picture_inks(soft, settings.colors), min_area, settings.colors)
         if regions.count <= min(most, MOST_REGIONS):
             break
     return soft, regions

@@ -46,9 +46,11 @@ class Regions:
         return np.bincount(self.labels.ravel(), minlength=self.count)
 
 
-def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0) -> Regions:
-    """Regions of a picture (H, W, 4) in levels, in the inks of a palette (P, 4)."""
-    palette, pure = _with_inks_of_lines(levels, palette)
+def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0, most: int | None = None) -> Regions:
+    """Regions of a picture (H, W, 4) in levels, in the inks of a palette (P, 4), and those that only thin lines and
+    small details have: with these no more than `most`, where that is not None.
+    """
+    palette, pure = _with_inks_of_lines(levels, palette, most)
     inks = joined_at_corners(_blends_shared_out(levels, palette, pure), levels, palette)
     labels = _components(inks)
     sure = _sure(levels, palette, labels, inks, pure)
@@ -58,21 +60,21 @@ def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0)
     return Regions(labels, palette[ink_of], ink_of)
 
 
-def _with_inks_of_lines(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _with_inks_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
     """The palette with the inks that only thin lines have, less those that lines of other inks make, and (H, W) int32
     the ink of pixels that are one.
     """
-    palette, pure = _with_missing_inks(levels, palette)
+    palette, pure = _with_missing_inks(levels, palette, most)
     if len(palette) > MOST_SEEN:
         return palette, pure
     false = line_blends(palette, pure, flat_pixels(levels, SAME))
     return (palette[~false], _pure_inks(levels, palette[~false])) if false.any() else (palette, pure)
 
 
-def _with_missing_inks(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _with_missing_inks(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
     pure = _pure_inks(levels, palette)
     y, x = np.nonzero(pure < 0)
-    if len(y) == 0 or len(palette) >= MOST_PALETTE:
+    if len(y) == 0 or len(palette) >= min(most or MOST_PALETTE, MOST_PALETTE):
         return palette, pure
     near = near_inks(pure, y, x)
     strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
@@ -81,14 +83,14 @@ def _with_missing_inks(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndar
     found = palette
     new = missing_inks(levels[y, x][other], beside[other])
     if len(new):
-        palette = np.vstack([palette, new])
+        palette = np.vstack([palette, new])[:most]
     if len(palette) <= MOST_SEEN:
         values = levels[y, x]
         fewest = max(FEWEST, LEAST_STRANGE * len(values))
         hidden = hidden_inks(values, palette, STRANGE_INK, ONE_COLOUR, fewest)
         if len(hidden):
             shown = np.isin(np.arange(len(palette)), pure[flat_pixels(levels, SAME)])
-            palette = np.vstack([palette[without_blends(palette, shown, hidden)], hidden])
+            palette = np.vstack([palette[without_blends(palette, shown, hidden)], hidden])[:most]
     return palette, pure if palette is found else _pure_inks(levels, palette)
 
 
