@@ -61,6 +61,6 @@ def _barycentric(values: np.ndarray, three: np.ndarray) -> tuple[np.ndarray, np.
         return np.zeros((len(values), 3)), np.zeros(len(values), dtype=bool)
     shares = np.linalg.solve(gram, spans.T @ (values - three[2]).T).T
     shares = np.column_stack([shares, 1.0 - shares.sum(axis=1)])
-    inside = (shares >= -SLACK).all(axis=1)
+    inside = np.asarray((shares >= -SLACK).all(axis=1))
     shares = np.clip(shares, 0.0, 1.0)
     return shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-9), inside
