@@ -25,7 +25,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import Gradient, Ink
 
-UNEXPLAINED = 32.0 / 255.0  # of full scale, by which a pixel is off that is not explained
+UNEXPLAINED = 48.0 / 255.0  # of full scale, by which a pixel is off that is not explained
 SHAPE_PARAMETERS = 3.0  # parameters that a shape is worth besides its outlines'
 OPAQUE = 254  # levels of opacity of inks that spots are drawn in
 ROUNDS = 5

@@ -19,7 +19,7 @@ QUIET = 1.2  # levels per px, beyond which there is an edge or texture
 SAME, SAME_GROUND = 4.0, 6.0  # levels around a place's median, and between the medians of places that are the ground
 FEW = 9  # px, of a place that tells nothing
 SECOND_MEDIAN = 0.6745 * 6.0**0.5  # of the size of second differences of normal noise of 1
-LEAST_SOFT = 0.05  # share of the pixels, below which nothing drifts
+LEAST_SOFT = 0.1  # share of the pixels, below which nothing drifts
 # Of what is neither ground nor edge: drawings have at most 0.57 but for a bird in one gradient (0.77) and lettering in
 # one (0.93), soft photos mostly 0.74 to 1, but at 128 px down to 0.34.
 MOST_DRIFT = 0.6
