@@ -108,7 +108,8 @@ def test_shares_of_what_is_even_and_what_drifts():
     assert found.drift > 0.9 and not found.drifts and not found.flat
     waves = 120.0 + 40.0 * np.sin(9.0 * X + 3.0 * Y) * np.cos(7.0 * Y - 4.0 * X * Y)
     grain = np.random.default_rng(0).normal(size=waves.shape)
-    grained, rendered = (softness(np.rint(some)[..., None] + np.zeros(3), everywhere) for some in (waves + grain, waves))
+    levels = [np.repeat(np.rint(some)[..., None], 3, axis=2) for some in (waves + grain, waves)]
+    grained, rendered = (softness(some, everywhere) for some in levels)
     assert grained.drifts and not grained.flat
     assert rendered.drift > 0.9 and not rendered.drifts
 
