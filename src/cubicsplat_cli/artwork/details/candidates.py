@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.tracing.fitting import few_lines
 MARGIN = 3  # px around what is not explained, whose inks are looked at
 PURE = 6.0  # levels within which a pixel shows an ink
 REACH = 2  # px in which an ink that shows pure is near
-LEAST = 6  # subpixels of a candidate and of its holes
+LEAST = 12  # subpixels of a candidate and of its holes
 TOLERANCES = (0.6, 1.0)  # subpixels that a polygon's lines may be off the cracks between them
 
 
