@@ -13,7 +13,7 @@ from command import run_here
 from conftest import smooth_pixels
 from PIL import Image
 
-SIDE = 48  # px of the artwork
+SIDE = 80  # px of the artwork, more than a picture of single pixels has
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install 'cubicsplat[test]'")
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium or Chrome: apt-get install chromium")

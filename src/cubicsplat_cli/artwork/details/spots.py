@@ -26,6 +26,7 @@ from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import Gradient, Ink
 
 UNEXPLAINED = 48.0 / 255.0  # of full scale, by which a pixel is off that is not explained
+FEWEST = 16  # such pixels in a drawing that has lost details; a few are errors of its own outlines
 SHAPE_PARAMETERS = 3.0  # parameters that a shape is worth besides its outlines'
 OPAQUE = 254  # levels of opacity of inks that spots are drawn in
 ROUNDS = 5
@@ -47,7 +48,7 @@ def with_spots(
         return drawing
     before = begin(drawing, goal)
     unexplained = np.abs(before.image - goal.target).max(axis=2) > UNEXPLAINED
-    if not unexplained.any():
+    if unexplained.sum() < FEWEST:
         return drawing
     spots = _chosen(_found(drawing, goal, unexplained, min_area), before.image, goal.target, detail)[:most]
     if not spots:
