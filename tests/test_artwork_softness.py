@@ -10,8 +10,7 @@ from PIL import Image
 from scipy import ndimage
 from skimage import data
 
-from cubicsplat_cli.artwork.input.condition import condition_of
-from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
+from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.softness import softness
 from cubicsplat_cli.artwork.style import choose_style
@@ -119,20 +118,3 @@ def test_a_picture_on_which_the_paper_leaves_no_ink_is_no_scan():
     scene = ndimage.zoom(ndimage.gaussian_filter(grey(discs(10, 30, 90.0)), 14.0), 0.4, order=1)
     assert scan_of(as_levels(of(scene))) is None
     assert choose_style(of(scene + np.random.default_rng(0).normal(size=scene.shape))).name == "photo"
-
-
-def bars(width: float) -> np.ndarray:
-    """(H, W) levels: upright bars whose sides are ramps of a width in px."""
-    return 60.0 + 100.0 * np.clip((np.abs(np.mod(WIDTH * X, 80.0) - 40.0) - 20.0) / width + 0.5, 0.0, 1.0)
-
-
-def test_the_ramps_of_gradients_are_no_blur_and_are_sought_only_where_they_may_be(monkeypatch):
-    assert condition_of(as_levels(of(bars(9.0)))).blur > 1.0
-    assert taken_in(of(bars(9.0))).condition.clean
-
-    def unasked(_: np.ndarray) -> None:
-        raise AssertionError("gradients are sought")
-
-    monkeypatch.setattr("cubicsplat_cli.artwork.input.intake.flattened", unasked)
-    blurred = ndimage.gaussian_filter(discs(4, 10) * (1.0 - 0.3 * Y[..., None]), (1.2, 1.2, 0.0))
-    assert taken_in(of(blurred)).condition.blur == pytest.approx(1.2, abs=0.15)

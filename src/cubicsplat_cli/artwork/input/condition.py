@@ -32,7 +32,6 @@ LEAST_ROUGH = 0.008  # share of the quiet pixels of a JPEG
 LUMA = np.array([0.299, 0.587, 0.114, 0.7], dtype=np.float32)
 # Edges whose width is measured: px to either side, levels of contrast, levels that count as even beside them.
 REACH, CONTRAST = 8, 60.0
-LEAST_STEP = CONTRAST / 8.0  # levels, in the middle of such an edge
 FEWEST, MOST = 40, 6000
 JPEG_EDGES = 8.0  # times the noise elsewhere
 # px: less is how programs smooth edges, or what a JPEG does to them. A quarter of the edges may be sharper by a third.
@@ -163,7 +162,7 @@ def _variances(luma: np.ndarray, even: float) -> np.ndarray:
     across = np.diff(luma, axis=1)
     down = np.gradient(ndimage.uniform_filter1d(luma, 3, axis=1), axis=0) if height > 2 else np.zeros_like(luma)
     size = np.abs(across)
-    peak = (size == ndimage.maximum_filter1d(size, 2 * REACH + 1, axis=1)) & (size > LEAST_STEP)
+    peak = (size == ndimage.maximum_filter1d(size, 2 * REACH + 1, axis=1)) & (size > CONTRAST / 8.0)
     peak[:, : REACH + 1], peak[:, -REACH - 1 :] = False, False
     y, x = np.nonzero(peak)
     keep = np.arange(len(y)) if len(y) <= 4 * MOST else np.linspace(0, len(y) - 1, 4 * MOST).astype(int)

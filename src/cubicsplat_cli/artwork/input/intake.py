@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.areas import smooth_parts
 from cubicsplat_cli.artwork.gradients.flattening import flattened
-from cubicsplat_cli.artwork.input.condition import LEAST_STEP, LUMA, Condition, condition_of
+from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.limits import reduced, reduction
@@ -53,21 +52,10 @@ def taken_in(target: np.ndarray) -> Intake:
         levels, times = before_enlargement(levels)
         if times > 1:
             condition = condition_of(levels)
-    if condition.blur and not (condition.noise or condition.jpeg) and _steep_ramps(levels):
+    if condition.blur and not (condition.noise or condition.jpeg):
         # The ramps of gradients are as wide as blurred edges: it is told by what is left without them.
         condition = condition_of(flattened(levels).levels)
     return Intake(levels, condition, factor * times, times, width, height)
-
-
-def _steep_ramps(levels: np.ndarray) -> bool:
-    """Whether colours change evenly somewhere as steeply as in the middle of the edges that tell a blur.
-
-    In the middle of a blurred edge they do not, a px to either side; gradients are not sought for nothing.
-    """
-    luma, even = levels @ LUMA, smooth_parts(levels)[0] > 0
-    across = (np.abs(np.diff(luma, axis=1)) > LEAST_STEP) & even[:, 1:] & even[:, :-1]
-    down = (np.abs(np.diff(luma, axis=0)) > LEAST_STEP) & even[1:] & even[:-1]
-    return bool(across.any() or down.any())
 
 
 def as_levels(target: np.ndarray) -> np.ndarray:
