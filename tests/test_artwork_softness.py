@@ -113,6 +113,13 @@ def test_shares_of_what_is_even_and_what_drifts():
     assert rendered.drift > 0.9 and not rendered.drifts
 
 
+def test_a_picture_without_any_quiet_place_has_no_shares_and_a_style():
+    noise = np.random.default_rng(7).integers(0, 256, (32, 32)).astype(float)
+    found = softness(255.0 * of(noise), np.ones(noise.shape, dtype=bool))
+    assert (found.ground, found.even, found.soft) == (0.0, 0.0, 0.0)
+    assert choose_style(of(noise)).name == "photo"
+
+
 def test_a_picture_on_which_the_paper_leaves_no_ink_is_no_scan():
     # Without that rule it is one, and all white: the paper follows it everywhere.
     scene = ndimage.zoom(ndimage.gaussian_filter(grey(discs(10, 30, 90.0)), 14.0), 0.4, order=1)

@@ -75,11 +75,12 @@ def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
     places, count = ndimage.label((slopes <= QUIET) & drawn)
     inside = places > 0
     order = np.argsort(places[inside], kind="stable")
-    ends = np.cumsum(np.bincount(places[inside], minlength=count + 1)[1:])
+    lengths = np.bincount(places[inside], minlength=count + 1)[1:]
+    ends = np.cumsum(lengths)
     sorted_means = means[inside][order]
     soft = np.zeros(len(order), dtype=bool)
     colours, sizes = [np.full(levels.shape[2], -1e3)], [0]
-    for start, end in zip([0, *ends[:-1]], ends, strict=True):
+    for start, end in zip(ends - lengths, ends, strict=True):
         if end - start < FEW:
             continue
         middle = np.median(sorted_means[start:end], axis=0)
