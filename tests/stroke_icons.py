@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.tracing.cubics import point
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.svg.pathparse import subpaths
 
@@ -128,5 +128,5 @@ def line_of(pen: Pen) -> np.ndarray:
             handles = piece.handles or (start + (end - start) / 3.0, end - (end - start) / 3.0)
             cubic = np.stack([start, *map(np.array, handles), end])
             length = float(np.hypot(*np.diff(cubic, axis=0).T).sum())
-            found.append(point(cubic[None], np.linspace(0.0, 1.0, max(2, int(50 * length)))[None])[0])
+            found.append(points_at(cubic[None], np.linspace(0.0, 1.0, max(2, int(50 * length)))[None])[0])
     return np.concatenate(found)

@@ -11,7 +11,8 @@ from test_artwork_finish import covered
 from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.freedom import CopyFreedom, Held, freedom_of
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, Way, flattened
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, flattened
+from cubicsplat_cli.artwork.geometry.ways import Way
 from cubicsplat_cli.artwork.regularities.regularities import with_copies
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw

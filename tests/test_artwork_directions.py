@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from cubicsplat_cli.artwork.finish.finish import LONGEST
 from cubicsplat_cli.artwork.finish.freedom import Held, Pins, freedom_of
-from cubicsplat_cli.artwork.geometry.outlines import Ring, Way, polygon
+from cubicsplat_cli.artwork.geometry.outlines import Ring, polygon
+from cubicsplat_cli.artwork.geometry.ways import Way
 from cubicsplat_cli.artwork.regularities.directions import Slope, directed, has_diagonal
 from cubicsplat_cli.artwork.regularities.tied import tied_ring
 from cubicsplat_cli.artwork.regularities.ties import null_basis

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
     Outline,
     Rectangle,
     Ring,
-    bezier_points,
     flattened,
     polygon,
     signed_area,
@@ -28,7 +28,7 @@ NOISE = 0.02
 def sampled(outline: Outline, noise: float = NOISE, seed: int = 0) -> np.ndarray:
     """Points about 1 px apart along an outline, with noise across it."""
     ring = outline.ring()
-    fine = np.concatenate([bezier_points(c, np.linspace(0.0, 1.0, 400, endpoint=False)) for c in ring.cubics])
+    fine = np.concatenate([points_at(c, np.linspace(0.0, 1.0, 400, endpoint=False)) for c in ring.cubics])
     loop = np.vstack([fine, fine[:1]])
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(loop, axis=0).T))])
     count = max(8, round(length[-1]))

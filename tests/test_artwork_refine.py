@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from test_artwork_fitting import sampled, star
 
+from cubicsplat_cli.artwork.geometry.beziers import bernstein
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.tracing.corners import find_corners
-from cubicsplat_cli.artwork.tracing.cubics import Ends, basis, fit_cubics
+from cubicsplat_cli.artwork.tracing.cubics import Ends, fit_cubics
 from cubicsplat_cli.artwork.tracing.refine import Feet, refine
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 
@@ -57,7 +58,7 @@ def test_pieces_moved_off_their_points_find_back() -> None:
     truth = drop()
     u = np.tile((np.arange(30) + 0.5) / 30, 5)
     piece = np.repeat(np.arange(5), 30)
-    points = (basis(u)[:, None, :] @ truth.cubics[piece])[:, 0]
+    points = (bernstein(u)[:, None, :] @ truth.cubics[piece])[:, 0]
     variables = Variables(truth)
     step = np.random.default_rng(0).normal(0.0, 0.2, variables.total + 1)
     step[-1] = 0.0
@@ -100,7 +101,7 @@ def test_many_cubics_are_found_from_their_points_at_once() -> None:
         axis=1,
     )
     u = np.tile((np.arange(20) + 0.5) / 20, (3, 1))
-    points = basis(u) @ truth
+    points = bernstein(u) @ truth
     last = np.stack([-np.sin(turns), np.cos(turns)], axis=1)
     tangents = np.stack([np.tile([0.0, 1.0], (3, 1)), last], axis=1)
     # The ends are given 0.05 px and the tangents a degree off, within their standard errors.

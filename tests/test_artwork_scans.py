@@ -11,11 +11,11 @@ from scipy.spatial import cKDTree
 from skimage import data
 from stroke_icons import ICONS, SIZE, line_of, svg_of
 
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.stroke import pieces_of
 from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.style import choose_style
-from cubicsplat_cli.artwork.tracing.cubics import point
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
 
@@ -50,7 +50,7 @@ def test_a_scan_becomes_its_strokes_on_one_ground():
     assert [stroke.width for stroke in strokes] == pytest.approx([1.6 * SIDE / SIZE] * len(strokes), abs=0.5)
     lines = np.concatenate([line_of(pen) for pen in PENS]) * SIDE / SIZE
     cubics = np.concatenate([pieces_of(stroke.path)[0] for stroke in strokes])
-    drawn = np.concatenate([point(cubic[None], np.linspace(0.0, 1.0, 500)[None])[0] for cubic in cubics])
+    drawn = np.concatenate([points_at(cubic[None], np.linspace(0.0, 1.0, 500)[None])[0] for cubic in cubics])
     assert np.percentile(cKDTree(lines).query(drawn)[0], 95) < 0.3
 
 

@@ -15,6 +15,7 @@ from stroke_icons import ICONS, SIZE, Pen, line_of, picture_of, sampled_picture_
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.freedom import Held
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pieces_of
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -23,7 +24,6 @@ from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
 from cubicsplat_cli.artwork.strokes.freedom import StrokeFreedom
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.artwork.tracing.cubics import point
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import rerender
@@ -41,7 +41,7 @@ def strokes_in(picture: np.ndarray) -> list[Stroke]:
 
 def points_on(stroke: Stroke) -> np.ndarray:
     cubics, _ = pieces_of(stroke.path)
-    return np.concatenate([point(cubic[None], np.linspace(0.0, 1.0, 2000)[None])[0] for cubic in cubics])
+    return np.concatenate([points_at(cubic[None], np.linspace(0.0, 1.0, 2000)[None])[0] for cubic in cubics])
 
 
 @pytest.mark.parametrize("name", sorted(ICONS))

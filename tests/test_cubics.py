@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.tracing.cubics import basis, derivatives, point
+from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
 from cubicsplat_cli.raster.cubics import gauss_newton, newton_steps
 
 RUNS, POINTS, ROUNDS = 7, 20, 3
@@ -14,11 +14,11 @@ def runs(seed):
     random = np.random.default_rng(seed)
     cubics = np.array([[0.0, 0.0], [10.0, 8.0], [22.0, 8.0], [30.0, 0.0]]) + random.normal(0.0, 3.0, (RUNS, 4, 2))
     u = np.tile((np.arange(POINTS) + 0.5) / POINTS, (RUNS, 1))
-    return random, cubics, point(cubics, u) + random.normal(0.0, 0.3, (RUNS, POINTS, 2)), u
+    return random, cubics, points_at(cubics, u) + random.normal(0.0, 0.3, (RUNS, POINTS, 2)), u
 
 
 def nearer(cubics, points, u):
-    rest = point(cubics, u) - points
+    rest = points_at(cubics, u) - points
     first, second = derivatives(cubics, u)
     speed = (first * first).sum(-1)
     bend = speed + (rest * second).sum(-1)
@@ -30,7 +30,7 @@ def test_a_newton_step_is_that_of_the_distance():
     assert newton_steps(cubics, points, u) == pytest.approx(nearer(cubics, points, u), abs=1e-12)
     # Far inside of a bend the distance is not convex.
     far = points + [0.0, 400.0] * np.ones((RUNS, POINTS, 1))
-    rest, (first, second) = point(cubics, u) - far, derivatives(cubics, u)
+    rest, (first, second) = points_at(cubics, u) - far, derivatives(cubics, u)
     assert ((rest * second).sum(-1) < -0.7 * (first * first).sum(-1)).any()
     assert newton_steps(cubics, far, u) == pytest.approx(nearer(cubics, far, u), abs=1e-9)
 
@@ -39,7 +39,7 @@ def test_steps_repeated_find_the_feet():
     _, cubics, points, u = runs(2)
     for _ in range(6):
         u = newton_steps(cubics, points, u)
-    along = ((point(cubics, u) - points) * derivatives(cubics, u)[0]).sum(-1)
+    along = ((points_at(cubics, u) - points) * derivatives(cubics, u)[0]).sum(-1)
     assert np.abs(along).max() < 1e-6
 
 
@@ -48,7 +48,7 @@ def improved(given, values, cubics, points, weights, u):
     _, directions, expected, stiffness, limits = given
     first, _ = derivatives(cubics, u)
     normal = np.stack([-first[..., 1], first[..., 0]], axis=-1) / np.hypot(first[..., 0], first[..., 1])[..., None]
-    b = basis(u)
+    b = bernstein(u)
     columns = np.einsum("pkc,pka,pvca->pkv", b, normal, directions)
     rest = ((points - b @ cubics) * normal).sum(-1)
     gram = np.einsum("pk,pkv,pkw->pvw", weights, columns, columns) + stiffness[:, None] * np.eye(6)

@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.names import shape_name
+from cubicsplat_cli.artwork.robust import huber
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import Gradient, Ink
@@ -127,8 +128,7 @@ def _painted_over(image: np.ndarray, spot: Shape) -> tuple[tuple[slice, slice], 
 
 def _misfit(rest: np.ndarray) -> np.ndarray:
     """(h, w) what residuals (h, w, 4) count, as in the finish."""
-    size = np.sqrt(((rest * WHITE) ** 2).sum(axis=2))
-    return np.where(size < HUBER, size**2, 2.0 * HUBER * size - HUBER**2)
+    return huber(np.sqrt(((rest * WHITE) ** 2).sum(axis=2)), HUBER)
 
 
 def _parameters(outlines: tuple[Outline, ...]) -> int:

@@ -10,7 +10,8 @@ import numpy as np
 from scipy import sparse
 
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, Way
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
+from cubicsplat_cli.artwork.geometry.ways import Way
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 
 # Nearer to the canvas' border than this, px, a coordinate is on it and stays there.

@@ -14,8 +14,8 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle
 from cubicsplat_cli.artwork.finish.freedom import ON_BORDER, Held, freedom_of
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN, floor_of, shorter
+from cubicsplat_cli.artwork.geometry.beziers import bernstein, points_at
 from cubicsplat_cli.artwork.geometry.outlines import Ring
-from cubicsplat_cli.artwork.tracing.cubics import basis, point
 from cubicsplat_cli.raster.cubics import newton_steps
 from cubicsplat_cli.raster.stack import Goal
 
@@ -114,7 +114,7 @@ def samples_along(ring: Ring, sight: Sight, most: int) -> list[tuple[np.ndarray,
     for i in range(ring.pieces):
         count = int(np.clip(np.ceil(lengths[i]), 4, most))
         t = (np.arange(count) + 0.5) / count
-        found.append((point(cubics[i][None], t[None])[0], sight.weights(i, t), float(lengths[i]) / count))
+        found.append((points_at(cubics[i][None], t[None])[0], sight.weights(i, t), float(lengths[i]) / count))
     return found
 
 
@@ -223,7 +223,7 @@ def _cubic(
     root = np.sqrt(weights)[:, None]
     cubic = np.stack([a, a, b, b])
     for _ in range(3):
-        w = basis(t)
+        w = bernstein(t)
         rest = points - (w[:, :1] + w[:, 1:2]) * a - (w[:, 2:3] + w[:, 3:]) * b
         columns = [((w[:, 1:2] * way[0] + w[:, 2:3] * way[1]) * root).ravel() for way in ways]
         values = np.linalg.lstsq(np.stack(columns, axis=1), (rest * root).ravel(), rcond=None)[0]
@@ -232,7 +232,7 @@ def _cubic(
         t = np.clip(newton_steps(np.broadcast_to(cubic, (len(t), 4, 2)), points[:, None], t[:, None])[:, 0], 0.0, 1.0)
     if handles[0] @ ahead <= 0.0 or handles[1] @ back <= 0.0:
         return cubic, np.inf
-    off = points - point(cubic[None], t[None])[0]
+    off = points - points_at(cubic[None], t[None])[0]
     return cubic, 0.5 * float((weights * (off**2).sum(axis=1)).sum())
 
 

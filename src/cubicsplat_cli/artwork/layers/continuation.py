@@ -9,9 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import bezier_points
+from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
 from cubicsplat_cli.artwork.layers.ends import end_of
-from cubicsplat_cli.artwork.tracing.cubics import derivatives
 
 HANDLES = (0.25, 0.4, 0.6, 0.9, 1.4)  # lengths of handles that are tried, of the distance between the ends
 MOST_TRIED = 8
@@ -60,7 +59,7 @@ def _bending(cubics: np.ndarray) -> np.ndarray:
 
 def _spread(cubic: np.ndarray, count: int) -> np.ndarray:
     """(count, 2) points evenly along a cubic, its ends left out."""
-    fine = bezier_points(cubic, np.linspace(0.0, 1.0, 4 * count + 8))
+    fine = points_at(cubic, np.linspace(0.0, 1.0, 4 * count + 8))
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(fine, axis=0).T))])
     at = (np.arange(count) + 1.0) / (count + 1.0) * length[-1]
     return np.stack([np.interp(at, length, fine[:, c]) for c in (0, 1)], axis=1)

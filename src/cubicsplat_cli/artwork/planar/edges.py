@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
 from cubicsplat_cli.artwork.planar.borders import Borders
 from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID
 from cubicsplat_cli.artwork.planar.sources import Sources
-from cubicsplat_cli.artwork.tracing.cubics import derivatives, point
 from cubicsplat_cli.raster.cubics import newton_steps
 
 SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
@@ -109,14 +109,14 @@ def _foot(sources: Sources, piece: int, t: float, place: np.ndarray) -> float:
 def _crossing(cubics: np.ndarray, t: np.ndarray) -> np.ndarray | None:
     """Where two cubics (2, 4, 2) cross near the parameters (2,), by Newton's method; None where they run abreast."""
     for _ in range(_ROUNDS):
-        place, (way, _) = point(cubics, t[:, None])[:, 0], derivatives(cubics, t[:, None])
+        place, (way, _) = points_at(cubics, t[:, None])[:, 0], derivatives(cubics, t[:, None])
         (ax, ay), (bx, by) = way[:, 0]
         turn = ax * by - ay * bx
         if abs(turn) < 0.02 * np.hypot(ax, ay) * np.hypot(bx, by):
             return None
         dx, dy = place[1] - place[0]
         t = np.clip(t + np.array([dx * by - dy * bx, dx * ay - dy * ax]) / turn, 0.0, 1.0)
-    place = point(cubics, t[:, None])[:, 0]
+    place = points_at(cubics, t[:, None])[:, 0]
     return place[0] if np.hypot(*(place[1] - place[0])) < 1e-3 else None
 
 

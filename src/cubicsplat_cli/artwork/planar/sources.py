@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
@@ -18,7 +19,6 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     signed_area,
 )
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.tracing.cubics import point
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Sources:
 
     def at(self, piece: np.ndarray, t: np.ndarray) -> np.ndarray:
         """(n, 2) points of pieces (n,) at parameters (n,)."""
-        return point(self.cubics[piece], np.asarray(t)[:, None])[:, 0]
+        return points_at(self.cubics[piece], np.asarray(t)[:, None])[:, 0]
 
 
 def sources_of(drawing: Drawing) -> Sources:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
-from cubicsplat_cli.artwork.geometry.outlines import Way
+from cubicsplat_cli.artwork.geometry.ways import Way
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
 from cubicsplat_cli.artwork.regularities.turned import Turn, Walk, evenly, turned_onto
 

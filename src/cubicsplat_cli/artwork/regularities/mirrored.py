@@ -8,7 +8,8 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.freedom import Held, ring_pieces
-from cubicsplat_cli.artwork.geometry.outlines import Ring, bezier_points
+from cubicsplat_cli.artwork.geometry.beziers import points_at
+from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.regularities.tied import TiedRing
 from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
 from cubicsplat_cli.artwork.tracing.variables import Numbering
@@ -84,7 +85,7 @@ def _touches(ring: Ring, axis: Axis, side: np.ndarray, near: np.ndarray) -> bool
         if near[i] and near[j]:
             return True
         ends = [k for k in (i, j) if not near[k]]
-        within = bezier_points(ring.cubics[i], _WITHIN)[:, axis.across] - axis.at
+        within = points_at(ring.cubics[i], _WITHIN)[:, axis.across] - axis.at
         if len(ends) == 2 and (side[i] > 0.0) != (side[j] > 0.0):
             beyond = np.concatenate([[side[i]], within, [side[j]]]) > 0.0
             if int((beyond[1:] != beyond[:-1]).sum()) != 1:
@@ -101,7 +102,7 @@ def _crossing(values: np.ndarray) -> float:
     rising = values[3] > 0.0
     for _ in range(40):
         middle = 0.5 * (low + high)
-        if (bezier_points(points, np.array([middle]))[0, 0] > 0.0) == rising:
+        if (points_at(points, np.array([middle]))[0, 0] > 0.0) == rising:
             high = middle
         else:
             low = middle
@@ -178,8 +179,8 @@ def _across(cubic: np.ndarray, axis: Axis) -> np.ndarray | None:
         return None
     handle = start + way * (rise / way[along])
     whole = np.stack([start, handle, axis.mirrored(handle), axis.mirrored(start)])
-    fine = bezier_points(cubic, np.linspace(0.0, 1.0, 65))
-    off = bezier_points(whole, np.linspace(0.0, 0.5, 9))[:, None] - fine
+    fine = points_at(cubic, np.linspace(0.0, 1.0, 65))
+    off = points_at(whole, np.linspace(0.0, 0.5, 9))[:, None] - fine
     return handle if np.hypot(*off.transpose(2, 0, 1)).min(axis=1).max() < ONE_PIECE else None
 
 

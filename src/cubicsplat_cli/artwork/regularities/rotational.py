@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from cubicsplat_cli.artwork.finish.freedom import RingFreedom
-from cubicsplat_cli.artwork.geometry.outlines import Way
+from cubicsplat_cli.artwork.geometry.ways import Way
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, Track
 from cubicsplat_cli.artwork.regularities.tied import TiedRing
 from cubicsplat_cli.artwork.regularities.ties import LEAST, null_basis

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
-from cubicsplat_cli.artwork.geometry.outlines import Way
+from cubicsplat_cli.artwork.geometry.ways import Way
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
 
 STEPS = 128  # round an outline

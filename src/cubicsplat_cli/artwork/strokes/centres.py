@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Ring
-from cubicsplat_cli.artwork.tracing.cubics import point
 
 STEP = 0.05  # px between the points of an outline
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least
@@ -33,7 +33,7 @@ class Sides:
             for cubic in ring.cubics:
                 length = float(np.hypot(*np.diff(cubic, axis=0).T).sum())
                 t = np.arange(max(1, int(np.ceil(length / STEP)))) / max(1, int(np.ceil(length / STEP)))
-                found.append(point(cubic[None], t[None])[0])
+                found.append(points_at(cubic[None], t[None])[0])
         points = np.concatenate(found)
         return cls(points, cKDTree(points))
 

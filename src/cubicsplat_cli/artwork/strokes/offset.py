@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import MITER, ROUND, SQUARE, Chain, Stroke, pieces_of
-from cubicsplat_cli.artwork.tracing.cubics import derivatives, point
 
 MOST_TURN = math.radians(25.0)  # of a part of a cubic
 MITER_LIMIT = 4.0  # SVG's own: of the length of a miter over the width
@@ -174,7 +174,7 @@ def _offset(
     if line:
         return [_straight(cubic[0] + reach * _normal(tangents[0]), cubic[3] + reach * _normal(tangents[0]))]
     t = np.linspace(0.0, 1.0, count + 1)
-    places = point(cubic[None], t[None])[0]
+    places = points_at(cubic[None], t[None])[0]
     first, second = (d[0] for d in derivatives(cubic[None], t[None]))
     speed = np.hypot(*first.T)
     unit = first / np.maximum(speed, 1e-9)[:, None]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.beziers import bernstein, points_at
 from cubicsplat_cli.raster.cubics import gauss_newton, newton_steps
 
 ROUNDS = 3
@@ -43,34 +44,13 @@ class CubicFits:
     strain: np.ndarray
 
 
-def basis(u: np.ndarray) -> np.ndarray:
-    """Bernstein polynomials of degree 3 at u (...): (..., 4)."""
-    v = 1.0 - u
-    return np.stack([v * v * v, 3.0 * v * v * u, 3.0 * v * u * u, u * u * u], axis=-1)
-
-
-def point(cubics: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Points (P, K, 2) of the cubics (P, 4, 2) at u (P, K)."""
-    return basis(u) @ cubics
-
-
-def derivatives(cubics: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivatives, each (P, K, 2), of the cubics (P, 4, 2) at u (P, K)."""
-    first, v = 3.0 * np.diff(cubics, axis=1), 1.0 - u
-    second = 2.0 * np.diff(first, axis=1)
-    return (
-        np.stack([v * v, 2.0 * v * u, u * u], axis=-1) @ first,
-        np.stack([v, u], axis=-1) @ second,
-    )
-
-
 def rough_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits:
     """Cubics with the ends and tangents as given, after one step of least squares for the handle lengths.
 
     points: (P, K, 2) px in order along the run. weights: (P, K) 1/px^2, 0 leaves a point out.
     """
     u, length = _start(ends, points)
-    b = basis(u)
+    b = bernstein(u)
     across = points - (b[..., :2].sum(-1)[..., None] * ends.positions[:, None, 0])
     across -= b[..., 2:].sum(-1)[..., None] * ends.positions[:, None, 1]
     first, last = ends.tangents[:, None, 0], -ends.tangents[:, None, 1]
@@ -88,7 +68,7 @@ def rough_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFi
     handles = sizes[..., None] * np.stack([first[:, 0], last[:, 0]], axis=1)
     cubics = np.stack([start, start + handles[:, 0], stop + handles[:, 1], stop], axis=1)
     u = np.clip(newton_steps(cubics, points, u), 0.0, 1.0)
-    rest = point(cubics, u) - points
+    rest = points_at(cubics, u) - points
     return CubicFits(cubics, (rest * rest).sum(-1), np.zeros(len(points)))
 
 
@@ -99,7 +79,7 @@ def fit_cubics(ends: Ends, points: np.ndarray, weights: np.ndarray) -> CubicFits
     limits = length[:, None] * [SHORTEST_HANDLE, LONGEST_HANDLE]
     given = (frame.base, frame.directions, frame.expected, frame.stiffness, limits)
     values, cubics, u = gauss_newton(*given, points, weights, u, ROUNDS)
-    rest = point(cubics, u) - points
+    rest = points_at(cubics, u) - points
     return CubicFits(cubics, (rest * rest).sum(-1), frame.strain(values))
 
 

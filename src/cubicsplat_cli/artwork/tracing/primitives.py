@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle
+from cubicsplat_cli.artwork.robust import OUTLYING, huber_weights, outlying_loss
 
 ROUNDS = 10
-HUBER = 3.0
 WORST_MISFIT = 9.0  # mean squared residual, in sigmas, above which a primitive is out of the question
 FEW = 120  # points suffice for the first fit
 # Area over the root of the determinant of the second moments: 12 for rectangles, 4 pi for ellipses, less for the rest.
@@ -122,7 +122,7 @@ def _first_radius(box: list[float], angle: float, p: np.ndarray, w: np.ndarray) 
     """The radius, of a few, with which a box has its points nearest: what a corner leaves out says nothing of the
     radius as long as that is much too small, so least squares would not find it from there."""
     radii = [share * min(box[2:]) for share in RADII]
-    return min(radii, key=lambda r: _huber(_box_distance(np.array([*box, r, angle]), p), w))
+    return min(radii, key=lambda r: outlying_loss(_box_distance(np.array([*box, r, angle]), p), w))
 
 
 def _box(start: list[float], rest: tuple[float, float], free: str) -> _Candidate:
@@ -230,17 +230,16 @@ def _least_squares(distance: Signed, start: np.ndarray, p: np.ndarray, w: np.nda
     """Levenberg-Marquardt with Huber weights and differences for the derivatives; the values and chi^2."""
     value, damping = start.astype(float), 1e-3
     rest = distance(value, p)
-    best = _huber(rest, w)
+    best = outlying_loss(rest, w)
     for _ in range(ROUNDS):
         shifts = 1e-4 * np.eye(len(value))
         jacobian = np.stack([(distance(value + shift, p) - rest) / 1e-4 for shift in shifts], axis=1)
-        z = np.abs(rest) * np.sqrt(w)
-        weighted = jacobian * (w * np.minimum(1.0, HUBER / np.maximum(z, 1e-12)))[:, None]
+        weighted = jacobian * (w * huber_weights(np.abs(rest) * np.sqrt(w), OUTLYING))[:, None]
         gram = weighted.T @ jacobian
         system = gram + damping * np.diag(np.diag(gram)) + 1e-9 * np.eye(len(value))
         trial = value - np.linalg.solve(system, weighted.T @ rest)
         trial_rest = distance(trial, p)
-        misfit = _huber(trial_rest, w)
+        misfit = outlying_loss(trial_rest, w)
         if misfit < best:
             gain, best, value, rest = best - misfit, misfit, trial, trial_rest
             damping = max(damping / 10.0, 1e-8)
@@ -249,8 +248,3 @@ def _least_squares(distance: Signed, start: np.ndarray, p: np.ndarray, w: np.nda
         else:
             damping *= 10.0
     return value, best
-
-
-def _huber(rest: np.ndarray, w: np.ndarray) -> float:
-    z = np.abs(rest) * np.sqrt(w)
-    return float(np.where(z <= HUBER, z * z, HUBER * (2.0 * z - HUBER)).sum())

@@ -12,11 +12,11 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from cubicsplat_cli.artwork.tracing.cubics import basis, derivatives, point
+from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
+from cubicsplat_cli.artwork.robust import OUTLYING, huber_weights, outlying_loss
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 from cubicsplat_cli.raster.cubics import newton_steps
 
-HUBER = 3.0  # sigmas beyond which a residual counts linearly
 ROUNDS = 8
 ENOUGH = 0.01  # relative gain of a round below which the fit has converged
 STIFFNESS = 0.3  # 1/px^2, against steps that the points do not call for
@@ -29,12 +29,6 @@ class Feet:
 
     piece: np.ndarray
     u: np.ndarray
-
-
-def huber(residuals: np.ndarray, weights: np.ndarray) -> float:
-    """Twice the negative log-likelihood: squares up to HUBER sigmas, linear beyond."""
-    z = np.abs(residuals) * np.sqrt(weights)
-    return float(np.where(z <= HUBER, z * z, HUBER * (2.0 * z - HUBER)).sum())
 
 
 def settle(pieces: Pieces, points: np.ndarray, feet: Feet, rounds: int = 2) -> Feet:
@@ -56,7 +50,7 @@ def residuals(pieces: Pieces, points: np.ndarray, feet: Feet) -> tuple[np.ndarra
     first, _ = derivatives(own, feet.u[:, None])
     speed = np.maximum(np.hypot(first[:, 0, 0], first[:, 0, 1]), 1e-9)
     normals = np.stack([-first[:, 0, 1], first[:, 0, 0]], axis=1) / speed[:, None]
-    rest = point(own, feet.u[:, None])[:, 0] - points
+    rest = points_at(own, feet.u[:, None])[:, 0] - points
     return (rest * normals).sum(1), normals
 
 
@@ -68,7 +62,7 @@ def refine(pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet) 
     pieces = joined_smoothly(pieces)
     feet = settle(pieces, points, feet)
     rest, normals = residuals(pieces, points, feet)
-    best = huber(rest, weights)
+    best = outlying_loss(rest, weights)
     damping = 1e-3
     for _ in range(ROUNDS):
         gram, slope = _normal_equations(pieces, feet, rest, normals, weights)
@@ -78,7 +72,7 @@ def refine(pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet) 
             trial = variables.moved(_step(system, slope, damping))
             trial_feet = settle(trial, points, feet)
             trial_rest, trial_normals = residuals(trial, points, trial_feet)
-            value = huber(trial_rest, weights)
+            value = outlying_loss(trial_rest, weights)
             if value < best:
                 improved = True
                 break
@@ -103,9 +97,8 @@ def _normal_equations(
     pieces: Pieces, feet: Feet, rest: np.ndarray, normals: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gram matrices (S, 8, 8) and gradients (S, 8) over the 8 coordinates of each piece's control points."""
-    z = np.abs(rest) * np.sqrt(weights)
-    w = weights * np.minimum(1.0, HUBER / np.maximum(z, 1e-12))
-    rows = (basis(feet.u)[:, :, None] * normals[:, None, :]).reshape(-1, 8)
+    w = weights * huber_weights(np.abs(rest) * np.sqrt(weights), OUTLYING)
+    rows = (bernstein(feet.u)[:, :, None] * normals[:, None, :]).reshape(-1, 8)
     count = len(pieces.lines)
     gram = np.zeros((count, 8, 8))
     np.add.at(gram, feet.piece, w[:, None, None] * rows[:, :, None] * rows[:, None, :])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.robust import OUTLYING, huber
 from cubicsplat_cli.artwork.tracing.cubics import Ends, fit_cubics, rough_cubics
 from cubicsplat_cli.artwork.tracing.smoothing import LocalFits, arc_lengths
 
@@ -29,7 +30,6 @@ CORNER_ERRORS = (0.15, 0.3)  # px and radians: how well the ends at corners are 
 LEAST_ERRORS = (0.01, 0.01)  # px and radians
 LINE_SLACK = math.radians(0.5)  # between a line and the tangent where it meets a cubic smoothly
 HOPELESS = 400.0  # misfit, per price of a parameter and per point, above which a rough cubic need not be refined
-HUBER = 3.0  # sigmas beyond which a residual counts linearly
 
 
 @dataclass(frozen=True)
@@ -220,9 +220,8 @@ def _fits(
 
 
 def _bounded(squares: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(P,) chi^2 of squared residuals (P, K) in sigmas, linear beyond HUBER, each counted `share` (P, 1) times."""
-    z = np.sqrt(squares)
-    return (share * np.where(z <= HUBER, squares, HUBER * (2.0 * z - HUBER))).sum(axis=1)
+    """(P,) chi^2 of squared residuals (P, K) in sigmas, linear beyond OUTLYING, each counted `share` (P, 1) times."""
+    return (share * huber(np.sqrt(squares), OUTLYING)).sum(axis=1)
 
 
 def _strain(ends: np.ndarray, tangents: np.ndarray, errors: np.ndarray) -> np.ndarray:
