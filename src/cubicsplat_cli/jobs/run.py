@@ -145,16 +145,8 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
             sink.put("png", png)
     report = replace(result.report, input=replace(result.report.input, path=job.name))
     report = report.written(svg, _text(job.outputs.svg), png, _text(job.outputs.png))
-    if film is not None and job.outputs.animation is not None and result.scene is None:
-        events.note(job.name, f"{picture.source}: is transparent throughout, so there is no animation")
-    elif film is not None and job.outputs.animation is not None and result.scene is not None:
-        from cubicsplat_cli.show.animation import animation
-
-        events.stage(job.name, "animation")
-        form = job.outputs.animation.suffix[1:].upper()
-        threads = request.settings.threads
-        moving = animation(film, result.scene, form=form, about=report.output.svg_sha256, threads=threads)
-        sink.put("animation", moving)
+    if film is not None:
+        _put_animation(film, result, report, picture.source, job, request.settings.threads, sink, events)
     if job.outputs.page is not None:
         from cubicsplat_cli.show.page import page, subject_of
 
@@ -162,12 +154,31 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
         subject = subject_of(picture, job.source(), result.svg.encode(), report)
         sink.put("page", page(subject, request.settings.threads))
     report = timed(report, stages)
-    limit, timing = request.settings.time_limit, report.timing
-    if limit is not None and timing.total_s > _OVER * limit:
-        said = f"took {timing.total_s:.1f} s, of which the fit had {timing.fit_s:.1f} s"
-        events.note(job.name, f"{picture.source}: {said}; --time-limit {limit:g} is less than the rest takes")
+    _say_overtime(report, picture.source, job, request.settings.time_limit, events)
     sink.put("report", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
+
+
+def _put_animation(
+    film: Film, result: Result, report: Report, source: str, job: Job, threads: int | None, sink: Sink, events: Events
+) -> None:
+    assert job.outputs.animation is not None
+    if result.scene is None:
+        events.note(job.name, f"{source}: is transparent throughout, so there is no animation")
+        return
+    from cubicsplat_cli.show.animation import animation
+
+    events.stage(job.name, "animation")
+    form = job.outputs.animation.suffix[1:].upper()
+    moving = animation(film, result.scene, form=form, about=report.output.svg_sha256, threads=threads)
+    sink.put("animation", moving)
+
+
+def _say_overtime(report: Report, source: str, job: Job, limit: float | None, events: Events) -> None:
+    timing = report.timing
+    if limit is not None and timing.total_s > _OVER * limit:
+        said = f"took {timing.total_s:.1f} s, of which the fit had {timing.fit_s:.1f} s"
+        events.note(job.name, f"{source}: {said}; --time-limit {limit:g} is less than the rest takes")
 
 
 class _Kept(Exception):
