@@ -16,20 +16,20 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.intake import Intake, taken_in
 from cubicsplat_cli.artwork.input.restore import restored, seen_as
 from cubicsplat_cli.artwork.layers.completion import outlines_of
-from cubicsplat_cli.artwork.layers.extents import Extent, extents
+from cubicsplat_cli.artwork.layers.extents import Extent
 from cubicsplat_cli.artwork.layers.seams import without_seams
-from cubicsplat_cli.artwork.layers.stacking import Stack, stack
 from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.regions.inks import LEAST_FLAT, eight_bit, flat_pixels, picture_inks
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
-from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
+from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
+from cubicsplat_cli.artwork.translucent.parts import Part, parts_of
 from cubicsplat_cli.scene.paint import mean_ink
 
 # Contours hold at most MOST_POINTS points, the smallest beyond become polygons. A picture of more than FEW regions has
@@ -57,15 +57,17 @@ def draw(
     error = condition.edge_error
     flat = without_gradients(seen, condition, settings)
     even = flat.levels if condition.clean else restored(flat.levels, condition, settings.colors)
-    levels, regions, layers, parts = _planned(even, settings, intake.scale, condition.restored_error)
+    # What is rounded says too little of a blend where it is not clean; and who chooses the inks wants no others.
+    chosen = settings.palette or settings.colors is not None or settings.stacking == CUTOUT
+    standing = flat.inks if condition.clean and not chosen else None
+    levels, regions, parts = _planned(even, settings, intake.scale, condition.restored_error, standing)
     height, width = levels.shape[:2]
-    least = _least_points(parts)
+    least = _least_points([part.extent for part in parts])
     shapes = []
     for part in parts:
-        own = regions.inks[layers.layers[part.layer].region]
-        outlines = outlines_of(part, (height, width), settings.detail, least, settings.completion == ON)
-        gradient = flat.gradient(own)
-        ink = eight_bit(own)
+        outlines = outlines_of(part.extent, (height, width), settings.detail, least, settings.completion == ON)
+        gradient = flat.gradient(part.ink)
+        ink = eight_bit(part.ink)
         shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height), gradient))
     drawing = Drawing(width, height, tuple(shapes))
     polished = len(shapes) <= MOST_POLISHED
@@ -107,21 +109,24 @@ def _painted(drawing: Drawing) -> Drawing:
 
 
 def _planned(
-    levels: np.ndarray, settings: ArtworkSettings, factor: int, error: float
-) -> tuple[np.ndarray, Regions, Stack, list[Extent]]:
-    """The picture that is drawn, its regions and layers, and the parts to draw: at most settings.curves of them.
+    levels: np.ndarray, settings: ArtworkSettings, factor: int, error: float, standing: np.ndarray | None
+) -> tuple[np.ndarray, Regions, list[Part]]:
+    """The picture that is drawn, its regions, and the parts to draw: at most settings.curves of them.
 
-    error: in levels, of pixels on edges beyond that of a clean picture.
+    error: in levels, of pixels on edges beyond that of a clean picture. standing: (G, 4) inks that stand for gradients,
+    of which no translucent shape makes others; None where no such shapes are sought.
     """
     min_area = settings.min_area / factor**2
     while True:
         soft, regions = _regions(levels, settings, min_area)
         soft = without_seams(soft, regions)
         found = crossings(soft, regions, ROUNDING + error)
-        layers = stack(regions, found, settings.completion == ON)
-        parts = list(extents(regions, layers, found))
+        fixed = None
+        if standing is not None:
+            fixed = (np.rint(regions.inks)[:, None] == standing[None]).all(axis=2).any(axis=1)
+        parts = parts_of(regions, found, settings.completion == ON, fixed)
         if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:
-            return soft, regions, layers, parts
+            return soft, regions, parts
         # The regions beyond as many as may be drawn join their neighbours.
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[min(settings.curves, len(areas) - 1)]) + 1.0)

@@ -58,11 +58,27 @@ def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent
         rows, columns = _widened(box)
         view = depth[rows, columns]
         shown, above = view == place, (view > place) & opaque[regions.labels[rows, columns]]
-        grown = _grown(shown, above, joined=len(stack.layers[place].members) > 1)
-        parts, _ = ndimage.label(grown)
-        # What a hull adds apart from all that shows is of no use.
-        for k in np.unique(parts[shown]):
-            yield _extent(place, rows.start, columns.start, parts == k, shown, above, found)
+        joined = len(stack.layers[place].members) > 1
+        yield from _parts(place, (rows.start, columns.start), shown, above, found, joined)
+
+
+def extents_of(cover: np.ndarray, above: np.ndarray, found: Crossings) -> Iterator[Extent]:
+    """The parts of a shape of its own, of layer -1: cover: (H, W) bool, where it shows; above: (H, W) bool, what hides
+    it.
+    """
+    rows, columns = _widened(ndimage.find_objects(cover.astype(np.uint8))[0])
+    view = cover[rows, columns]
+    yield from _parts(-1, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)
+
+
+def _parts(
+    place: int, corner: tuple[int, int], shown: np.ndarray, above: np.ndarray, found: Crossings, joined: bool
+) -> Iterator[Extent]:
+    """corner: the top and left of the windows `shown` and `above`."""
+    parts, _ = ndimage.label(_grown(shown, above, joined))
+    # What a hull adds apart from all that shows is of no use.
+    for k in np.unique(parts[shown]):
+        yield _extent(place, *corner, parts == k, shown, above, found)
 
 
 def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:

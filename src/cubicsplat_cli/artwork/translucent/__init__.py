@@ -1,0 +1,1 @@
+"""Translucent shapes: several regions that one shape of even opacity makes of what lies beneath it."""

@@ -1,0 +1,126 @@
+"""Translucent sheets in a picture's regions, and the regions as they would be without them.
+
+The regions C1 and C2 that a sheet makes of its grounds G1 and G2 meet these in an X: there the sheet's edge, from
+G1 | C1 to G2 | C2, crosses the grounds' edge, from G1 | G2 to C1 | C2. All that a sheet covers must follow from one
+paint. Without it C1 and G1 are one region, and the next sheet beneath it can be found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.tracing.contours import Crossings
+from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
+from cubicsplat_cli.artwork.translucent.merging import Sheet, merged, with_covered
+from cubicsplat_cli.artwork.translucent.paint import Paint, likeliest, paint_of
+
+MOST_SHEETS = 64
+
+
+@dataclass(frozen=True)
+class _Crossing:
+    """grounds: region that is covered: region beneath it, at one X. sure: both edges are seen to go straight on."""
+
+    grounds: dict[int, int]
+    sure: bool
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A sheet in regions. grounds: region that is covered: region beneath it."""
+
+    paint: Paint
+    grounds: dict[int, int]
+    sure: int
+
+
+def without_sheets(
+    regions: Regions, found: Crossings, fixed: np.ndarray | None = None
+) -> tuple[Regions, tuple[Sheet, ...]]:
+    """The regions as they are without translucent sheets, and the sheets, the uppermost first.
+
+    found: where the outlines of the regions run. fixed: (R,) bool, regions whose ink is not what is seen.
+    """
+    sheets: list[Sheet] = []
+    fixed = np.zeros(regions.count, dtype=bool) if fixed is None else fixed
+    while len(sheets) < MOST_SHEETS:
+        best = _uppermost(regions, found, fixed)
+        if best is None:
+            break
+        pairs = np.unique([[regions.inks[c], regions.inks[g]] for c, g in best.grounds.items()], axis=0)
+        paint = replace(best.paint, ink=likeliest(pairs[:, 0], pairs[:, 1]))
+        sheets.append(Sheet(paint, np.isin(regions.labels, list(best.grounds))))
+        regions, fixed = merged(regions, best.grounds, fixed)
+        regions, fixed, sheets = with_covered(regions, fixed, sheets)
+    return regions, tuple(sheets)
+
+
+def _uppermost(regions: Regions, found: Crossings, fixed: np.ndarray) -> _Found | None:
+    """Of the sheets that nothing speaks against, the largest: where several lie over each other that is one of them
+    rather than the place in which they do.
+    """
+    crossings = _crossings(regions, found, fixed)
+    areas = regions.areas()
+    good = [each for each in _sheets(regions, crossings) if _plausible(regions, each)]
+    if not good:
+        return None
+    return max(good, key=lambda s: (sum(areas[c] for c in s.grounds), -min(s.grounds)))
+
+
+def _crossings(regions: Regions, found: Crossings, fixed: np.ndarray) -> list[_Crossing]:
+    out = []
+    for place in meetings(regions.labels):
+        if fixed[list(place.regions)].any():
+            continue
+        for k in range(4):
+            c1, c2, g2, g1 = (place.regions[(k + i) % 4] for i in range(4))
+            if paint_of(regions.inks[[c1, c2]], regions.inks[[g1, g2]]) is None:
+                continue
+            own = goes_on(regions.labels, found, place.at, ((g1, c1), (g2, c2)))
+            beneath = goes_on(regions.labels, found, place.at, ((g1, g2), (c1, c2)))
+            if own is not False and beneath is not False:
+                out.append(_Crossing({c1: g1, c2: g2}, bool(own and beneath)))
+    return out
+
+
+def _sheets(regions: Regions, crossings: list[_Crossing]) -> list[_Found]:
+    """Sheets of crossings that share a region and are of one paint, the surest ones first."""
+    out = []
+    left = sorted(crossings, key=lambda c: not c.sure)
+    while left:
+        first = left.pop(0)
+        grounds, sure = dict(first.grounds), int(first.sure)
+        paint = _paint(regions, grounds)
+        growing = True
+        while growing:
+            growing = False
+            for each in list(left):
+                if grounds.keys().isdisjoint(each.grounds) or not _agree(grounds, each.grounds):
+                    continue
+                trial = grounds | each.grounds
+                better = _paint(regions, trial)
+                if better is not None:
+                    grounds, paint, sure, growing = trial, better, sure + each.sure, True
+                    left.remove(each)
+        assert paint is not None
+        out.append(_Found(paint, grounds, sure))
+    return out
+
+
+def _agree(one: dict[int, int], other: dict[int, int]) -> bool:
+    """Whether what one covers lies on nothing that the other covers, so that both may be of one sheet."""
+    return one.keys().isdisjoint(other.values()) and other.keys().isdisjoint(one.values())
+
+
+def _paint(regions: Regions, grounds: dict[int, int]) -> Paint | None:
+    return paint_of(regions.inks[list(grounds)], regions.inks[list(grounds.values())])
+
+
+def _plausible(regions: Regions, sheet: _Found) -> bool:
+    """Whether a sheet makes the description shorter: fewer outlines than what it covers has without it."""
+    cover = np.isin(regions.labels, list(sheet.grounds))
+    return sheet.sure > 0 and ndimage.label(cover)[1] < len(sheet.grounds)

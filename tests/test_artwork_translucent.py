@@ -1,0 +1,210 @@
+"""Translucent shapes over several grounds: one shape with its paint and opacity, and the grounds whole beneath it."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.tracing.contours import Crossings, crossings
+from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
+from cubicsplat_cli.artwork.translucent.paint import FULL, likeliest, paint_of
+from cubicsplat_cli.artwork.translucent.sheets import without_sheets
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.svg import read_drawing, write_drawing
+
+SIZE, FINE = 120, 8
+PAPER = (248, 244, 233, 255)
+
+
+def painted(*layers, ground=PAPER) -> np.ndarray:
+    """(SIZE, SIZE, 4) premultiplied: layers are functions of x, y (px) and an ink of 8 bits, back to front."""
+    y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE
+    picture = np.broadcast_to(levels(ground) / FULL, (SIZE, SIZE, 4)).copy()
+    for inside, ink in layers:
+        share = inside(x, y).reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))[..., None]
+        picture = picture * (1.0 - share * ink[3] / FULL) + share * levels(ink) / FULL
+    return (np.rint(picture * FULL) / FULL).astype(np.float32)
+
+
+def levels(ink) -> np.ndarray:
+    return np.array([*(v * ink[3] / FULL for v in ink[:3]), ink[3]])
+
+
+def disc(cx, cy, r):
+    return lambda x, y: np.hypot(x - cx, y - cy) <= r
+
+
+def box(x0, y0, x1, y1):
+    return lambda x, y: (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+
+
+def slanted(x, y):
+    """A band that slants, and goes beyond the canvas."""
+    return np.abs(x - 45.0 - 0.3 * y) < 18.0
+
+
+RED, BLUE, GREEN = (230, 57, 70, 255), (29, 112, 184, 255), (42, 157, 143, 255)
+YELLOW = (249, 200, 14, 153)
+SHADE, SHEEN = (0, 0, 0, 51), (255, 255, 255, 102)
+FLAG = ((box(0, 0, 120, 40), RED), (box(0, 80, 120, 120), BLUE))
+
+
+def translucent(drawing: Drawing) -> list[int]:
+    """Which shapes are."""
+    return [k for k, shape in enumerate(drawing.shapes) if shape.ink[3] < 255]
+
+
+def test_two_discs_that_overlap_are_two_circles():
+    drawing = draw(painted((disc(45, 60, 30), (*RED[:3], 153)), (disc(75.5, 60, 30), (*BLUE[:3], 128))))
+    ground, lower, upper = drawing.shapes
+    assert ground.ink == PAPER and isinstance(ground.outlines[0], Rectangle)
+    # Of the lower one only one ground is seen, so that it may as well be opaque.
+    assert lower.ink[3] == 255 and upper.ink == pytest.approx((*BLUE[:3], 128), abs=2)
+    for shape, x in ((lower, 45.0), (upper, 75.5)):
+        (circle,) = shape.outlines
+        assert isinstance(circle, Circle)
+        assert (circle.cx, circle.cy, circle.r) == pytest.approx((x, 60.0, 30.0), abs=0.03)
+
+
+def test_the_uppermost_of_three_discs_is_the_one_that_was_drawn_last():
+    discs = [
+        (disc(47, 50, 26), (*RED[:3], 153)),
+        (disc(73, 50, 26), (*BLUE[:3], 153)),
+        (disc(60, 72, 26), (249, 200, 14, 153)),
+    ]
+    for order in ((0, 1, 2), (2, 0, 1)):
+        drawing = draw(painted(*(discs[k] for k in order)))
+        assert len(drawing.shapes) == 4 and translucent(drawing) == [2, 3]
+        for shape, k in zip(drawing.shapes[2:], order[1:], strict=True):
+            assert shape.ink == pytest.approx(discs[k][1], abs=2)
+
+
+@pytest.mark.parametrize("film", [SHADE, SHEEN])
+def test_stripes_go_on_beneath_a_film(film):
+    drawing = draw(painted(*FLAG, (slanted, film)))
+    assert len(drawing.shapes) == 4 and translucent(drawing) == [3]
+    assert drawing.shapes[3].ink == film
+    assert {shape.ink for shape in drawing.shapes[:3]} == {PAPER, RED, BLUE}
+    assert all(isinstance(shape.outlines[0], Rectangle) for shape in drawing.shapes[:3])
+    assert drawing.shapes[3].outlines[0].ring().pieces == 4
+
+
+def test_what_lies_on_a_film_stays_above_it():
+    drawing = draw(painted(*FLAG, (box(20, 20, 100, 100), SHEEN), (disc(60, 60, 12), GREEN)))
+    inks = [shape.ink for shape in drawing.shapes]
+    assert len(inks) == 5 and inks.index(SHEEN) == 3 and inks[4] == GREEN
+    film = drawing.shapes[3].outlines
+    assert len(film) == 1 and isinstance(film[0], Rectangle)
+
+
+def test_a_film_over_nothing_and_over_a_shape():
+    drawing = draw(painted((box(20, 20, 70, 70), RED), (disc(70, 70, 30), (*BLUE[:3], 153)), ground=(0, 0, 0, 0)))
+    lower, upper = drawing.shapes
+    assert lower.ink == RED and isinstance(lower.outlines[0], Rectangle)
+    assert upper.ink == pytest.approx((*BLUE[:3], 153), abs=2) and isinstance(upper.outlines[0], Circle)
+
+
+def test_what_only_several_films_make_of_the_ground_is_theirs():
+    # The piece beneath the uppermost one in which the two others overlap is seen nowhere else.
+    films = [(disc(38.5, 60, 26), (*RED[:3], 153)), (disc(81.5, 60, 26), (*BLUE[:3], 153)), (disc(60, 60, 25), YELLOW)]
+    drawing = draw(painted((lambda x, y: y > 50.0 + 0.3 * x, GREEN), *films))
+    assert len(drawing.shapes) == 5 and translucent(drawing) == [2, 3, 4]
+    circles = [shape.outlines[0] for shape in drawing.shapes[2:]]
+    assert all(isinstance(circle, Circle) for circle in circles)
+    assert [circle.cx for circle in circles] == pytest.approx([38.5, 81.5, 60.0], abs=0.05)
+
+
+def test_four_opaque_inks_that_meet_stay_opaque():
+    quarters = (box(0, 0, 60, 60), RED), (box(60, 0, 120, 60), BLUE), (box(0, 60, 60, 120), GREEN)
+    assert translucent(draw(painted(*quarters))) == []
+    # The dark squares of a check are not the light ones beneath a shade.
+    check = (box(0, 0, 60, 60), (0, 0, 0, 255)), (box(60, 60, 120, 120), (40, 40, 40, 255))
+    assert translucent(draw(painted(*check))) == []
+
+
+def shown(names) -> tuple[Regions, Crossings]:
+    """Regions 0 to 3 where names (h, w) of x, y say so, from the middle: of grounds 0 and 1, shaded 2 and 3."""
+    y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE - SIZE / 2
+    shares = (names(x, y)[..., None] == np.arange(4)).reshape(SIZE, FINE, SIZE, FINE, 4).mean(axis=(1, 3))
+    inks = np.array([levels(PAPER), levels(RED), 0.8 * levels(PAPER), 0.8 * levels(RED)])
+    inks[:, 3] = FULL
+    regions = Regions(shares.argmax(axis=2), np.rint(inks), np.arange(4))
+    return regions, crossings(shares @ regions.inks, regions)
+
+
+def test_both_edges_must_go_straight_on():
+    straight = shown(lambda x, y: (y > 0.3 * x) + 2 * (x > 0.2 * y))
+    assert len(without_sheets(*straight)[1]) == 1
+    # The grounds' edge turns where it crosses the film's.
+    bent = shown(lambda x, y: (y > np.where(x > 0.2 * y, 0.6 * x, 0.0)) + 2 * (x > 0.2 * y))
+    assert without_sheets(*bent)[1] == ()
+    # The film's edge turns where it crosses the grounds'.
+    broken = shown(lambda x, y: (y > 0.0) + 2 * (x > np.where(y > 0.0, 0.5 * y, 0.0)))
+    assert without_sheets(*broken)[1] == ()
+
+
+def test_a_meeting_is_found_once_and_its_edges_go_on():
+    regions, found = shown(lambda x, y: (y > 0.3 * x) + 2 * (x > 0.2 * y))
+    (meeting,) = meetings(regions.labels)
+    assert meeting.at == pytest.approx((60.0, 60.0), abs=1.5)
+    assert goes_on(regions.labels, found, meeting.at, ((0, 1), (2, 3))) is True
+    assert goes_on(regions.labels, found, meeting.at, ((0, 2), (1, 3))) is True
+    assert goes_on(regions.labels, found, meeting.at, ((0, 1), (1, 3))) is False
+
+
+def test_a_paint_follows_from_two_grounds():
+    grounds = np.array([levels(PAPER), levels(RED), levels(BLUE)])
+    ink = (200, 180, 20, 90)
+    seen = np.rint(levels(ink) + (1.0 - 90 / FULL) * grounds)
+    found = paint_of(seen, grounds)
+    assert found is not None and found.ink == pytest.approx(ink, abs=2)
+    assert found.over(grounds) == pytest.approx(seen, abs=1.5)
+    # Four levels off in one channel of one is another paint.
+    off = seen.copy()
+    off[1, 1] += 4.0
+    assert paint_of(off, grounds) is None
+    # Grounds that are alike say nothing, nor does what hides them.
+    assert paint_of(seen[:2] * 0.0 + seen[0], np.array([grounds[0], grounds[0] - 3.0])) is None
+    assert paint_of(np.array([seen[0], seen[0]]), grounds[:2]) is None
+
+
+@pytest.mark.parametrize("ink", [(255, 255, 255, 51), (0, 0, 0, 38), (30, 60, 90, 204)])
+def test_the_likeliest_ink_is_what_a_program_was_given(ink):
+    grounds = np.array([levels(v) for v in (PAPER, RED, BLUE, GREEN)])
+    over, through = np.rint(levels(ink)), grounds * (FULL - ink[3])
+    for left in (np.rint(through / FULL), np.floor((through + FULL) / 256.0)):
+        assert likeliest(over + left, grounds) == pytest.approx(ink, abs=1)
+
+
+def test_who_chooses_inks_or_has_shapes_cut_out_gets_opaque_ones():
+    picture = painted(*FLAG, (slanted, SHADE))
+    ink = (0, 0, 0), (255, 255, 255)
+    for settings in (ArtworkSettings(colors=6), ArtworkSettings(stacking="cutout"), ArtworkSettings(palette=ink)):
+        assert translucent(draw(picture, settings)) == []
+
+
+def test_a_film_counts_as_a_shape():
+    picture = painted(*FLAG, (slanted, SHADE))
+    assert len(draw(picture, ArtworkSettings(curves=4)).shapes) == 4
+    assert len(draw(picture, ArtworkSettings(curves=3)).shapes) <= 3
+
+
+def test_the_file_says_the_opacity_and_is_read_again():
+    drawing = draw(painted(*FLAG, (slanted, SHADE)))
+    text = write_drawing(drawing, title="film", comment="test")
+    assert text.count("fill-opacity") == 1 and 'fill-opacity=".2"' in text.replace("0.2", ".2")
+    assert [shape.ink for shape in read_drawing(text).shapes] == [shape.ink for shape in drawing.shapes]
+
+
+def test_a_jpeg_has_no_films():
+    buffer = io.BytesIO()
+    rgb = np.rint(painted(*FLAG, (slanted, SHADE))[..., :3] * FULL).astype(np.uint8)
+    Image.fromarray(rgb).save(buffer, "JPEG", quality=80)
+    assert translucent(draw(np.array(Image.open(buffer)).astype(np.float32) / np.float32(FULL))) == []
