@@ -14,7 +14,8 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.tracing.contours import Crossings, crossings
 from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
-from cubicsplat_cli.artwork.translucent.paint import FULL, likeliest, paint_of
+from cubicsplat_cli.artwork.translucent.merging import Sheet, with_covered
+from cubicsplat_cli.artwork.translucent.paint import FULL, Paint, likeliest, paint_of
 from cubicsplat_cli.artwork.translucent.sheets import without_sheets
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.svg import read_drawing, write_drawing
@@ -188,6 +189,42 @@ def test_who_chooses_inks_or_has_shapes_cut_out_gets_opaque_ones():
     ink = (0, 0, 0), (255, 255, 255)
     for settings in (ArtworkSettings(colors=6), ArtworkSettings(stacking="cutout"), ArtworkSettings(palette=ink)):
         assert translucent(draw(picture, settings)) == []
+
+
+def ringed(films, ink) -> tuple[Regions, np.ndarray, list[Sheet]]:
+    """A square of an ink on paper, and small sheets of these inks beside it that do not touch each other."""
+    labels = np.zeros((40, 40), dtype=np.int32)
+    labels[10:30, 10:30] = 1
+    sheets = []
+    for k, film in enumerate(films):
+        cover = np.zeros(labels.shape, dtype=bool)
+        cover[8:10, 10 + 4 * k : 12 + 4 * k] = True
+        sheets.append(Sheet(Paint(film, 0.0), cover))
+    return Regions(labels, np.array([levels(PAPER), ink]), np.arange(2)), np.zeros(2, dtype=bool), sheets
+
+
+def test_what_films_make_of_a_neighbour_is_theirs_in_the_order_that_does():
+    films = [(*RED[:3], 153), (*BLUE[:3], 153)]
+    for above, below in ((0, 1), (1, 0)):
+        ink = levels(PAPER)
+        for k in (below, above):
+            ink = Paint(films[k], 0.0).over(ink[None])[0]
+        regions, fixed, sheets = with_covered(*ringed(films, ink))
+        assert regions.count == 1 and fixed.tolist() == [False]
+        assert [sheet.paint.ink for sheet in sheets] == [films[above], films[below]]
+        assert all(sheet.cover[10:30, 10:30].all() for sheet in sheets)
+
+
+def test_many_films_over_each_other_do_not_make_an_opaque_shape():
+    # Five of them would make nearly the ink itself, of whatever ground.
+    ink = (220, 48, 17, 166)
+    regions, fixed, sheets = ringed([ink] * 5, levels((*ink[:3], 255)))
+    made = levels(PAPER)
+    for sheet in sheets:
+        made = sheet.paint.over(made[None])[0]
+    assert np.abs(made - regions.inks[1]).max() < 1.5
+    after, _, same = with_covered(regions, fixed, sheets)
+    assert after.count == 2 and not any(sheet.cover[10:30, 10:30].any() for sheet in same)
 
 
 def test_a_film_counts_as_a_shape():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.details.spots import with_spots
+from cubicsplat_cli.artwork.details.spots import SHAPE_PARAMETERS, with_spots
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.intake import Intake, taken_in
 from cubicsplat_cli.artwork.input.restore import restored, seen_as
 from cubicsplat_cli.artwork.layers.completion import outlines_of
-from cubicsplat_cli.artwork.layers.extents import Extent
+from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.limits import MOST_POLISHED, MOST_REGIONS, bounded_regions, enlarged
 from cubicsplat_cli.artwork.names import shape_name
@@ -28,7 +28,7 @@ from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
+from cubicsplat_cli.artwork.tracing.contours import ROUNDING, Crossings, crossings
 from cubicsplat_cli.artwork.translucent.parts import Part, parts_of
 from cubicsplat_cli.scene.paint import mean_ink
 
@@ -60,16 +60,14 @@ def draw(
     # What is rounded says too little of a blend where it is not clean; and who chooses the inks wants no others.
     chosen = settings.palette or settings.colors is not None or settings.stacking == CUTOUT
     standing = flat.inks if condition.clean and not chosen else None
-    levels, regions, parts = _planned(even, settings, intake.scale, condition.restored_error, standing)
+    levels, regions, found, parts = _planned(even, settings, intake.scale, condition.restored_error, standing)
     height, width = levels.shape[:2]
-    least = _least_points([part.extent for part in parts])
-    shapes = []
-    for part in parts:
-        outlines = outlines_of(part.extent, (height, width), settings.detail, least, settings.completion == ON)
-        gradient = flat.gradient(part.ink)
-        ink = eight_bit(part.ink)
-        shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height), gradient))
-    drawing = Drawing(width, height, tuple(shapes))
+    shapes = _traced(parts, (height, width), settings, flat)
+    if any(part.extent.layer == SHEET for part in parts):
+        opaque = parts_of(regions, found, settings.completion == ON, None)
+        if settings.curves is None or len(opaque) <= settings.curves:
+            shapes = min(shapes, _traced(opaque, (height, width), settings, flat), key=_length)
+    drawing = Drawing(width, height, shapes)
     polished = len(shapes) <= MOST_POLISHED
     if polished:
         grid = samples_across(levels, regions) if condition.clean else 0
@@ -86,6 +84,24 @@ def draw(
         drawing = with_strokes(drawing, settings.detail)
         drawing = fitted_strokes(drawing, goal) if polished else drawing
     return enlarged(in_palette(_painted(drawing), settings.palette), intake.scale, intake.width, intake.height)
+
+
+def _traced(
+    parts: list[Part], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
+) -> tuple[Shape, ...]:
+    """The parts with their outlines. canvas: its height and width, px."""
+    least = _least_points([part.extent for part in parts])
+    shapes = []
+    for part in parts:
+        outlines = outlines_of(part.extent, canvas, settings.detail, least, settings.completion == ON)
+        ink = eight_bit(part.ink)
+        shapes.append(Shape(ink, outlines, shape_name(ink, outlines, canvas[1], canvas[0]), flat.gradient(part.ink)))
+    return tuple(shapes)
+
+
+def _length(shapes: tuple[Shape, ...]) -> float:
+    """Of the description of shapes, in parameters."""
+    return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in shapes)
 
 
 def without_gradients(levels: np.ndarray, condition: Condition, settings: ArtworkSettings) -> Flattened:
@@ -110,8 +126,8 @@ def _painted(drawing: Drawing) -> Drawing:
 
 def _planned(
     levels: np.ndarray, settings: ArtworkSettings, factor: int, error: float, standing: np.ndarray | None
-) -> tuple[np.ndarray, Regions, list[Part]]:
-    """The picture that is drawn, its regions, and the parts to draw: at most settings.curves of them.
+) -> tuple[np.ndarray, Regions, Crossings, list[Part]]:
+    """The picture that is drawn, its regions, where they end, and the parts to draw: at most settings.curves of them.
 
     error: in levels, of pixels on edges beyond that of a clean picture. standing: (G, 4) inks that stand for gradients,
     of which no translucent shape makes others; None where no such shapes are sought.
@@ -126,7 +142,7 @@ def _planned(
             fixed = (np.rint(regions.inks)[:, None] == standing[None]).all(axis=2).any(axis=1)
         parts = parts_of(regions, found, settings.completion == ON, fixed)
         if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:
-            return soft, regions, parts
+            return soft, regions, found, parts
         # The regions beyond as many as may be drawn join their neighbours.
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[min(settings.curves, len(areas) - 1)]) + 1.0)

@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.tracing.contours import Crossings, loop_points
 UNDERLAP = 3
 # Levels of opacity from which an ink hides what is beneath it.
 OPAQUE = 254.0
+SHEET = -1  # in place of the layer of what is of none
 PLUS = ndimage.generate_binary_structure(2, 1)
 
 
@@ -63,12 +64,12 @@ def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent
 
 
 def extents_of(cover: np.ndarray, above: np.ndarray, found: Crossings) -> Iterator[Extent]:
-    """The parts of a shape of its own, of layer -1: cover: (H, W) bool, where it shows; above: (H, W) bool, what hides
-    it.
+    """The parts of a translucent sheet, which is of no layer. cover: (H, W) bool, where it shows; above: (H, W) bool,
+    what hides it.
     """
     rows, columns = _widened(ndimage.find_objects(cover.astype(np.uint8))[0])
     view = cover[rows, columns]
-    yield from _parts(-1, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)
+    yield from _parts(SHEET, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)
 
 
 def _parts(

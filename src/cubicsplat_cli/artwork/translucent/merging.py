@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.translucent.paint import ROUNDED, Paint
+from cubicsplat_cli.artwork.translucent.paint import LEAST_SEEN, ROUNDED, Paint
 
 MOST_BESIDE = 5  # sheets beside a region that several of them may make
 
@@ -74,20 +74,31 @@ def with_covered(regions: Regions, fixed: np.ndarray, sheets: list[Sheet]) -> tu
 
 def _over(regions: Regions, sheets: list[Sheet], region: int, ground: int) -> tuple[Sheet, ...]:
     """The sheets beside a region that make its colour of another one's, uppermost first; () where none do."""
-    mask = regions.labels == region
+    rows, columns = ndimage.find_objects((regions.labels == region).astype(np.uint8))[0]
+    window = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in (rows, columns))
+    mask = regions.labels[window] == region
     rim = ndimage.binary_dilation(mask) & ~mask
-    beside = [each for each in sheets if each.cover[rim].any() and not each.cover[mask].any()]
+    beside = [s for s in sheets if s.cover[window][rim].any() and not s.cover[window][mask].any()]
     if len(beside) > MOST_BESIDE:
         return ()
+    ink, under = regions.inks[region], regions.inks[ground]
     for count in range(1, len(beside) + 1):
         # Sheets that were seen to overlap nowhere may lie over each other in either order.
         for some in permutations(beside, count):
-            colour = regions.inks[[ground]]
-            for each in reversed(some):
-                colour = each.paint.over(colour)
-            if np.abs(colour[0] - regions.inks[region]).max() <= ROUNDED and _ordered(sheets, some):
+            if np.abs(_through(some, under) - ink).max() > ROUNDED:
+                continue
+            # Many sheets make the same of anything: each must change it.
+            fewer = [_through(some[:k] + some[k + 1 :], under) for k in range(count)]
+            if min(np.abs(other - ink).max() for other in fewer) >= LEAST_SEEN and _ordered(sheets, some):
                 return some
     return ()
+
+
+def _through(some: tuple[Sheet, ...], ink: np.ndarray) -> np.ndarray:
+    """(4,) levels of what sheets, uppermost first, make of an ink."""
+    for each in reversed(some):
+        ink = each.paint.over(ink[None])[0]
+    return ink
 
 
 def _ordered(sheets: list[Sheet], some: tuple[Sheet, ...]) -> list[Sheet]:
