@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.intake import Intake, taken_in
 from cubicsplat_cli.artwork.input.restore import restored, seen_as
+from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
 from cubicsplat_cli.artwork.layers.seams import without_seams
@@ -56,11 +57,11 @@ def draw(
     seen, condition = intake.levels, intake.condition
     error = condition.edge_error
     flat = without_gradients(seen, condition, settings)
-    even = flat.levels if condition.clean else restored(flat.levels, condition, settings.colors)
+    even, inks = _even(flat.levels, intake, settings)
     # What is rounded says too little of a blend where it is not clean; and who chooses the inks wants no others.
     chosen = settings.palette or settings.colors is not None or settings.stacking == CUTOUT
     standing = flat.inks if condition.clean and not chosen else None
-    levels, regions, found, parts = _planned(even, settings, intake.scale, condition.restored_error, standing)
+    levels, regions, found, parts = _planned(even, settings, intake.scale, condition.restored_error, standing, inks)
     height, width = levels.shape[:2]
     shapes = _traced(parts, (height, width), settings, flat)
     if any(part.extent.layer == SHEET for part in parts):
@@ -81,9 +82,16 @@ def draw(
             most = None if settings.curves is None else settings.curves - len(shapes)
             drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
     if strokes:
-        drawing = with_strokes(drawing, settings.detail)
+        drawing = with_strokes(drawing, settings.detail, error / 255.0)
         drawing = fitted_strokes(drawing, goal) if polished else drawing
     return enlarged(in_palette(_painted(drawing), settings.palette), intake.scale, intake.width, intake.height)
+
+
+def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> tuple[np.ndarray, np.ndarray | None]:
+    """A picture without gradients as if it were clean, and its inks (k, 4) where they are known."""
+    if intake.pens is not None:
+        return sharpened(levels, intake.pens)
+    return levels if intake.condition.clean else restored(levels, intake.condition, settings.colors), None
 
 
 def _traced(
@@ -125,16 +133,22 @@ def _painted(drawing: Drawing) -> Drawing:
 
 
 def _planned(
-    levels: np.ndarray, settings: ArtworkSettings, factor: int, error: float, standing: np.ndarray | None
+    levels: np.ndarray,
+    settings: ArtworkSettings,
+    factor: int,
+    error: float,
+    standing: np.ndarray | None,
+    inks: np.ndarray | None,
 ) -> tuple[np.ndarray, Regions, Crossings, list[Part]]:
     """The picture that is drawn, its regions, where they end, and the parts to draw: at most settings.curves of them.
 
     error: in levels, of pixels on edges beyond that of a clean picture. standing: (G, 4) inks that stand for gradients,
-    of which no translucent shape makes others; None where no such shapes are sought.
+    of which no translucent shape makes others; None where no such shapes are sought. inks: (k, 4) those of the picture,
+    None where they are not known.
     """
     min_area = settings.min_area / factor**2
     while True:
-        soft, regions = _regions(levels, settings, min_area)
+        soft, regions = _regions(levels, settings, min_area, inks)
         soft = without_seams(soft, regions)
         found = crossings(soft, regions, ROUNDING + error)
         fixed = None
@@ -160,17 +174,21 @@ def in_palette(drawing: Drawing, palette: tuple[tuple[int, int, int], ...]) -> D
     return replace(drawing, shapes=tuple(shapes))
 
 
-def _regions(levels: np.ndarray, settings: ArtworkSettings, min_area: float) -> tuple[np.ndarray, Regions]:
+def _regions(
+    levels: np.ndarray, settings: ArtworkSettings, min_area: float, inks: np.ndarray | None
+) -> tuple[np.ndarray, Regions]:
     """The regions of a picture, and the picture they are of: blurred where there would be as many as px."""
-    most = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
+    many = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
     soft = levels
     for blur in BLURS:
         if blur:
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
         elif levels.shape[0] * levels.shape[1] > MOST_REGIONS and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
-        regions = bounded_regions(soft, picture_inks(soft, settings.colors), min_area, settings.colors)
-        if regions.count <= min(most, MOST_REGIONS):
+        most = settings.colors if inks is None else min(len(inks), settings.colors or len(inks))
+        palette = picture_inks(soft, most) if inks is None else inks[:most]
+        regions = bounded_regions(soft, palette, min_area, most)
+        if regions.count <= min(many, MOST_REGIONS):
             break
     return soft, regions
 

@@ -34,6 +34,8 @@ LUMA = np.array([0.299, 0.587, 0.114, 0.7], dtype=np.float32)
 REACH, CONTRAST = 8, 60.0
 FEWEST, MOST = 40, 6000
 JPEG_EDGES = 8.0  # times the noise elsewhere
+# Times the noise that pixels count as off by where it is alike over 1.5 px: so many of them tell as much as one.
+COARSE = 5.0
 # px: less is how programs smooth edges, or what a JPEG does to them. A quarter of the edges may be sharper by a third.
 LEAST_BLUR, LEAST_BLUR_OF_JPEG, SHARPER = 0.35, 0.6, 2.0 / 3.0
 # Levels, for each px of blur, by which edges are off that were made sharp again.
@@ -44,11 +46,13 @@ BLUR_ERROR = 16.0
 class Condition:
     """noise: its standard deviation in levels away from edges, 0 where there is none. jpeg: whether the picture has
     the blocks of a JPEG. blur: standard deviation in px of what edges are blurred by beyond their pixels, 0 for none.
+    coarse: whether the noise is that of a paper's grain, alike over a px or two.
     """
 
     noise: float = 0.0
     jpeg: bool = False
     blur: float = 0.0
+    coarse: bool = False
 
     @property
     def clean(self) -> bool:
@@ -57,7 +61,7 @@ class Condition:
     @property
     def edge_error(self) -> float:
         """Levels by which pixels on edges are off: much more than elsewhere in a JPEG."""
-        return self.noise * (JPEG_EDGES if self.jpeg else 1.0)
+        return self.noise * (COARSE if self.coarse else JPEG_EDGES if self.jpeg else 1.0)
 
     @property
     def restored_error(self) -> float:

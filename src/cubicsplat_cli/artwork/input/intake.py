@@ -10,6 +10,7 @@ from cubicsplat_cli.artwork.gradients.flattening import flattened
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.paper import scan_of
+from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.limits import reduced, reduction
 
 
@@ -17,7 +18,7 @@ from cubicsplat_cli.artwork.limits import reduced, reduction
 class Intake:
     """levels: (H, W, 4) float32 premultiplied RGBA in 0..255, what is drawn. condition: of it. scale: by which its
     drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
-    scanned: whether levels are the ink on a scan's paper, made white and evenly lit.
+    scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
     """
 
     levels: np.ndarray
@@ -27,6 +28,7 @@ class Intake:
     width: int
     height: int
     scanned: bool = False
+    pens: Pens | None = None
 
     @property
     def notes(self) -> list[str]:
@@ -47,7 +49,11 @@ def taken_in(target: np.ndarray) -> Intake:
     condition, times = condition_of(levels), 1
     scan = scan_of(levels)
     if scan is not None:
-        return Intake(scan.levels, replace(condition, noise=scan.grain), factor, 1, width, height, scanned=True)
+        pens = pens_of(scan.bare, scan.grain)
+        condition = replace(condition, noise=scan.grain, coarse=True)
+        if pens is not None:
+            condition = replace(condition, blur=pens.blur)
+        return Intake(scan.levels, condition, factor, 1, width, height, scanned=True, pens=pens)
     if not condition.noise:
         levels, times = before_enlargement(levels)
         if times > 1:

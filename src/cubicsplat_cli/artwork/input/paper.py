@@ -29,9 +29,12 @@ FAINT, BESIDE = 4.0, 3  # standard deviations of smoothed grain that count as in
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """levels: (H, W, 4), the drawing on white paper under even light; grain: standard deviation in levels."""
+    """levels: (H, W, 4), the drawing on white paper under even light; bare: (H, W, 3), the same with the paper's grain
+    and what is lighter than the paper; grain: standard deviation in levels.
+    """
 
     levels: np.ndarray
+    bare: np.ndarray
     grain: float
 
 
@@ -59,14 +62,15 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     far = max(OFF, 2.0 * NEAR * grain)
     if own.mean() < PAPER or (off > far).mean() > GLARE or (off < -far).mean() < INK:
         return None
-    white = np.clip(colours * (255.0 / np.maximum(surface, 1.0)), 0.0, 255.0)
+    bare = colours * (255.0 / np.maximum(surface, 1.0))
+    white = np.clip(bare, 0.0, 255.0)
     grain *= 255.0 / float(np.median(light))
     ink = _ink(white, grain)
     if not ink.any():
         return None
     out = levels.copy()
     out[..., :3] = np.where(ink[..., None], white, 255.0)
-    return Scan(out, grain)
+    return Scan(out, bare, grain)
 
 
 def _ink(white: np.ndarray, grain: float) -> np.ndarray:

@@ -21,9 +21,9 @@ GAP = 2.5  # px between points of the centre line that are neighbours
 LEAST_TRUE = 0.6  # widths: a branch to an end that is even for less is a spur of a corner
 
 
-def strokes_of(rings: tuple[Ring, ...], detail: float) -> list[Stroke]:
+def strokes_of(rings: tuple[Ring, ...], detail: float, slack: float = 0.0) -> list[Stroke]:
     """The strokes whose union rings (outer clockwise as seen, holes the other way) may be; none where hardly any is
-    of an even width.
+    of an even width. slack: px by which the rings may be off.
     """
     area = sum(signed_area(ring) for ring in rings)
     around = sum(
@@ -33,18 +33,18 @@ def strokes_of(rings: tuple[Ring, ...], detail: float) -> list[Stroke]:
     if not width > 0.5:
         return []
     graph, sides = skeleton_of(rings, width), Sides.of(rings)
-    centres = [centres_of(_spaced(branch.points), sides) for branch in graph.branches]
+    centres = [centres_of(_spaced(branch.points), sides, slack) for branch in graph.branches]
     spurs = [b for b, own in enumerate(centres) if graph.dangling(b) and own.even(width).sum() < LEAST_TRUE * width]
     if spurs:
         graph = graph.without(spurs)
-        centres = [centres_of(_spaced(branch.points), sides) for branch in graph.branches]
+        centres = [centres_of(_spaced(branch.points), sides, slack) for branch in graph.branches]
     widths = np.array([_width(own) for own in centres])
     even = sum(int(own.even(w).sum()) for own, w in zip(centres, widths, strict=True) if np.isfinite(w))
     total = sum(len(own.points) for own in centres)
     if even < LEAST_EVEN * total or total < SHORTEST * width:
         return []
-    rows = chains_of(graph, centres, widths)
-    found = [_stroke(row, closed, graph, centres, widths, sides, detail) for row, closed in rows]
+    rows = _lines(chains_of(graph, centres, widths), graph, width)
+    found = [_stroke(row, closed, graph, centres, widths, sides, detail, slack) for row, closed in rows]
     strokes = [stroke for stroke in found if stroke is not None]
     if len(strokes) < len(found):
         return []
@@ -55,6 +55,14 @@ def strokes_of(rings: tuple[Ring, ...], detail: float) -> list[Stroke]:
         stroke if stroke.closed or _shows_cap(row, graph) else replace(stroke, cap=usual)
         for stroke, (row, _) in zip(strokes, rows, strict=True)
     ]
+
+
+def _lines(rows: list[tuple[list[Link], bool]], graph: Graph, width: float) -> list[tuple[list[Link], bool]]:
+    """The rows of branches without those that lie within what they meet at, unless there are no others."""
+    lengths = [
+        sum(float(np.hypot(*np.diff(graph.branches[b].points, axis=0).T).sum()) for b, _ in row) for row, _ in rows
+    ]
+    return [row for row, length in zip(rows, lengths, strict=True) if length >= LEAST_TRUE * width] or rows
 
 
 def _shows_cap(row: list[Link], graph: Graph) -> bool:
@@ -77,7 +85,14 @@ def _width(own: Centres) -> float:
 
 
 def _stroke(
-    row: list[Link], closed: bool, graph: Graph, centres: list[Centres], widths: np.ndarray, sides: Sides, detail: float
+    row: list[Link],
+    closed: bool,
+    graph: Graph,
+    centres: list[Centres],
+    widths: np.ndarray,
+    sides: Sides,
+    detail: float,
+    slack: float,
 ) -> Stroke | None:
     """The stroke along a row of branches; None where its points or its ends are no stroke's."""
     points, own_widths = [], []
@@ -87,7 +102,10 @@ def _stroke(
         run, values = own.points[good], own.widths[good]
         points.append(run if entered == 0 else run[::-1])
         own_widths.append(values)
-    line, width = np.concatenate(points), float(np.median(np.concatenate(own_widths)))
+    line = np.concatenate(points)
+    if len(line) < 3:
+        return None
+    width = float(np.median(np.concatenate(own_widths)))
     hidden = [_beside(row, graph, widths, end) for end in (0, 1)]
     line = onward(line, closed)
     if not closed:
@@ -98,11 +116,11 @@ def _stroke(
     if not closed:
         line, gaps, cap = with_ends(line, gaps, width, sides, hidden)
         line, corners = with_corners(line, gaps, closed=False)
-        return Stroke(open_line(line, corners, detail), width, cap, _join(line, corners, width, sides))
+        return Stroke(open_line(line, corners, detail, slack), width, cap, _join(line, corners, width, sides))
     line, corners = with_corners(line, gaps, closed=True)
     if len(line) < 8:
         return None
-    return Stroke(closed_line(line, detail), width, BUTT, _join(line, corners, width, sides))
+    return Stroke(closed_line(line, detail, slack), width, BUTT, _join(line, corners, width, sides))
 
 
 def _node(row: list[Link], graph: Graph, end: int) -> int:

@@ -20,21 +20,24 @@ CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a 
 FLANK = 8  # points on either side of a gap that tell its direction
 END_ERRORS = (0.05, 0.05)  # px and radians
 FEWEST = 6  # points
+LEAST_LENGTH = 1e-6  # px, of a run of points that has a direction
 
 
-def closed_line(points: np.ndarray, detail: float) -> Outline:
-    """The closed centre line through a loop of points (n, 2), about one per px."""
-    return fit_outline(points, np.full(len(points), SIGMA), detail)
+def closed_line(points: np.ndarray, detail: float, slack: float = 0.0) -> Outline:
+    """The closed centre line through a loop of points (n, 2), about one per px, that may be `slack` px farther off."""
+    return fit_outline(points, np.full(len(points), math.hypot(SIGMA, slack)), detail)
 
 
-def open_line(points: np.ndarray, corners: np.ndarray, detail: float) -> Chain:
-    """The centre line through points (n, 2), its ends included; corners: indices of those where it bends sharply."""
+def open_line(points: np.ndarray, corners: np.ndarray, detail: float, slack: float = 0.0) -> Chain:
+    """The centre line through points (n, 2), its ends included; corners: indices of those where it bends sharply;
+    slack: px by which points may be off beyond SIGMA.
+    """
     stops = np.unique(np.concatenate([[0], corners, [len(points) - 1]]))
     price = parameter_price(points, detail)
     parts = []
     for first, last in pairwise(stops.tolist()):
         run = points[first : last + 1]
-        parts.append(line_chain(run[[0, -1]]) if len(run) < FEWEST else _between_corners(run, price))
+        parts.append(line_chain(run[[0, -1]]) if len(run) < FEWEST else _between_corners(run, price, slack))
     anchors = [parts[0].anchors, *(part.anchors[1:] for part in parts[1:])]
     smooth = np.concatenate([part.smooth[:-1] for part in parts] + [[False]])
     return Chain(
@@ -45,8 +48,8 @@ def open_line(points: np.ndarray, corners: np.ndarray, detail: float) -> Chain:
     )
 
 
-def _between_corners(points: np.ndarray, price: float) -> Chain:
-    weights = np.full(len(points), 1.0 / SIGMA**2)
+def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
+    weights = np.full(len(points), 1.0 / (SIGMA**2 + slack**2))
     fits = local_fits(points, weights, closed=False)
     ends, tangents = points[[0, -1]], fits.tangents[[0, -1]]
     division = divide(Section(fits, weights, ends, tangents, np.array([END_ERRORS, END_ERRORS]), True), price)
@@ -123,8 +126,10 @@ def _flank(points: np.ndarray, gaps: np.ndarray, start: int, step: int, closed: 
 
 
 def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(2,) the unit tangent at the last of a run of points, and (2,) how it bends there, 1/px."""
+    """(2,) the unit tangent at the last of a run of points, and (2,) how it bends there, 1/px; 0 where all are one."""
     s = arc_lengths(points)
+    if s[-1] < LEAST_LENGTH:
+        return np.zeros(2), np.zeros(2)
     degree = 2 if len(points) >= 6 and _bent(points) else 1
     x, y = (np.polyfit(s - s[-1], points[:, c], degree)[::-1] for c in (0, 1))
     way = np.array([x[1], y[1]])

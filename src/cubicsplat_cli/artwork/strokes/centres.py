@@ -44,19 +44,25 @@ class Sides:
 
 @dataclass(frozen=True)
 class Centres:
-    """Along a branch: points (n, 2) px, widths (n,) px, and true (n,), whether both sides lie opposite each other."""
+    """Along a branch: points (n, 2) px, widths (n,) px, and true (n,), whether both sides lie opposite each other.
+    slack: px by which the outline may be off.
+    """
 
     points: np.ndarray
     widths: np.ndarray
     true: np.ndarray
+    slack: float = 0.0
 
     def even(self, width: float) -> np.ndarray:
         """(n,) bool: points where the stroke has a width."""
-        return self.true & (np.abs(self.widths - width) <= EVEN_SHARE * width + EVEN_PX)
+        return self.true & (np.abs(self.widths - width) <= EVEN_SHARE * width + EVEN_PX + 2.0 * self.slack)
 
 
-def centres_of(places: np.ndarray, sides: Sides) -> Centres:
-    """The centres near places (n, 2) of a skeleton: from the nearest point of the outline across to the other side."""
+def centres_of(places: np.ndarray, sides: Sides, slack: float = 0.0) -> Centres:
+    """The centres near places (n, 2) of a skeleton: from the nearest point of the outline across to the other side.
+
+    slack: px by which the outline may be off.
+    """
     middle = places
     for _ in range(_ROUNDS):
         near = sides.nearest(middle)
@@ -67,4 +73,4 @@ def centres_of(places: np.ndarray, sides: Sides) -> Centres:
     widths = np.hypot(*(near - far).T)
     moved = np.hypot(*(middle - places).T)
     true = (widths > 0.0) & (radius > REST * widths) & (moved < MOST_MOVED * np.maximum(widths, 1.0))
-    return Centres(middle, widths, true)
+    return Centres(middle, widths, true, slack)

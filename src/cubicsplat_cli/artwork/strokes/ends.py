@@ -101,7 +101,8 @@ class _Tip:
     def on(self, reach: float) -> _Tip:
         """The end if the line went on by so many px, bending as it does."""
         way = self.way + reach * self.bend
-        return _Tip(self.place + reach * self.way + 0.5 * reach**2 * self.bend, way / np.hypot(*way), self.bend)
+        way = way / max(float(np.hypot(*way)), 1e-9)
+        return _Tip(self.place + reach * self.way + 0.5 * reach**2 * self.bend, way, self.bend)
 
 
 def _reaches(tip: _Tip, width: float, sides: Sides) -> np.ndarray:

@@ -24,16 +24,21 @@ from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 
 LONGEST_MEAN = 0.06  # px that the outline of strokes is off a shape's in the mean
 MOST_OFF = 0.75  # of a pixel's coverage
+# px by which an outline is off for each of the error, of full scale, of its pixels, up to a most; and widths squared
+# that ends and corners of each stroke may then be off, in place of MOST_OFF.
+SLACK, MOST_SLACK, ENDS_OFF = 1.2, 0.15, 1.0
 LEAST_ASPECT = 3.0  # of a bar that is a stroke
 ALIKE_PX, ALIKE_SHARE = 0.08, 0.015  # widths that differ by less are one
 
 
-def with_strokes(drawing: Drawing, detail: float = 1.0) -> Drawing:
+def with_strokes(drawing: Drawing, detail: float = 1.0, error: float = 0.0) -> Drawing:
     """The drawing with every shape of even width as strokes: one for each line that a pen would draw.
 
     A shape is given up where its strokes would cover anything else than it does. Widths that are alike become one.
+    error: of the pixels that it was fitted to, of full scale.
     """
-    found = [_strokes(shape, detail) for shape in drawing.shapes]
+    slack = min(SLACK * error, MOST_SLACK)
+    found = [_strokes(shape, detail, slack) for shape in drawing.shapes]
     width_of = _common([stroke for strokes in found for stroke in strokes])
     shapes: list[Shape] = []
     for shape, strokes in zip(drawing.shapes, found, strict=True):
@@ -42,7 +47,7 @@ def with_strokes(drawing: Drawing, detail: float = 1.0) -> Drawing:
     return replace(drawing, shapes=tuple(shapes))
 
 
-def _strokes(shape: Shape, detail: float) -> list[Stroke]:
+def _strokes(shape: Shape, detail: float, slack: float) -> list[Stroke]:
     """The strokes that cover what a shape does; none where there are no such, and of gradients none."""
     if shape.gradient is not None:
         return []
@@ -51,8 +56,8 @@ def _strokes(shape: Shape, detail: float) -> list[Stroke]:
         return [simple]
     if len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring):
         return []
-    strokes = strokes_of(shape.oriented(), detail)
-    return strokes if strokes and _same(shape, strokes) else []
+    strokes = strokes_of(shape.oriented(), detail, slack)
+    return strokes if strokes and _same(shape, strokes, slack) else []
 
 
 def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
@@ -75,8 +80,10 @@ def _simple(outlines: tuple[Outline, ...]) -> Stroke | None:
     return None
 
 
-def _same(shape: Shape, strokes: list[Stroke]) -> bool:
-    """Whether strokes cover what a shape does, to a few hundredths of a px along its outline."""
+def _same(shape: Shape, strokes: list[Stroke], slack: float) -> bool:
+    """Whether strokes cover what a shape does, to a few hundredths of a px along its outline, or as far as that is
+    known: its ends and corners are where it is off by more.
+    """
     rings = shape.oriented()
     low, high = _box([ring.cubics for ring in rings])
     # A line that has gone astray need not be drawn to be seen.
@@ -89,7 +96,12 @@ def _same(shape: Shape, strokes: list[Stroke]) -> bool:
     low, high = low - margin, high + margin
     off = np.abs(_covered([rings], low, high) - _covered(drawn, low, high))
     length = sum(float(np.hypot(*np.diff(flattened(ring), axis=0).T).sum()) for ring in rings)
-    return bool(off.sum() <= LONGEST_MEAN * length and off.max() <= MOST_OFF)
+    most = (LONGEST_MEAN + slack) * length
+    if not slack:
+        return bool(off.sum() <= most and off.max() <= MOST_OFF)
+    ends = sum(ENDS_OFF * stroke.width**2 for stroke in strokes)
+    far = float(off[off > MOST_OFF].sum())
+    return bool(off.sum() - far <= most and far <= ends)
 
 
 def _box(cubics: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

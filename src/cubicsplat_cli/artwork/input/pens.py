@@ -1,0 +1,166 @@
+"""The inks of thin lines on paper, and the blur that they are seen through.
+
+Across a line of width w in an ink of depth D, seen through a Gaussian of standard deviation s, the depth is that of a
+box convolved with it. Its integral is D w, its variance w^2/12 + s^2, and its fourth cumulant, -D w^5/120, tells the
+two apart. The means of all profiles of about one mass and tint tell it by least squares, with one blur for all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.optimize import least_squares
+from scipy.special import erf
+
+from cubicsplat_cli.artwork.input.profiles import REACH, STEP, Profiles, profiles_of
+
+LUMA = np.array([0.299, 0.587, 0.114])
+FAINT = 4.0  # standard deviations of the grain that a line is deeper than at the least
+EVEN = 3.0  # and that profiles may be off the paper at their ends
+# Tints, of channels over luma, and natural logarithms of masses, that differ by less are one.
+TINT, MASS = 0.25, 0.3
+FEWEST = 80  # places of a kind of line
+# Grain is alike over so many places of a line; and levels by which a mean profile is off whatever the number.
+ALIKE, ERROR = 6.0, 0.3
+# Of an ink's darkest channel: how dark it usually is, of what black would be, and the standard deviation of that.
+USUAL, SPREAD = 0.85, 0.15
+THIN, THINNER = 1.2, 0.2  # px that lines are rarely narrower than, and the standard deviation of those that are
+MOST_BLUR = 3.0  # px
+SAME_INK, SAME_SHARE = 2.5, 0.25  # standard errors, and share of the depth, within which two kinds have one ink
+THINNEST, MOST_DARKER = 1.5, 2.0  # standard deviations of the blur, and times the depth
+# An area is what is so many times as wide as the widest line and its blur. Levels by which its ink is none of those
+# known, and the most that it may cover, as a share of what lines do.
+WIDER, OTHER, MOST_AREA = 3.0, 40.0, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pens:
+    """blur: standard deviation in px. inks: (k, 3) levels on white paper. places: (n, 2) px, on the middle of lines
+    and in areas; owners: (n,) their inks; widths: (n,) px.
+    """
+
+    blur: float
+    inks: np.ndarray
+    places: np.ndarray
+    owners: np.ndarray
+    widths: np.ndarray
+
+
+def pens_of(bare: np.ndarray, grain: float) -> Pens | None:
+    """The pens that drew on paper: bare, (H, W, 3) levels that the paper has 255 of but for its grain, of a standard
+    deviation in levels. None where too few lines are thin enough to tell.
+    """
+    if min(bare.shape[:2]) < 2 * REACH:
+        return None
+    lines = profiles_of(255.0 - bare, LUMA, FAINT * grain, EVEN * grain)
+    kinds = _kinds(lines)
+    if not (kinds >= 0).any():
+        return None
+    tints = np.array([np.median(lines.tints[kinds == k], axis=0) for k in range(kinds.max() + 1)])
+    blur, depths, errors = _fitted(lines, kinds, tints, grain)
+    masses = np.array([np.median(lines.masses[kinds == k]) for k in range(len(tints))])
+    owners, inks = _inks(tints, depths, errors, masses, blur)
+    own = kinds >= 0
+    owner = owners[kinds[own]]
+    widths = lines.masses[own] / ((255.0 - inks) @ LUMA)[owner]
+    pens = Pens(blur, inks, lines.places[own], owner, widths)
+    return _with_areas(pens, bare, FAINT * grain)
+
+
+def _with_areas(pens: Pens, bare: np.ndarray, least: float) -> Pens | None:
+    """The pens with the inks of areas that no pen of theirs drew; None where a drawing is more areas than lines.
+
+    least: levels by which ink is darker than paper.
+    """
+    dark = ndimage.gaussian_filter((255.0 - bare) @ LUMA, 1.0) > 2.0 * least
+    wide = WIDER * (float(np.quantile(pens.widths, 0.95)) + pens.blur) + 2.0
+    deep = ndimage.distance_transform_edt(dark) > 0.5 * wide
+    parts, count = ndimage.label(deep)
+    if not count:
+        return pens
+    if deep.sum() > MOST_AREA * pens.widths.sum():
+        return None
+    inks, owners = list(pens.inks), np.full(count + 1, -1)
+    for k, box in enumerate(ndimage.find_objects(parts), start=1):
+        ink = np.rint(np.clip(np.median(bare[box][parts[box] == k], axis=0), 0.0, 255.0))
+        gaps = [float(np.abs(ink - known).max()) for known in inks]
+        owners[k] = int(np.argmin(gaps)) if min(gaps) <= OTHER else len(inks)
+        if owners[k] == len(inks):
+            inks.append(ink)
+    y, x = np.nonzero(deep)
+    return Pens(
+        pens.blur,
+        np.array(inks),
+        np.concatenate([pens.places, np.stack([x, y], axis=1)]),
+        np.concatenate([pens.owners, owners[parts[y, x]]]),
+        np.concatenate([pens.widths, np.full(len(y), wide)]),
+    )
+
+
+def _kinds(lines: Profiles) -> np.ndarray:
+    """(n,) for each profile the number of its kind, those of about one tint and mass; -1 for rare ones."""
+    found = np.full(len(lines.masses), -1)
+    free = lines.masses > 0.0
+    size = np.log(np.maximum(lines.masses, 1e-6))
+    count = 0
+    while free.sum() >= FEWEST:
+        middle = float(np.median(size[free]))
+        first = np.flatnonzero(free)[np.abs(size[free] - middle).argmin()]
+        own = free & (np.abs(size - size[first]) <= MASS)
+        own &= (np.abs(lines.tints - lines.tints[first]) <= TINT).all(axis=1)
+        if own.sum() >= FEWEST:
+            found[own] = count
+            count += 1
+        free &= ~own
+    return found
+
+
+def _fitted(
+    lines: Profiles, kinds: np.ndarray, tints: np.ndarray, grain: float
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """The blur, px, and for each kind of line the depth of its ink, in levels of luma, and its standard error."""
+    count = len(tints)
+    means = np.array([lines.depths[kinds == k].mean(axis=0) for k in range(count)])
+    errors = np.array([np.hypot(grain * (ALIKE / (kinds == k).sum()) ** 0.5, ERROR) for k in range(count)])
+    black = 255.0 / tints.max(axis=1)
+
+    def off(x: np.ndarray) -> np.ndarray:
+        depths, widths, grounds = x[1:].reshape(3, count)
+        soft = np.sqrt(2.0 * (x[0] ** 2 + 1.0 / 12.0))  # a pixel is a square
+        u, half = lines.offsets / soft, 0.5 * widths[:, None] / soft
+        drawn = grounds[:, None] + 0.5 * depths[:, None] * (erf(u + half) - erf(u - half))
+        rare = np.maximum(THIN - widths, 0.0) / THINNER
+        return np.concatenate([((drawn - means) / errors[:, None]).ravel(), (depths / black - USUAL) / SPREAD, rare])
+
+    least, most = np.full(3 * count + 1, 1e-3), np.full(3 * count + 1, np.inf)
+    most[0], most[1 : count + 1] = MOST_BLUR, black
+    least[2 * count + 1 :] = -np.inf
+    begin = np.concatenate([np.full(count, 0.8) * black, means.sum(axis=1) * STEP / (0.8 * black), np.zeros(count)])
+    found = least_squares(off, np.concatenate([[1.0], begin]), bounds=(least, most), x_scale="jac")
+    spread = np.linalg.pinv(found.jac.T @ found.jac).diagonal()
+    return float(found.x[0]), found.x[1 : count + 1], np.sqrt(spread[1 : count + 1])
+
+
+def _inks(
+    tints: np.ndarray, depths: np.ndarray, errors: np.ndarray, masses: np.ndarray, blur: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(kinds,) the ink of each kind, and (k, 3) the inks in levels: kinds of one tint and about one depth share it;
+    so do those that blur leaves nothing of but that they seem a darker one.
+    """
+    owners, first = np.full(len(depths), -1), list[int]()
+    for kind in np.argsort(errors / depths, kind="stable").tolist():
+        for number, known in enumerate(first):
+            off = abs(depths[kind] - depths[known])
+            near = off <= max(SAME_INK * float(np.hypot(errors[kind], errors[known])), SAME_SHARE * depths[known])
+            thin = masses[kind] < THINNEST * blur * depths[kind]
+            near |= thin and depths[known] < depths[kind] < MOST_DARKER * depths[known]
+            if near and np.abs(tints[kind] - tints[known]).max() <= TINT:
+                owners[kind] = number
+                break
+        else:
+            owners[kind] = len(first)
+            first.append(kind)
+    inks = 255.0 - depths[first][:, None] * tints[first]
+    return owners, np.rint(np.clip(inks, 0.0, 255.0))
