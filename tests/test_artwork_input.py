@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy import ndimage
 
 from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import vectorize
@@ -16,6 +17,7 @@ from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_o
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.evenness import evenness
 from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
+from cubicsplat_cli.artwork.input.lines import overshoots
 from cubicsplat_cli.artwork.input.palette import noisy_inks
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.style import LEAST_EVEN, choose_style
@@ -225,3 +227,47 @@ def test_an_ink_of_thin_lines_alone_is_found_and_drawn():
     black = (clean[..., :3] < 8.0).all(axis=-1)
     assert black.sum() > 300
     assert (done[black][:, :3].max(axis=1) < 60.0).mean() > 0.9
+
+
+# --- blur -----------------------------------------------------------------------------------------------------
+
+
+def blurred(body: str, blur: float = 1.2) -> tuple[np.ndarray, np.ndarray]:
+    """(SIDE, SIDE, 4) float32 levels of a drawing, and of it blurred."""
+    clean = as_levels(target("clean", f'<path d="M0 0H{SIDE}V{SIDE}H0z" fill="#fff"/>' + body))
+    soft = ndimage.gaussian_filter(clean, (blur, blur, 0.0), mode="nearest")
+    return clean, np.rint(soft).astype(np.float32)
+
+
+def even(levels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the 3 x 3 px around are of one colour."""
+    return (ndimage.maximum_filter(levels, (3, 3, 1)) == ndimage.minimum_filter(levels, (3, 3, 1))).all(axis=-1)
+
+
+def test_inks_that_are_nearly_alike_stay_apart_in_a_blurred_picture():
+    """They differ by eight levels, as those that noise would make of one ink do."""
+    clean, soft = blurred('<path d="M10 10H80V150H10z" fill="#eaeaea"/><path d="M80 10H150V150H80z" fill="#e2dfe4"/>')
+    done = restored(soft, Condition(0.0, False, 1.2))
+    for y, x in ((80, 40), (80, 120), (80, 5)):
+        assert (done[y, x] == clean[y, x]).all()
+    assert len(np.unique(np.rint(done[60:100, 20:140]).reshape(-1, 4), axis=0)) <= 3
+
+
+def test_no_ink_is_made_up_where_three_meet_in_a_blurred_picture():
+    sectors = "".join(
+        f'<path d="M80 80L{80 + 70 * np.cos(a):.3f} {80 + 70 * np.sin(a):.3f}'
+        f'A70 70 0 0 1 {80 + 70 * np.cos(a + 0.9):.3f} {80 + 70 * np.sin(a + 0.9):.3f}z" fill="{ink}"/>'
+        for a, ink in zip(np.arange(7) * 0.9, ["#c33", "#fc4", "#28a", "#3a5", "#a4c", "#f84", "#234"], strict=True)
+    )
+    clean, soft = blurred(sectors)
+    done = restored(soft, Condition(0.0, False, 1.2))
+    before, after = (float(np.sqrt(((p - clean) ** 2).mean())) for p in (soft, done))
+    assert after < 0.35 * before
+    inks, found = ({tuple(ink) for ink in picture[even(picture)].tolist()} for picture in (clean, done))
+    assert found == inks and len(inks) == 8
+
+
+def test_what_sharpening_makes_beside_an_edge_is_no_ink():
+    palette = np.array([[0.0, 0.0, 0.0, 0.0], [190.0, 25.0, 49.0, 255.0]])
+    assert overshoots(np.array([204.0, 27.0, 53.0, 255.0]), palette)
+    assert not overshoots(np.array([190.0, 90.0, 49.0, 255.0]), palette)

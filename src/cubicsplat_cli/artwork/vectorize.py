@@ -10,9 +10,9 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.details.spots import SHAPE_PARAMETERS, with_spots
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
+from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
-from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.intake import Intake, taken_in
 from cubicsplat_cli.artwork.input.restore import restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
@@ -54,9 +54,9 @@ def draw(
     even width become pen strokes.
     """
     settings, intake = settings or ArtworkSettings(), intake or taken_in(target)
-    seen, condition = intake.levels, intake.condition
+    condition = intake.condition
     error = condition.edge_error
-    flat = without_gradients(seen, condition, settings)
+    flat = without_gradients(intake, settings)
     even, inks = _even(flat.levels, intake, settings)
     # What is rounded says too little of a blend where it is not clean; and who chooses the inks wants no others.
     chosen = settings.palette or settings.colors is not None or settings.stacking == CUTOUT
@@ -112,13 +112,18 @@ def _length(shapes: tuple[Shape, ...]) -> float:
     return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in shapes)
 
 
-def without_gradients(levels: np.ndarray, condition: Condition, settings: ArtworkSettings) -> Flattened:
+def without_gradients(intake: Intake, settings: ArtworkSettings) -> Flattened:
     """The picture in flat inks, with its noise if it has any, and the gradients that some stand for: none where the
     inks are the user's choice.
     """
+    levels, condition = intake.levels, intake.condition
     if settings.palette or settings.colors is not None:
         return Flattened(levels, np.zeros((0, 4)), ())
-    return flattened(levels) if condition.clean else without_noisy_gradients(levels, condition)
+    if condition.clean:
+        return flattened(levels)
+    if not condition.only_blurred:
+        return without_noisy_gradients(levels, condition)
+    return intake.flat or without_blurred_gradients(levels, condition.blur)
 
 
 def _painted(drawing: Drawing) -> Drawing:

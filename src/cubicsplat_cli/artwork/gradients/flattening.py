@@ -7,7 +7,9 @@ polish, draws gradients as exactly as flat inks, and knows nothing of them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy import ndimage
@@ -18,6 +20,10 @@ from cubicsplat_cli.scene.paint import Gradient, painted
 
 REACH, SLOTS = 3, 4  # px in which the paints of a blend are sought, and how many
 FARTHER = 1.5  # levels by which the next paint must explain a pixel better
+# Standard deviations of a blur, by which paints are sought farther, and levels that two of them leave of a pixel where
+# three are tried.
+WIDER, THREE = 5.0, 3.0
+LEAST_SINE = 0.2  # of the angle between the colours of three paints, for shares of them to be told
 STRANGE = 24.0  # levels that no two paints explain: something thin lies there
 APART = 24.0  # levels between the inks that stand for gradients and all others
 LEAST_OPACITY, MOST_CLEAR = 32.0, 240.0  # levels of an ink for a gradient that is translucent somewhere
@@ -45,10 +51,11 @@ def flattened(levels: np.ndarray) -> Flattened:
     return without_areas(levels, parts, gradient_areas(levels, parts, count))
 
 
-def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[Area]) -> Flattened:
+def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[Area], blur: float = 0.0) -> Flattened:
     """A picture (H, W, 4), premultiplied levels, without the gradients of these areas.
 
-    parts: (H, W) int32 numbers from 1 on of what changes evenly, 0 for edges.
+    parts: (H, W) int32 numbers from 1 on of what changes evenly, 0 for edges. blur: px, standard deviation of what
+    edges are blurred by.
     """
     if not areas:
         return Flattened(levels, np.zeros((0, 4)), ())
@@ -57,7 +64,7 @@ def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[Area]) -> F
     paint = np.where(parts > 0, parts + len(gradients) - 1, -1).astype(np.int32)
     for area in areas:
         paint[area.mask] = next(k for k, shade in enumerate(shades) if shade is area.shade)
-    flat = _Paints(levels, paint, gradients)
+    flat = _Paints(levels, paint, gradients, blur)
     out = flat.flat()
     for area in areas:
         if area.ground is not None:
@@ -68,8 +75,9 @@ def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[Area]) -> F
 class _Paints:
     """The paints of a picture. paint: (H, W) int32, below G a gradient, from G on something even, -1 an edge."""
 
-    def __init__(self, levels: np.ndarray, paint: np.ndarray, gradients: list[Gradient]) -> None:
+    def __init__(self, levels: np.ndarray, paint: np.ndarray, gradients: list[Gradient], blur: float) -> None:
         self.levels, self.paint, self.gradients = levels, paint, gradients
+        self.reach, self.blurred = REACH + math.ceil(WIDER * blur), blur > 0.0
         self.inks = _standing_for(levels, paint, gradients)
 
     def at(self, paint: np.ndarray, y: np.ndarray, x: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -92,7 +100,7 @@ class _Paints:
         inside = (self.paint >= 0) & (self.paint < count)
         out = self.levels.copy()
         out[inside] = self.inks[self.paint[inside]]
-        near = ndimage.binary_dilation(inside, np.ones((3, 3), dtype=bool), iterations=REACH)
+        near = ndimage.binary_dilation(inside, np.ones((3, 3), dtype=bool), iterations=self.reach)
         y, x = np.nonzero(near & (self.paint < 0))
         if len(y) == 0:
             return out
@@ -112,6 +120,12 @@ class _Paints:
                 better = (slots[:, i] >= 0) & (slots[:, j] >= 0) & (gap + FARTHER * (i + j) < cost)
                 cost[better], rest[better] = (gap + FARTHER * (i + j))[better], gap[better]
                 flat[better] = (flats[j] + a * (flats[i] - flats[j]) + left)[better]
+        if self.blurred:
+            # Where three paints meet a blur blends them over many pixels.
+            few = np.flatnonzero(rest > THREE)
+            found3 = _blends_of_three(value[few], slots[few], [c[few] for c in colours], [f[few] for f in flats])
+            better = found3[0] < cost[few]
+            flat[few[better]], rest[few[better]] = found3[2][better], found3[1][better]
         # A thin line over a gradient: as much of it as of its strongest pixel near.
         alone = np.flatnonzero((rest > STRANGE) & (slots[:, 0] >= 0))
         if len(alone):
@@ -131,15 +145,16 @@ class _Paints:
     def _near(self, y: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, SLOTS) the different paints nearest to pixels y, x, -1 where there are fewer, and (n, SLOTS, 4) the
         levels of the pixels where they were found."""
-        offsets = [(dy, dx) for dy in range(-REACH, REACH + 1) for dx in range(-REACH, REACH + 1)]
+        reach = self.reach
+        offsets = [(dy, dx) for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1)]
         offsets.sort(key=lambda o: (o[0] ** 2 + o[1] ** 2, o))
-        padded = np.pad(self.paint, REACH, constant_values=-1)
+        padded = np.pad(self.paint, reach, constant_values=-1)
         height, width = self.paint.shape
         slots = np.full((len(y), SLOTS), -1, dtype=np.int32)
         values = np.zeros((len(y), SLOTS, 4))
         used = np.zeros(len(y), dtype=int)
         for dy, dx in offsets:
-            found = padded[y + dy + REACH, x + dx + REACH]
+            found = padded[y + dy + reach, x + dx + reach]
             rows = np.nonzero((found >= 0) & (used < SLOTS) & ~(slots == found[:, None]).any(axis=1))[0]
             slots[rows, used[rows]] = found[rows]
             values[rows, used[rows]] = self.levels[
@@ -147,6 +162,33 @@ class _Paints:
             ]
             used[rows] += 1
         return slots, values
+
+
+def _blends_of_three(
+    value: np.ndarray, slots: np.ndarray, colours: list[np.ndarray], flats: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of values (n, 4) as blends of three of their paints, by least squares: cost (n,) and residual (n,) in levels,
+    infinite where none is one, and (n, 4) the flat values.
+
+    slots: (n, SLOTS), colours and flats: of each slot (n, 4), what its paint has there and what stands for it.
+    """
+    cost, rest, flat = np.full(len(value), np.inf), np.full(len(value), np.inf), value.copy()
+    for i, j, k in combinations(range(SLOTS), 3):
+        first, second, wanted = colours[i] - colours[k], colours[j] - colours[k], value - colours[k]
+        aa, bb, ab = (first * first).sum(axis=1), (second * second).sum(axis=1), (first * second).sum(axis=1)
+        av, bv = (first * wanted).sum(axis=1), (second * wanted).sum(axis=1)
+        det = aa * bb - ab * ab
+        sure = det > LEAST_SINE**2 * aa * bb
+        det = np.where(sure, det, 1.0)
+        a, b = (av * bb - bv * ab) / det, (bv * aa - av * ab) / det
+        sure &= (a >= 0.0) & (b >= 0.0) & (a + b <= 1.0) & (slots[:, [i, j, k]] >= 0).all(axis=1)
+        left = wanted - a[:, None] * first - b[:, None] * second
+        gap = np.abs(left).max(axis=1)
+        better = sure & (gap + FARTHER * (i + j + k) < cost)
+        cost[better], rest[better] = (gap + FARTHER * (i + j + k))[better], gap[better]
+        blend = flats[k] + a[:, None] * (flats[i] - flats[k]) + b[:, None] * (flats[j] - flats[k]) + left
+        flat[better] = blend[better]
+    return cost, rest, flat
 
 
 def _fade(out: np.ndarray, levels: np.ndarray, area: Area, paint: np.ndarray, paints: _Paints) -> None:

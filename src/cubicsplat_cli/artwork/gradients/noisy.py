@@ -35,16 +35,20 @@ LEAST_EVEN = 40  # px of what is even: less is the rest of a gradient at its rim
 
 def without_noisy_gradients(levels: np.ndarray, condition: Condition) -> Flattened:
     """A picture (H, W, 4), premultiplied levels, of a condition, without its gradients."""
+    areas = [_grown(levels, area, condition) for area in plane_areas(levels, condition)]
+    return without_areas(levels, _even(levels, condition.noise), areas)
+
+
+def plane_areas(levels: np.ndarray, condition: Condition) -> list[Area]:
+    """The gradients of a picture (H, W, 4), premultiplied levels, and the windows that show them."""
     means, smooth = _planes(levels.astype(np.float64), condition)
     parts, count = _ramps(means, smooth)
     rough = JPEG_ROUGH if condition.jpeg else 1.0 + NOISE_ROUGH * condition.noise
     found = gradient_areas(means / np.float32(rough), parts, count)
     shades = {id(area.shade): _rougher(area.shade, rough) for area in found}
     areas = [replace(area, shade=shades[id(area.shade)]) for area in found if area.mask.sum() >= LEAST_AREA]
-    areas = [area for area in areas if not _step(area.shade)]
     # Where a ramp fades into its ground noise hides the end, so such areas end where their windows do.
-    areas = [_grown(levels, replace(area, ground=None), condition) for area in areas]
-    return without_areas(levels, _even(levels, condition.noise), areas)
+    return [replace(area, ground=None) for area in areas if not is_step(area.shade)]
 
 
 def _planes(levels: np.ndarray, condition: Condition) -> tuple[np.ndarray, np.ndarray]:
@@ -84,11 +88,11 @@ def _rougher(shade: Shade, times: float) -> Shade:
     return replace(shade, ramp=replace(shade.ramp, colours=shade.ramp.colours * times))
 
 
-def _step(shade: Shade) -> bool:
-    """Whether a ramp is an edge between two inks."""
+def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
+    """Whether a ramp is an edge between two inks: does most of its change within less than `shortest` px."""
     length = np.diff(shade.ramp.knots) / max(float(np.hypot(*shade.frame[0, :2])), 1e-9)
     change = np.abs(np.diff(shade.ramp.colours, axis=0)).max(axis=1)
-    return bool((change[length < SHORTEST] >= MOST_CHANGE * np.ptp(shade.ramp.colours, axis=0).max()).any())
+    return bool((change[length < shortest] >= MOST_CHANGE * np.ptp(shade.ramp.colours, axis=0).max()).any())
 
 
 def _grown(levels: np.ndarray, area: Area, condition: Condition) -> Area:

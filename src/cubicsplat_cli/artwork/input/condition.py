@@ -59,6 +59,11 @@ class Condition:
         return self == CLEAN
 
     @property
+    def only_blurred(self) -> bool:
+        """Whether there is a blur, and no noise."""
+        return self.blur > 0.0 and not (self.noise or self.jpeg)
+
+    @property
     def edge_error(self) -> float:
         """Levels by which pixels on edges are off: much more than elsewhere in a JPEG."""
         return self.noise * (COARSE if self.coarse else JPEG_EDGES if self.jpeg else 1.0)

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.flattening import flattened
+from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
+from cubicsplat_cli.artwork.gradients.flattening import Flattened
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.paper import scan_of
@@ -19,6 +20,8 @@ class Intake:
     """levels: (H, W, 4) float32 premultiplied RGBA in 0..255, what is drawn. condition: of it. scale: by which its
     drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
     scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
+    scanned: whether levels are the ink on a scan's paper, made white and evenly lit. flat: levels without gradients,
+    where they had to be found to tell the condition.
     """
 
     levels: np.ndarray
@@ -29,6 +32,7 @@ class Intake:
     height: int
     scanned: bool = False
     pens: Pens | None = None
+    flat: Flattened | None = None
 
     @property
     def notes(self) -> list[str]:
@@ -58,9 +62,12 @@ def taken_in(target: np.ndarray) -> Intake:
         levels, times = before_enlargement(levels)
         if times > 1:
             condition = condition_of(levels)
-    if condition.blur and not (condition.noise or condition.jpeg):
+    if condition.only_blurred:
         # The ramps of gradients are as wide as blurred edges: it is told by what is left without them.
-        condition = condition_of(flattened(levels).levels)
+        flat = without_blurred_gradients(levels, condition.blur)
+        condition = condition_of(flat.levels)
+        if condition.only_blurred:
+            return Intake(levels, condition, factor * times, times, width, height, flat=flat)
     return Intake(levels, condition, factor * times, times, width, height)
 
 

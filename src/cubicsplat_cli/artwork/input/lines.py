@@ -6,6 +6,9 @@ import numpy as np
 
 from cubicsplat_cli.artwork.regions.hidden_inks import distance_to_blends
 
+# Of the distance between two inks: steps by which the sharpening of an edge between them goes beyond either, and levels
+# by which what it makes is off that.
+BEYOND, BEYOND_OFF = np.linspace(0.02, 0.25, 12), 8.0
 STRANGE = 6.0  # times the misfit from every blend of two inks
 CELL, FEWEST, MOST = 16.0, 24, 4  # levels of what is one colour, pixels that show an ink, and inks
 
@@ -35,3 +38,11 @@ def line_inks(levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, space: 
         inks = np.vstack([inks, ink])
         gap[strange] = distance_to_blends(seen[strange], inks @ space)
     return np.array(found, dtype=float).reshape(-1, 4)
+
+
+def overshoots(ink: np.ndarray, palette: np.ndarray) -> bool:
+    """Whether a colour (4,), in levels, is what sharpening makes of one ink of a palette (P, 4) beside another one."""
+    step = BEYOND[:, None, None, None] * (palette[:, None] - palette[None])
+    beyond = np.clip(palette[:, None] + step, 0.0, 255.0)
+    apart = np.abs(palette[:, None] - palette[None]).max(axis=-1) > 0.0
+    return bool(((np.abs(beyond - ink).max(axis=-1) <= BEYOND_OFF) & apart).any())

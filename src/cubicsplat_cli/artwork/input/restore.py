@@ -11,8 +11,9 @@ from scipy import ndimage
 from scipy.special import ndtri
 
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.lines import line_inks
+from cubicsplat_cli.artwork.input.lines import line_inks, overshoots
 from cubicsplat_cli.artwork.input.palette import noisy_inks
+from cubicsplat_cli.artwork.regions.inks import picture_inks
 from cubicsplat_cli.artwork.regions.regions import near_inks
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
@@ -25,6 +26,9 @@ NEIGHBOUR, STRANGE = 0.7, 3.0
 ROUNDS = 6
 MOST_THICK = 24  # inks, beyond which those of thin lines are not sought
 SNAP = 0.08  # shares this near to 0 or 1 are
+# Rounds in which a blurred picture is made sharp again, and levels by which it is off its inks then; standard
+# deviations beyond which nothing is left of a blur.
+SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two inks to be told
 _TO_YCC = np.array(
     [
@@ -45,6 +49,8 @@ def seen_as(condition: Condition) -> np.ndarray:
 
 def restored(levels: np.ndarray, condition: Condition, most: int | None = None) -> np.ndarray:
     """The picture (H, W, 4) in levels as a clean one, float32, of at most so many inks."""
+    if condition.only_blurred:
+        return _sharpened(levels, condition.blur, most)
     space = seen_as(condition)
     seen = (levels @ space).astype(np.float32)
     palette = noisy_inks(levels, seen, condition.noise, most)
@@ -57,6 +63,29 @@ def restored(levels: np.ndarray, condition: Condition, most: int | None = None) 
     labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
     return _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+
+
+def _sharpened(levels: np.ndarray, blur: float, most: int | None) -> np.ndarray:
+    """A picture (H, W, 4) in levels that is only blurred as it was before, in at most so many inks.
+
+    What the restored picture, blurred again, lacks is added to it, and pixels become inks and blends of two once more
+    (van Cittert's iteration, between projections onto what drawings are).
+    """
+    palette = picture_inks(levels, most)
+    thick = len(palette)
+    labels = _labels(levels, palette, MISFIT, thick)
+    out = _with_shares(levels, palette, labels, MISFIT, blur, palette)
+    for number in range(SHARPER):
+        again = ndimage.gaussian_filter(out, (blur, blur, 0.0), mode="nearest", truncate=BLUR_REACH)
+        sharp = np.clip(out + levels - again, 0.0, 255.0)
+        if number == 0 and most is None and thick <= MOST_THICK:
+            _, gap = _nearest(sharp, palette)
+            far = gap > MOST * SHARP_MISFIT
+            new = line_inks(sharp[far], sharp[far], palette, np.eye(4), SHARP_MISFIT)
+            palette = np.vstack([palette, *(ink[None] for ink in new if not overshoots(ink, palette))])
+        labels = _labels(sharp, palette, SHARP_MISFIT, thick)
+        out = _with_shares(sharp, palette, labels, MISFIT, 0.0, palette)
+    return out
 
 
 def _labels(seen: np.ndarray, inks: np.ndarray, sigma: float, thick: int) -> np.ndarray:

@@ -87,6 +87,8 @@ def _is_line(levels: np.ndarray, flat: np.ndarray, colour: np.ndarray, size: flo
     here = largest(np.abs(levels - colour)) <= SQUARE_RANGE
     square = here[:-1, :-1] & here[1:, :-1] & here[:-1, 1:] & here[1:, 1:]
     y, x = np.nonzero(square)
+    if not len(y):
+        return False
     padded = np.pad(levels, ((1, 2), (1, 2), (0, 0)), mode="edge")
     sides = [(padded[y, x + 1], padded[y + 3, x + 1]), (padded[y + 1, x], padded[y + 1, x + 3])]
     thin = levels[~ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool))]
