@@ -20,8 +20,7 @@ class Intake:
     """levels: (H, W, 4) float32 premultiplied RGBA in 0..255, what is drawn. condition: of it. scale: by which its
     drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
     scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
-    scanned: whether levels are the ink on a scan's paper, made white and evenly lit. flat: levels without gradients,
-    where they had to be found to tell the condition.
+    flat: levels without gradients, where they had to be found to tell the condition.
     """
 
     levels: np.ndarray

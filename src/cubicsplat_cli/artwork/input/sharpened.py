@@ -16,7 +16,7 @@ def sharpened(levels: np.ndarray, pens: Pens) -> tuple[np.ndarray, np.ndarray]:
     """The ink on white paper, (H, W, 4) in levels, white where there is none, as sharp and even as pens draw it:
     float32, blends of white and one ink where these meet; and the inks (k, 4), white first.
     """
-    drawn = (levels[..., :3] < 255.0).any(axis=-1)
+    drawn = np.any(levels[..., :3] < 255.0, axis=-1)
     owner = _owners(drawn, pens)
     # A pale ink shows in those channels that it darkens.
     depths = 255.0 - pens.inks
