@@ -10,6 +10,7 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.details.spots import SHAPE_PARAMETERS, with_spots
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
+from cubicsplat_cli.artwork.gradients.areas import smooth_parts
 from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
@@ -26,6 +27,8 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
+from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
+from cubicsplat_cli.artwork.shadows.placing import with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
@@ -54,9 +57,33 @@ def draw(
     even width become pen strokes.
     """
     settings, intake = settings or ArtworkSettings(), intake or taken_in(target)
+    smooth = smooth_parts(intake.levels) if intake.condition.clean else None
+    shaded = without_shadow(intake, settings, smooth)
+    if shaded.shadow is not None:
+        drawing = with_shadow(_drawn(replace(intake, levels=shaded.levels), settings, None, strokes=strokes), shaded)
+    if shaded.shadow is None or drawing is None:
+        drawing = _drawn(intake, settings, smooth, strokes=strokes)
+    return enlarged(in_palette(drawing, settings.palette), intake.scale, intake.width, intake.height)
+
+
+def without_shadow(intake: Intake, settings: ArtworkSettings, smooth: tuple[np.ndarray, int] | None) -> Lifted:
+    """The picture without its soft shadow, where it is to have gradients; `smooth_parts` of a clean picture."""
+    if smooth is None or settings.palette or settings.colors is not None or settings.stacking == CUTOUT:
+        return Lifted(intake.levels)
+    return intake.lifted or lifted(intake.levels, smooth)
+
+
+def _drawn(
+    intake: Intake,
+    settings: ArtworkSettings,
+    smooth: tuple[np.ndarray, int] | None,
+    *,
+    strokes: bool,
+) -> Drawing:
+    """The drawing of what was taken in, in px of that; see `draw`. smooth: its `smooth_parts`, if known."""
     condition = intake.condition
     error = condition.edge_error
-    flat = without_gradients(intake, settings)
+    flat = without_gradients(intake, settings, smooth)
     even, inks = _even(flat.levels, intake, settings)
     # What is rounded says too little of a blend where it is not clean; and who chooses the inks wants no others.
     chosen = settings.palette or settings.colors is not None or settings.stacking == CUTOUT
@@ -84,7 +111,7 @@ def draw(
     if strokes:
         drawing = with_strokes(drawing, settings.detail, error / 255.0)
         drawing = fitted_strokes(drawing, goal) if polished else drawing
-    return enlarged(in_palette(_painted(drawing), settings.palette), intake.scale, intake.width, intake.height)
+    return _painted(drawing)
 
 
 def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> tuple[np.ndarray, np.ndarray | None]:
@@ -112,15 +139,17 @@ def _length(shapes: tuple[Shape, ...]) -> float:
     return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in shapes)
 
 
-def without_gradients(intake: Intake, settings: ArtworkSettings) -> Flattened:
+def without_gradients(
+    intake: Intake, settings: ArtworkSettings, smooth: tuple[np.ndarray, int] | None = None
+) -> Flattened:
     """The picture in flat inks, with its noise if it has any, and the gradients that some stand for: none where the
-    inks are the user's choice.
+    inks are the user's choice. smooth: `smooth_parts` of a clean picture, if known.
     """
     levels, condition = intake.levels, intake.condition
     if settings.palette or settings.colors is not None:
         return Flattened(levels, np.zeros((0, 4)), ())
     if condition.clean:
-        return flattened(levels)
+        return flattened(levels, smooth)
     if not condition.only_blurred:
         return without_noisy_gradients(levels, condition)
     return intake.flat or without_blurred_gradients(levels, condition.blur)

@@ -49,15 +49,18 @@ class Area:
     inwards: bool = False
 
 
-def smooth_parts(levels: np.ndarray) -> tuple[np.ndarray, int]:
-    """(H, W) int32 the number of the connected part in which colours change evenly, 0 for edges; and how many."""
+def smooth_parts(levels: np.ndarray, bend: float = BEND) -> tuple[np.ndarray, int]:
+    """(H, W) int32 the number of the connected part in which colours change evenly, 0 for edges; and how many.
+
+    bend: levels of a second difference that is none of an edge.
+    """
     around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     height, width = levels.shape[:2]
     smooth, changing = np.ones((height, width), dtype=bool), np.zeros((height, width), dtype=bool)
     for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
         after = around[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width]
         before = around[1 - dy : 1 - dy + height, 1 - dx : 1 - dx + width]
-        smooth &= largest(np.abs(after - 2.0 * levels + before)) <= BEND
+        smooth &= largest(np.abs(after - 2.0 * levels + before)) <= bend
         step = largest(np.abs(after - before))
         smooth &= step <= 2.0 * STEEP
         changing |= step > 0.0
@@ -87,7 +90,7 @@ def gradient_areas(levels: np.ndarray, parts: np.ndarray, count: int, tries: int
     if len(uneven) > MOST_PARTS:
         return []
     for i in uneven[np.argsort(-sizes[uneven], kind="stable")]:
-        _explain(_Part(levels, parts == i + 1, boxes[i]), search, 0)
+        _explain(Part(levels, parts == i + 1, boxes[i]), search, 0)
     return _united(levels, parts, search.found) if search.found else []
 
 
@@ -118,7 +121,7 @@ def _united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Ar
     for area in found:
         if area.ground is not None:
             continue
-        part = _Part(levels, area.mask, whole)
+        part = Part(levels, area.mask, whole)
         for k, group in enumerate(groups):
             likely = (
                 part.explained(group.shade.extended()).mean() >= ALIKE
@@ -143,7 +146,7 @@ class _Group:
     """Parts that share a gradient."""
 
     shade: Shade
-    members: list[_Part]
+    members: list[Part]
 
 
 def _meets(group: _Group, area: Area) -> bool:
@@ -156,7 +159,7 @@ def _meets(group: _Group, area: Area) -> bool:
     return bool(np.median(np.abs(first - second).max(axis=1)) <= SHARP)
 
 
-def _continues(group: _Group, part: _Part) -> bool:
+def _continues(group: _Group, part: Part) -> bool:
     """Whether a part begins, within GAP px, about as a group ends: stops where a ramp bends sharply look like edges."""
     near = np.logical_or.reduce([ndimage.binary_dilation(p.mask, SQUARE, iterations=GAP) for p in group.members])
     own = near[part.rows, part.columns]
@@ -173,7 +176,7 @@ def _continue(levels: np.ndarray, parts: np.ndarray, claimed: np.ndarray, group:
     names, sizes = np.unique(parts[near & ~claimed & (parts > 0)], return_counts=True)
     whole = (slice(0, levels.shape[0]), slice(0, levels.shape[1]))
     for name in names[sizes >= CONTACT]:
-        part = _Part(levels, (parts == name) & ~claimed, whole)
+        part = Part(levels, (parts == name) & ~claimed, whole)
         if len(part.x) >= LEAST_AREA and _continues(group, part):
             one = _one(levels, [*group.members, part], [group.shade])
             if one is not None:
@@ -183,16 +186,16 @@ def _continue(levels: np.ndarray, parts: np.ndarray, claimed: np.ndarray, group:
     between = near & ~claimed & (parts == 0)
     if len(group.members) < 2 or not between.any():
         return
-    strip = _Part(levels, between, whole)
+    strip = Part(levels, between, whole)
     known = strip.within(strip.explained(group.shade))
-    group.members[0] = _Part(levels, group.members[0].mask | known, whole)
+    group.members[0] = Part(levels, group.members[0].mask | known, whole)
     claimed |= known
 
 
-def _one(levels: np.ndarray, members: list[_Part], hints: list[Shade]) -> Shade | None:
+def _one(levels: np.ndarray, members: list[Part], hints: list[Shade]) -> Shade | None:
     """The gradient that explains all of these, if there is one."""
     whole = (slice(0, levels.shape[0]), slice(0, levels.shape[1]))
-    union = _Part(levels, np.logical_or.reduce([part.mask for part in members]), whole)
+    union = Part(levels, np.logical_or.reduce([part.mask for part in members]), whole)
     shade = shade_of(union.x, union.y, union.values, hints)
     # One that needs more stops than any of them only strings them together.
     if len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
@@ -200,7 +203,7 @@ def _one(levels: np.ndarray, members: list[_Part], hints: list[Shade]) -> Shade 
     return shade if all(part.explained(shade).mean() >= EXPLAINED for part in members) else None
 
 
-class _Part:
+class Part:
     """Some pixels of a picture. box: slices that hold them all."""
 
     def __init__(self, levels: np.ndarray, mask: np.ndarray, box: tuple[slice, slice]) -> None:
@@ -216,14 +219,14 @@ class _Part:
         mask[self.rows[own], self.columns[own]] = True
         return mask
 
-    def pieces(self, own: np.ndarray) -> list[_Part]:
+    def pieces(self, own: np.ndarray) -> list[Part]:
         """The largest connected parts of the pixels for which own (n,) holds, without what is thinner than 3 px."""
         mask = ndimage.binary_opening(self.within(own), SQUARE)
         labels, count = ndimage.label(mask, PLUS)
         boxes = ndimage.find_objects(labels)
         sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
         largest = np.argsort(-sizes, kind="stable")[:MOST_PIECES]
-        return [_Part(self.levels, labels == k + 1, boxes[k]) for k in largest if sizes[k] >= LEAST_AREA]
+        return [Part(self.levels, labels == k + 1, boxes[k]) for k in largest if sizes[k] >= LEAST_AREA]
 
     def explained(self, shade: Shade) -> np.ndarray:
         """(n,) bool."""
@@ -244,12 +247,12 @@ class _Part:
         return float((high - low).max())
 
 
-def _explain(part: _Part, search: _Search, depth: int) -> None:
+def _explain(part: Part, search: _Search, depth: int) -> None:
     """Adds the gradients of a part to those found."""
     if len(part.x) < LEAST_AREA or part.range() <= LEAST_RANGE or depth > DEEPEST:
         return
-    ink, plateau = _plateau(part)
-    clear = ink[3] <= CLEAR and plateau.any()
+    ink, even = plateau(part)
+    clear = ink[3] <= CLEAR and even.any()
     if not clear:
         shade = search.shade(part.x, part.y, part.values)
         if shade is None:
@@ -258,16 +261,16 @@ def _explain(part: _Part, search: _Search, depth: int) -> None:
         if known.mean() >= EXPLAINED:
             search.found.append(Area(shade, part.with_rests(shade, known)))
             return
-    if clear or plateau.mean() >= LEAST_PLATEAU:
+    if clear or even.mean() >= LEAST_PLATEAU:
         first = len(search.found)
-        for piece in part.pieces(~plateau):
+        for piece in part.pieces(~even):
             _fading(part, piece, ink, search, depth)
         search.found[first:] = [_filled(part, area) for area in search.found[first:]]
         return
     _largest(part, search, depth)
 
 
-def _filled(part: _Part, area: Area) -> Area:
+def _filled(part: Part, area: Area) -> Area:
     """The area with its holes that its gradient explains too: bands of it that were taken for another ink."""
     hole = ndimage.binary_fill_holes(area.mask) & ~area.mask
     own = hole[part.rows, part.columns]
@@ -275,7 +278,7 @@ def _filled(part: _Part, area: Area) -> Area:
     return replace(area, mask=area.mask | part.within(own)) if own.any() else area
 
 
-def _plateau(part: _Part) -> tuple[np.ndarray, np.ndarray]:
+def plateau(part: Part) -> tuple[np.ndarray, np.ndarray]:
     """The commonest colour (4,), and which pixels (n,) have it and are not on their way through it."""
     clear = part.values[:, 3] <= CLEAR
     if clear.mean() >= LEAST_PLATEAU:
@@ -292,12 +295,12 @@ def _plateau(part: _Part) -> tuple[np.ndarray, np.ndarray]:
     return ink, own
 
 
-def _fading(whole: _Part, piece: _Part, ink: np.ndarray, search: _Search, depth: int) -> None:
+def _fading(whole: Part, piece: Part, ink: np.ndarray, search: _Search, depth: int) -> None:
     """Adds the gradient of a piece of a part that fades into the ink beside it, or else those within the piece."""
     if len(piece.x) < LEAST_AREA or piece.range() <= LEAST_RANGE:
         return
     around = ndimage.binary_dilation(piece.mask, SQUARE, iterations=RING) & whole.mask
-    wider = _Part(whole.levels, around, _widened(piece.box, around.shape))
+    wider = Part(whole.levels, around, _widened(piece.box, around.shape))
     shade = search.shade(wider.x, wider.y, wider.values)
     if shade is None:
         return
@@ -328,7 +331,7 @@ def _faded(shade: Shade, ink: np.ndarray) -> tuple[Shade, float, bool] | None:
     return Shade(shade.frame, shade.radial, ramp, shade.parameters), float(knots[-1 if last else 0]), last
 
 
-def _largest(part: _Part, search: _Search, depth: int) -> None:
+def _largest(part: Part, search: _Search, depth: int) -> None:
     """Adds the gradient that explains most of a part, of those of SEEDS places in it, and those of the rest."""
     reach = 0.5 * np.sqrt(len(part.x) / 3.0)
     picks = np.linspace(0, len(part.x) - 1, SEEDS + 2).astype(int)[1:-1]

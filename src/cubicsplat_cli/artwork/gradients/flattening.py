@@ -8,6 +8,7 @@ polish, draws gradients as exactly as flat inks, and knows nothing of them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -45,9 +46,12 @@ class Flattened:
         return self.gradients[int(own[0])] if len(own) else None
 
 
-def flattened(levels: np.ndarray) -> Flattened:
-    """A picture (H, W, 4), premultiplied levels, without its gradients; the same array where it has none."""
-    parts, count = smooth_parts(levels)
+def flattened(levels: np.ndarray, smooth: tuple[np.ndarray, int] | None = None) -> Flattened:
+    """A picture (H, W, 4), premultiplied levels, without its gradients; the same array where it has none.
+
+    smooth: `smooth_parts(levels)`, where they are known already.
+    """
+    parts, count = smooth_parts(levels) if smooth is None else smooth
     return without_areas(levels, parts, gradient_areas(levels, parts, count))
 
 
@@ -64,7 +68,8 @@ def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[Area], blur
     paint = np.where(parts > 0, parts + len(gradients) - 1, -1).astype(np.int32)
     for area in areas:
         paint[area.mask] = next(k for k, shade in enumerate(shades) if shade is area.shade)
-    flat = _Paints(levels, paint, gradients, blur)
+    colours = [lambda x, y, own=gradient: 255.0 * painted(own, x + 0.5, y + 0.5) for gradient in gradients]
+    flat = Paints(levels, paint, colours, _standing_for(levels, paint, gradients), blur)
     out = flat.flat()
     for area in areas:
         if area.ground is not None:
@@ -72,31 +77,38 @@ def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[Area], blur
     return Flattened(out, flat.inks, tuple(gradients))
 
 
-class _Paints:
-    """The paints of a picture. paint: (H, W) int32, below G a gradient, from G on something even, -1 an edge."""
+Colours = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-    def __init__(self, levels: np.ndarray, paint: np.ndarray, gradients: list[Gradient], blur: float) -> None:
-        self.levels, self.paint, self.gradients = levels, paint, gradients
+
+class Paints:
+    """The paints of a picture. paint: (H, W) int32, below G one that changes, from G on what is even, -1 an edge.
+    colours: what each that changes has, (n, 4) levels at columns and rows (n,). inks: (G, 4) levels that stand for
+    it."""
+
+    def __init__(
+        self, levels: np.ndarray, paint: np.ndarray, colours: Sequence[Colours], inks: np.ndarray, blur: float = 0.0
+    ) -> None:
+        self.levels, self.paint, self.colours, self.inks = levels, paint, colours, inks
         self.reach, self.blurred = REACH + math.ceil(WIDER * blur), blur > 0.0
-        self.inks = _standing_for(levels, paint, gradients)
 
     def at(self, paint: np.ndarray, y: np.ndarray, x: np.ndarray, value: np.ndarray) -> np.ndarray:
         """(n, 4) levels of paints (n,) at pixels y, x; value: (n, 4) what something even has, a few px away."""
         out = value.astype(float)
-        for k, gradient in enumerate(self.gradients):
+        for k, colours in enumerate(self.colours):
             own = paint == k
-            out[own] = 255.0 * painted(gradient, x[own] + 0.5, y[own] + 0.5)
+            out[own] = colours(x[own], y[own])
         return out
 
     def standing(self, paint: np.ndarray, value: np.ndarray) -> np.ndarray:
         """(n, 4) what stands for paints (n,)."""
         out = value.astype(float)
-        own = (paint >= 0) & (paint < len(self.gradients))
+        own = (paint >= 0) & (paint < len(self.colours))
         out[own] = self.inks[paint[own]]
         return out
 
     def flat(self) -> np.ndarray:
-        count = len(self.gradients)
+        """(H, W, 4) levels of the picture with each paint that changes replaced by what stands for it."""
+        count = len(self.colours)
         inside = (self.paint >= 0) & (self.paint < count)
         out = self.levels.copy()
         out[inside] = self.inks[self.paint[inside]]
@@ -191,7 +203,7 @@ def _blends_of_three(
     return cost, rest, flat
 
 
-def _fade(out: np.ndarray, levels: np.ndarray, area: Area, paint: np.ndarray, paints: _Paints) -> None:
+def _fade(out: np.ndarray, levels: np.ndarray, area: Area, paint: np.ndarray, paints: Paints) -> None:
     """Where a gradient ends without an edge, an edge of its own is drawn, along the line at which it does."""
     near = ndimage.binary_dilation(area.mask, np.ones((3, 3), dtype=bool), iterations=2)
     y, x = np.nonzero(near)

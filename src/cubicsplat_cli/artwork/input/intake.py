@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
-from cubicsplat_cli.artwork.gradients.flattening import Flattened
+from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.limits import reduced, reduction
+from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +21,8 @@ class Intake:
     """levels: (H, W, 4) float32 premultiplied RGBA in 0..255, what is drawn. condition: of it. scale: by which its
     drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
     scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
-    flat: levels without gradients, where they had to be found to tell the condition.
+    flat: levels without gradients, where they had to be found to tell the condition; lifted: without their soft
+    shadow, where that was.
     """
 
     levels: np.ndarray
@@ -32,6 +34,7 @@ class Intake:
     scanned: bool = False
     pens: Pens | None = None
     flat: Flattened | None = None
+    lifted: Lifted | None = None
 
     @property
     def notes(self) -> list[str]:
@@ -62,7 +65,12 @@ def taken_in(target: np.ndarray) -> Intake:
         if times > 1:
             condition = condition_of(levels)
     if condition.only_blurred:
-        # The ramps of gradients are as wide as blurred edges: it is told by what is left without them.
+        # The ramps of shadows and gradients are as wide as blurred edges: it is told by what is left without them.
+        without = lifted(levels)
+        if without.shadow is not None:
+            unshaded = condition_of(flattened(without.levels).levels)
+            if unshaded.clean:
+                return Intake(levels, unshaded, factor * times, times, width, height, lifted=without)
         flat = without_blurred_gradients(levels, condition.blur)
         condition = condition_of(flat.levels)
         if condition.only_blurred:

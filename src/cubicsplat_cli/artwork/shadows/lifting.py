@@ -1,0 +1,172 @@
+"""A picture without its soft shadow: every pixel of a shaded ground becomes that ground again, at edges its share does.
+
+What casts a shadow and has the ground's own colour, a white card on white, would be lost with it: it gets an ink that
+stands for its own until the drawing is finished.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.gradients.areas import smooth_parts
+from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
+from cubicsplat_cli.artwork.names import shape_name
+from cubicsplat_cli.artwork.regions.inks import SAME, eight_bit
+from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground, shaded_grounds
+from cubicsplat_cli.artwork.shadows.found import CLOSE, Shadow, shadow_of
+from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.scene.paint import Ink
+
+SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
+NEAR, BESIDE = 1.0, 6  # levels by which a pixel so many px beside a ground may be off to belong to it
+LEAST_PART, EVEN = 12, 1.5  # px of a small ground that is all in the shade, and levels that it may span without shade
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """levels: (H, W, 4) the picture without its shadow. shadow: that, None where there is none; shaded: (H, W) bool the
+    pixels that showed it; inks: what some inks stand for."""
+
+    levels: np.ndarray
+    shadow: Shadow | None = None
+    shaded: np.ndarray | None = None
+    inks: tuple[tuple[Ink, Ink], ...] = ()
+
+    def meant(self, drawing: Drawing) -> Drawing:
+        """The drawing with the inks that are meant in place of those that stand for them."""
+        meant = dict(self.inks)
+        if not meant:
+            return drawing
+        shapes = []
+        for shape in drawing.shapes:
+            if shape.gradient is None and shape.ink in meant:
+                ink = meant[shape.ink]
+                shape = replace(shape, ink=ink, name=shape_name(ink, shape.outlines, drawing.width, drawing.height))
+            shapes.append(shape)
+        return replace(drawing, shapes=tuple(shapes))
+
+
+def lifted(levels: np.ndarray, smooth: tuple[np.ndarray, int] | None = None) -> Lifted:
+    """A picture (H, W, 4), premultiplied levels, without its shadow; the same array where it has none.
+
+    smooth: `smooth_parts(levels)`, where they are known already.
+    """
+    parts, count = smooth_parts(levels) if smooth is None else smooth
+    shadow = shadow_of(levels, parts, count)
+    if shadow is None and count > 0 and shaded_grounds(levels, parts, count) is None:
+        parts, count = smooth_parts(levels, SHARP_BEND)
+        shadow = shadow_of(levels, parts, count)
+    if shadow is None:
+        return Lifted(levels)
+    share = shadow.everywhere()
+    grounds = _all_grounds(levels, parts, count, shadow, share)
+    owner = _owner(levels, shadow, share, grounds)
+    cards = _like_ground(levels, parts, count, shadow, grounds)
+    stands = _stand_ins(levels, [ink for ink, _ in cards])
+    colours = [_shaded_ink(ground.ink, shadow.shaded.colour, share) for ground in grounds]
+    colours += [_constant(ink) for ink, _ in cards]
+    total = len(colours)
+    paint = np.where(parts > 0, parts + total - 1, -1).astype(np.int32)
+    for ground in grounds:
+        paint[ground.mask] = -1
+    paint[owner >= 0] = owner[owner >= 0]
+    for k, (_, mask) in enumerate(cards):
+        paint[mask] = len(grounds) + k
+    inks = np.array([ground.ink for ground in grounds] + stands)
+    meant = tuple((eight_bit(s), eight_bit(ink)) for s, (ink, _) in zip(stands, cards, strict=True))
+    return Lifted(Paints(levels, paint, colours, inks).flat(), shadow, owner >= 0, meant)
+
+
+def _shaded_ink(ink: np.ndarray, colour: np.ndarray, share: np.ndarray) -> Colours:
+    return lambda x, y: ink + share[y, x][:, None] * (colour - ink)
+
+
+def _constant(ink: np.ndarray) -> Colours:
+    return lambda x, y: np.repeat(ink[None], len(x), axis=0)
+
+
+def _all_grounds(levels: np.ndarray, parts: np.ndarray, count: int, shadow: Shadow, share: np.ndarray) -> list[Ground]:
+    """The grounds of a shadow, and the small ones that are all in its shade."""
+    colour = shadow.shaded.colour
+    grounds = list(shadow.shaded.grounds)
+    known = np.logical_or.reduce([ground.mask for ground in grounds])
+    inside = np.zeros(known.shape, dtype=bool)
+    inside[shadow.window] = True
+    names, sizes = np.unique(parts[inside & ~known & (parts > 0)], return_counts=True)
+    boxes = ndimage.find_objects(parts)
+    for name in names[sizes >= LEAST_PART]:
+        box = boxes[name - 1]
+        own = parts[box] == name
+        values, s = levels[box][own].astype(float), share[box][own][:, None]
+        if np.ptp(values, axis=0).max() <= EVEN or s.max() > 0.95:
+            continue
+        ink = np.rint(np.median((values - s * colour) / (1.0 - s), axis=0))
+        off = np.abs(ink + s * (colour - ink) - values).max(axis=1)
+        if (off <= CLOSE).mean() >= 0.95 and ink.min() >= 0.0 and ink.max() <= 255.0:
+            mask = np.zeros(known.shape, dtype=bool)
+            mask[box] = own
+            grounds.append(Ground(ink, mask))
+    return grounds
+
+
+def _owner(levels: np.ndarray, shadow: Shadow, share: np.ndarray, grounds: list[Ground]) -> np.ndarray:
+    """(H, W) int32 the number of the ground that shows in a pixel, shaded; -1 for none."""
+    colour = shadow.shaded.colour
+    casters = np.zeros(share.shape, dtype=bool)
+    casters[shadow.window] = np.logical_or.reduce(shadow.casters)
+    out = np.full(share.shape, -1, dtype=np.int32)
+    for k, ground in enumerate(grounds):
+        off = np.abs(ground.ink + share[..., None] * (colour - ground.ink) - levels).max(axis=2)
+        near = ndimage.binary_dilation(ground.mask, SQUARE, iterations=BESIDE) & ~casters & (off <= NEAR)
+        out[(ground.mask & (off <= CLOSE + 0.5)) | (near & (out < 0))] = k
+    return out
+
+
+def _like_ground(
+    levels: np.ndarray, parts: np.ndarray, count: int, shadow: Shadow, grounds: list[Ground]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The inks (4,) of what casts the shadow that a ground has too, and (H, W) bool where they are."""
+    casters = np.zeros(parts.shape, dtype=bool)
+    casters[shadow.window] = np.logical_or.reduce(shadow.casters)
+    taken = np.logical_or.reduce([ground.mask for ground in grounds])
+    out: list[tuple[np.ndarray, np.ndarray]] = []
+    names, sizes = np.unique(parts[casters & ~taken & (parts > 0)], return_counts=True)
+    boxes = ndimage.find_objects(parts)
+    for name in names[sizes >= LEAST_PART]:
+        box = boxes[name - 1]
+        own = parts[box] == name
+        values = levels[box][own]
+        ink = np.rint(np.median(values, axis=0)).astype(float)
+        if np.abs(values - ink).max() > EVEN or min(np.abs(g.ink - ink).max() for g in grounds) > SAME:
+            continue
+        mask = np.zeros(parts.shape, dtype=bool)
+        mask[box] = own
+        same = [i for i, (other, _) in enumerate(out) if np.array_equal(other, ink)]
+        if same:
+            out[same[0]] = (ink, out[same[0]][1] | mask)
+        else:
+            out.append((ink, mask))
+    return out
+
+
+def _stand_ins(levels: np.ndarray, inks: list[np.ndarray]) -> list[np.ndarray]:
+    """For each ink (4,) one near it that nothing in the picture has."""
+    colours, counts = np.unique(
+        np.rint(levels.reshape(-1, 4)[:: max(levels[..., 0].size // 100_000, 1)]), axis=0, return_counts=True
+    )
+    taken = colours[counts > 1]
+    out = []
+    for ink in inks:
+        trials = []
+        for channel in (0, 1, 2):
+            for shift in SHIFTS[1:]:
+                trial = ink.copy()
+                trial[channel] = np.clip(trial[channel] + shift, 0.0, ink[3])
+                trials.append((min(float(np.abs(taken - trial).max(axis=1).min()), APART), trial))
+        best = max(trials, key=lambda t: t[0])[1]
+        out.append(best)
+        taken = np.vstack([taken, best])
+    return out

@@ -1,0 +1,192 @@
+"""Soft shadows of boxes and of what is round: found, taken off the picture, and drawn as gradients."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.gradients.areas import smooth_parts
+from cubicsplat_cli.artwork.input.intake import taken_in
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.shadows.blurred import Layer, Silhouette
+from cubicsplat_cli.artwork.shadows.lifting import lifted
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.scene.paint import RadialGradient
+from cubicsplat_cli.svg.drawing import write_drawing
+
+WIDTH, HEIGHT = 200, 150
+WHITE, BLUE = (255, 255, 255), (40, 90, 200)
+CARD = (50, 40, 150, 100)
+FINE = 8  # samples a px each way
+
+
+def box(left: float, top: float, right: float, bottom: float, radius: float = 0.0) -> np.ndarray:
+    """(H, W) coverage of a box with round corners."""
+    x = (np.arange(WIDTH * FINE) + 0.5) / FINE
+    y = (np.arange(HEIGHT * FINE) + 0.5) / FINE
+    across = np.abs(x - 0.5 * (left + right)) - 0.5 * (right - left) + radius
+    down = np.abs(y - 0.5 * (top + bottom)) - 0.5 * (bottom - top) + radius
+    beyond = np.hypot(np.maximum(across, 0.0)[None], np.maximum(down, 0.0)[:, None])
+    inside = np.minimum(np.maximum(across[None], down[:, None]), 0.0) + beyond <= radius
+    return inside.reshape(HEIGHT, FINE, WIDTH, FINE).mean(axis=(1, 3))
+
+
+def over(picture: np.ndarray, cover: np.ndarray, ink: tuple[int, int, int]) -> np.ndarray:
+    return picture + cover[..., None] * (np.array(ink) - picture)
+
+
+def shadow(shape: np.ndarray, dx: float, dy: float, sigma: float, alpha: float) -> np.ndarray:
+    """(H, W) how much a blurred silhouette darkens."""
+    wide = ndimage.shift(np.pad(shape, 80), (dy, dx), order=1)
+    return alpha * ndimage.gaussian_filter(wide, sigma, truncate=5.0)[80:-80, 80:-80]
+
+
+def card(ground=WHITE, ink=BLUE, radius=8.0, shade=(0.0, 5.0, 6.0, 0.3), colour=(0, 0, 0), below=()) -> np.ndarray:
+    """(H, W, 3) float32: a card with a shadow over a ground and some boxes (coverage, ink) on it."""
+    picture = np.zeros((HEIGHT, WIDTH, 3)) + ground
+    for cover, own in below:
+        picture = over(picture, cover, own)
+    shape = box(*CARD, radius)
+    picture = over(over(picture, shadow(shape, *shade), colour), shape, ink)
+    return np.rint(picture).astype(np.float32) / np.float32(255)
+
+
+def drawn(drawing, renderer: str = "resvg") -> np.ndarray:
+    text = write_drawing(drawing, title="t", comment="c")
+    pixels = np.asarray(rerender(text.encode(), WIDTH, HEIGHT, renderer=renderer).pixels).astype(float)
+    return pixels[..., :3] * pixels[..., 3:] / 255 + 255 - pixels[..., 3:]
+
+
+def off(drawing, picture: np.ndarray, renderer: str = "resvg") -> np.ndarray:
+    """(H, W) levels by which the file is off the picture, but for the card's own outline."""
+    gap = np.abs(drawn(drawing, renderer) - 255 * picture).max(axis=2)
+    edge = box(CARD[0] - 2, CARD[1] - 2, CARD[2] + 2, CARD[3] + 2) - box(
+        CARD[0] + 4, CARD[1] + 4, CARD[2] - 4, CARD[3] - 4
+    )
+    return np.where(edge > 0, 0.0, gap)
+
+
+def shadows(drawing) -> list:
+    return [shape for shape in drawing.shapes if shape.name == "shadow"]
+
+
+def levels_of(picture: np.ndarray) -> np.ndarray:
+    return taken_in(picture).levels
+
+
+def test_a_layer_shades_as_a_blurred_silhouette_does():
+    own = np.zeros((HEIGHT, WIDTH), dtype=bool)
+    own[40:100, 50:150] = True
+    field = Silhouette(own).shaded([Layer(3.5, -2.25, 0.0, 6.0, 0.4)])
+    wide = np.pad(own.astype(float), 96)
+    expected = (
+        0.4 * ndimage.gaussian_filter(ndimage.shift(wide, (-2.25, 3.5), order=1), 6.0, truncate=6.0)[96:-96, 96:-96]
+    )
+    assert np.abs(field - expected).max() < 1e-3
+
+
+def test_two_layers_multiply_what_they_let_through():
+    own = np.zeros((60, 60), dtype=bool)
+    own[20:40, 20:40] = True
+    one, two = Layer(0, 1, 0, 3, 0.3), Layer(0, 4, -1, 6, 0.2)
+    silhouette = Silhouette(own)
+    both = silhouette.shaded([one, two])
+    assert both == pytest.approx(1 - (1 - silhouette.shaded([one])) * (1 - silhouette.shaded([two])))
+
+
+@pytest.mark.parametrize(("sigma", "dy", "alpha", "radius"), [(6.0, 5.0, 0.3, 8.0), (11.0, 8.0, 0.25, 16.0)])
+def test_the_shadow_of_a_box_is_found_and_taken_off(sigma, dy, alpha, radius):
+    levels = levels_of(card(radius=radius, shade=(2.0, dy, sigma, alpha)))
+    found = lifted(levels)
+    (layer,) = found.shadow.layers
+    assert (layer.dx, layer.dy) == pytest.approx((2.0, dy), abs=0.25)
+    assert layer.sigma == pytest.approx(sigma, rel=0.15) and layer.alpha == pytest.approx(alpha, rel=0.15)
+    flat = np.abs(found.levels[..., :3] - 255.0).max(axis=2)
+    away = box(CARD[0] - 2, CARD[1] - 2, CARD[2] + 2, CARD[3] + 2) == 0
+    assert flat[away].max() <= 1.0 < 255 * 0.05 < (255 - levels[..., 0])[away].max()
+
+
+@pytest.mark.parametrize("renderer", ["resvg", "cairosvg"])
+def test_a_card_and_its_shadow_in_gradients(renderer):
+    picture = card()
+    drawing = draw(picture)
+    assert len(drawing.shapes) - len(shadows(drawing)) == 2 and 8 <= len(shadows(drawing)) <= 9
+    gap = off(drawing, picture, renderer)
+    assert gap.max() <= 3.0 and gap.mean() < 0.3
+    # Along the sides the shadow is exact to a level or so.
+    assert gap[:, 80:120].max() <= 2.0 and gap[60:75].max() <= 2.0
+
+
+def test_pieces_of_a_shadow_abut_on_whole_pixels():
+    boxes = [shape.outlines[0] for shape in shadows(draw(card()))]
+    count = np.zeros((HEIGHT, WIDTH), dtype=int)
+    for one in boxes:
+        sides = np.array([one.x, one.y, one.x + one.width, one.y + one.height])
+        assert (sides == np.rint(sides)).all()
+        left, top, right, bottom = sides.astype(int)
+        count[top:bottom, left:right] += 1
+    rows, columns = np.nonzero(count)
+    assert (count[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1] == 1).all()
+
+
+def test_a_shadow_over_two_grounds_is_one_shadow():
+    picture = card(ground=(250, 220, 120), ink=WHITE, below=[(box(0, 80, 200, 150), (60, 160, 120))])
+    drawing = draw(picture)
+    assert {shape.ink for shape in drawing.shapes if shape.name != "shadow"} == {
+        (250, 220, 120, 255),
+        (60, 160, 120, 255),
+        (255, 255, 255, 255),
+    }
+    assert len(drawing.shapes) - len(shadows(drawing)) == 3
+    inks = [stop.ink[:3] for shape in shadows(drawing) if shape.gradient for stop in shape.gradient.stops]
+    assert np.abs(inks).max() <= 6
+    gap = off(drawing, picture)[:, :]
+    assert np.percentile(gap, 99) <= 3.0
+
+
+def test_a_white_card_on_white_is_not_lost():
+    picture = card(ink=WHITE)
+    drawing = draw(picture)
+    assert [shape.ink for shape in drawing.shapes if shape.name != "shadow"] == [(255, 255, 255, 255)] * 2
+    assert drawing.shapes[-1].name == "white" and off(drawing, picture).max() <= 3.0
+
+
+def test_a_coloured_shadow():
+    picture = card(shade=(0.0, 6.0, 9.0, 0.4), colour=BLUE)
+    drawing = draw(picture)
+    assert len(shadows(drawing)) >= 6 and off(drawing, picture).max() <= 3.0
+
+
+def test_the_shadow_of_a_circle_is_one_gradient():
+    shape = box(60, 35, 140, 115, 40.0)
+    picture = over(over(np.full((HEIGHT, WIDTH, 3), 255.0), shadow(shape, 2, 6, 7, 0.3), (0, 0, 0)), shape, BLUE)
+    drawing = draw(np.rint(picture).astype(np.float32) / np.float32(255))
+    (one,) = shadows(drawing)
+    assert isinstance(one.gradient, RadialGradient) and len(drawing.shapes) == 3
+
+
+def test_two_layers_as_pages_have_them():
+    shape = box(*CARD, 8.0)
+    dark = 1 - (1 - shadow(shape, 0, 9, 9, 0.16)) * (1 - shadow(shape, 0, 2, 2.5, 0.14))
+    picture = over(over(np.full((HEIGHT, WIDTH, 3), 248.0), dark, (0, 0, 0)), shape, WHITE)
+    found = lifted(levels_of(np.rint(picture).astype(np.float32) / np.float32(255)))
+    assert found.shadow is not None and len(found.shadow.layers) == 2
+
+
+def test_cards_and_gradients_without_a_shadow_stay_as_they_are():
+    shape = box(*CARD, 8.0)
+    plain = over(np.full((HEIGHT, WIDTH, 3), 240.0), shape, BLUE)
+    ramp = np.linspace(120.0, 250.0, WIDTH)[None, :, None] * np.ones((HEIGHT, 1, 3))
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    glow = 255.0 - 120.0 * np.clip(1.0 - np.hypot(x - 100, y - 70) / 60.0, 0.0, 1.0)[..., None] * np.array([0, 1, 1])
+    for picture in (plain, over(ramp, shape, BLUE), over(glow, box(90, 60, 110, 80), BLUE)):
+        levels = levels_of(np.rint(picture).astype(np.float32) / np.float32(255))
+        found = lifted(levels, smooth_parts(levels))
+        assert found.shadow is None and found.levels is levels
+
+
+@pytest.mark.parametrize("settings", [ArtworkSettings(stacking="cutout"), ArtworkSettings(colors=6)])
+def test_no_gradients_where_shapes_abut_or_inks_are_chosen(settings):
+    assert not shadows(draw(card(), settings))
