@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.gradients.areas import smooth_parts
 from cubicsplat_cli.artwork.input.intake import taken_in
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shadows.blurred import Layer, Silhouette
@@ -183,7 +182,7 @@ def test_cards_and_gradients_without_a_shadow_stay_as_they_are():
     glow = 255.0 - 120.0 * np.clip(1.0 - np.hypot(x - 100, y - 70) / 60.0, 0.0, 1.0)[..., None] * np.array([0, 1, 1])
     for picture in (plain, over(ramp, shape, BLUE), over(glow, box(90, 60, 110, 80), BLUE)):
         levels = levels_of(np.rint(picture).astype(np.float32) / np.float32(255))
-        found = lifted(levels, smooth_parts(levels))
+        found = lifted(levels)
         assert found.shadow is None and found.levels is levels
 
 

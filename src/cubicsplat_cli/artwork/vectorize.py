@@ -10,7 +10,6 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.details.spots import SHAPE_PARAMETERS, with_spots
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
-from cubicsplat_cli.artwork.gradients.areas import smooth_parts
 from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
@@ -57,33 +56,26 @@ def draw(
     even width become pen strokes.
     """
     settings, intake = settings or ArtworkSettings(), intake or taken_in(target)
-    smooth = smooth_parts(intake.levels) if intake.condition.clean else None
-    shaded = without_shadow(intake, settings, smooth)
+    shaded = without_shadow(intake, settings)
     if shaded.shadow is not None:
-        drawing = with_shadow(_drawn(replace(intake, levels=shaded.levels), settings, None, strokes=strokes), shaded)
+        drawing = with_shadow(_drawn(replace(intake, levels=shaded.levels), settings, strokes=strokes), shaded)
     if shaded.shadow is None or drawing is None:
-        drawing = _drawn(intake, settings, smooth, strokes=strokes)
+        drawing = _drawn(intake, settings, strokes=strokes)
     return enlarged(in_palette(drawing, settings.palette), intake.scale, intake.width, intake.height)
 
 
-def without_shadow(intake: Intake, settings: ArtworkSettings, smooth: tuple[np.ndarray, int] | None) -> Lifted:
-    """The picture without its soft shadow, where it is to have gradients; `smooth_parts` of a clean picture."""
-    if smooth is None or settings.palette or settings.colors is not None or settings.stacking == CUTOUT:
+def without_shadow(intake: Intake, settings: ArtworkSettings) -> Lifted:
+    """The picture without its soft shadow, where it is clean and is to have gradients."""
+    if not intake.condition.clean or settings.palette or settings.colors is not None or settings.stacking == CUTOUT:
         return Lifted(intake.levels)
-    return intake.lifted or lifted(intake.levels, smooth)
+    return intake.lifted or lifted(intake.levels)
 
 
-def _drawn(
-    intake: Intake,
-    settings: ArtworkSettings,
-    smooth: tuple[np.ndarray, int] | None,
-    *,
-    strokes: bool,
-) -> Drawing:
-    """The drawing of what was taken in, in px of that; see `draw`. smooth: its `smooth_parts`, if known."""
+def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawing:
+    """The drawing of what was taken in, in px of that; see `draw`."""
     condition = intake.condition
     error = condition.edge_error
-    flat = without_gradients(intake, settings, smooth)
+    flat = without_gradients(intake, settings)
     even, inks = _even(flat.levels, intake, settings)
     # What is rounded says too little of a blend where it is not clean; and who chooses the inks wants no others.
     chosen = settings.palette or settings.colors is not None or settings.stacking == CUTOUT
@@ -139,17 +131,15 @@ def _length(shapes: tuple[Shape, ...]) -> float:
     return sum(SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines) for shape in shapes)
 
 
-def without_gradients(
-    intake: Intake, settings: ArtworkSettings, smooth: tuple[np.ndarray, int] | None = None
-) -> Flattened:
+def without_gradients(intake: Intake, settings: ArtworkSettings) -> Flattened:
     """The picture in flat inks, with its noise if it has any, and the gradients that some stand for: none where the
-    inks are the user's choice. smooth: `smooth_parts` of a clean picture, if known.
+    inks are the user's choice.
     """
     levels, condition = intake.levels, intake.condition
     if settings.palette or settings.colors is not None:
         return Flattened(levels, np.zeros((0, 4)), ())
     if condition.clean:
-        return flattened(levels, smooth)
+        return flattened(levels)
     if not condition.only_blurred:
         return without_noisy_gradients(levels, condition)
     return intake.flat or without_blurred_gradients(levels, condition.blur)

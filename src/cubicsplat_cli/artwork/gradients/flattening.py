@@ -46,12 +46,9 @@ class Flattened:
         return self.gradients[int(own[0])] if len(own) else None
 
 
-def flattened(levels: np.ndarray, smooth: tuple[np.ndarray, int] | None = None) -> Flattened:
-    """A picture (H, W, 4), premultiplied levels, without its gradients; the same array where it has none.
-
-    smooth: `smooth_parts(levels)`, where they are known already.
-    """
-    parts, count = smooth_parts(levels) if smooth is None else smooth
+def flattened(levels: np.ndarray) -> Flattened:
+    """A picture (H, W, 4), premultiplied levels, without its gradients; the same array where it has none."""
+    parts, count = smooth_parts(levels)
     return without_areas(levels, parts, gradient_areas(levels, parts, count))
 
 

@@ -49,12 +49,9 @@ class Lifted:
         return replace(drawing, shapes=tuple(shapes))
 
 
-def lifted(levels: np.ndarray, smooth: tuple[np.ndarray, int] | None = None) -> Lifted:
-    """A picture (H, W, 4), premultiplied levels, without its shadow; the same array where it has none.
-
-    smooth: `smooth_parts(levels)`, where they are known already.
-    """
-    parts, count = smooth_parts(levels) if smooth is None else smooth
+def lifted(levels: np.ndarray) -> Lifted:
+    """A picture (H, W, 4), premultiplied levels, without its shadow; the same array where it has none."""
+    parts, count = smooth_parts(levels)
     shadow = shadow_of(levels, parts, count)
     if shadow is None and count > 0 and shaded_grounds(levels, parts, count) is None:
         parts, count = smooth_parts(levels, SHARP_BEND)
