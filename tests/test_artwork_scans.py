@@ -91,6 +91,6 @@ def test_a_scan_is_artwork(grey):
 
 
 def test_scans_of_text_are_artwork_and_grey_photos_are_not():
-    for name, style in (("page", "artwork"), ("text", "artwork"), ("camera", "photo"), ("brick", "photo")):
+    for name, style in (("page", "artwork"), ("text", "artwork"), ("camera", "photo"), ("grass", "photo")):
         grey = np.asarray(getattr(data, name)())
         assert choose_style(target_of(np.repeat(grey[..., None], 3, axis=2))).name == style, name

@@ -71,7 +71,6 @@ def test_soft_grey_photos_are_photos(name):
     for seen in (picture, jpeg(picture)):
         style = choose_style(of(seen))
         assert style.name == "photo", style.reason
-        assert "colours drift across" in style.reason
 
 
 def test_drawings_that_have_suffered_are_artwork_in_grey():
@@ -101,15 +100,15 @@ def test_shares_of_what_is_even_and_what_drifts():
     halves = np.where(X < 0.5, 60.0, 200.0)[..., None] + np.zeros(3)
     found = softness(halves, everywhere)
     assert found.soft == 0.0 and found.ground + found.even > 0.95
-    assert found.ground == pytest.approx(0.5, abs=0.02) and found.flat and not found.drifts
+    assert found.ground == pytest.approx(0.5, abs=0.02) and not found.drifts
     ramp = np.rint(40.0 + 180.0 * X)[..., None] + np.zeros(3)
     found = softness(ramp, everywhere)
-    assert found.drift > 0.9 and not found.drifts and not found.flat
+    assert found.drift > 0.9 and not found.drifts
     waves = 120.0 + 40.0 * np.sin(9.0 * X + 3.0 * Y) * np.cos(7.0 * Y - 4.0 * X * Y)
     grain = np.random.default_rng(0).normal(size=waves.shape)
     levels = [np.repeat(np.rint(some)[..., None], 3, axis=2) for some in (waves + grain, waves)]
     grained, rendered = (softness(some, everywhere) for some in levels)
-    assert grained.drifts and not grained.flat
+    assert grained.drifts
     assert rendered.drift > 0.9 and not rendered.drifts
 
 

@@ -1,4 +1,4 @@
-"""Whether a picture is a photo or flat artwork, by how much of it is texture and how few inks and gradients it has."""
+"""Whether a picture is a photo or flat artwork: by how even it is, or by how much of it inks and gradients explain."""
 
 from __future__ import annotations
 
@@ -8,18 +8,15 @@ from functools import reduce
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.cells import cells_of
-from cubicsplat_cli.artwork.input.evenness import covered, evenness
+from cubicsplat_cli.artwork.input.cells import cells_of, without_repeats
+from cubicsplat_cli.artwork.input.evenness import SMALL, even
 
 PHOTO, ARTWORK = "photo", "artwork"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
 # which edges, three pixels wide, never fill.
 FLAT_LEVELS = 3.0  # of 255
-MOST_TEXTURE = 0.14  # share of the pixels. Measured: Kodak photos 0.61 to 0.99, upscaled 0.34, 48 drawings at most 0.08
+MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by straight lines either
 COUNTED_INKS = 64
-LEAST_INKED = 0.35  # share of the pixels that have the commonest inks: photos at most 0.23, drawings at least 0.87
-# Of 2, for a picture to be a drawing that has suffered; below SURELY_EVEN so much must be in a few colours.
-LEAST_EVEN, SURELY_EVEN, LEAST_COVERED = 0.6, 0.7, 0.82
 LEAST_SHADED = 0.75  # share of the pixels in flat inks and gradients, for a picture of many colours to be a drawing
 _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer side looked at for that
 _BANDS_OF = 64  # rows
@@ -39,24 +36,19 @@ def choose_style(target: np.ndarray) -> Style:
     cells = cells_of(target)
     if cells is not None:
         return Style(ARTWORK, f"cells of {len(cells.colours)} colours")
+    target = without_repeats(target)
     levels = np.rint(255.0 * _sampled(target)).astype(np.float32)
     drawn = levels[..., 3] > 0 if levels.shape[2] == 4 else np.ones(levels.shape[:2], dtype=bool)
     if not drawn.any():
         return Style(ARTWORK, "nothing is drawn")
-    texture, inked = _texture(levels, drawn), _inked(levels[drawn])
-    reason = f"{100 * texture:.0f} % texture, {100 * inked:.0f} % in the {COUNTED_INKS} commonest colours"
-    if texture <= MOST_TEXTURE and inked >= LEAST_INKED:
+    is_even, shares = even(levels)
+    reason = str(shares)
+    if is_even:
         return _unless_soft(levels, drawn, reason)
-    even = evenness(levels, drawn)
-    if even >= SURELY_EVEN or (even >= LEAST_EVEN and covered(levels, drawn) >= LEAST_COVERED):
-        return _unless_soft(levels, drawn, f"{reason}, but it was even before noise, JPEG or blur: {even:.2f} of 2")
-    if _grey(levels):
-        if _scanned(target):
-            return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
-        if _flat(levels, drawn):
-            return Style(ARTWORK, f"{reason}, but most of it is even greys")
+    if _scanned(target):
+        return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
     # In a steep gradient no pixel is flat, but colours change by straight lines.
-    if texture > MOST_TEXTURE and _texture(levels, drawn, _straight(levels)) > MOST_TEXTURE:
+    if _texture((_spread(levels) > FLAT_LEVELS) & ~_straight(levels), drawn) > MOST_TEXTURE:
         return Style(PHOTO, reason)
     shaded = _shaded(levels, drawn)
     reason = f"{reason}, {100 * shaded:.0f} % in inks and gradients"
@@ -64,25 +56,15 @@ def choose_style(target: np.ndarray) -> Style:
 
 
 def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:
-    """Artwork; or a photo, where colours drift without an edge."""
+    """Artwork; or a photo, where colours drift without an edge, which in a few px cannot be told."""
+    if max(drawn.shape) <= SMALL:
+        return Style(ARTWORK, reason)
     from cubicsplat_cli.artwork.input.softness import softness
 
     found = softness(levels, drawn)
     if found.drifts:
         return Style(PHOTO, f"{reason}, but colours drift across {100 * found.soft:.0f} % of it")
     return Style(ARTWORK, reason)
-
-
-def _flat(levels: np.ndarray, drawn: np.ndarray) -> bool:
-    """Whether most of a picture is even but for noise, JPEG or blur, by where its colours lie."""
-    from cubicsplat_cli.artwork.input.softness import softness
-
-    return softness(levels, drawn).flat
-
-
-def _grey(levels: np.ndarray) -> bool:
-    """Whether a picture has no colour, and so too few different values for its evenness to be told."""
-    return bool((levels[..., :3] == levels[..., :1]).all())
 
 
 def _scanned(target: np.ndarray) -> bool:
@@ -112,14 +94,13 @@ def _straight(levels: np.ndarray) -> np.ndarray:
     return np.maximum(across, down) <= FLAT_LEVELS
 
 
-def _texture(levels: np.ndarray, drawn: np.ndarray, even: np.ndarray | None = None) -> float:
-    """Share of the drawn pixels in blocks without a flat pixel, nor one that is `even` (H, W) bool; blocks of 7 px,
+def _texture(rough: np.ndarray, drawn: np.ndarray) -> float:
+    """Share of the drawn pixels (H, W) bool in blocks of which all pixels are `rough` (H, W) bool; blocks of 7 px,
     smaller in small pictures, and no larger than the picture's shorter side.
     """
-    longer = max(levels.shape[:2])
-    block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *levels.shape[:2])
-    rough = _spread(levels) > FLAT_LEVELS
-    whole = _over_blocks(rough if even is None else rough & ~even, block, np.logical_and)
+    longer = max(rough.shape)
+    block = min(7 if longer >= 256 else 5 if longer >= 64 else 3, *rough.shape)
+    whole = _over_blocks(rough, block, np.logical_and)
     uneven = _over_blocks(np.pad(whole, block - 1), block, np.logical_or)
     return float((uneven & drawn).sum() / drawn.sum())
 
@@ -143,7 +124,7 @@ def _over_blocks(values: np.ndarray, block: int, combine: np.ufunc) -> np.ndarra
 
 def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
     """Share of the drawn pixels that are flat, in one of the commonest colours, or explained by a gradient."""
-    from cubicsplat_cli.artwork.gradients.areas import gradient_areas, smooth_parts
+    from cubicsplat_cli.artwork.input.softness import in_gradients
 
     step = 1 + max(levels.shape[:2]) // _SIDE
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]
@@ -151,15 +132,5 @@ def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
     colours, counts = np.unique(code[drawn], return_counts=True)
     explained = np.isin(code, colours[np.argsort(-counts, kind="stable")[:COUNTED_INKS]])
     explained &= _spread(levels) <= FLAT_LEVELS
-    if levels.shape[2] == 3:
-        levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=2)
-    for area in gradient_areas(levels, *smooth_parts(levels), _TRIES):
-        explained |= area.mask
+    explained |= in_gradients(levels, _TRIES)
     return float((explained & drawn).sum() / drawn.sum())
-
-
-def _inked(levels: np.ndarray) -> float:
-    """Share of pixels (n, channels) that have one of the commonest colours."""
-    code = levels.astype(np.int64) @ (256 ** np.arange(levels.shape[1]))
-    counts = np.sort(np.unique(code, return_counts=True)[1])
-    return float(counts[-COUNTED_INKS:].sum() / counts.sum())

@@ -14,6 +14,7 @@ import numpy as np
 # Along a side: cells of two px and more, and single pixels. Larger pictures of those without smoothing are drawings,
 # whose staircases are not meant.
 MOST_CELLS, MOST_PIXELS = 256, 64
+MANY = 32  # with fewer each way, steps are those of shapes on a grid
 # Colours that any picture may have, and cells for each where there are more.
 FEW_COLOURS, CELLS_EACH, MOST_COLOURS = 16, 64, 64
 # Corners where cells of different colours meet, over all cells, and of cells of two px and more at least: with less
@@ -67,6 +68,19 @@ def cells_of(target: np.ndarray) -> Cells | None:
         if _corners(numbers) < least or _smoothed(small, numbers, len(colours)):
             return None
     return Cells(numbers, colours, x, y, side)
+
+
+def without_repeats(target: np.ndarray) -> np.ndarray:
+    """A picture (H, W, C) with one pixel for each of its cells, where these are of two px and more, and MANY or more
+    each way; others as they are.
+    """
+    changes = _changes(target)
+    if changes is None:
+        return target
+    side, x, y = _grid(*changes, target.shape[1], target.shape[0])
+    if side < 2 or min(len(x), len(y)) <= MANY:
+        return target
+    return target[np.ix_(y[:-1].astype(int), x[:-1].astype(int))]
 
 
 def _changes(target: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -27,8 +27,6 @@ TRIES = 8  # gradients sought
 # Levels of a second difference that rounding a ramp never gives, and the share of what drifts that has as much in a
 # photo: 0.005 to 0.9, in renderings without noise at most 0.003.
 BENT, LEAST_GRAIN = 2.0, 0.004
-# Shares by which a picture is even: of the pixels, of those besides the ground, and what drifts.
-LEAST_EVEN, LEAST_BESIDES, HARDLY = 0.5, 0.4, 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +52,8 @@ class Softness:
         """Whether colours drift, with some grain, and no gradients explain it."""
         if self.drift <= MOST_DRIFT or _grain(self.levels, self.mask) < LEAST_GRAIN:
             return False
-        left = float((self.mask & ~_shaded(self.levels)).sum()) / max(float(self.mask.sum()), 1.0)
+        left = float((self.mask & ~in_gradients(self.levels, TRIES)).sum()) / max(float(self.mask.sum()), 1.0)
         return _drift(left * self.soft, self.even) > MOST_DRIFT
-
-    @property
-    def flat(self) -> bool:
-        """Whether most is even, also besides the ground: as in a drawing, whatever has happened to it."""
-        besides = self.even / max(1.0 - self.ground, 1e-9)
-        return self.ground + self.even >= LEAST_EVEN and besides >= LEAST_BESIDES and self.drift <= HARDLY
 
 
 def _drift(soft: float, even: float) -> float:
@@ -128,11 +120,14 @@ def _planes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     return means, np.sqrt(square.max(axis=-1))
 
 
-def _shaded(levels: np.ndarray) -> np.ndarray:
-    """(H, W) bool: what a gradient explains."""
+def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:
+    """(H, W) bool: what of a picture (H, W, 3) or premultiplied (H, W, 4) in 0..255 gradients explain.
+
+    tries: at most so many are sought.
+    """
     if levels.shape[2] == 3:
         levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=2)
     explained = np.zeros(levels.shape[:2], dtype=bool)
-    for area in gradient_areas(levels, *smooth_parts(levels), TRIES):
+    for area in gradient_areas(levels, *smooth_parts(levels), tries):
         explained |= area.mask
     return explained
