@@ -186,6 +186,11 @@ def test_cards_and_gradients_without_a_shadow_stay_as_they_are():
         assert found.shadow is None and found.levels is levels
 
 
+def test_a_shadow_takes_no_more_shapes_than_there_may_be():
+    drawing = draw(card(), ArtworkSettings(curves=6))
+    assert len(drawing.shapes) <= 6 and not shadows(drawing)
+
+
 @pytest.mark.parametrize("settings", [ArtworkSettings(stacking="cutout"), ArtworkSettings(colors=6)])
 def test_no_gradients_where_shapes_abut_or_inks_are_chosen(settings):
     assert not shadows(draw(card(), settings))
