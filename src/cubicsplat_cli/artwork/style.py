@@ -9,7 +9,7 @@ from functools import reduce
 import numpy as np
 
 from cubicsplat_cli.artwork.input.cells import cells_of, without_repeats
-from cubicsplat_cli.artwork.input.evenness import SMALL, even
+from cubicsplat_cli.artwork.input.evenness import SMALL, even, in_blocks
 
 PHOTO, ARTWORK = "photo", "artwork"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
@@ -19,6 +19,9 @@ MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by strai
 COUNTED_INKS = 64
 LEAST_SHADED = 0.75  # share of the pixels in flat inks and gradients, for a picture of many colours to be a drawing
 _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer side looked at for that
+# Px of the blocks looked at for paper; what these have of the lightest ones' light; by which tints, in shares of the
+# light, may differ; and share of the blocks that are such, where ink covers the others.
+PAPER_BLOCK, LEAST_LIGHT, SAME_TINT, LEAST_PAPER = 8, 0.6, 0.08, 0.5
 _BANDS_OF = 64  # rows
 _MOST_PIXELS = 2**20  # looked at
 
@@ -45,7 +48,7 @@ def choose_style(target: np.ndarray) -> Style:
     reason = str(shares)
     if is_even:
         return _unless_soft(levels, drawn, reason)
-    if _scanned(target):
+    if _like_paper(levels) and _scanned(target):
         return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
     # In a steep gradient no pixel is flat, but colours change by straight lines.
     if _texture((_spread(levels) > FLAT_LEVELS) & ~_straight(levels), drawn) > MOST_TEXTURE:
@@ -65,6 +68,16 @@ def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:
     if found.drifts:
         return Style(PHOTO, f"{reason}, but colours drift across {100 * found.soft:.0f} % of it")
     return Style(ARTWORK, reason)
+
+
+def _like_paper(levels: np.ndarray) -> bool:
+    """Whether most of a picture may be paper: light, and of one tint. In numpy alone, as most photos are not."""
+    blocks = in_blocks(levels[..., :3], min(PAPER_BLOCK, *levels.shape[:2])).reshape(-1, 3)
+    light = blocks.mean(axis=1)
+    bright = light >= LEAST_LIGHT * np.percentile(light, 90)
+    tints = blocks / np.maximum(light, 1.0)[:, None]
+    of_tint = np.abs(tints - np.median(tints[bright], axis=0)).max(axis=1) <= SAME_TINT
+    return bool((bright & of_tint).mean() >= LEAST_PAPER)
 
 
 def _scanned(target: np.ndarray) -> bool:
