@@ -131,10 +131,10 @@ def _length(shapes: tuple[Shape, ...]) -> float:
 
 def without_gradients(intake: Intake, settings: ArtworkSettings) -> Flattened:
     """The picture in flat inks, with its noise if it has any, and the gradients that some stand for: none where the
-    inks are the user's choice.
+    inks are the user's choice, and in scans, whose light is never quite taken out.
     """
     levels, condition = intake.levels, intake.condition
-    if settings.palette or settings.colors is not None:
+    if settings.palette or settings.colors is not None or intake.scanned:
         return Flattened(levels, np.zeros((0, 4)), ())
     if condition.clean:
         return flattened(levels)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
@@ -58,6 +59,9 @@ def _outlined(task: Task) -> Made:
         precision = task.request.precision
         drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
     least = LEAST_DB if intake.condition.clean and intake.times == 1 else LEAST_THROUGH_DB
+    if intake.scanned:
+        # Most of a scan is paper and light, which are not drawn: how far it is says nothing.
+        least = -math.inf
     return replace(_drawn(drawing, task.request), notes=intake.notes, least_db=least)
 
 
