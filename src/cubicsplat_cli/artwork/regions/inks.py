@@ -90,14 +90,13 @@ def _is_line(levels: np.ndarray, flat: np.ndarray, colour: np.ndarray, size: flo
     if not len(y):
         return False
     padded = np.pad(levels, ((1, 2), (1, 2), (0, 0)), mode="edge")
-    sides = [
-        np.stack([padded[y, x + 1], padded[y + 3, x + 1]]),
-        np.stack([padded[y + 1, x], padded[y + 1, x + 3]]),
-    ]
+    above, below = padded[y, x + 1], padded[y + 3, x + 1]
+    left, right = padded[y + 1, x], padded[y + 1, x + 3]
+    sides = np.stack([[above, below], [left, right]])
     thin = levels[~ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool))]
     for ground in inks:
-        between = [(largest(np.abs(pair - ground)) <= SAME).all(axis=0) for pair in sides]
-        if np.logical_or(*between).mean() < BETWEEN:
+        between = np.all(largest(np.abs(sides - ground)) <= SAME, axis=1)
+        if np.any(between, axis=0).mean() < BETWEEN:
             continue
         spans = inks - ground
         share = (spans @ (colour - ground)) / np.maximum((spans * spans).sum(axis=1), 1e-9)
