@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import PAPER, ragged_scene, random_scene, rectangle, scene_of
 
@@ -42,6 +42,7 @@ def premultiplied(pixels: np.ndarray) -> np.ndarray:
     return values
 
 
+@settings(deadline=None)
 @given(
     width=st.integers(1, 90), height=st.integers(1, 90), scale=st.integers(1, 12), pixels=st.integers(1, 40_000),
     side=st.integers(12, 400),

@@ -32,7 +32,7 @@ def test_a_flat_picture_is_drawn_and_the_report_says_why():
     report = vectorize(flat_picture(), threads=1).report
     assert (report.style, report.shapes, report.primitives) == ("artwork", 2, 2)
     assert report.inks == ["#f0f0f0ff", "#145aa0ff"]
-    assert "texture" in report.style_reason
+    assert "neighbours alike" in report.style_reason
 
 
 def test_a_drawing_too_far_from_its_picture_gives_way_to_a_photo(monkeypatch):
