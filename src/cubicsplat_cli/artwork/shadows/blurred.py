@@ -13,6 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, ndimage
 
+from cubicsplat_cli.artwork.robust import huber, huber_weights
+
+OUTLYING = 4.0  # levels beyond which a pixel counts linearly
 # Of a layer: dx, dy, px by which it is larger, log of sigma, and log-odds of alpha are what is fitted.
 NUMBERS = 5
 LEAST_SIGMA, MOST_SIGMA = 0.7, 40.0
@@ -112,13 +115,13 @@ def settled(
     numbers = np.concatenate([layer.numbers() for layer in layers])
     steps, farthest = np.tile(STEPS, len(layers)), np.tile(FARTHEST, len(layers))
     residual, damping = off(numbers), 1e-2
-    value = _robust(residual)
+    value = float(huber(np.abs(residual), OUTLYING).sum())
     for turn in range(ROUNDS):
         if turn == EARLY and value > HOPELESS * len(seen):
             break
         units = np.diag(steps)
         jacobian = np.stack([off(numbers + unit) - residual for unit in units], axis=1) / steps
-        weights = np.minimum(1.0, 4.0 / np.maximum(np.abs(residual), 1e-9))
+        weights = huber_weights(np.abs(residual), OUTLYING)
         gram = (jacobian * weights[:, None]).T @ jacobian
         slope = (jacobian * weights[:, None]).T @ residual
         gained = 0.0
@@ -126,7 +129,7 @@ def settled(
             step = np.linalg.solve(gram + damping * np.diag(np.diag(gram) + 1e-9), -slope)
             step = np.clip(step, -farthest, farthest)
             trial = off(numbers + step)
-            following = _robust(trial)
+            following = float(huber(np.abs(trial), OUTLYING).sum())
             if following < value:
                 gained = value - following
                 numbers, residual, value, damping = numbers + step, trial, following, damping / 4.0
@@ -135,9 +138,3 @@ def settled(
         if gained < ENOUGH * value:
             break
     return layers_of(numbers), float(value / len(seen))
-
-
-def _robust(residual: np.ndarray) -> float:
-    """The squares of residuals, beyond 4 levels as lengths (Huber)."""
-    size = np.abs(residual)
-    return float(np.where(size < 4.0, size * size, 8.0 * size - 16.0).sum())
