@@ -57,8 +57,11 @@ def picture_inks(levels: np.ndarray, most: int | None = None) -> np.ndarray:
         inks.extend(colours)
         weights.extend(sizes)
     small = _small_inks(levels, flat)
+    # Every component has an ink of its own, so that most of them are there many times.
+    others = np.unique(np.array(inks + [colour for colour, _ in small]), axis=0)
+    lines = _lines(levels, flat, others) if small else np.zeros(0)
     for colour, size in small:
-        if not _is_line(levels, flat, colour, size, np.array(inks + [other for other, _ in small])):
+        if not _is_line(levels, colour, size, others, lines):
             inks.append(colour)
             weights.append(size)
     return _limited(np.array(inks), np.array(weights), most)
@@ -79,10 +82,18 @@ def _small_inks(levels: np.ndarray, flat: np.ndarray) -> list[tuple[np.ndarray, 
     return [(colours[i].astype(float), float(counts[i])) for i in common if counts[i] >= FEWEST_SQUARES]
 
 
-def _is_line(levels: np.ndarray, flat: np.ndarray, colour: np.ndarray, size: float, inks: np.ndarray) -> bool:
+def _lines(levels: np.ndarray, flat: np.ndarray, inks: np.ndarray) -> np.ndarray:
+    """(P,) of how many px away from all flat ones every ink (P, 4) is."""
+    thin = levels[~ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool))]
+    colours, counts = np.unique(thin, axis=0, return_counts=True)
+    return np.array([counts[largest(np.abs(colours - ink)) <= SQUARE_RANGE].sum() for ink in inks])
+
+
+def _is_line(levels: np.ndarray, colour: np.ndarray, size: float, inks: np.ndarray, lines: np.ndarray) -> bool:
     """Whether a small ink is what a line of another ink makes of two rows of pixels that it fills in part.
 
-    A line of 1.5 px in the middle of two rows leaves both the same blend of it with the ground. inks: the others.
+    A line of 1.5 px in the middle of two rows leaves both the same blend of it with the ground. inks: (P, 4) all that
+    there are; lines: (P,) their px in thin lines.
     """
     here = largest(np.abs(levels - colour)) <= SQUARE_RANGE
     square = here[:-1, :-1] & here[1:, :-1] & here[:-1, 1:] & here[1:, 1:]
@@ -93,7 +104,6 @@ def _is_line(levels: np.ndarray, flat: np.ndarray, colour: np.ndarray, size: flo
     above, below = padded[y, x + 1], padded[y + 3, x + 1]
     left, right = padded[y + 1, x], padded[y + 1, x + 3]
     sides = np.stack([[above, below], [left, right]])
-    thin = levels[~ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool))]
     for ground in inks:
         between = np.all(largest(np.abs(sides - ground)) <= SAME, axis=1)
         if np.any(between, axis=0).mean() < BETWEEN:
@@ -101,9 +111,9 @@ def _is_line(levels: np.ndarray, flat: np.ndarray, colour: np.ndarray, size: flo
         spans = inks - ground
         share = (spans @ (colour - ground)) / np.maximum((spans * spans).sum(axis=1), 1e-9)
         rest = np.abs(colour - ground - share[:, None] * spans).max(axis=1)
-        for k in np.flatnonzero((rest <= BLEND_LEVELS) & (share > BLEND_SHARES[0]) & (share < BLEND_SHARES[1])):
-            if (largest(np.abs(thin - inks[k])) <= SQUARE_RANGE).sum() > MORE * size:
-                return True
+        blended = (rest <= BLEND_LEVELS) & (share > BLEND_SHARES[0]) & (share < BLEND_SHARES[1])
+        if (blended & (lines > MORE * size)).any():
+            return True
     return False
 
 
