@@ -86,6 +86,20 @@ def test_a_picture_that_was_scaled_down_was_no_jpeg():
     assert not condition_of(as_levels(as_picture(np.asarray(small)).target())).jpeg
 
 
+def test_pale_stripes_and_marks_on_a_grid_of_8_px_are_no_jpeg():
+    levels = np.full((256, 256, 3), 255, np.uint8)
+    for top in range(32, 256, 64):
+        levels[top : top + 32] = (243, 244, 246)
+    # A diagonal has few coefficients in the blocks that it fills, and many in those half a block away.
+    for top in range(8, 256, 32):
+        for left in range(8, 256, 16):
+            levels[top : top + 8, left : left + 8][np.eye(8, dtype=bool)] = 0
+    assert condition_of(as_levels(as_picture(levels).target())) == CLEAN
+    buffer = io.BytesIO()
+    Image.fromarray(levels).save(buffer, "JPEG", quality=90)
+    assert condition_of(as_levels(as_picture(np.asarray(Image.open(buffer))).target())).jpeg
+
+
 @pytest.mark.parametrize("kind", ["jpeg", "noisy"])
 def test_noise_gives_no_inks_and_hides_none(kind):
     levels = as_levels(target(kind))
