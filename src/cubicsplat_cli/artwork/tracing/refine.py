@@ -107,20 +107,23 @@ def _normal_equations(
     return gram, slope
 
 
-def _reduced(pieces: Pieces, gram: np.ndarray, slope: np.ndarray) -> tuple[Variables, sparse.csc_matrix, np.ndarray]:
-    """The variables, and the Gram matrix and gradient over them."""
-    variables = Variables(pieces)
+def _reduced(
+    pieces: Pieces, gram: np.ndarray, slope: np.ndarray
+) -> tuple[Variables, sparse.csc_matrix | np.ndarray, np.ndarray]:
+    """The variables, and the Gram matrix, dense where they are few, and gradient over them."""
+    variables, count = Variables(pieces), len(gram)
+    if variables.total <= MOST_DENSE:
+        own = variables.dense_jacobian()
+        weighted = gram @ own.reshape(count, 8, -1)
+        return variables, own.T @ weighted.reshape(own.shape), own.T @ slope.ravel()
     jacobian = variables.jacobian()
-    count = len(gram)
     blocks = sparse.bsr_matrix((gram, np.arange(count), np.arange(count + 1)), shape=(8 * count, 8 * count))
     return variables, (jacobian.T @ (blocks.tocsr() @ jacobian)).tocsc(), jacobian.T @ slope.ravel()
 
 
-def _step(system: sparse.csc_matrix, slope: np.ndarray, damping: float) -> np.ndarray:
+def _step(system: sparse.csc_matrix | np.ndarray, slope: np.ndarray, damping: float) -> np.ndarray:
     diagonal = system.diagonal()
     added = damping * (diagonal + 1e-4 * diagonal.max(initial=0.0)) + STIFFNESS
-    if len(slope) <= MOST_DENSE:
-        dense = system.toarray()
-        dense[np.diag_indices_from(dense)] += added
-        return np.append(np.linalg.solve(dense, -slope), 0.0)
+    if isinstance(system, np.ndarray):
+        return np.append(np.linalg.solve(system + np.diag(added), -slope), 0.0)
     return np.append(splu(system + sparse.diags(added, format="csc")).solve(-slope), 0.0)

@@ -46,14 +46,16 @@ class Pieces:
         """(S,) the anchor at which each piece ends."""
         return (np.arange(len(self.lines)) + 1) % len(self.anchors)
 
-    @property
+    @cached_property
     def cubics(self) -> np.ndarray:
-        """(S, 4, 2) control points; those of a line lie at its thirds."""
+        """(S, 4, 2) control points, not to be written to; those of a line lie at its thirds."""
         count = len(self.lines)
         a, b = self.anchors[:count], self.anchors[self.ends]
         first = np.where(self.lines[:, None], a + (b - a) / 3.0, a + self.outgoing[:count])
         second = np.where(self.lines[:, None], b - (b - a) / 3.0, b + self.incoming[self.ends])
-        return np.stack([a, first, second, b], axis=1)
+        found = np.stack([a, first, second, b], axis=1)
+        found.flags.writeable = False
+        return found
 
 
 class Numbering:
@@ -166,13 +168,14 @@ class Handles:
 class Pattern:
     """Where the values of a sparse matrix belong of which some share a place, and the first are always the same.
 
-    order: of the values that are known, by their place; starts: where those of each place begin; indices, indptr,
-    shape: the matrix in compressed rows.
+    order: of the values that are known, by their place; starts: where those of each place begin; place: row times
+    columns plus column; indices, indptr, shape: the matrix in compressed rows.
     """
 
     constant: np.ndarray
     order: np.ndarray
     starts: np.ndarray
+    place: np.ndarray
     indices: np.ndarray
     indptr: np.ndarray
     shape: tuple[int, int]
@@ -186,13 +189,21 @@ class Pattern:
         place, starts = np.unique(place[order], return_index=True)
         indptr = np.searchsorted(place, np.arange(shape[0] + 1) * shape[1]).astype(np.int32)
         indices = (place % max(shape[1], 1)).astype(np.int32)
-        return cls(constant, known[order], starts, indices, indptr, shape)
+        return cls(constant, known[order], starts, place, indices, indptr, shape)
 
     def filled(self, values: list[np.ndarray]) -> sparse.csr_matrix:
         """The matrix with the values that are not always the same."""
+        return sparse.csr_matrix((self._data(values), self.indices, self.indptr), shape=self.shape)
+
+    def dense(self, values: list[np.ndarray]) -> np.ndarray:
+        """The same matrix with its zeros."""
+        out = np.zeros(self.shape)
+        out.reshape(-1)[self.place] = self._data(values)
+        return out
+
+    def _data(self, values: list[np.ndarray]) -> np.ndarray:
         every = np.concatenate([self.constant, *values])[self.order]
-        data = np.add.reduceat(every, self.starts) if len(every) else every
-        return sparse.csr_matrix((data, self.indices, self.indptr), shape=self.shape)
+        return np.add.reduceat(every, self.starts) if len(every) else every
 
 
 class Variables:
@@ -216,9 +227,15 @@ class Variables:
 
     def jacobian(self) -> sparse.csr_matrix:
         """(8 S, variables): how the control points move with the variables."""
+        return self.numbering.pattern.filled(self._by_handles())
+
+    def dense_jacobian(self) -> np.ndarray:
+        """The same matrix with its zeros: of few variables it is done with sooner."""
+        return self.numbering.pattern.dense(self._by_handles())
+
+    def _by_handles(self) -> list[np.ndarray]:
         outgoing, incoming = self.numbering.handles
-        values = [*self._by_handle(outgoing, self.pieces.outgoing), *self._by_handle(incoming, self.pieces.incoming)]
-        return self.numbering.pattern.filled(values)
+        return [*self._by_handle(outgoing, self.pieces.outgoing), *self._by_handle(incoming, self.pieces.incoming)]
 
     def _by_handle(self, handles: Handles, own: np.ndarray) -> list[np.ndarray]:
         """How some handles (A, 2) move with their coordinates, length, angle, and with the line that they continue."""
