@@ -86,7 +86,7 @@ def test_a_star_with_a_tip_that_is_two_degrees_aside_stays_so():
 
 def track_of(ring):
     points = flattened(ring, 0.5)
-    return Track(points, cKDTree(points), points)
+    return Track(points, cKDTree(points), points, True)
 
 
 def pinwheel(jitter=0.0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,19 +25,21 @@ SIGMAS = 3.0  # errors within which places are one
 @dataclass(frozen=True)
 class Track:
     """A closed outline as a polyline, and what of it shows. points: (n, 2) px; tree: of them; seen: (m, 2) points that
-    show."""
+    show; whole: whether all of it does."""
 
     points: np.ndarray
     tree: cKDTree
     seen: np.ndarray
+    whole: bool
 
     @classmethod
     def of(cls, ring: Ring, sight: Sight) -> Track:
         points = dense(flattened(ring, STEP), STEP)
-        shown = [p[w > 0.5 * SEEN_SIGMA**-2] for p, w, _ in samples_along(ring, sight, MOST)]
-        return cls(points, cKDTree(points), np.concatenate(shown))
+        samples = samples_along(ring, sight, MOST)
+        shown = np.concatenate([w > 0.5 * SEEN_SIGMA**-2 for _, w, _ in samples])
+        return cls(points, cKDTree(points), np.concatenate([p for p, _, _ in samples])[shown], bool(shown.all()))
 
-    @property
+    @cached_property
     def extent(self) -> np.ndarray:
         """(2, 2) the least and the greatest x and y, px."""
         return np.stack([self.points.min(axis=0), self.points.max(axis=0)])

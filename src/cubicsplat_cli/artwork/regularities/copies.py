@@ -10,9 +10,12 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.ways import Way
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
-from cubicsplat_cli.artwork.regularities.turned import Turn, Walk, evenly, turned_onto
+from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, Turn, Walk, evenly, turned_onto
 
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
+# Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
+# other, and px^2 for every px of the length by which areas differ, beyond the least.
+ASTRAY, AREA_OFF, LEAST_AREA_OFF = 0.6, 0.1, 1.0
 FLIPS = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))  # as it is, mirrored either way, turned by half a circle
 
 
@@ -35,18 +38,28 @@ def found_copies(
     """
     walks = {k: Walk.of(track) for k, track in tracks.items()}
     pairs = 0.5 * len(tracks) ** 2
+    # Most pairs are of other sizes, or of other lengths where one may be turned.
+    place = {k: i for i, k in enumerate(tracks)}
+    spans = np.array([track.extent[1] - track.extent[0] for track in tracks.values()]).reshape(-1, 2)
+    lengths = np.array([walk.length for walk in walks.values()])
+    areas = np.array([walk.area for walk in walks.values()])
+    whole = np.array([track.whole for track in tracks.values()], dtype=bool)
     level: dict[int, Copy] = {}
     turns: dict[int, dict[int, Turn]] = {}  # by model
     # What is turned is a model too of what lies as it does, so that both are written as the same text.
     first: list[int] = []
     for k, track in tracks.items():
-        ways = ((m, _way(tracks[m], track, step, mirrors)) for m in first)
+        sized = (np.abs(spans - spans[place[k]]) <= SIZE_OFF).all(axis=1)
+        full = np.abs(areas - areas[place[k]]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
+        sized &= full | ~(whole & track.whole)
+        ways = ((m, _way(tracks[m], track, step, mirrors)) for m in first if sized[place[m]])
         found = next(((m, way) for m, way in ways if way is not None), None)
         if found is not None:
             level[k] = Copy(*found)
             continue
         first.append(k)
-        able = turns if walks[k].tells(numbers[k], pairs) else ()
+        long = np.abs(lengths - walks[k].length) <= LENGTH_OFF
+        able = [m for m in turns if long[place[m]]] if walks[k].tells(numbers[k], pairs) else []
         turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in able)
         way_round = next(((m, turn) for m, turn in turned if turn is not None), None)
         if way_round is None:
@@ -65,7 +78,7 @@ def found_copies(
 def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) -> Way | None:
     """How a model comes to lie on an outline; None where they are not alike."""
     (low, high), (start, end) = model.extent, track.extent
-    if min(len(model.seen), len(track.seen)) < 8 or (np.abs(high - low - end + start) > SIZE_OFF).any():
+    if min(len(model.seen), len(track.seen)) < 8:
         return None
     for flip in FLIPS:
         signs = np.array(flip)
@@ -86,6 +99,9 @@ def _settled(model: Track, track: Track, signs: np.ndarray, shift: np.ndarray) -
     lies not near enough."""
     for left in reversed(range(TRIES + 1)):
         forth, ahead = track.off(model.seen * signs + shift)
+        # Where all of it shows, what is alike and of one size lies nearly right at once.
+        if forth.max() > (ASTRAY if left == TRIES and model.whole and track.whole else LARGEST):
+            return None
         back, behind = model.off((track.seen - shift) * signs)
         size, ways = np.concatenate([forth, back]), np.concatenate([ahead, -behind * signs])
         if size.max() > LARGEST:

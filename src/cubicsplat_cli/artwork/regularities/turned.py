@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -34,6 +35,21 @@ class Walk:
     steps: np.ndarray
     length: float
 
+    @cached_property
+    def waves(self) -> np.ndarray:
+        """(STEPS,) the Fourier coefficients of the steps."""
+        return np.fft.fft(self.steps)
+
+    @cached_property
+    def mirrored_waves(self) -> np.ndarray:
+        """The same of the steps mirrored about the level axis, and run through clockwise again."""
+        return np.fft.fft(np.conj(self.steps)[::-1])
+
+    @cached_property
+    def power(self) -> float:
+        """The mean square of the steps, px^2."""
+        return float((np.abs(self.steps) ** 2).mean())
+
     @classmethod
     def of(cls, track: Track) -> Walk:
         points = track.points @ np.array([1.0, 1.0j])
@@ -45,6 +61,11 @@ class Walk:
         steps = np.interp(places, along, closed.real) + 1.0j * np.interp(places, along, closed.imag)
         middle = complex(steps.mean())
         return cls(middle, steps - middle, float(along[-1]))
+
+    @cached_property
+    def area(self) -> float:
+        """Px^2 within the steps."""
+        return 0.5 * float((np.conj(self.steps) * np.roll(self.steps, -1)).imag.sum())
 
     def tells(self, numbers: int, pairs: float) -> bool:
         """Whether an outline of so many variables is unlikely to be like another in one of so many pairs by chance: a
@@ -82,10 +103,8 @@ def turned_onto(model: Track, own: Walk, track: Track, walk: Walk) -> Turn | Non
     if min(len(model.seen), len(track.seen)) < FEWEST or abs(own.length - walk.length) > LENGTH_OFF:
         return None
     for mirrored in (False, True):
-        # Mirrored about the level axis, and run through clockwise again.
-        steps = np.conj(own.steps)[::-1] if mirrored else own.steps
-        match = np.fft.ifft(np.fft.fft(walk.steps) * np.conj(np.fft.fft(steps)))
-        off = (np.abs(steps) ** 2 + np.abs(walk.steps) ** 2).mean() - 2.0 * np.abs(match) / STEPS
+        match = np.fft.ifft(walk.waves * np.conj(own.mirrored_waves if mirrored else own.waves))
+        off = own.power + walk.power - 2.0 * np.abs(match) / STEPS
         if off.min() > NEAR**2:
             continue
         # Of the turns that a star or a cross leaves the choice between, the smallest.
@@ -107,6 +126,8 @@ def _settled(
         matrix = Way(signs, (0.0, 0.0), angle).matrix
         spokes = (model.seen - pivot) @ matrix
         forth, ahead = track.off(spokes + at)
+        if forth.max() > LARGEST:
+            return None
         back, behind = model.off((track.seen - at) @ matrix.T + pivot)
         behind = -behind @ matrix
         size = np.concatenate([forth, back])
