@@ -13,6 +13,7 @@ from cubicsplat_cli.artwork.regions.hairlines import level_lines, line_inks, mis
 from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blends
 from cubicsplat_cli.artwork.regions.inks import SAME, flat_pixels
 from cubicsplat_cli.artwork.regions.line_blends import line_blends
+from cubicsplat_cli.artwork.regions.rules import with_rules
 
 # A pixel within so many levels of an ink is that ink.
 PURE = 2.5
@@ -50,7 +51,7 @@ def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0,
     """Regions of a picture (H, W, 4) in levels, in the inks of a palette (P, 4), and those that only thin lines and
     small details have: with these no more than `most`, where that is not None.
     """
-    palette, pure = _with_inks_of_lines(levels, palette, most)
+    palette, pure = with_rules(levels, *_with_inks_of_lines(levels, palette, most), most)
     inks = joined_at_corners(_blends_shared_out(levels, palette, pure), levels, palette)
     labels = _components(inks)
     sure = _sure(levels, palette, labels, inks, pure)

@@ -1,0 +1,141 @@
+"""Rules: level and upright lines exactly one px wide, as the frames and dividers of pages and programs have them.
+
+A pale one has a colour that a thinner line of a dark ink would leave as well, so that its ink counts as a blend. But
+thinner lines hardly lie within one row of pixels each, and none of the drawings looked at has any that does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.channels import largest
+
+# Levels that are one colour along a rule, and by which it must differ from what is on either side of it.
+ALIKE, APART = 0.5, 8.0
+GROUND = 2.5  # levels by which the ground beside it may be off an ink
+# Px from which a rule tells its ink, and from which it is one where others have told it; ink of the most rules.
+LONG, SHORT, MOST_RULES = 24, 5, 16
+# Between two grounds, where seams lie as well, so many long ones in both directions tell it.
+FRAMES = 3
+SOLID = 254.0  # levels of opacity
+# Px of a frame's corner, between its sides, and the share of the rule's ink from which a pixel there is its; grounds
+# of one ink's rules that are looked at.
+CORNER, SHARE, MOST_GROUNDS = 24, 0.5, 4
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """Level or upright rows of pixels of one colour. y, x: (n, ) where they begin; length: (n,) px; upright: (n,) bool;
+    colour, before, behind: (n, 4) levels of themselves and of the grounds on either side.
+    """
+
+    y: np.ndarray
+    x: np.ndarray
+    length: np.ndarray
+    upright: np.ndarray
+    colour: np.ndarray
+    before: np.ndarray
+    behind: np.ndarray
+
+    def where(self, keep: np.ndarray) -> _Runs:
+        return _Runs(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+
+
+def with_rules(
+    levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, most: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The palette (P, 4) of a picture (H, W, 4) in levels with the inks of its rules, at most `most` inks in all, and
+    the ink of every pixel that is one, (H, W) int32, -1 of others, with those of the rules.
+    """
+    found = _runs(levels)
+    told = (largest(np.abs(found.before - found.behind)) <= GROUND) | ~_between(found)
+    grounds = np.maximum(_gap(found.before, palette), _gap(found.behind, palette))
+    found = found.where(told & (grounds <= GROUND))
+    out, inks = pure.copy(), palette
+    for colour in _colours(found):
+        gaps = largest(np.abs(inks - colour))
+        if gaps.min() > ALIKE:
+            if len(inks) >= min(most or 256, 256):
+                continue
+            inks, gaps = np.vstack([inks, colour]), np.append(gaps, 0.0)
+        own = found.where(largest(np.abs(found.colour - colour)) <= ALIKE)
+        on = np.zeros(out.shape, dtype=bool)
+        for y, x, length, upright in zip(own.y, own.x, own.length, own.upright, strict=True):
+            on[(slice(y, y + length), x) if upright else (y, slice(x, x + length))] = True
+        out[(on | _corners(on, levels, pure, own)) & (pure < 0)] = gaps.argmin()
+    return inks, out
+
+
+def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _Runs) -> np.ndarray:
+    """(H, W) bool: the pixels `on` rules of one ink, and those that go on from them around corners: blends of it with a
+    ground, of which it has most.
+    """
+    blends = np.zeros(on.shape, dtype=bool)
+    y, x = np.nonzero(pure < 0)
+    grounds, counts = np.unique(np.rint(np.concatenate([own.before, own.behind])), axis=0, return_counts=True)
+    for ground in grounds[np.argsort(-counts, kind="stable")[:MOST_GROUNDS]]:
+        span = own.colour[0] - ground
+        share = np.clip((levels[y, x] - ground) @ span / (span @ span), 0.0, 1.0)
+        gap = largest(np.abs(levels[y, x] - ground - share[:, None] * span))
+        blends[y, x] |= (share >= SHARE) & (gap <= GROUND)
+    return ndimage.binary_dilation(on, np.ones((3, 3), dtype=bool), CORNER, mask=blends | on)
+
+
+def _colours(found: _Runs) -> list[np.ndarray]:
+    """The colours that long rules have, those of the most px first."""
+    long = found.where(found.length >= LONG)
+    colours, index = np.unique(np.rint(long.colour), axis=0, return_inverse=True)
+    index = index.reshape(-1)
+    alone = largest(np.abs(long.before - long.behind)) <= GROUND
+    sure = np.bincount(index, alone, len(colours)) > 0
+    ways = np.stack([np.bincount(index, long.upright == way, len(colours)) for way in (False, True)])
+    sure |= (ways.min(axis=0) > 0) & (ways.sum(axis=0) >= FRAMES)
+    sizes = np.where(sure, np.bincount(index, long.length, len(colours)), 0.0)
+    return [colours[k] for k in np.argsort(-sizes, kind="stable")[:MOST_RULES] if sizes[k]]
+
+
+def _between(found: _Runs) -> np.ndarray:
+    """(n,) bool: the colour is a blend of what is on either side, as an edge's between two pixels is."""
+    span = found.behind - found.before
+    rest = found.colour - found.before
+    share = np.clip((rest * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9), 0.0, 1.0)
+    return np.asarray(largest(np.abs(rest - share[:, None] * span)) < APART)
+
+
+def _gap(colours: np.ndarray, palette: np.ndarray) -> np.ndarray:
+    """(n,) levels from the nearest ink."""
+    gap = np.full(len(colours), np.inf)
+    for ink in palette:
+        gap = np.minimum(gap, largest(np.abs(colours - ink)))
+    return gap
+
+
+def _runs(levels: np.ndarray) -> _Runs:
+    """All of SHORT px and more, opaque and one px wide, with an even row of another colour on either side."""
+    parts = []
+    for upright in (False, True):
+        lines = levels.swapaxes(0, 1) if upright else levels
+        y, x, length = _rows(lines)
+        sides = [lines[y + step, x] for step in (0, -1, 1)]
+        parts.append((*((x, y) if upright else (y, x)), length, np.full(len(y), upright), *sides))
+    return _Runs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _rows(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The row and column at which level runs begin in a picture (H, W, 4), and their px."""
+    height, width = lines.shape[:2]
+    differs = np.zeros((height, width), dtype=bool)
+    step = largest(np.abs(lines[1:] - lines[:-1])) >= APART
+    solid = lines[..., 3] >= SOLID
+    differs[1:-1] = step[1:] & step[:-1] & solid[1:-1] & solid[2:] & solid[:-2]
+    alike = largest(np.abs(lines[:, 1:] - lines[:, :-1])) <= ALIKE
+    on = np.zeros((height, width), dtype=bool)
+    on[1:-1, 1:] = alike[1:-1] & alike[:-2] & alike[2:]
+    on[:, 1:] &= differs[:, 1:] & differs[:, :-1]
+    first = np.flatnonzero(~on.ravel())
+    length = np.diff(np.append(first, height * width))
+    keep = length >= SHORT
+    return first[keep] // width, first[keep] % width, length[keep]

@@ -1,0 +1,65 @@
+"""Level and upright lines of one px: the frames and dividers of screenshots."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.input.intake import as_levels
+from cubicsplat_cli.artwork.regions.inks import picture_inks
+from cubicsplat_cli.artwork.regions.regions import find_regions
+from cubicsplat_cli.artwork.regions.rules import with_rules
+from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.bench.artwork.document import Document
+from cubicsplat_cli.bench.artwork.inputs import input_of
+from cubicsplat_cli.files.convert import as_picture
+
+WHITE, BLACK = (255, 255, 255, 255), (0, 0, 0, 255)
+
+
+def page(grey: int, inside: str = "#fff") -> np.ndarray:
+    """A frame of 1 px with round corners, a divider, and black marks whose edges have every grey."""
+    line = f"rgb({grey},{grey},{grey})"
+    body = (
+        f'<rect width="120" height="80" fill="#fff"/><path d="M10 62.5H110" stroke="{line}"/>'
+        f'<rect x="10.5" y="10.5" width="90" height="40" rx="6" fill="{inside}" stroke="{line}"/>'
+        '<circle cx="30.3" cy="30.6" r="8.2"/><circle cx="55.6" cy="30.2" r="8.5"/><path d="M72 22l14 3-5 15z"/>'
+    )
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 120 80">{body}</svg>'
+    return input_of(Document(text.encode(), "x", 120), "clean")
+
+
+def inks_of_regions(pixels: np.ndarray) -> set[tuple[int, ...]]:
+    levels = as_levels(as_picture(pixels).target())
+    regions = find_regions(levels, picture_inks(levels))
+    return {tuple(int(v) for v in ink) for ink in np.rint(regions.inks)}
+
+
+@pytest.mark.parametrize("grey", [170, 221, 238])
+def test_rules_have_their_own_ink_beside_a_darker_one(grey):
+    assert inks_of_regions(page(grey)) == {WHITE, BLACK, (grey, grey, grey, 255)}
+
+
+def test_a_frame_between_two_grounds_has_its_own_ink():
+    assert (221, 221, 221, 255) in inks_of_regions(page(221, "#f0f2f6"))
+
+
+def test_a_frame_is_drawn_in_one_piece():
+    drawn = [shape for shape in draw(as_picture(page(170)).target()).shapes if shape.ink == (170, 170, 170, 255)]
+    assert len(drawn) == 2
+    assert sorted(len(shape.outlines) for shape in drawn) == [1, 2]
+
+
+def test_edges_within_a_row_of_pixels_are_no_rules():
+    levels = np.full((40, 60, 4), 255.0, dtype=np.float32)
+    levels[20:, :, :3] = (20, 90, 160)
+    levels[20, :, :3] = (150, 183, 214)  # what the edge between two inks leaves
+    levels[5:7, :, :3] = 128  # a line that two rows share
+    palette = np.array([WHITE, (20, 90, 160, 255), BLACK], dtype=float)
+    pure = np.full((40, 60), -1, dtype=np.int32)
+    inks, found = with_rules(levels, palette, pure, None)
+    assert len(inks) == 3 and (found == -1).all()
+    levels[6, :, :3] = 255
+    inks, found = with_rules(levels, palette, pure, None)
+    assert inks[3:].tolist() == [[128, 128, 128, 255]] and (found[5, :59] == 3).all() and (found[6] == -1).all()
+    assert len(with_rules(levels, palette, pure, 3)[0]) == 3
