@@ -150,6 +150,19 @@ def test_sixteen_bit_colour_is_read_with_eight_and_says_so():
     assert any("16 bits" in note for note in picture.notes)
 
 
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_tiff_in_which_white_is_zero(depth):
+    values = (np.arange(12).reshape(3, 4) * 5).astype(depth)
+    full = np.iinfo(depth).max
+    data = encode(Image.fromarray(values), "TIFF")
+    # The tag 262 (photometric interpretation), one short: 1 where black is zero.
+    tag = struct.pack("<HHIHH", 262, 3, 1, 1, 0)
+    assert data.count(tag) == 1
+    picture = load_picture(data.replace(tag, struct.pack("<HHIHH", 262, 3, 1, 0, 0)))
+    expected = (full - values.astype(np.float32)) / full
+    np.testing.assert_allclose(picture.rgb, np.repeat(expected[..., None], 3, axis=2), atol=1e-6)
+
+
 def test_float_tiff():
     values = np.array([[0.0, 0.25], [0.5, 1.0]], np.float32)
     picture = load_picture(encode(Image.fromarray(values), "TIFF"))

@@ -12,6 +12,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.shrink import shrunk
 
 _EXIF_ORIENTATION = 0x0112
+_PHOTOMETRIC, _WHITE_IS_ZERO = 262, 0  # TIFF's tag for what numbers mean, and a value of it
 _UPRIGHT = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -53,6 +54,9 @@ def decode(image: Image.Image, data: bytes, shown: str, factor: int = 1, *, chos
     upright = _turn_upright(image if factor == 1 else shrunk(image, factor), notes)
     if upright.mode.startswith("I") or upright.mode == "F":
         grey, alpha = _deep_grey(upright, shown), _key_alpha(upright)
+        # Pillow turns over what has 1 to 8 bits itself.
+        if image.mode.startswith("I;16") and _white_is_zero(image):
+            grey = np.float32(1.0) - grey
         if upright.info.get("icc_profile"):
             notes.append(f"embedded colour profile ignored for {_depth(upright)} grey")
         rgb = np.repeat(grey[..., None], 3, axis=2)
@@ -152,6 +156,11 @@ def _deep_grey(image: Image.Image, shown: str) -> np.ndarray:
             f"{shown}: integer values run from {values.min()} to {values.max()}; save it with 8 or 16 bits"
         )
     return values.astype(np.float32) / np.float32(65535)
+
+
+def _white_is_zero(image: Image.Image) -> bool:
+    tags = getattr(image, "tag_v2", {})  # of a TIFF
+    return bool(tags.get(_PHOTOMETRIC) == _WHITE_IS_ZERO)
 
 
 def _key_alpha(image: Image.Image) -> np.ndarray | None:
