@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.optimize import least_squares
 from scipy.special import erf
 
 from cubicsplat_cli.artwork.input.profiles import REACH, STEP, Profiles, profiles_of
@@ -121,6 +120,8 @@ def _fitted(
     lines: Profiles, kinds: np.ndarray, tints: np.ndarray, grain: float
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """The blur, px, and for each kind of line the depth of its ink, in levels of luma, and its standard error."""
+    from scipy.optimize import least_squares  # takes a while to import, and few pictures are scans
+
     count = len(tints)
     means = np.array([lines.depths[kinds == k].mean(axis=0) for k in range(count)])
     errors = np.array([np.hypot(grain * (ALIKE / (kinds == k).sum()) ** 0.5, ERROR) for k in range(count)])

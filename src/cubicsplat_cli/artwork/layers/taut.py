@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
-from skimage.measure import approximate_polygon
 
+from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.layers.ends import End
 
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
@@ -90,7 +90,7 @@ def taut(run: np.ndarray, first: End, last: End, room: Room) -> Iterator[np.ndar
 
 def along_edge(run: np.ndarray) -> np.ndarray:
     """(k, 2) corners of lines along a run (m, 2), px."""
-    return np.asarray(approximate_polygon(run, SLACK))
+    return fewer_points(run, SLACK)
 
 
 def _on_ray(end: End, near: np.ndarray, room: Room) -> np.ndarray:

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from skimage.measure import approximate_polygon
 
+from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, polygon
 from cubicsplat_cli.artwork.tracing.corners import Corners, find_corners
 from cubicsplat_cli.artwork.tracing.joining import as_ring, joined, loosened, tightened, with_level_lines
@@ -87,7 +87,7 @@ def _fit_ring(points: np.ndarray, weights: np.ndarray, price: float, known: np.n
 
 def few_lines(points: np.ndarray, tolerance: float = TOLERANCE) -> Ring:
     """Few straight lines along the points (n, 2) of a loop, n >= 3, `tolerance` px about them."""
-    few = approximate_polygon(np.vstack([points, points[:1]]), tolerance)[:-1]
+    few = fewer_points(np.vstack([points, points[:1]]), tolerance)[:-1]
     return polygon(few if len(few) >= 3 else points)
 
 
