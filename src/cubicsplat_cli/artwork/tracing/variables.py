@@ -85,6 +85,12 @@ class Numbering:
         self.angle = self._number(self.turning)
         self.length_in, self.length_out = self._number(self.long_in), self._number(self.long_out)
         self.vector_in, self.vector_out = self._number(self.free_in, 2), self._number(self.free_out, 2)
+        self.before, self.after = before, (np.arange(count) + 1) % count
+        # (A, 2) the variables of handles at corners.
+        self.pair_in, self.pair_out = (
+            np.where(free[:, None], vector[:, None] + PAIR, -1)
+            for free, vector in ((self.free_in, self.vector_in), (self.free_out, self.vector_out))
+        )
 
     @classmethod
     def of(cls, pieces: Pieces) -> Numbering:
@@ -220,9 +226,9 @@ class Variables:
         d = np.where(n.long_out[:, None], p.outgoing, -p.incoming)
         both = n.long_in & n.long_out
         d[both] = p.outgoing[both] / _norm(p.outgoing[both]) - p.incoming[both] / _norm(p.incoming[both])
-        line = p.anchors - np.roll(p.anchors, 1, axis=0)
+        line = p.anchors - p.anchors[n.before]
         d = np.where(n.after_line[:, None], line, d)
-        d = np.where(n.before_line[:, None], np.roll(line, -1, axis=0), d)
+        d = np.where(n.before_line[:, None], line[n.after], d)
         return np.asarray(d / _norm(d))
 
     def jacobian(self) -> sparse.csr_matrix:
@@ -254,25 +260,24 @@ class Variables:
         p, n = self.pieces, self.numbering
         step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
         anchors = p.anchors + step[p.tied]
-        sizes_in = np.hypot(*p.incoming.T)
-        sizes_out = np.hypot(*p.outgoing.T)
-        sizes_in = np.maximum(sizes_in + step[n.length_in], 0.2 * sizes_in)
-        sizes_out = np.maximum(sizes_out + step[n.length_out], 0.2 * sizes_out)
+        came_in, came_out = np.hypot(*p.incoming.T), np.hypot(*p.outgoing.T)
+        sizes_in = np.maximum(came_in + step[n.length_in], 0.2 * came_in)
+        sizes_out = np.maximum(came_out + step[n.length_out], 0.2 * came_out)
         turn = np.clip(step[n.angle], -0.5, 0.5)
         cos, sin = np.cos(turn), np.sin(turn)
         d = self.direction
         d = np.stack([cos * d[:, 0] - sin * d[:, 1], sin * d[:, 0] + cos * d[:, 1]], axis=1)
-        line = anchors - np.roll(anchors, 1, axis=0)
-        d = np.where(n.after_line[:, None], line / _norm(line), d)
-        onward = np.roll(line, -1, axis=0)
-        d = np.where(n.before_line[:, None], onward / _norm(onward), d)
-        free_in = p.incoming + step[np.where(n.free_in[:, None], n.vector_in[:, None] + PAIR, -1)]
-        free_out = p.outgoing + step[np.where(n.free_out[:, None], n.vector_out[:, None] + PAIR, -1)]
+        line = anchors - anchors[n.before]
+        spans = np.hypot(*line.T)
+        way = line / np.maximum(spans, 1e-12)[:, None]
+        d = np.where(n.after_line[:, None], way, d)
+        d = np.where(n.before_line[:, None], way[n.after], d)
+        free_in = p.incoming + step[n.pair_in]
+        free_out = p.outgoing + step[n.pair_out]
         incoming = np.where(n.long_in[:, None], -sizes_in[:, None] * d, free_in)
         outgoing = np.where(n.long_out[:, None], sizes_out[:, None] * d, free_out)
-        spans = np.hypot(*line.T)
-        incoming = _shortened(incoming, np.maximum(LONGEST_HANDLE * spans, np.hypot(*p.incoming.T)))
-        outgoing = _shortened(outgoing, np.maximum(LONGEST_HANDLE * np.roll(spans, -1), np.hypot(*p.outgoing.T)))
+        incoming = _shortened(incoming, np.maximum(LONGEST_HANDLE * spans, came_in))
+        outgoing = _shortened(outgoing, np.maximum(LONGEST_HANDLE * spans[n.after], came_out))
         return replace(p, anchors=anchors, incoming=incoming, outgoing=outgoing, numbering=n)
 
 
