@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
@@ -23,6 +22,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 )
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
+from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.taut import SLACK, Room, taut
 from cubicsplat_cli.artwork.layers.ways import Loop, Way, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline
@@ -71,7 +71,7 @@ class _Window:
 
     def _inside(self, ring: Ring) -> np.ndarray:
         """(h, w) bool: the pixels of the window of which a ring encloses half or more."""
-        return coverage(edges_of(ring.cubics, ring.lines), self.top, self.left, *self.must.shape) > 0.5
+        return enclosed(ring, self.top, self.left, self.must.shape)
 
     def wrong(self, outline: Outline) -> np.ndarray:
         """(k, 2) middles x, y of the pixels that an outline encloses or leaves wrongly."""
@@ -121,12 +121,13 @@ def outlines_of(
     spare = ndimage.binary_dilation(extent.allowed, SQUARE) & ~window.must
     room = Room(extent.top, extent.left, extent.shown, extent.allowed, spare, canvas)
     least = max(least, FEWEST)
-    return tuple(
+    fitted = tuple(
         few_lines(contour.points)
         if len(contour.points) < least
         else _completed(contour, window.hole(contour, extent) if contour.hole else window, room, detail, whole)
         for contour in extent.contours
     )
+    return without_stray_holes(fitted, extent)
 
 
 def _completed(contour: Contour, window: _Window, room: Room, detail: float, whole: bool) -> Outline:
