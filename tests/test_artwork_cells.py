@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import resvg_py
 from PIL import Image
+from skimage import data
 
 from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
-from cubicsplat_cli.artwork.input.cells import Cells, cells_of
+from cubicsplat_cli.artwork.input.cells import FEW_COLOURS, Cells, cells_of
 from cubicsplat_cli.artwork.mosaic import mosaic
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.files.convert import as_picture
@@ -114,6 +115,23 @@ def test_few_shapes_on_a_grid_and_photos_have_no_cells():
     noise = np.random.default_rng(2).integers(0, 256, (40, 40, 3)).astype(np.uint8)
     assert found(noise) is None and found(larger(noise, 5)) is None
     assert choose_style(as_picture(larger(noise, 5)).target()).name == "photo"
+
+
+@pytest.mark.parametrize("colours", [32, 64])
+def test_a_photo_of_few_greys_has_no_cells(colours):
+    # Each of this picture's pixels is there twice.
+    greys = Image.fromarray(data.moon()).convert("RGB").quantize(colours).convert("RGB")
+    picture = np.asarray(greys)
+    assert found(picture) is None
+    style = choose_style(as_picture(picture).target())
+    assert style.name == "photo", style.reason
+
+
+def test_sprites_of_many_colours_have_cells():
+    colours = np.random.default_rng(3).integers(0, 256, (40, 3)).astype(np.uint8)
+    assert len(colours) > FEW_COLOURS
+    cells = found(larger(sprite(colours, 64), 3))
+    assert cells is not None and len(cells.colours) == 40
 
 
 def test_what_the_user_asks_for_is_done():

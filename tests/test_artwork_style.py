@@ -70,8 +70,8 @@ def test_icons_of_a_few_px_are_artwork(size, ground):
             over = Image.new("RGBA", icon.size, ground)
             over.alpha_composite(icon)
             icon = over
-        # In grey some of them are hardly darker than this yellow.
-        for mode in ("RGBA",) if ground == "#fc3" else ("RGBA", "LA"):
+        # In grey some of them are hardly darker than this yellow, and of 16 px the badge is greys of any depth.
+        for mode in ("RGBA",) if ground == "#fc3" or size == 16 else ("RGBA", "LA"):
             levels = np.array(icon.convert(mode).convert("RGBA"), np.float32) / 255
             levels[..., :3] *= levels[..., 3:]
             style = choose_style(levels)
@@ -112,7 +112,7 @@ def test_noise_is_a_photo_and_an_even_picture_artwork():
     noise = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
     style = choose_style(noise)
     assert style.name == "photo"
-    assert style.reason.startswith("0 % of neighbours alike")
+    assert style.reason.startswith("edges between 99 %")
     assert choose_style(np.full((1, 1, 3), 0.5, np.float32)).name == "artwork"
 
 

@@ -9,6 +9,7 @@ from functools import reduce
 import numpy as np
 
 from cubicsplat_cli.artwork.input.cells import cells_of, without_repeats
+from cubicsplat_cli.artwork.input.contrasts import APART, contrasts
 from cubicsplat_cli.artwork.input.evenness import SMALL, even, in_blocks
 
 PHOTO, ARTWORK = "photo", "artwork"
@@ -44,9 +45,8 @@ def choose_style(target: np.ndarray) -> Style:
     drawn = levels[..., 3] > 0 if levels.shape[2] == 4 else np.ones(levels.shape[:2], dtype=bool)
     if not drawn.any():
         return Style(ARTWORK, "nothing is drawn")
-    is_even, shares = even(levels)
-    reason = str(shares)
-    if is_even:
+    is_drawn, reason = _drawn(levels)
+    if is_drawn:
         return _unless_soft(levels, drawn, reason)
     if _like_paper(levels) and _scanned(target):
         return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
@@ -56,6 +56,15 @@ def choose_style(target: np.ndarray) -> Style:
     shaded = _shaded(levels, drawn)
     reason = f"{reason}, {100 * shaded:.0f} % in inks and gradients"
     return _unless_soft(levels, drawn, reason) if shaded >= LEAST_SHADED else Style(PHOTO, reason)
+
+
+def _drawn(levels: np.ndarray) -> tuple[bool, str]:
+    """Whether neighbours in a picture (H, W, C) in 0..255 differ as in drawings, and what says so."""
+    if max(levels.shape[:2]) > SMALL:
+        is_even, shares = even(levels)
+        return is_even, str(shares)
+    found = contrasts(levels)
+    return (True, f"all pixels {APART} px apart alike") if found is None else (found.drawn, str(found))
 
 
 def _unless_soft(levels: np.ndarray, drawn: np.ndarray, reason: str) -> Style:

@@ -21,6 +21,8 @@ SAMPLES = 48  # edges per cubic of the engine's own picture
 LEAST_DB = 28.0
 # The same of pictures with noise, artefacts or blur, which a drawing has not.
 LEAST_THROUGH_DB = 18.0
+# And of those of a few px, of which most are edges, in any condition: with less the photo style is nearer to the truth.
+LEAST_SMALL_DB = 22.0
 
 
 def drawn_artwork(task: Task) -> Made:
@@ -44,6 +46,7 @@ def drawn_artwork(task: Task) -> Made:
 
 def _outlined(task: Task) -> Made:
     """The drawing of regions with smooth outlines."""
+    from cubicsplat_cli.artwork.input.evenness import SMALL
     from cubicsplat_cli.artwork.input.intake import taken_in
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import draw
@@ -59,6 +62,8 @@ def _outlined(task: Task) -> Made:
         precision = task.request.precision
         drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
     least = LEAST_DB if intake.condition.clean and intake.times == 1 else LEAST_THROUGH_DB
+    if max(target.shape[:2]) <= SMALL:
+        least = LEAST_SMALL_DB
     if intake.scanned:
         # Most of a scan is paper and light, which are not drawn: how far it is says nothing.
         least = -math.inf

@@ -17,6 +17,9 @@ MOST_CELLS, MOST_PIXELS = 256, 64
 MANY = 32  # with fewer each way, steps are those of shapes on a grid
 # Colours that any picture may have, and cells for each where there are more.
 FEW_COLOURS, CELLS_EACH, MOST_COLOURS = 16, 64, 64
+# With more than those few most steps between cells of different colours are greater than this, levels: those of a photo
+# in few colours, each pixel made larger, are not.
+SOFT, MOST_SOFT = 24.0, 0.5
 # Corners where cells of different colours meet, over all cells, and of cells of two px and more at least: with less
 # it is a few shapes on a grid. In a picture of so few px each counts.
 LEAST_SHARE, LEAST_CORNERS, FEW_PIXELS = 1.0 / 64.0, 16, 64
@@ -62,6 +65,8 @@ def cells_of(target: np.ndarray) -> Cells | None:
     colours, numbers = np.unique(small.reshape(-1, 4), axis=0, return_inverse=True)
     numbers = numbers.reshape(rows, columns)
     if len(colours) > min(MOST_COLOURS, max(FEW_COLOURS, numbers.size // CELLS_EACH)):
+        return None
+    if len(colours) > FEW_COLOURS and _soft(small) > MOST_SOFT:
         return None
     if height * width > FEW_PIXELS:
         least = max(LEAST_SHARE * numbers.size, LEAST_CORNERS if side > 1 else 1)
@@ -117,6 +122,12 @@ def _ends(changes: np.ndarray, side: int, length: int) -> np.ndarray:
     first = int(changes[0]) % side if len(changes) else 0
     inner = np.arange(first or side, length, side)
     return np.concatenate([[0], inner, [length]]).astype(float)
+
+
+def _soft(levels: np.ndarray) -> float:
+    """The share of the steps between neighbouring cells (R, C, 4), levels, of different colours that are soft."""
+    steps = np.concatenate([np.abs(np.diff(levels, axis=axis)).max(axis=2).ravel() for axis in (0, 1)])
+    return float((steps[steps > 0.0] <= SOFT).mean())
 
 
 def _smoothed(levels: np.ndarray, numbers: np.ndarray, count: int) -> bool:

@@ -11,19 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 ALIKE, EDGE = 3.0, 24.0  # levels: neighbours that differ by no more are alike, and between others lies an edge
-SMALL = 64  # px of the longer side, up to which a picture is looked at as a whole
-# Px of a block's side at least, so many of a large picture's longer side as make SMALL of it; in small pictures from
-# LEAST_HALVED px on.
-BLOCK, SMALL_BLOCK, LEAST_HALVED = 4, 2, 32
+SMALL = 64  # px of the longer side, up to which other things tell
+BLOCK = 4  # px of a block's side at least: so many of a large picture's longer side as make SMALL of it
 TILE, BLOCKS = 16, 4  # px and blocks of a tile's side; where all of it is alike it is ground, which does not count
 # What drawings may have of neighbours that differ a little, and must have of such that are alike: as they are, where
 # clean drawings of 128 px and more mostly have at most 0.09 of the former, photos 0.2 and more, and dots for greys less
-# than half of the latter; in blocks, where photos with noise, as JPEG or blurred have 0.33 and more; and small ones.
+# than half of the latter; and in blocks, where photos with noise, as JPEG or blurred have 0.33 and more.
 MOST_LITTLE, LEAST_ALIKE = 0.12, 0.6
-MOST_LITTLE_BLOCKS, MOST_LITTLE_SMALL, LEAST_ALIKE_ELSE = 0.35, 0.3, 0.2
+MOST_LITTLE_BLOCKS, LEAST_ALIKE_BLOCKS = 0.35, 0.2
 # Of the neighbours that are not alike, what may differ a little: where hardly any have an edge between them it
 # is a soft photo.
-SOFT, SOFT_SMALL = 0.85, 0.7
+SOFT = 0.85
 
 
 @dataclass(frozen=True)
@@ -38,27 +36,21 @@ class Evenness:
 
 
 def even(levels: np.ndarray) -> tuple[bool, Evenness]:
-    """Whether a picture (H, W, C) in 0..255 is as even as drawings are, and what says so.
+    """Whether a picture (H, W, C) in 0..255 of more than SMALL px is as even as drawings are, and what says so.
 
     What is clear counts as one even colour.
     """
     shorter, longer = sorted(levels.shape[:2])
-    if longer > SMALL:
-        found, side, tile = evenness(levels, TILE), max(BLOCK, longer // SMALL), BLOCKS
-        clean = _drawn(found, LEAST_ALIKE, MOST_LITTLE, SOFT)
-    else:
-        found, side, tile = evenness(levels, longer), SMALL_BLOCK, longer
-        clean = _drawn(found, LEAST_ALIKE_ELSE, MOST_LITTLE_SMALL, SOFT_SMALL)
-    if clean or longer < LEAST_HALVED or shorter < 2 * side:
+    found, side = evenness(levels, TILE), max(BLOCK, longer // SMALL)
+    clean = _drawn(found, LEAST_ALIKE, MOST_LITTLE)
+    if clean or shorter < 2 * side:
         return clean, found
-    found = evenness(in_blocks(levels, side), tile)
-    if longer <= SMALL:
-        return _drawn(found, LEAST_ALIKE_ELSE, MOST_LITTLE_SMALL, SOFT_SMALL), found
-    return _drawn(found, LEAST_ALIKE_ELSE, MOST_LITTLE_BLOCKS, SOFT), found
+    found = evenness(in_blocks(levels, side), BLOCKS)
+    return _drawn(found, LEAST_ALIKE_BLOCKS, MOST_LITTLE_BLOCKS), found
 
 
-def _drawn(found: Evenness, least_alike: float, most_little: float, soft: float) -> bool:
-    return found.alike >= least_alike and found.little <= min(most_little, soft * (1.0 - found.alike) + 1e-9)
+def _drawn(found: Evenness, least_alike: float, most_little: float) -> bool:
+    return found.alike >= least_alike and found.little <= min(most_little, SOFT * (1.0 - found.alike) + 1e-9)
 
 
 def evenness(levels: np.ndarray, tile: int) -> Evenness:

@@ -12,7 +12,8 @@ from scipy.special import ndtri
 
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.lines import line_inks, overshoots
-from cubicsplat_cli.artwork.input.palette import noisy_inks
+from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, noisy_inks
+from cubicsplat_cli.artwork.input.squares import square_inks
 from cubicsplat_cli.artwork.regions.inks import picture_inks
 from cubicsplat_cli.artwork.regions.regions import near_inks
 
@@ -59,6 +60,10 @@ def restored(levels: np.ndarray, condition: Condition, most: int | None = None) 
     if most is None and thick <= MOST_THICK:
         _, gap = _nearest(seen, palette @ space)
         far = gap > MOST * sigma
+        reach = max(SAME, SAME_NOISE * condition.noise)
+        # What a JPEG's chroma smears beside edges is no ink.
+        apart = reach * (FAR if condition.jpeg else 1.0)
+        palette = np.vstack([palette, square_inks(levels, seen, palette @ space, sigma, reach, apart)])
         palette = np.vstack([palette, line_inks(levels[far], seen[far], palette, space, sigma)])
     labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
