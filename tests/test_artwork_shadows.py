@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.input.intake import taken_in
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.artwork.shadows.blurred import Layer, Silhouette
+from cubicsplat_cli.artwork.shadows.blurred import Layer, shaded
+from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
@@ -75,31 +78,51 @@ def levels_of(picture: np.ndarray) -> np.ndarray:
     return taken_in(picture).levels
 
 
-def test_a_layer_shades_as_a_blurred_silhouette_does():
-    own = np.zeros((HEIGHT, WIDTH), dtype=bool)
-    own[40:100, 50:150] = True
-    field = Silhouette(own).shaded([Layer(3.5, -2.25, 0.0, 6.0, 0.4)])
-    wide = np.pad(own.astype(float), 96)
-    expected = (
-        0.4 * ndimage.gaussian_filter(ndimage.shift(wide, (-2.25, 3.5), order=1), 6.0, truncate=6.0)[96:-96, 96:-96]
+@pytest.mark.parametrize("radii", [(0.0, 0.0), (9.0, 9.0), (50.0, 30.0)])
+def test_a_layer_shades_as_a_blurred_box_does(radii):
+    own = Box(50, 40, 150, 100, *radii)
+    x, y = (np.arange(size * FINE) / FINE + 0.5 / FINE for size in (WIDTH, HEIGHT))
+    rx, ry = max(radii[0], 1e-9), max(radii[1], 1e-9)
+    across = np.maximum(np.abs(x - 100) - 50 + rx, 0.0) / rx
+    down = np.maximum(np.abs(y - 70) - 30 + ry, 0.0) / ry
+    inside = (np.hypot(across[None], down[:, None]) <= 1.0).astype(float)
+    blurred = ndimage.gaussian_filter(np.pad(inside, 240), 6.0 * FINE, truncate=5.0)[240:-240, 240:-240]
+    field = shaded(own, [Layer(0.0, 0.0, 0.0, 0.0, 6.0, 0.4)], x, y)
+    assert np.abs(field - 0.4 * blurred).max() < 1e-3
+
+
+def test_moved_and_larger_boxes_and_layers_that_multiply():
+    x, y = np.arange(60) + 0.5, np.arange(50) + 0.5
+    own = Box(20, 20, 40, 30, 4, 4)
+    one, two = Layer(3, 1, 0, 0, 3, 0.3), Layer(0, 4, 2, 1, 6, 0.2)
+    both = shaded(own, [one, two], x, y)
+    assert both == pytest.approx(1 - (1 - shaded(own, [one], x, y)) * (1 - shaded(own, [two], x, y)))
+    assert shaded(own, [two], x, y) == pytest.approx(
+        shaded(Box(18, 22, 42, 36, 7, 7), [Layer(0, 0, 0, 0, 6, 0.2)], x, y)
     )
-    assert np.abs(field - expected).max() < 1e-3
+    resting = shaded(own, [Layer(0, 0, 0, 0, 3, 0.3)], x, y)
+    assert shaded(own, [one], x, y)[1:, 3:] == pytest.approx(resting[:-1, :-3])
 
 
-def test_two_layers_multiply_what_they_let_through():
-    own = np.zeros((60, 60), dtype=bool)
-    own[20:40, 20:40] = True
-    one, two = Layer(0, 1, 0, 3, 0.3), Layer(0, 4, -1, 6, 0.2)
-    silhouette = Silhouette(own)
-    both = silhouette.shaded([one, two])
-    assert both == pytest.approx(1 - (1 - silhouette.shaded([one])) * (1 - silhouette.shaded([two])))
+def test_boxes_and_ellipses_are_told_from_other_silhouettes():
+    found = box_of(box(*CARD, 12.0) > 0.5)
+    assert (found.left, found.top, found.right, found.bottom) == CARD and found.rx == pytest.approx(12.0, abs=1.0)
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    ellipse = box_of(((x - 100) / 60) ** 2 + ((y - 75) / 40) ** 2 <= 1.0)
+    assert ellipse.round and (ellipse.rx, ellipse.ry) == pytest.approx((60, 40), abs=1.0)
+    assert box_of(np.abs(x - 100) + np.abs(y - 75) < 50) is None
+    assert box_of((box(*CARD) > 0.5) & ~(box(80, 40, 120, 70) > 0.5)) is None
+    # What the canvas cuts off goes on beyond it.
+    bar = box_of(box(-10, -10, 210, 30) > 0.5)
+    assert bar.left < -200 and bar.top < -200 and bar.right > WIDTH + 200 and bar.bottom == 30
 
 
 @pytest.mark.parametrize(("sigma", "dy", "alpha", "radius"), [(6.0, 5.0, 0.3, 8.0), (11.0, 8.0, 0.25, 16.0)])
 def test_the_shadow_of_a_box_is_found_and_taken_off(sigma, dy, alpha, radius):
     levels = levels_of(card(radius=radius, shade=(2.0, dy, sigma, alpha)))
     found = lifted(levels)
-    (layer,) = found.shadow.layers
+    (cast,) = found.shadow.casts
+    (layer,) = cast.layers
     assert (layer.dx, layer.dy) == pytest.approx((2.0, dy), abs=0.25)
     assert layer.sigma == pytest.approx(sigma, rel=0.15) and layer.alpha == pytest.approx(alpha, rel=0.15)
     flat = np.abs(found.levels[..., :3] - 255.0).max(axis=2)
@@ -152,6 +175,43 @@ def test_a_white_card_on_white_is_not_lost():
     assert drawing.shapes[-1].name == "white" and off(drawing, picture).max() <= 3.0
 
 
+def test_cards_of_different_elevation_beside_each_other():
+    boxes, shades = [(20, 40, 80, 100), (115, 40, 175, 100)], [(0, 2, 2.0, 0.25), (0, 9, 9.0, 0.3)]
+    picture = np.full((HEIGHT, WIDTH, 3), 250.0)
+    for place, shade in zip(boxes, shades, strict=True):
+        shape = box(*place, 6.0)
+        picture = over(over(picture, shadow(shape, *shade), (0, 0, 0)), shape, WHITE)
+    found = lifted(levels_of(np.rint(picture).astype(np.float32) / np.float32(255)))
+    for cast, place, (_, dy, sigma, alpha) in zip(found.shadow.casts, boxes, shades, strict=True):
+        (layer,) = cast.layers
+        own = layer.of(cast.caster.box)
+        assert (own.left, own.top) == pytest.approx((place[0], place[1] + dy), abs=1.0)
+        assert layer.sigma == pytest.approx(sigma, rel=0.15) and layer.alpha == pytest.approx(alpha, rel=0.15)
+
+
+def test_a_button_on_a_card_each_with_its_own_shadow():
+    lower, upper = box(40, 30, 160, 110, 8.0), box(70, 70, 130, 92, 11.0)
+    picture = over(np.full((HEIGHT, WIDTH, 3), 225.0), shadow(lower, 0, 6, 8, 0.3), (0, 0, 0))
+    picture = over(over(picture, lower, WHITE), shadow(upper, 0, 2, 3, 0.3), (0, 0, 0))
+    picture = np.rint(over(picture, upper, BLUE)).astype(np.float32) / np.float32(255)
+    drawing = draw(picture)
+    names = [shape.name == "shadow" for shape in drawing.shapes]
+    inks = [shape.ink[:3] for shape in drawing.shapes if shape.name != "shadow"]
+    assert inks == [(225, 225, 225), WHITE, BLUE]
+    # Shadow, card, shadow, button, from below.
+    assert sum(one != other for one, other in pairwise(names)) == 4 and not names[0] and not names[-1]
+    gap = np.abs(drawn(drawing) - 255 * picture).max(axis=2)
+    assert np.percentile(gap, 99) <= 3.0
+
+
+def test_a_dark_small_shadow_with_sharp_corners():
+    picture = card(radius=0.0, shade=(2.0, 4.0, 3.0, 0.4))
+    (cast,) = lifted(levels_of(picture)).shadow.casts
+    (layer,) = cast.layers
+    assert layer.sigma == pytest.approx(3.0, rel=0.1) and layer.alpha == pytest.approx(0.4, rel=0.1)
+    assert (layer.dx, layer.dy) == pytest.approx((2.0, 4.0), abs=0.75)
+
+
 def test_a_coloured_shadow():
     picture = card(shade=(0.0, 6.0, 9.0, 0.4), colour=BLUE)
     drawing = draw(picture)
@@ -171,7 +231,7 @@ def test_two_layers_as_pages_have_them():
     dark = 1 - (1 - shadow(shape, 0, 9, 9, 0.16)) * (1 - shadow(shape, 0, 2, 2.5, 0.14))
     picture = over(over(np.full((HEIGHT, WIDTH, 3), 248.0), dark, (0, 0, 0)), shape, WHITE)
     found = lifted(levels_of(np.rint(picture).astype(np.float32) / np.float32(255)))
-    assert found.shadow is not None and len(found.shadow.layers) == 2
+    assert found.shadow is not None and [len(cast.layers) for cast in found.shadow.casts] == [2]
 
 
 def test_cards_and_gradients_without_a_shadow_stay_as_they_are():

@@ -52,7 +52,7 @@ class Area:
 def smooth_parts(levels: np.ndarray, bend: float = BEND) -> tuple[np.ndarray, int]:
     """(H, W) int32 the number of the connected part in which colours change evenly, 0 for edges; and how many.
 
-    bend: levels of a second difference that is none of an edge.
+    bend: levels of a second difference that is none of an edge; as much steeper may changes be.
     """
     around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     height, width = levels.shape[:2]
@@ -62,7 +62,7 @@ def smooth_parts(levels: np.ndarray, bend: float = BEND) -> tuple[np.ndarray, in
         before = around[1 - dy : 1 - dy + height, 1 - dx : 1 - dx + width]
         smooth &= largest(np.abs(after - 2.0 * levels + before)) <= bend
         step = largest(np.abs(after - before))
-        smooth &= step <= 2.0 * STEEP
+        smooth &= step <= 2.0 * STEEP * bend / BEND
         changing |= step > 0.0
     # Opened with room around the canvas, so that its border takes nothing away.
     opened = ndimage.binary_opening(np.pad(smooth, 2, mode="edge"), SQUARE)[2:-2, 2:-2]

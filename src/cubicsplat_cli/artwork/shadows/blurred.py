@@ -1,140 +1,203 @@
-"""The field of a soft shadow: what a silhouette becomes that is moved, made larger, blurred and let through.
+"""The field of a soft shadow: what boxes become that are moved, made larger, blurred and let through.
 
-A layer of a shadow darkens by s = alpha (G_sigma * M)(p - d), M the coverage of the silhouette grown by `grown` px. The
-Fourier transform of a moved and blurred field is that of the field times exp(-i k.d - sigma^2 k^2 / 2). Layers multiply
-what they let through: 1 - s = prod (1 - s_i), as several shadows of one card do in CSS (Backgrounds and Borders, 6.1).
+A layer of a shadow darkens by s = alpha (G_sigma * M)(p - d), M the coverage of the box grown by `grown` px. That of a
+box with sharp corners is the product of what its rows and its columns have, differences of error functions; what round
+corners lack is an integral over their height, by Gauss and Legendre's rule, whose every node is such a product too.
+Layers multiply what they let through: 1 - s = prod (1 - s_i), as several shadows of one card do in CSS (Backgrounds
+and Borders, 6.1).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy import fft, ndimage
+from scipy.special import ndtr
 
 from cubicsplat_cli.artwork.robust import huber, huber_weights
+from cubicsplat_cli.artwork.shadows.boxes import Box
 
 OUTLYING = 4.0  # levels beyond which a pixel counts linearly
-# Of a layer: dx, dy, px by which it is larger, log of sigma, and log-odds of alpha are what is fitted.
-NUMBERS = 5
+# Of a layer: dx, dy, px by which it is larger and rounder, log of sigma, and log-odds of alpha are what is fitted.
+NUMBERS = 6
 LEAST_SIGMA, MOST_SIGMA = 0.7, 40.0
-MARGIN = 96
 ROUNDS, ENOUGH = 25, 1e-4
 # Rounds after which a mean square in levels^2 beyond this is hopeless.
 EARLY, HOPELESS = 7, 16.0
 # Steps for differences, and the farthest that one round may go.
-STEPS = np.array([0.02, 0.02, 0.02, 0.005, 0.01])
-FARTHEST = np.array([8.0, 8.0, 4.0, 0.8, 1.2])
+STEPS = np.array([0.02, 0.02, 0.02, 0.02, 0.005, 0.01])
+FARTHEST = np.array([8.0, 8.0, 4.0, 4.0, 0.8, 1.2])
+# What a layer costs for each px^2 by which it is rounder, in levels^2 a pixel: wide shadows say nothing of that.
+ROUNDER = 1e-4
+# Nodes along the arc of a corner: at least, for each sigma of its radius, and at most.
+NODES, MORE_NODES, MOST_NODES = 10, 3.0, 160
+BEYOND = 4.2  # sigmas from a box at which its shadow ends
 
 
 @dataclass(frozen=True)
 class Layer:
-    """One blurred copy of a silhouette. dx, dy: px by which it is moved; grown: px by which it is larger on all sides;
-    sigma: px of its blur; alpha: of its middle, 0..1."""
+    """One blurred copy of a box. dx, dy: px by which it is moved; grown: px by which it is larger on all sides;
+    rounder: px by which its corners have a larger radius; sigma: px of its blur; alpha: of its middle, 0..1."""
 
     dx: float
     dy: float
     grown: float
+    rounder: float
     sigma: float
     alpha: float
 
-    def scaled(self, factor: float) -> Layer:
-        """The layer of a picture that is so many times as large."""
-        return Layer(self.dx * factor, self.dy * factor, self.grown * factor, self.sigma * factor, self.alpha)
-
     def numbers(self) -> np.ndarray:
         alpha = min(max(self.alpha, 1e-3), 1.0 - 1e-3)
-        return np.array([self.dx, self.dy, self.grown, np.log(self.sigma), np.log(alpha / (1.0 - alpha))])
+        return np.array([self.dx, self.dy, self.grown, self.rounder, np.log(self.sigma), np.log(alpha / (1.0 - alpha))])
+
+    def of(self, box: Box) -> Box:
+        """The box, moved and grown."""
+        return box.grown(self.grown, self.rounder).moved(self.dx, self.dy)
 
 
 def layers_of(numbers: np.ndarray) -> tuple[Layer, ...]:
-    """The layers that numbers (5 k,) stand for."""
+    """The layers that numbers (6 k,) stand for."""
     out = []
-    for dx, dy, grown, sigma, odds in numbers.reshape(-1, NUMBERS).tolist():
+    for dx, dy, grown, rounder, sigma, odds in numbers.reshape(-1, NUMBERS).tolist():
         bounded = float(np.clip(np.exp(sigma), LEAST_SIGMA, MOST_SIGMA))
-        out.append(Layer(dx, dy, grown, bounded, float(1.0 / (1.0 + np.exp(-odds)))))
+        out.append(Layer(dx, dy, grown, rounder, bounded, float(1.0 / (1.0 + np.exp(-odds)))))
     return tuple(out)
 
 
-class Silhouette:
-    """What casts a shadow, in a window of the picture. own: (h, w) bool; what touches the border goes on beyond it.
-    margin: px around the window, so that what wraps around is far away."""
-
-    def __init__(self, own: np.ndarray, margin: int = MARGIN) -> None:
-        self.shape = own.shape
-        rows, columns = (fft.next_fast_len(n + 2 * margin, real=True) for n in own.shape)
-        pad = [(margin, size - n - margin) for size, n in zip((rows, columns), own.shape, strict=True)]
-        self._inner = (slice(margin, margin + own.shape[0]), slice(margin, margin + own.shape[1]))
-        wide = np.pad(own, pad, mode="edge")
-        # Of pixels the outlines run half a px outside their middles.
-        inside, outside = ndimage.distance_transform_edt(wide), ndimage.distance_transform_edt(~wide)
-        self._distance = np.where(wide, inside - 0.5, 0.5 - outside)
-        self._ky = 2.0 * np.pi * fft.fftfreq(rows)[:, None]
-        self._kx = 2.0 * np.pi * fft.rfftfreq(columns)[None]
-        self._known: dict[float, np.ndarray] = {}
-
-    def coverage(self, grown: float) -> np.ndarray:
-        """(h, w) share of each pixel of the window that the grown silhouette covers."""
-        return np.clip(0.5 + self._distance[self._inner] + grown, 0.0, 1.0)
-
-    def _spectrum(self, grown: float) -> np.ndarray:
-        if grown not in self._known:
-            if len(self._known) > 8:
-                self._known.pop(next(iter(self._known)))
-            self._known[grown] = fft.rfft2(np.clip(0.5 + self._distance + grown, 0.0, 1.0))
-        return self._known[grown]
-
-    def shaded(self, layers: Sequence[Layer]) -> np.ndarray:
-        """(h, w) how much the layers darken each pixel of the window, 0..1."""
-        left = np.ones(self.shape)
-        for layer in layers:
-            moved = np.exp(-1j * (self._ky * layer.dy + self._kx * layer.dx))
-            soft = np.exp(-0.5 * layer.sigma**2 * (self._ky**2 + self._kx**2))
-            field = fft.irfft2(self._spectrum(layer.grown) * moved * soft, s=(len(self._ky), self._distance.shape[1]))
-            left *= 1.0 - layer.alpha * np.clip(field[self._inner], 0.0, 1.0)
-        return 1.0 - left
+def _tables(box: Box, sigma: float, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(h, k) and (w, k): the blurred coverage of a box at rows y (h,) and columns x (w,) is the one times the other."""
+    across = ndtr((x - box.left) / sigma) - ndtr((x - box.right) / sigma)
+    down = ndtr((y - box.top) / sigma) - ndtr((y - box.bottom) / sigma)
+    if min(box.rx, box.ry) <= 0.0:
+        return down[:, None], across[:, None]
+    count = min(NODES + int(MORE_NODES * box.ry / sigma), MOST_NODES)
+    at, weight = np.polynomial.legendre.leggauss(count)
+    turn = 0.25 * math.pi * (at + 1.0)
+    inset, height = box.rx * (1.0 - np.cos(turn)), box.ry * np.sin(turn)
+    weight = weight * 0.25 * math.pi * box.ry * np.cos(turn)
+    missing = ndtr((x - box.left)[:, None] / sigma) - ndtr((x[:, None] - box.left - inset) / sigma)
+    missing += ndtr((x[:, None] - box.right + inset) / sigma) - ndtr((x - box.right)[:, None] / sigma)
+    # At the same distance from both ends the same is missing.
+    density = np.zeros((len(y), count))
+    for end in (box.top + box.ry - height, box.bottom - box.ry + height):
+        density += np.exp(-0.5 * ((y[:, None] - end) / sigma) ** 2)
+    density *= -weight / (sigma * math.sqrt(2.0 * math.pi))
+    return np.column_stack([down, density]), np.column_stack([across, missing])
 
 
-def moved(coverage: np.ndarray, layer: Layer) -> np.ndarray:
-    """A coverage (h, w) moved as a layer is, without its blur."""
-    return np.asarray(ndimage.shift(coverage, (layer.dy, layer.dx), order=1, mode="nearest"))
+def blurred_box(box: Box, sigma: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(h, w) coverage of a box, blurred by sigma px, at rows y (h,) and columns x (w,), px."""
+    rows, columns = _tables(box, sigma, x, y)
+    return np.clip(rows @ columns.T, 0.0, 1.0)
 
 
-def settled(
-    silhouette: Silhouette, layers: Sequence[Layer], index: np.ndarray, seen: np.ndarray, scale: float
-) -> tuple[tuple[Layer, ...], float]:
-    """The layers that come nearest to what is seen, by Levenberg-Marquardt steps, and the mean square in levels^2.
+def shaded(box: Box, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(h, w) how much the layers of a box darken at rows y (h,) and columns x (w,), px; 0..1."""
+    left = np.ones((len(y), len(x)))
+    for layer in layers:
+        left *= 1.0 - layer.alpha * blurred_box(layer.of(box), layer.sigma, x, y)
+    return 1.0 - left
 
-    index: (n,) pixels of the window in raster order; seen: (n,) how much each is darkened; scale: levels of a whole.
+
+@dataclass(frozen=True)
+class Sight:
+    """What is seen of the shadows of some boxes that have the same layers.
+
+    rows, columns: (n,) of pixels; seen: (n,) how much each is darkened; through: (n,) light that other shadows leave
+    it; open: for each box (n,) bool, whether its shadow falls on the pixel; scale: levels of a whole shade.
     """
 
-    def off(numbers: np.ndarray) -> np.ndarray:
-        return scale * (silhouette.shaded(layers_of(numbers)).ravel()[index] - seen)
+    boxes: tuple[Box, ...]
+    rows: np.ndarray
+    columns: np.ndarray
+    seen: np.ndarray
+    through: np.ndarray
+    open: tuple[np.ndarray, ...]
+    scale: float
 
-    numbers = np.concatenate([layer.numbers() for layer in layers])
-    steps, farthest = np.tile(STEPS, len(layers)), np.tile(FARTHEST, len(layers))
-    residual, damping = off(numbers), 1e-2
-    value = float(huber(np.abs(residual), OUTLYING).sum())
-    for turn in range(ROUNDS):
-        if turn == EARLY and value > HOPELESS * len(seen):
-            break
-        units = np.diag(steps)
-        jacobian = np.stack([off(numbers + unit) - residual for unit in units], axis=1) / steps
-        weights = huber_weights(np.abs(residual), OUTLYING)
-        gram = (jacobian * weights[:, None]).T @ jacobian
-        slope = (jacobian * weights[:, None]).T @ residual
-        gained = 0.0
-        while damping < 1e6:
-            step = np.linalg.solve(gram + damping * np.diag(np.diag(gram) + 1e-9), -slope)
-            step = np.clip(step, -farthest, farthest)
-            trial = off(numbers + step)
-            following = float(huber(np.abs(trial), OUTLYING).sum())
-            if following < value:
-                gained = value - following
-                numbers, residual, value, damping = numbers + step, trial, following, damping / 4.0
+    @cached_property
+    def _places(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """The rows and columns that there are, and which of them each pixel has."""
+        return tuple(np.unique(at, return_inverse=True) for at in (self.rows, self.columns))
+
+    def light(self, layer: Layer) -> np.ndarray:
+        """(n,) the share of light that a layer leaves each pixel."""
+        (ys, row), (xs, column) = self._places
+        out = np.ones(len(self.seen))
+        for box, open_ in zip(self.boxes, self.open, strict=True):
+            rows, columns = _tables(layer.of(box), layer.sigma, xs + 0.5, ys + 0.5)
+            own = np.flatnonzero(open_)
+            field = np.einsum("nk,nk->n", rows[row[own]], columns[column[own]])
+            out[own] *= 1.0 - layer.alpha * np.clip(field, 0.0, 1.0)
+        return out
+
+    def off(self, layers: Sequence[Layer]) -> np.ndarray:
+        """(n,) levels by which each pixel is darker than seen."""
+        return self._off([self.light(layer) for layer in layers])
+
+    def _off(self, lights: list[np.ndarray]) -> np.ndarray:
+        return self.scale * (1.0 - np.prod([self.through, *lights], axis=0) - self.seen)
+
+    def settled(self, layers: Sequence[Layer]) -> tuple[tuple[Layer, ...], float]:
+        """The layers that come nearest to what is seen, by Levenberg-Marquardt steps, and the mean square in
+        levels^2."""
+        numbers = np.concatenate([layer.numbers() for layer in layers])
+        lights = [self.light(layer) for layer in layers_of(numbers)]
+        residual, damping = self._off(lights), 1e-2
+        value = self._loss(residual, numbers)
+        own = np.arange(3, len(numbers), NUMBERS)
+        farthest = np.tile(FARTHEST, len(layers))
+        for turn in range(ROUNDS):
+            if turn == EARLY and value > HOPELESS * len(residual):
                 break
-            damping *= 4.0
-        if gained < ENOUGH * value:
-            break
-    return layers_of(numbers), float(value / len(seen))
+            jacobian = self._jacobian(numbers, lights, residual)
+            weights = huber_weights(np.abs(residual), OUTLYING)
+            gram = (jacobian * weights[:, None]).T @ jacobian
+            slope = (jacobian * weights[:, None]).T @ residual
+            gram[own, own] += ROUNDER * len(residual)
+            slope[own] += ROUNDER * len(residual) * numbers[own]
+            gained = 0.0
+            while damping < 1e6:
+                step = np.linalg.solve(gram + damping * np.diag(np.diag(gram) + 1e-9), -slope)
+                trial = numbers + np.clip(step, -farthest, farthest)
+                trial_lights = [self.light(layer) for layer in layers_of(trial)]
+                following = self._off(trial_lights)
+                loss = self._loss(following, trial)
+                if loss < value:
+                    gained = value - loss
+                    numbers, lights, residual, value, damping = trial, trial_lights, following, loss, damping / 4.0
+                    break
+                damping *= 4.0
+            if gained < ENOUGH * value:
+                break
+        return layers_of(numbers), float(value / max(len(residual), 1))
+
+    def _loss(self, residual: np.ndarray, numbers: np.ndarray) -> float:
+        rounder = float((numbers[3::NUMBERS] ** 2).sum())
+        return float(huber(np.abs(residual), OUTLYING).sum()) + ROUNDER * len(residual) * rounder
+
+    def _jacobian(self, numbers: np.ndarray, lights: list[np.ndarray], residual: np.ndarray) -> np.ndarray:
+        """(n, 6 k) by what a pixel's residual changes with each number."""
+        out = np.empty((len(residual), len(numbers)))
+        for k in range(len(numbers)):
+            own, part = divmod(k, NUMBERS)
+            changed = numbers[own * NUMBERS : (own + 1) * NUMBERS].copy()
+            changed[part] += STEPS[part]
+            (layer,) = layers_of(changed)
+            out[:, k] = (self._off([*lights[:own], self.light(layer), *lights[own + 1 :]]) - residual) / STEPS[part]
+        return out
+
+
+def reached(box: Box, layers: Sequence[Layer], shape: tuple[int, int]) -> tuple[slice, slice]:
+    """The rows and columns of a picture (H, W) that the shadow of a box may reach."""
+    ends = []
+    for layer in layers:
+        own, reach = layer.of(box), BEYOND * layer.sigma
+        ends.append((own.top - reach, own.bottom + reach, own.left - reach, own.right + reach))
+    top, bottom, left, right = np.array(ends).T
+    rows = slice(int(np.clip(top.min(), 0, shape[0])), int(np.clip(np.ceil(bottom.max()), 0, shape[0])))
+    columns = slice(int(np.clip(left.min(), 0, shape[1])), int(np.clip(np.ceil(right.max()), 0, shape[1])))
+    return rows, columns

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import LEAST_PLATEAU, MOST_PARTS, Part, plateau
+from cubicsplat_cli.artwork.shadows.boxes import Box, box_of, filled
 
 LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans
 MOST_TRIED = 6  # parts, the largest, looked at
@@ -21,6 +22,8 @@ APART = 24.0  # levels between grounds, for their lines to tell where they meet
 SAME_COLOUR = 12.0  # levels by which two lines may miss each other
 RING, LEAST_SHADE = 4, 2.0  # px around what casts a shadow, and levels by which these are shaded
 LEAST_CASTER, MOST_CASTERS = 16, 60
+HIDDEN, MOST_COVERED = 4, 0.9  # px around what casts a shadow that may hide a ground; share of a picture that is one
+LEAST_EVEN = 0.4  # share of a silhouette that is even, to be taken for it
 CUT = np.ones((7, 7), dtype=bool)
 WHOLE = (slice(None), slice(None))
 SQUARE = np.ones((3, 3), dtype=bool)
@@ -120,29 +123,69 @@ def _end(ink: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.append(np.clip((ink + min(lengths) * direction)[:3], 0.0, 255.0), 255.0)
 
 
-def casters_of(levels: np.ndarray, shaded: Shaded) -> list[np.ndarray]:
-    """(H, W) bool each: what is no shaded ground, holes filled, and has shade around it; at most MOST_CASTERS."""
+@dataclass(frozen=True)
+class Caster:
+    """What may cast a shadow. mask: (H, W) bool its silhouette, up to 2 px larger or smaller than itself; box: that."""
+
+    mask: np.ndarray
+    box: Box
+
+
+def casters_of(levels: np.ndarray, shaded: Shaded, even: np.ndarray) -> list[list[Caster]]:
+    """What may cast the shadow, in a few ways to see it, at most MOST_CASTERS each: what is no shaded ground; of each
+    such the even part, since a steep shade looks like a part of what casts it; and the grounds on others as well.
+
+    levels: (H, W, 4). even: (H, W) bool where colours change evenly.
+    """
     grounds = np.logical_or.reduce([ground.mask for ground in shaded.grounds])
     share = np.abs(shaded.share(levels))
-    scale = float(np.abs(shaded.colour - shaded.grounds[0].ink).max())
     rest = ~grounds
     if len(shaded.grounds) > 1:
         # What lies along the line between two grounds casts no shadow.
         rest = ndimage.binary_opening(np.pad(rest, 4, mode="edge"), CUT)[4:-4, 4:-4]
-    labels, _ = ndimage.label(rest, SQUARE)
-    out = []
-    for k, box in enumerate(ndimage.find_objects(labels), start=1):
-        wide = tuple(slice(max(s.start - RING, 0), s.stop + RING) for s in box)
-        own = labels[wide] == k
-        if own.sum() < LEAST_CASTER:
-            continue
-        ring = ndimage.binary_dilation(own, SQUARE, iterations=RING) & grounds[wide]
-        if not ring.any() or scale * float(share[wide][ring].mean()) < LEAST_SHADE:
-            continue
-        mask = np.zeros(grounds.shape, dtype=bool)
-        mask[wide] = own
-        # Holes are those in which no ground of the same shadow shows.
-        out.append(mask | (ndimage.binary_fill_holes(mask) & ~grounds))
-        if len(out) > MOST_CASTERS:
-            return []
-    return out
+    labels, count = ndimage.label(rest, SQUARE)
+    if count > MOST_CASTERS:
+        return []
+    scale = float(np.abs(shaded.colour - shaded.grounds[0].ink).max())
+    masks = [
+        filled(labels == k) for k, box in enumerate(ndimage.find_objects(labels), start=1) if _large(labels, box, k)
+    ]
+    around = [_shade_around(mask, grounds, share) * scale for mask in masks]
+    masks = [mask for mask, shade in zip(masks, around, strict=True) if shade >= LEAST_SHADE]
+    first = _boxes(masks)
+    ways = [first, _boxes([_even(mask, even & ~grounds) for mask in masks])]
+    if len(shaded.grounds) > 1:
+        hidden = ndimage.binary_dilation(rest, SQUARE, iterations=HIDDEN)
+        inner = _boxes([filled(ground.mask) for ground in shaded.grounds], hidden)
+        ways.append(first + [caster for caster in inner if caster.mask.mean() < MOST_COVERED])
+    return [way for way in ways if way]
+
+
+def _large(labels: np.ndarray, box: tuple[slice, slice], k: int) -> bool:
+    return bool((labels[box] == k).sum() >= LEAST_CASTER)
+
+
+def _shade_around(mask: np.ndarray, grounds: np.ndarray, share: np.ndarray) -> float:
+    """The mean share of shade on the grounds within RING px around a silhouette."""
+    rows, columns = ndimage.find_objects(mask.astype(np.int8))[0]
+    wide = (
+        slice(max(rows.start - RING, 0), rows.stop + RING),
+        slice(max(columns.start - RING, 0), columns.stop + RING),
+    )
+    ring = ndimage.binary_dilation(mask[wide], SQUARE, iterations=RING) & grounds[wide] & ~mask[wide]
+    return float(share[wide][ring].mean()) if ring.any() else 0.0
+
+
+def _even(mask: np.ndarray, even: np.ndarray) -> np.ndarray:
+    """(H, W) bool the largest of what is even in a silhouette, and what that surrounds; all where that is little."""
+    labels, count = ndimage.label(mask & even, SQUARE)
+    if count == 0:
+        return mask
+    own = filled(labels == 1 + int(np.bincount(labels.ravel())[1:].argmax()))
+    inner = ndimage.binary_dilation(own, SQUARE, iterations=1) & mask
+    return inner if inner.sum() > LEAST_EVEN * mask.sum() else mask
+
+
+def _boxes(masks: list[np.ndarray], hidden: np.ndarray | None = None) -> list[Caster]:
+    boxes = [(mask, box_of(mask, hidden)) for mask in masks]
+    return [Caster(mask, box) for mask, box in boxes if box is not None]

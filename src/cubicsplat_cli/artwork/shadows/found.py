@@ -1,168 +1,214 @@
-"""The soft shadow of a picture: what casts it, how that is moved and blurred, and how much it shades each pixel."""
+"""The soft shadows of a picture: what casts them, how that is moved and blurred, and how much they shade each pixel."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
-from cubicsplat_cli.artwork.shadows.blurred import MARGIN, Layer, Silhouette, settled
-from cubicsplat_cli.artwork.shadows.casters import SQUARE, Shaded, casters_of, shaded_grounds
+from cubicsplat_cli.artwork.shadows.blurred import Layer, Sight, reached, shaded
+from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds
 
 # Levels by which a pixel may be off its shadow, share of the shaded that must not be, levels that count as shade.
 CLOSE, EXPLAINED, FAINT = 2.0, 0.97, 1.0
 MOST_LAYERS, HALFWAY = 3, 0.6  # share of the shaded pixels that a first layer explains
-# Pixels looked at that are shaded, and that are not.
-DARK, LIGHT = 2400, 800
-BEGIN = (7.0, 2.5, 20.0)  # px of blur to begin with
-# Least px of the side of a square as large, and most px between pixels, of what is looked at first; levels, in the mean
-# square, that may be left there.
-COARSE, COARSEST, ROUGH = 80, 4, 3.0
+# Pixels looked at that are shaded, and that are not, and of all shaded ones; fewest shaded ones of a shadow.
+DARK, LIGHT, CHECKED, FEWEST = 2400, 800, 20_000, 60
+BEGIN, MORE = (3.0, 7.0, 16.0), (2.5, 20.0)  # px of blur to begin with, of the first layer and of others
+SWEEPS = 3  # rounds through shadows that fall on each other
 MOST_MOVED, MOST_GROWN = 64.0, 12.0  # px
 LEAST_STRENGTH = 4.0  # levels of the darkest shade
-AROUND = 4  # px of the window around what is shaded
+
+
+@dataclass(frozen=True)
+class Cast:
+    """The shadow of one thing: its blurred copies."""
+
+    caster: Caster
+    layers: tuple[Layer, ...]
 
 
 @dataclass(frozen=True)
 class Shadow:
-    """A soft shadow. shaded: its grounds and its colour; window: the part of the picture that it is within; layers: its
-    blurred copies; casters: (h, w) bool each, in the window; share: (h, w) how much it shades each pixel, 0..1."""
+    """The soft shadows of a picture, with their grounds and colour. None falls on a ground within what casts it."""
 
     shaded: Shaded
-    window: tuple[slice, slice]
-    layers: tuple[Layer, ...]
-    casters: tuple[np.ndarray, ...]
-    share: np.ndarray
+    casts: tuple[Cast, ...]
 
-    def everywhere(self) -> np.ndarray:
-        """(H, W) how much it shades each pixel of the picture."""
-        out = np.zeros(self.shaded.grounds[0].mask.shape)
-        out[self.window] = self.share
-        return out
+    @property
+    def rank(self) -> tuple[int, int]:
+        """The less the better: more things have their shadows told, or the same in fewer layers."""
+        return -len(self.casts), sum(len(cast.layers) for cast in self.casts)
+
+    @property
+    def simple(self) -> bool:
+        """Whether every shadow is of one layer."""
+        return all(len(cast.layers) == 1 for cast in self.casts)
+
+
+class Shares:
+    """How much the shadows of a picture shade each of its pixels. shape: (H, W)."""
+
+    def __init__(self, shadow: Shadow, shape: tuple[int, int]) -> None:
+        self._shape, self._casts = shape, shadow.casts
+        self._lights, self._known = [], {}  # type: ignore[var-annotated]
+        for cast in shadow.casts:
+            rows, columns = reached(cast.caster.box, cast.layers, shape)
+            x, y = np.arange(columns.start, columns.stop) + 0.5, np.arange(rows.start, rows.stop) + 0.5
+            self._lights.append((rows, columns, 1.0 - shaded(cast.caster.box, cast.layers, x, y)))
+
+    def on(self, mask: np.ndarray) -> np.ndarray:
+        """(H, W) the share by which each pixel of a ground would be darkened that is seen in a mask (H, W)."""
+        key = tuple(falls_on(cast.caster, mask) for cast in self._casts)
+        if key not in self._known:
+            light = np.ones(self._shape)
+            for falls, (rows, columns, own) in zip(key, self._lights, strict=True):
+                if falls:
+                    light[rows, columns] *= own
+            self._known[key] = 1.0 - light
+        return self._known[key]
+
+
+def falls_on(caster: Caster, mask: np.ndarray) -> bool:
+    """Whether the shadow of a caster falls on a ground that is seen in a mask (H, W)."""
+    return bool((caster.mask & mask).sum() <= 0.5 * mask.sum())
 
 
 def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | None:
-    """The shadow in a picture (H, W, 4), premultiplied levels, that blurred silhouettes explain to its rounding; None
-    without one. parts, count: as of `smooth_parts`."""
-    shaded = shaded_grounds(levels, parts, count)
-    if shaded is None:
+    """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its rounding; None
+    without any. parts, count: as of `smooth_parts`."""
+    shaded_ = shaded_grounds(levels, parts, count)
+    if shaded_ is None:
         return None
-    casters = casters_of(levels, shaded)
-    if not casters:
-        return None
-    seen = shaded.share(levels)
-    scale = float(np.abs(shaded.colour - shaded.grounds[0].ink).max())
+    seen = shaded_.share(levels)
+    scale = float(np.abs(shaded_.colour - shaded_.grounds[0].ink).max())
     if scale * float(seen.max()) < LEAST_STRENGTH:
         return None
-    window = _window(seen * scale > 0.5, casters)
-    fit = _Fit(shaded, window, levels[window], parts[window] > 0, scale)
-    return fit.best([mask[window] for mask in casters])
-
-
-def _window(dark: np.ndarray, casters: list[np.ndarray]) -> tuple[slice, slice]:
-    rows, columns = np.nonzero(np.logical_or.reduce([dark, *casters]))
-    return tuple(
-        slice(max(int(at.min()) - AROUND, 0), min(int(at.max()) + 1 + AROUND, size))
-        for at, size in zip((rows, columns), dark.shape, strict=True)
-    )  # type: ignore[return-value]
-
-
-class _Fit:
-    """The search for the layers that explain what is seen in a window, (h, w, 4) levels. even: (h, w) bool where
-    colours change evenly; scale: levels of a whole shade."""
-
-    def __init__(
-        self, shaded: Shaded, window: tuple[slice, slice], levels: np.ndarray, even: np.ndarray, scale: float
-    ) -> None:
-        self.shaded, self.window, self.scale = shaded, window, scale
-        self.grounds = np.logical_or.reduce([ground.mask[window] for ground in shaded.grounds])
-        self.seen = shaded.share(levels, window)
-        self.even = even & ~self.grounds
-        self.dark = self.grounds & (scale * self.seen > FAINT)
-
-    def best(self, casters: list[np.ndarray]) -> Shadow | None:
-        """The shadow with the fewest layers that explain it; None where none do."""
-        begun = None
-        # What is steep in the shade looks like a part of what casts it: then that is what is even in it.
-        for trial in (casters, [self._even(mask) for mask in casters]):
-            first = self._one_layer(Silhouette(np.logical_or.reduce(trial)), np.logical_or.reduce(trial))
-            begun = begun if first is None else (trial, *first)
-            if begun is not None and begun[-1]:
+    best = None
+    for casters in casters_of(levels, shaded_, parts > 0):
+        layers = _Search(shaded_, seen, scale, casters).best()
+        if layers is not None:
+            casts = tuple(Cast(c, own) for c, own in zip(casters, layers, strict=True) if own is not None)
+            shadow = Shadow(shaded_, casts)
+            best = shadow if best is None or shadow.rank < best.rank else best
+            if best.simple:
                 break
-        if begun is None:
-            return None
-        casters, silhouette, layers, good = begun
-        whole = np.logical_or.reduce(casters)
-        while not good and len(layers) < MOST_LAYERS:
-            begins = [self._coarse(whole, self._begin(layers, sigma)) for sigma in BEGIN[1:]]
-            fits = [self._settled(silhouette, begin) for begin in begins if begin is not None]
-            if not fits:
-                return None
-            layers, good = max(fits, key=lambda fit: fit[1])
-        if not good or not all(map(_likely, layers)):
-            return None
-        return Shadow(self.shaded, self.window, layers, tuple(casters), silhouette.shaded(layers))
+    return best
 
-    def _one_layer(
-        self, silhouette: Silhouette, whole: np.ndarray
-    ) -> tuple[Silhouette, tuple[Layer, ...], bool] | None:
-        """The layer nearest to what is seen, and whether it explains that; None where that is too little."""
-        begin = self._coarse(whole, self._begin((), BEGIN[0]))
-        if begin is None:
-            return None
-        layers, good = self._settled(silhouette, begin)
-        if self._explained(silhouette, layers) < HALFWAY or not all(map(_likely, layers)):
-            return None
-        return silhouette, layers, good
 
-    def _coarse(self, whole: np.ndarray, begin: tuple[Layer, ...]) -> tuple[Layer, ...] | None:
-        """The layers nearest to every few pixels of the window; None where they explain hardly anything."""
-        factor = min(max(int(np.sqrt(whole.size)) // COARSE, 1), COARSEST)
-        if factor == 1:
-            return begin
-        every = (slice(factor // 2, None, factor), slice(factor // 2, None, factor))
-        silhouette = Silhouette(whole[every], -(-MARGIN // factor))
-        index, seen = self._picked(self.grounds[every], self.dark[every], self.seen[every])
-        fitted, left = settled(silhouette, [layer.scaled(1.0 / factor) for layer in begin], index, seen, self.scale)
-        layers = tuple(layer.scaled(factor) for layer in fitted)
-        off = self.scale * np.abs(silhouette.shaded(fitted) - self.seen[every])[self.dark[every]]
-        good = left <= ROUGH**2 and len(off) > 0 and (off <= CLOSE).mean() >= HALFWAY
-        return layers if good and all(map(_likely, layers)) else None
+Layers = tuple[Layer, ...]
 
-    def _picked(self, grounds: np.ndarray, dark: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels to look at, in raster order, and how much they are shaded."""
+
+class _Search:
+    """The search for the layers of some casters. seen: (H, W) how much each pixel of the grounds is shaded; scale:
+    levels of a whole shade."""
+
+    def __init__(self, grounds: Shaded, seen: np.ndarray, scale: float, casters: list[Caster]) -> None:
+        self.casters, self.scale = casters, scale
         order = np.random.default_rng(0).permutation(seen.size)
-        own, shaded = grounds.ravel()[order], dark.ravel()[order]
-        index = np.concatenate([order[shaded][:DARK], order[own & ~shaded][:LIGHT]])
-        return index, seen.ravel()[index]
+        on = np.logical_or.reduce([ground.mask for ground in grounds.grounds]).ravel()[order]
+        self.rows, self.columns = np.unravel_index(order[on], seen.shape)
+        self.seen = seen[self.rows, self.columns]
+        self.dark = scale * self.seen > FAINT
+        x, y = self.columns + 0.5, self.rows + 0.5
+        self.open, gaps = [], []
+        for caster in casters:
+            open_ = np.zeros(len(self.seen), dtype=bool)
+            for ground in grounds.grounds:
+                if falls_on(caster, ground.mask):
+                    open_ |= ground.mask[self.rows, self.columns]
+            self.open.append(open_)
+            gaps.append(np.where(open_, caster.box.distance(x, y), np.inf))
+        # Each pixel is asked of the nearest caster.
+        self.nearest = np.argmin(gaps, axis=0)
 
-    def _explained(self, silhouette: Silhouette, layers: tuple[Layer, ...]) -> float:
-        """The share of the shaded pixels that layers explain."""
-        return float((self.scale * np.abs(silhouette.shaded(layers) - self.seen)[self.dark] <= CLOSE).mean())
+    def best(self) -> list[Layers | None] | None:
+        """The layers of each caster, None for one without a shadow; None where they leave much unexplained."""
+        everyone = list(range(len(self.casters)))
+        whole = self._sight(everyone, [None] * len(everyone))
+        if self.dark.sum() < FEWEST:
+            return None
+        shared = self._layers(whole, (), MOST_LAYERS if len(everyone) == 1 else 1, everyone, [])
+        if shared is not None and self._explained([shared] * len(everyone)).mean() >= EXPLAINED:
+            return [shared] * len(everyone) if self._faint([shared] * len(everyone)) else None
+        if len(everyone) == 1:
+            return None
+        found = self._each()
+        explained = self._explained(found).mean() if any(found) else 0.0
+        if explained < EXPLAINED or not self._faint(found):
+            return None
+        return found
 
-    def _settled(self, silhouette: Silhouette, begin: tuple[Layer, ...]) -> tuple[tuple[Layer, ...], bool]:
-        """The layers nearest to what is seen, and whether they explain it."""
-        layers, _ = settled(silhouette, begin, *self._picked(self.grounds, self.dark, self.seen), self.scale)
-        even = self.grounds & ~self.dark
-        faint = self.scale * silhouette.shaded(layers)[even] <= CLOSE
-        return layers, self._explained(silhouette, layers) >= EXPLAINED and (
-            not len(faint) or faint.mean() >= EXPLAINED
-        )
+    def _each(self) -> list[Layers | None]:
+        """The layers of each caster by itself, what the others let through being known."""
+        found: list[Layers | None] = [None] * len(self.casters)
+        for sweep in range(SWEEPS):
+            for k in range(len(self.casters)):
+                sight = self._sight([k], found)
+                if (self.dark & (self.nearest == k)).sum() < FEWEST:
+                    continue
+                known = list(dict.fromkeys(own for own in found if own is not None))
+                found[k] = self._layers(sight, found[k] or (), 1 if sweep == 0 else MOST_LAYERS, [k], known)
+            if all(self._good(k, found) for k in range(len(self.casters))):
+                break
+        return found
 
-    def _even(self, mask: np.ndarray) -> np.ndarray:
-        """What is even in what casts a shadow, (h, w) bool, and what that surrounds; all of it where that is little."""
-        inner = ndimage.binary_dilation(mask & self.even, SQUARE, iterations=2) & mask
-        inner = ndimage.binary_fill_holes(inner)
-        return inner if inner.sum() > 0.5 * mask.sum() else mask
+    def _good(self, k: int, found: list[Layers | None]) -> bool:
+        own = self.nearest[self.dark][:CHECKED] == k
+        return own.sum() < FEWEST or bool(self._explained(found)[own].mean() >= EXPLAINED)
 
-    def _begin(self, layers: tuple[Layer, ...], sigma: float) -> tuple[Layer, ...]:
-        """The layers and one more, with so many px of blur, to begin with."""
-        if not layers:
-            return (Layer(0.0, 1.0, -1.0, sigma, min(1.5 * float(self.seen[self.grounds].max()), 0.9)),)
-        last = layers[-1]
-        weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in layers]
-        return (*weaker, replace(last, sigma=sigma, alpha=0.4 * last.alpha))
+    def _sight(self, own: list[int], found: Sequence[Layers | None]) -> Sight:
+        """What is seen of the shadows of some casters, next to them."""
+        near = np.isin(self.nearest, own)
+        at = np.concatenate([np.flatnonzero(near & self.dark)[:DARK], np.flatnonzero(near & ~self.dark)[:LIGHT]])
+        others = [k for k, layers in enumerate(found) if layers is not None and k not in own]
+        through = self._light(others, found, at)
+        return self._seen(own, at, through)
+
+    def _seen(self, own: list[int], at: np.ndarray, through: np.ndarray) -> Sight:
+        boxes = tuple(self.casters[k].box for k in own)
+        open_ = tuple(self.open[k][at] for k in own)
+        return Sight(boxes, self.rows[at], self.columns[at], self.seen[at], through, open_, self.scale)
+
+    def _light(self, own: list[int], found: Sequence[Layers | None], at: np.ndarray) -> np.ndarray:
+        """(n,) what the shadows of some casters let through to pixels."""
+        out = np.ones(len(at))
+        for k in own:
+            sight = self._seen([k], at, out)
+            out = np.prod([out, *(sight.light(layer) for layer in found[k] or ())], axis=0)
+        return out
+
+    def _layers(self, sight: Sight, begun: Layers, most: int, own: list[int], known: list[Layers]) -> Layers | None:
+        """The fewest layers that explain a sight, or those that come nearest; None where one is unlikely."""
+        begins = [begun] if begun else [(self._begin(sight, sigma),) for sigma in BEGIN]
+        best = min((sight.settled(layers) for layers in [*begins, *known]), key=lambda fit: fit[1])
+        while not _explains(sight, best[0]) and len(best[0]) < most:
+            last = best[0][-1]
+            weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best[0]]
+            more = [(*weaker, replace(last, sigma=sigma, alpha=0.4 * last.alpha)) for sigma in MORE]
+            best = min((sight.settled(layers) for layers in more), key=lambda fit: fit[1])
+        return best[0] if all(map(_likely, best[0])) else None
+
+    def _begin(self, sight: Sight, sigma: float) -> Layer:
+        return Layer(0.0, 1.0, -1.0, 0.0, sigma, min(1.5 * float(sight.seen.max()), 0.9))
+
+    def _explained(self, found: Sequence[Layers | None]) -> np.ndarray:
+        """(n,) bool which of the shaded pixels the shadows explain."""
+        at = np.flatnonzero(self.dark)[:CHECKED]
+        light = self._light([k for k, layers in enumerate(found) if layers], found, at)
+        return np.asarray(self.scale * np.abs(1.0 - light - self.seen[at]) <= CLOSE)
+
+    def _faint(self, found: Sequence[Layers | None]) -> bool:
+        """Whether the shadows leave alone what is not shaded."""
+        at = np.flatnonzero(~self.dark)[: 4 * LIGHT]
+        light = self._light([k for k, layers in enumerate(found) if layers], found, at)
+        return len(at) == 0 or bool((self.scale * (1.0 - light) <= CLOSE).mean() >= EXPLAINED)
+
+
+def _explains(sight: Sight, layers: Layers) -> bool:
+    """Whether layers explain what is seen."""
+    return bool((np.abs(sight.off(layers)) <= CLOSE)[sight.scale * sight.seen > FAINT].mean() >= EXPLAINED)
 
 
 def _likely(layer: Layer) -> bool:

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.gradients.areas import smooth_parts
+from cubicsplat_cli.artwork.gradients.areas import BEND, smooth_parts
 from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.regions.inks import SAME, eight_bit
-from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground, shaded_grounds
-from cubicsplat_cli.artwork.shadows.found import CLOSE, Shadow, shadow_of
+from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground
+from cubicsplat_cli.artwork.shadows.found import CLOSE, Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.scene.paint import Ink
 
@@ -51,19 +51,16 @@ class Lifted:
 
 def lifted(levels: np.ndarray) -> Lifted:
     """A picture (H, W, 4), premultiplied levels, without its shadow; the same array where it has none."""
-    parts, count = smooth_parts(levels)
-    shadow = shadow_of(levels, parts, count)
-    if shadow is None and count > 0 and shaded_grounds(levels, parts, count) is None:
-        parts, count = smooth_parts(levels, SHARP_BEND)
-        shadow = shadow_of(levels, parts, count)
-    if shadow is None:
+    found = _found(levels)
+    if found is None:
         return Lifted(levels)
-    share = shadow.everywhere()
-    grounds = _all_grounds(levels, parts, count, shadow, share)
-    owner = _owner(levels, shadow, share, grounds)
-    cards = _like_ground(levels, parts, count, shadow, grounds)
+    shadow, parts = found
+    shares = Shares(shadow, levels.shape[:2])
+    grounds = _all_grounds(levels, parts, shadow, shares)
+    owner = _owner(levels, shadow, shares, grounds)
+    cards = _like_ground(levels, parts, shadow, grounds)
     stands = _stand_ins(levels, [ink for ink, _ in cards])
-    colours = [_shaded_ink(ground.ink, shadow.shaded.colour, share) for ground in grounds]
+    colours = [_shaded_ink(ground.ink, shadow.shaded.colour, shares.on(ground.mask)) for ground in grounds]
     colours += [_constant(ink) for ink, _ in cards]
     total = len(colours)
     paint = np.where(parts > 0, parts + total - 1, -1).astype(np.int32)
@@ -77,6 +74,20 @@ def lifted(levels: np.ndarray) -> Lifted:
     return Lifted(Paints(levels, paint, colours, inks).flat(), shadow, owner >= 0, meant)
 
 
+def _found(levels: np.ndarray) -> tuple[Shadow, np.ndarray] | None:
+    """The shadows of a picture, and (H, W) int32 the parts in which its colours change evenly, as of `smooth_parts`;
+    None without any. Both where dark shadows count as even, but faint edges as well, and where neither does."""
+    best = None
+    for bend in (SHARP_BEND, BEND):
+        parts, count = smooth_parts(levels, bend)
+        shadow = shadow_of(levels, parts, count)
+        if shadow is not None and (best is None or shadow.rank < best[0].rank):
+            best = shadow, parts
+        if best is not None and best[0].simple:
+            break
+    return best
+
+
 def _shaded_ink(ink: np.ndarray, colour: np.ndarray, share: np.ndarray) -> Colours:
     return lambda x, y: ink + share[y, x][:, None] * (colour - ink)
 
@@ -85,49 +96,51 @@ def _constant(ink: np.ndarray) -> Colours:
     return lambda x, y: np.repeat(ink[None], len(x), axis=0)
 
 
-def _all_grounds(levels: np.ndarray, parts: np.ndarray, count: int, shadow: Shadow, share: np.ndarray) -> list[Ground]:
-    """The grounds of a shadow, and the small ones that are all in its shade."""
+def _all_grounds(levels: np.ndarray, parts: np.ndarray, shadow: Shadow, shares: Shares) -> list[Ground]:
+    """The grounds of the shadows, and the small ones that are all in the shade."""
     colour = shadow.shaded.colour
     grounds = list(shadow.shaded.grounds)
     known = np.logical_or.reduce([ground.mask for ground in grounds])
-    inside = np.zeros(known.shape, dtype=bool)
-    inside[shadow.window] = True
-    names, sizes = np.unique(parts[inside & ~known & (parts > 0)], return_counts=True)
+    names, sizes = np.unique(parts[~known & (parts > 0)], return_counts=True)
     boxes = ndimage.find_objects(parts)
     for name in names[sizes >= LEAST_PART]:
         box = boxes[name - 1]
         own = parts[box] == name
-        values, s = levels[box][own].astype(float), share[box][own][:, None]
-        if np.ptp(values, axis=0).max() <= EVEN or s.max() > 0.95:
+        values = levels[box][own].astype(float)
+        if np.ptp(values, axis=0).max() <= EVEN:
+            continue
+        mask = np.zeros(known.shape, dtype=bool)
+        mask[box] = own
+        s = shares.on(mask)[box][own][:, None]
+        if s.max() > 0.95 or s.max() == 0.0:
             continue
         ink = np.rint(np.median((values - s * colour) / (1.0 - s), axis=0))
         off = np.abs(ink + s * (colour - ink) - values).max(axis=1)
         if (off <= CLOSE).mean() >= 0.95 and ink.min() >= 0.0 and ink.max() <= 255.0:
-            mask = np.zeros(known.shape, dtype=bool)
-            mask[box] = own
             grounds.append(Ground(ink, mask))
     return grounds
 
 
-def _owner(levels: np.ndarray, shadow: Shadow, share: np.ndarray, grounds: list[Ground]) -> np.ndarray:
+def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: list[Ground]) -> np.ndarray:
     """(H, W) int32 the number of the ground that shows in a pixel, shaded; -1 for none."""
     colour = shadow.shaded.colour
-    casters = np.zeros(share.shape, dtype=bool)
-    casters[shadow.window] = np.logical_or.reduce(shadow.casters)
-    out = np.full(share.shape, -1, dtype=np.int32)
+    out = np.full(levels.shape[:2], -1, dtype=np.int32)
     for k, ground in enumerate(grounds):
-        off = np.abs(ground.ink + share[..., None] * (colour - ground.ink) - levels).max(axis=2)
+        casters = np.zeros(out.shape, dtype=bool)
+        for cast in shadow.casts:
+            if falls_on(cast.caster, ground.mask):
+                casters |= cast.caster.mask
+        off = np.abs(ground.ink + shares.on(ground.mask)[..., None] * (colour - ground.ink) - levels).max(axis=2)
         near = ndimage.binary_dilation(ground.mask, SQUARE, iterations=BESIDE) & ~casters & (off <= NEAR)
         out[(ground.mask & (off <= CLOSE + 0.5)) | (near & (out < 0))] = k
     return out
 
 
 def _like_ground(
-    levels: np.ndarray, parts: np.ndarray, count: int, shadow: Shadow, grounds: list[Ground]
+    levels: np.ndarray, parts: np.ndarray, shadow: Shadow, grounds: list[Ground]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """The inks (4,) of what casts the shadow that a ground has too, and (H, W) bool where they are."""
-    casters = np.zeros(parts.shape, dtype=bool)
-    casters[shadow.window] = np.logical_or.reduce(shadow.casters)
+    casters = np.logical_or.reduce([cast.caster.mask for cast in shadow.casts])
     taken = np.logical_or.reduce([ground.mask for ground in grounds])
     out: list[tuple[np.ndarray, np.ndarray]] = []
     names, sizes = np.unique(parts[casters & ~taken & (parts > 0)], return_counts=True)

@@ -8,11 +8,11 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
-from cubicsplat_cli.artwork.shadows.blurred import Silhouette, moved
+from cubicsplat_cli.artwork.shadows.blurred import reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import SQUARE
-from cubicsplat_cli.artwork.shadows.found import Shadow
+from cubicsplat_cli.artwork.shadows.found import Cast
 from cubicsplat_cli.artwork.shadows.lifting import Lifted
-from cubicsplat_cli.artwork.shadows.slices import Cast, sliced
+from cubicsplat_cli.artwork.shadows.slices import Cut, sliced
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 LEAST_SEEN = 8  # px of a shape in the shade, for the shadow to lie above it
@@ -20,61 +20,46 @@ SHADE = 1.0 / 255.0
 
 
 def with_shadow(drawing: Drawing, lifted: Lifted) -> Drawing | None:
-    """The drawing of a picture without its shadow, with it; None where it cannot be drawn in gradients, or would shade
-    what it does not."""
+    """The drawing of a picture without its shadows, with them; None where they cannot be drawn in gradients, or would
+    shade what they do not."""
     if lifted.shadow is None or lifted.shaded is None:
         return drawing
-    shapes = shadow_shapes(lifted.shadow, lifted.shaded)
-    if shapes is None:
-        return None
-    place = _place(drawing, lifted.shadow.everywhere() > SHADE, lifted.shaded)
-    if place is None:
-        return None
-    whole = lifted.meant(drawing)
-    return replace(whole, shapes=(*whole.shapes[:place], *shapes, *whole.shapes[place:]))
-
-
-def shadow_shapes(shadow: Shadow, shaded: np.ndarray) -> list[Shape] | None:
-    """The shapes of a shadow, back to front, those of each thing that casts it together; None where there are none.
-
-    shaded: (H, W) bool the pixels that show it.
-    """
-    shown = shaded[shadow.window]
-    rows, columns = shadow.window
-    weights = np.array([layer.alpha for layer in shadow.layers])
-    sigma = float(weights @ [layer.sigma for layer in shadow.layers] / weights.sum())
-    strongest = shadow.layers[int(weights.argmax())]
-    out: list[Shape] = []
-    for caster in shadow.casters:
-        down, across = _reached(caster, shadow)
-        silhouette = Silhouette(caster[down, across])
-        own = moved(silhouette.coverage(strongest.grown), strongest)
-        share = silhouette.shaded(shadow.layers)
-        corner = (columns.start + across.start, rows.start + down.start)
-        shapes = sliced(Cast(share, shown[down, across], shadow.shaded.colour[:3], own, sigma, corner))
-        if shapes is None:
+    owners = _owners(drawing)
+    layers: list[tuple[int, list[Shape]]] = []
+    for cast in lifted.shadow.casts:
+        shown = lifted.shaded & ~cast.caster.mask
+        window = reached(cast.caster.box, cast.layers, shown.shape)
+        if window[0].stop <= window[0].start or window[1].stop <= window[1].start:
+            continue
+        share = _share(cast, window)
+        shapes = sliced(Cut(cast, share, shown[window], lifted.shadow.shaded.colour[:3], window))
+        dark = np.zeros(shown.shape, dtype=bool)
+        dark[window] = share > SHADE
+        place = _place(owners, len(drawing.shapes), dark & ~cast.caster.mask, shown)
+        if shapes is None or place is None:
             return None
-        out += shapes
-    return out
+        layers.append((place, shapes))
+    out: list[Shape] = []
+    for k, shape in enumerate([*lifted.meant(drawing).shapes, None]):
+        out += [one for place, shapes in layers if place == k for one in shapes]
+        out += [shape] if shape is not None else []
+    return replace(drawing, shapes=tuple(out))
 
 
-def _reached(caster: np.ndarray, shadow: Shadow) -> tuple[slice, slice]:
-    """The part of the window that the shadow of one thing, (h, w) bool, reaches."""
-    out = []
-    for axis, moves in ((0, [layer.dy for layer in shadow.layers]), (1, [layer.dx for layer in shadow.layers])):
-        reach = max(4.0 * layer.sigma + max(layer.grown, 0.0) for layer in shadow.layers)
-        at = np.flatnonzero(caster.any(axis=1 - axis))
-        first, last = int(at[0] - reach + min([*moves, 0.0])), int(at[-1] + 2 + reach + max([*moves, 0.0]))
-        out.append(slice(max(first, 0), min(last, caster.shape[axis])))
-    return out[0], out[1]
+def _share(cast: Cast, window: tuple[slice, slice]) -> np.ndarray:
+    """(h, w) how much a shadow darkens the pixels of a window."""
+    rows, columns = window
+    x, y = np.arange(columns.start, columns.stop) + 0.5, np.arange(rows.start, rows.stop) + 0.5
+    return shaded(cast.caster.box, cast.layers, x, y)
 
 
-def _place(drawing: Drawing, dark: np.ndarray, shaded: np.ndarray) -> int | None:
-    """How many shapes lie below the shadow; None where one that is not shaded does."""
-    owner = _owners(drawing)
+def _place(owner: np.ndarray, count: int, dark: np.ndarray, shaded: np.ndarray) -> int | None:
+    """How many of the shapes lie below a shadow; None where one that is not shaded does.
+
+    owner: (H, W) as of `_owners`. dark: (H, W) bool where the shadow would be seen; shaded: where it is.
+    """
     inner = ndimage.binary_erosion(shaded, SQUARE) & dark
     outer = ndimage.binary_erosion(~shaded, SQUARE, border_value=1) & dark
-    count = len(drawing.shapes)
     below = np.bincount(owner[inner & (owner >= 0)], minlength=count)
     above = np.bincount(owner[outer & (owner >= 0)], minlength=count)
     lies_below = (below >= LEAST_SEEN) & (below > above)
