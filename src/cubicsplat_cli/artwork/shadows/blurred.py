@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.special import ndtr
@@ -67,6 +67,12 @@ def layers_of(numbers: np.ndarray) -> tuple[Layer, ...]:
     return tuple(out)
 
 
+@cache
+def _nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes in -1..1 and weights (count,) of Gauss and Legendre's rule."""
+    return np.polynomial.legendre.leggauss(count)
+
+
 def _tables(box: Box, sigma: float, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(h, k) and (w, k): the blurred coverage of a box at rows y (h,) and columns x (w,) is the one times the other."""
     across = ndtr((x - box.left) / sigma) - ndtr((x - box.right) / sigma)
@@ -74,7 +80,7 @@ def _tables(box: Box, sigma: float, x: np.ndarray, y: np.ndarray) -> tuple[np.nd
     if min(box.rx, box.ry) <= 0.0:
         return down[:, None], across[:, None]
     count = min(NODES + int(MORE_NODES * box.ry / sigma), MOST_NODES)
-    at, weight = np.polynomial.legendre.leggauss(count)
+    at, weight = _nodes(count)
     turn = 0.25 * math.pi * (at + 1.0)
     inset, height = box.rx * (1.0 - np.cos(turn)), box.ry * np.sin(turn)
     weight = weight * 0.25 * math.pi * box.ry * np.cos(turn)
@@ -122,6 +128,11 @@ class Sight:
     def _places(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
         """The rows and columns that there are, and which of them each pixel has."""
         return tuple(np.unique(at, return_inverse=True) for at in (self.rows, self.columns))
+
+    def every(self, few: int) -> Sight:
+        """The same of every so many pixels."""
+        rows, columns, seen, through = (v[::few] for v in (self.rows, self.columns, self.seen, self.through))
+        return Sight(self.boxes, rows, columns, seen, through, tuple(v[::few] for v in self.open), self.scale)
 
     def light(self, layer: Layer) -> np.ndarray:
         """(n,) the share of light that a layer leaves each pixel."""

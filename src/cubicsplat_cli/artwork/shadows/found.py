@@ -12,10 +12,11 @@ from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, s
 
 # Levels by which a pixel may be off its shadow, share of the shaded that must not be, levels that count as shade.
 CLOSE, EXPLAINED, FAINT = 2.0, 0.97, 1.0
-MOST_LAYERS, HALFWAY = 3, 0.6  # share of the shaded pixels that a first layer explains
+MOST_LAYERS, HALFWAY = 3, 0.6  # share of the shaded pixels that first layers explain
 # Pixels looked at that are shaded, and that are not, and of all shaded ones; fewest shaded ones of a shadow.
 DARK, LIGHT, CHECKED, FEWEST = 2400, 800, 20_000, 60
 BEGIN, MORE = (3.0, 7.0, 16.0), (2.5, 20.0)  # px of blur to begin with, of the first layer and of others
+FEW = 6  # every so many pixels are looked at first
 SWEEPS = 3  # rounds through shadows that fall on each other
 MOST_MOVED, MOST_GROWN = 64.0, 12.0  # px
 LEAST_STRENGTH = 4.0  # levels of the darkest shade
@@ -150,6 +151,8 @@ class _Search:
                     continue
                 known = list(dict.fromkeys(own for own in found if own is not None))
                 found[k] = self._layers(sight, found[k] or (), 1 if sweep == 0 else MOST_LAYERS, [k], known)
+            if not sweep and not (any(found) and self._explained(found).mean() >= HALFWAY):
+                break
             if all(self._good(k, found) for k in range(len(self.casters))):
                 break
         return found
@@ -182,13 +185,12 @@ class _Search:
     def _layers(self, sight: Sight, begun: Layers, most: int, own: list[int], known: list[Layers]) -> Layers | None:
         """The fewest layers that explain a sight, or those that come nearest; None where one is unlikely."""
         begins = [begun] if begun else [(self._begin(sight, sigma),) for sigma in BEGIN]
-        best = min((sight.settled(layers) for layers in [*begins, *known]), key=lambda fit: fit[1])
-        while not _explains(sight, best[0]) and len(best[0]) < most:
-            last = best[0][-1]
-            weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best[0]]
-            more = [(*weaker, replace(last, sigma=sigma, alpha=0.4 * last.alpha)) for sigma in MORE]
-            best = min((sight.settled(layers) for layers in more), key=lambda fit: fit[1])
-        return best[0] if all(map(_likely, best[0])) else None
+        best = _nearest(sight, [*begins, *known])
+        while HALFWAY <= _explained(sight, best) < EXPLAINED and len(best) < most:
+            last = best[-1]
+            weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best]
+            best = _nearest(sight, [(*weaker, replace(last, sigma=s, alpha=0.4 * last.alpha)) for s in MORE])
+        return best if all(map(_likely, best)) else None
 
     def _begin(self, sight: Sight, sigma: float) -> Layer:
         return Layer(0.0, 1.0, -1.0, 0.0, sigma, min(1.5 * float(sight.seen.max()), 0.9))
@@ -206,9 +208,17 @@ class _Search:
         return len(at) == 0 or bool((self.scale * (1.0 - light) <= CLOSE).mean() >= EXPLAINED)
 
 
-def _explains(sight: Sight, layers: Layers) -> bool:
-    """Whether layers explain what is seen."""
-    return bool((np.abs(sight.off(layers)) <= CLOSE)[sight.scale * sight.seen > FAINT].mean() >= EXPLAINED)
+def _nearest(sight: Sight, begins: list[Layers]) -> Layers:
+    """The layers that come nearest to what is seen, from those to begin with: first to some of the pixels."""
+    few = sight.every(FEW)
+    best, _ = min((few.settled(layers) for layers in begins), key=lambda fit: fit[1])
+    return sight.settled(best)[0] if _explained(few, best) >= HALFWAY else best
+
+
+def _explained(sight: Sight, layers: Layers) -> float:
+    """The share of the shaded pixels in a sight that layers explain."""
+    dark = sight.scale * sight.seen > FAINT
+    return float((np.abs(sight.off(layers)) <= CLOSE)[dark].mean()) if dark.any() else 0.0
 
 
 def _likely(layer: Layer) -> bool:
