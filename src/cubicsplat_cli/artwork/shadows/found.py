@@ -12,7 +12,8 @@ from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, s
 
 # Levels by which a pixel may be off its shadow, share of the shaded that must not be, levels that count as shade.
 CLOSE, EXPLAINED, FAINT = 2.0, 0.97, 1.0
-MOST_LAYERS, HALFWAY = 3, 0.6  # share of the shaded pixels that first layers explain
+ROUGH = 0.75  # levels, the root of the mean square, beyond which another layer is tried
+MOST_LAYERS, MOST_SHARED, HALFWAY = 3, 2, 0.6  # share of the shaded pixels that first layers explain
 # Pixels looked at that are shaded, and that are not, and of all shaded ones; fewest shaded ones of a shadow.
 DARK, LIGHT, CHECKED, FEWEST = 2400, 800, 20_000, 60
 BEGIN, MORE = (3.0, 7.0, 16.0), (2.5, 20.0)  # px of blur to begin with, of the first layer and of others
@@ -130,8 +131,9 @@ class _Search:
         whole = self._sight(everyone, [None] * len(everyone))
         if self.dark.sum() < FEWEST:
             return None
-        shared = self._layers(whole, (), MOST_LAYERS if len(everyone) == 1 else 1, everyone, [])
+        shared = self._layers(whole, (), MOST_LAYERS if len(everyone) == 1 else 1, [])
         if shared is not None and self._explained([shared] * len(everyone)).mean() >= EXPLAINED:
+            shared = _more(whole, shared, MOST_SHARED)
             return [shared] * len(everyone) if self._faint([shared] * len(everyone)) else None
         if len(everyone) == 1:
             return None
@@ -150,7 +152,7 @@ class _Search:
                 if (self.dark & (self.nearest == k)).sum() < FEWEST:
                     continue
                 known = list(dict.fromkeys(own for own in found if own is not None))
-                found[k] = self._layers(sight, found[k] or (), 1 if sweep == 0 else MOST_LAYERS, [k], known)
+                found[k] = self._layers(sight, found[k] or (), 1 if sweep == 0 else MOST_LAYERS, known)
             if not sweep and not (any(found) and self._explained(found).mean() >= HALFWAY):
                 break
             if all(self._good(k, found) for k in range(len(self.casters))):
@@ -182,14 +184,10 @@ class _Search:
             out = np.prod([out, *(sight.light(layer) for layer in found[k] or ())], axis=0)
         return out
 
-    def _layers(self, sight: Sight, begun: Layers, most: int, own: list[int], known: list[Layers]) -> Layers | None:
+    def _layers(self, sight: Sight, begun: Layers, most: int, known: list[Layers]) -> Layers | None:
         """The fewest layers that explain a sight, or those that come nearest; None where one is unlikely."""
         begins = [begun] if begun else [(self._begin(sight, sigma),) for sigma in BEGIN]
-        best = _nearest(sight, [*begins, *known])
-        while HALFWAY <= _explained(sight, best) < EXPLAINED and len(best) < most:
-            last = best[-1]
-            weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best]
-            best = _nearest(sight, [(*weaker, replace(last, sigma=s, alpha=0.4 * last.alpha)) for s in MORE])
+        best = _more(sight, _nearest(sight, [*begins, *known]), most)
         return best if all(map(_likely, best)) else None
 
     def _begin(self, sight: Sight, sigma: float) -> Layer:
@@ -208,6 +206,20 @@ class _Search:
         return len(at) == 0 or bool((self.scale * (1.0 - light) <= CLOSE).mean() >= EXPLAINED)
 
 
+def _more(sight: Sight, best: Layers, most: int) -> Layers:
+    """The layers, and as many more, up to so many, as bring them nearer to what is seen until they are exact."""
+    while len(best) < most and _explained(sight, best) >= HALFWAY:
+        if _explained(sight, best) >= EXPLAINED and _rough(sight, best) <= ROUGH:
+            break
+        last = best[-1]
+        weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best]
+        more = _nearest(sight, [(*weaker, replace(last, sigma=s, alpha=0.4 * last.alpha)) for s in MORE])
+        if not all(map(_likely, more)) or _rough(sight, more) >= _rough(sight, best):
+            break
+        best = more
+    return best
+
+
 def _nearest(sight: Sight, begins: list[Layers]) -> Layers:
     """The layers that come nearest to what is seen, from those to begin with: first to some of the pixels."""
     few = sight.every(FEW)
@@ -219,6 +231,12 @@ def _explained(sight: Sight, layers: Layers) -> float:
     """The share of the shaded pixels in a sight that layers explain."""
     dark = sight.scale * sight.seen > FAINT
     return float((np.abs(sight.off(layers)) <= CLOSE)[dark].mean()) if dark.any() else 0.0
+
+
+def _rough(sight: Sight, layers: Layers) -> float:
+    """Levels, the root of the mean square, by which layers are off what is seen shaded."""
+    off = sight.off(layers)[sight.scale * sight.seen > FAINT]
+    return float(np.sqrt((off * off).mean())) if len(off) else 0.0
 
 
 def _likely(layer: Layer) -> bool:
