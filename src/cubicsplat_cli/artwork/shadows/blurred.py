@@ -97,7 +97,7 @@ def _tables(box: Box, sigma: float, x: np.ndarray, y: np.ndarray) -> tuple[np.nd
 def blurred_box(box: Box, sigma: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(h, w) coverage of a box, blurred by sigma px, at rows y (h,) and columns x (w,), px."""
     rows, columns = _tables(box, sigma, x, y)
-    return np.clip(rows @ columns.T, 0.0, 1.0)
+    return np.asarray(np.clip(rows @ columns.T, 0.0, 1.0))
 
 
 def shaded(box: Box, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -150,7 +150,7 @@ class Sight:
         return self._off([self.light(layer) for layer in layers])
 
     def _off(self, lights: list[np.ndarray]) -> np.ndarray:
-        return self.scale * (1.0 - np.prod([self.through, *lights], axis=0) - self.seen)
+        return np.asarray(self.scale * (1.0 - np.prod([self.through, *lights], axis=0) - self.seen))
 
     def settled(self, layers: Sequence[Layer]) -> tuple[tuple[Layer, ...], float]:
         """The layers that come nearest to what is seen, by Levenberg-Marquardt steps, and the mean square in

@@ -54,7 +54,8 @@ class Shares:
 
     def __init__(self, shadow: Shadow, shape: tuple[int, int]) -> None:
         self._shape, self._casts = shape, shadow.casts
-        self._lights, self._known = [], {}  # type: ignore[var-annotated]
+        self._lights: list[tuple[slice, slice, np.ndarray]] = []
+        self._known: dict[tuple[bool, ...], np.ndarray] = {}
         for cast in shadow.casts:
             rows, columns = reached(cast.caster.box, cast.layers, shape)
             x, y = np.arange(columns.start, columns.stop) + 0.5, np.arange(rows.start, rows.stop) + 0.5
