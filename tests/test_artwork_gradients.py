@@ -10,8 +10,10 @@ from scipy import ndimage
 from skimage.data import astronaut
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.gradients.areas import gradient_areas, smooth_parts
-from cubicsplat_cli.artwork.gradients.shades import gradient_of, shade_of
+from cubicsplat_cli.artwork.gradients.areas import gradient_areas
+from cubicsplat_cli.artwork.gradients.parts import smooth_parts
+from cubicsplat_cli.artwork.gradients.shade import gradient_of
+from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.style import choose_style

@@ -10,9 +10,11 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.gradients.areas import PLUS, SQUARE, Area, gradient_areas, smooth_parts
+from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.noisy import GROWN, is_step, plane_areas
+from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE, smooth_parts
+from cubicsplat_cli.artwork.gradients.shade import Area
 from cubicsplat_cli.artwork.input.condition import Condition
 
 # Levels by which a pixel that a gradient is followed to may be off it, px that it is followed for, and the share of an

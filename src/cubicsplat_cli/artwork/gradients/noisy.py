@@ -10,9 +10,10 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.gradients.areas import PLUS, SQUARE, Area, gradient_areas
+from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.shades import Shade
+from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE
+from cubicsplat_cli.artwork.gradients.shade import Area, Shade
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import calm_pixels
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.gradients.areas import gradient_areas, smooth_parts
+from cubicsplat_cli.artwork.gradients.areas import gradient_areas
+from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 
 # Px of a window, wider where there is more noise than NOISY levels.
 WINDOW, WIDER, NOISY = 5, 9, 2.0

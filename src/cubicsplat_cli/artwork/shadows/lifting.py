@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.gradients.areas import BEND, smooth_parts
 from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
+from cubicsplat_cli.artwork.gradients.parts import BEND, smooth_parts
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.regions.inks import SAME, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground

@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle
-from cubicsplat_cli.artwork.gradients.shades import gradient_of, shade_of
+from cubicsplat_cli.artwork.gradients.shade import gradient_of
+from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.artwork.shadows.found import Cast
 from cubicsplat_cli.artwork.shapes import Shape
