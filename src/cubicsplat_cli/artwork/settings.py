@@ -66,6 +66,11 @@ class ArtworkSettings:
             if len(color) != 3 or not all(isinstance(v, int) and 0 <= v <= 255 for v in color):
                 raise UsageError(f"takes colours of three values from 0 to 255, not {color!r}", "palette")
 
+    @property
+    def free_inks(self) -> bool:
+        """Whether inks are the picture's own, of which gradients and translucent shapes may be made."""
+        return self.colors is None and not self.palette
+
     def public(self) -> dict[str, Any]:
         """Plain values for the metrics file and the settings hash."""
         return asdict(self) | {"palette": ["#{:02x}{:02x}{:02x}".format(*color) for color in self.palette]}

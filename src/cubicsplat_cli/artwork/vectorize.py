@@ -58,7 +58,7 @@ def _with_its_shadow(intake: Intake, settings: ArtworkSettings, *, strokes: bool
     """The drawing of a clean picture with a soft shadow, in gradients; None where it has none, or there may be no
     gradients or not as many shapes.
     """
-    if not intake.condition.clean or settings.palette or settings.colors is not None or settings.stacking == CUTOUT:
+    if not _may_shine_through(intake, settings):
         return None
     without = intake.lifted or lifted(intake.levels)
     if without.shadow is None:
@@ -75,9 +75,7 @@ def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawi
     error = condition.edge_error
     flat = without_gradients(intake, settings)
     even, inks = _even(flat.levels, intake, settings)
-    # What is rounded says too little of a blend where it is not clean; and who chooses the inks wants no others.
-    chosen = settings.palette or settings.colors is not None or settings.stacking == CUTOUT
-    standing = flat.inks if condition.clean and not chosen else None
+    standing = flat.inks if _may_shine_through(intake, settings) else None
     plan = planned(even, settings, intake.scale, condition.restored_error, standing, inks)
     height, width = plan.levels.shape[:2]
     shapes = _traced(plan.parts, (height, width), settings, flat)
@@ -95,13 +93,20 @@ def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawi
         drawing = polish(drawing, goal, settings.detail, error / 255.0)
         drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
         # What was given up for fewer inks or shapes is no detail that was lost.
-        if condition.clean and settings.colors is None and not settings.palette:
+        if condition.clean and settings.free_inks:
             most = None if settings.curves is None else settings.curves - len(shapes)
             drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
     if strokes:
         drawing = with_strokes(drawing, settings.detail, error / 255.0)
         drawing = fitted_strokes(drawing, goal) if polished else drawing
     return _painted(drawing)
+
+
+def _may_shine_through(intake: Intake, settings: ArtworkSettings) -> bool:
+    """Whether shapes may be translucent: what is not clean says too little of a blend, who chooses the inks wants no
+    others, and cutters know none.
+    """
+    return intake.condition.clean and settings.free_inks and settings.stacking != CUTOUT
 
 
 def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> tuple[np.ndarray, np.ndarray | None]:
@@ -134,7 +139,7 @@ def without_gradients(intake: Intake, settings: ArtworkSettings) -> Flattened:
     inks are the user's choice, and in scans, whose light is never quite taken out.
     """
     levels, condition = intake.levels, intake.condition
-    if settings.palette or settings.colors is not None or intake.scanned:
+    if not settings.free_inks or intake.scanned:
         return Flattened(levels, np.zeros((0, 4)), ())
     if condition.clean:
         return flattened(levels)
