@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import vectorize
-from cubicsplat_cli.artwork.geometry.outlines import Circle
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
@@ -142,6 +142,19 @@ def test_a_blurred_drawing_is_as_simple_and_as_exact_as_a_sharp_one():
 
 
 # --- the style ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "body, kind",
+    [
+        ('<circle cx="80" cy="80" r="80" fill="#ffcc4d"/>', Circle),
+        ('<rect width="160" height="160" rx="30" fill="#3b88c3"/>', Rectangle),
+    ],
+)
+def test_what_touches_the_canvas_is_as_round_in_a_jpeg(body, kind):
+    # Along the border slivers of the ground are less than a pixel wide, and JPEG leaves nothing of them.
+    drawing = draw(target("jpeg", body))
+    assert [type(outline) for outline in drawing.shapes[-1].outlines] == [kind]
 
 
 @pytest.mark.parametrize("kind", ["jpeg", "noisy", "blurred", "enlarged", "palette"])

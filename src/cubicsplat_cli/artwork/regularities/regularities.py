@@ -1,5 +1,5 @@
-"""Regularities of a finished drawing: coordinates on the artist's grid, rings that are their own mirror images, lines
-at 45 degrees, copies, rings that are their own images by parts of a turn.
+"""Regularities of a finished drawing: coordinates on the artist's grid, ellipses that are circles, rings that are their
+own mirror images, lines at 45 degrees, copies, rings that are their own images by parts of a turn.
 
 Each is taken where the outlines as they were fitted say so within their errors, tied, settled against the pixels once
 more, and kept only where the description of the picture becomes shorter by it: half of chi^2 may grow by less than the
@@ -22,14 +22,15 @@ from cubicsplat_cli.artwork.finish.freedom import (
     Held,
     PrimitiveFreedom,
     RingFreedom,
+    freedom_of,
     ring_pieces,
 )
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Sight
 from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of, gain
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.artwork.regularities.alike import SYSTEMATIC, Track
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track
 from cubicsplat_cli.artwork.regularities.axes import found_axes, is_box
 from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.directions import directed, found_slopes, has_diagonal
@@ -60,11 +61,22 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
         goal = replace(goal, grid=grid)
         state = settle(begin(done, goal, pins), goal, ROUNDS)
     held = Held(drawing.width, drawing.height, pins)
+    state = with_circles(state, goal, held, detail, error)
     state = with_symmetries(state, goal, held, detail, error)
     state = with_directions(state, goal, detail, error)
     state = with_copies(state, goal, held, detail, error)
     state = with_rotations(state, goal, detail, error)
     return drawn(done, _on_steps(state, goal, 10.0 ** -suggested_precision(held.width, held.height)))
+
+
+def with_circles(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
+    """The state with the ellipses that hardly are none made circles; the same without any."""
+    tied: dict[int, Freedom] = {}
+    for k, freedom in enumerate(_outlines(state)):
+        one = freedom.outline()
+        if isinstance(one, Ellipse) and abs(one.rx - one.ry) <= 2.0 * FARTHEST:
+            tied[k] = freedom_of(Circle(one.cx, one.cy, 0.5 * (one.rx + one.ry)), held)
+    return _settled(state, tied, goal, detail, error)
 
 
 def with_symmetries(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:

@@ -27,6 +27,9 @@ THIN = 0.1  # of an edge of a line without a pure pixel
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 # Of what ends with the canvas; and levels by which a pixel there must differ from its ink for an edge to be sought.
 RIM_SIGMA, RIM_LEVELS = 0.02, 4.0
+# Px; the first row of a picture that is not clean is one ink or the other. Times that, where what touches the border,
+# and does not cross it, still is not far away; 4 for circles.
+RIM, TANGENT = 1.0, 6.0
 
 
 @dataclass(frozen=True)
@@ -34,13 +37,15 @@ class Crossings:
     """Sub-pixel positions across every crack of a picture.
 
     rows: (H + 1, W) y of the border across the horizontal crack above pixel (y, x); columns: (H, W + 1) x of the border
-    across the vertical crack left of it; row_sigma, column_sigma: their standard errors in px.
+    across the vertical crack left of it; row_sigma, column_sigma: their standard errors in px. rim: px within the
+    canvas's border in which an edge may run and not show.
     """
 
     rows: np.ndarray
     row_sigma: np.ndarray
     columns: np.ndarray
     column_sigma: np.ndarray
+    rim: float = 0.0
 
 
 def crossings(levels: np.ndarray, regions: Regions, error: float = ROUNDING) -> Crossings:
@@ -48,7 +53,7 @@ def crossings(levels: np.ndarray, regions: Regions, error: float = ROUNDING) -> 
     rows, row_sigma = _level(levels, regions, error)
     turned = Regions(regions.labels.T, regions.inks, regions.ink_of)
     columns, column_sigma = _level(levels.transpose(1, 0, 2), turned, error)
-    return Crossings(rows, row_sigma, columns.T, column_sigma.T)
+    return Crossings(rows, row_sigma, columns.T, column_sigma.T, RIM if error > ROUNDING else 0.0)
 
 
 def _level(levels: np.ndarray, regions: Regions, error: float) -> tuple[np.ndarray, np.ndarray]:
@@ -182,7 +187,31 @@ def loop_points(loop: Loop, found: Crossings) -> tuple[np.ndarray, np.ndarray, n
     sigma[flat] = found.row_sigma[y[flat], column[flat]]
     points[~flat, 0] = found.columns[row[~flat], x[~flat]]
     sigma[~flat] = found.column_sigma[row[~flat], x[~flat]]
+    if found.rim:
+        sigma = np.where(_leaving(loop, found)[index], np.maximum(sigma, 0.5 * found.rim), sigma)
     return points, sigma, index
+
+
+def _leaving(loop: Loop, found: Crossings) -> np.ndarray:
+    """(n,) which cracks on the canvas's border lie where the loop seems to leave it like something round, though it may
+    never have reached it: a circle of radius r that touches the border is within the rim of it for the root of 2 r rim
+    to either side, and after twice that four times as far away.
+    """
+    height, width = found.rows.shape[0] - 1, found.columns.shape[1] - 1
+    x, y = loop.middles.T
+    depth = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
+    on, count = depth == 0.0, len(depth)
+    off = np.flatnonzero(~on)
+    if not len(off):
+        return ~on
+    reach = int(np.sqrt(min(np.ptp(loop.x), np.ptp(loop.y)) * found.rim))
+    every = np.arange(count)
+    place = np.searchsorted(off, every)
+    after, before = off[place % len(off)], off[place - 1]
+    shallow = depth <= TANGENT * found.rim
+    onward = ((after - every) % count <= reach) & shallow[(after + reach) % count]
+    back = ((every - before) % count <= reach) & shallow[(before - reach) % count]
+    return on & (onward | back)
 
 
 def _smoothed(values: np.ndarray, reach: int) -> np.ndarray:
