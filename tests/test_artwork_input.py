@@ -62,7 +62,7 @@ def test_a_clean_picture_is_drawn_as_it_is(monkeypatch):
 def test_what_happened_is_found_and_said():
     found = condition_of(as_levels(target("jpeg")))
     assert found.jpeg and 0.5 < found.noise < 4.0 and found.blur == 0.0
-    assert found.words() == f"JPEG artefacts of {found.noise:.1f} levels"
+    assert found.words() == f"compression artefacts of {found.noise:.1f} levels"
     found = condition_of(as_levels(target("noisy")))
     # Noise is cut off at 255, so that white has half of it.
     assert not found.jpeg and 2.0 < found.noise < 5.0 and found.blur == 0.0
@@ -72,11 +72,19 @@ def test_what_happened_is_found_and_said():
     assert Condition(3.0, False, 1.2).words() == "a blur of 1.2 px and noise of 3.0 levels"
 
 
-def test_what_is_transparent_was_no_jpeg():
-    levels = as_levels(target("jpeg"))
-    levels[:2, :, 3] = 0.0
-    levels[:2, :, :3] = 0.0
-    assert not condition_of(levels).jpeg
+@pytest.mark.parametrize("mode", ["RGB", "RGBA"])
+def test_a_lossy_webp_is_known_and_drawn_as_it_was(mode):
+    # Its blocks are of many sizes and smoothed: only the ringing tells.
+    clean = pixels("clean") if mode == "RGBA" else pixels("palette")
+    buffer = io.BytesIO()
+    Image.fromarray(clean).convert(mode).save(buffer, "WEBP", quality=80)
+    levels = np.array(Image.open(buffer))
+    assert levels.shape[2] == len(mode)
+    assert condition_of(as_levels(as_picture(levels).target())).jpeg
+    drawing = draw(as_picture(levels).target())
+    circles = [outline for shape in drawing.shapes for outline in shape.outlines if isinstance(outline, Circle)]
+    assert sorted(circle.r for circle in circles) == pytest.approx([12.5, 12.5, 70.0], abs=0.1)
+    assert len(drawing.shapes) == len(draw(target("clean")).shapes) + (mode == "RGB")
 
 
 def test_a_picture_that_was_scaled_down_was_no_jpeg():
@@ -218,7 +226,7 @@ def test_an_enlarged_picture_is_drawn_as_it_was():
 
 @pytest.mark.parametrize(
     ("kind", "note"),
-    [("jpeg", "through JPEG artefacts of"), ("blurred", "through a blur of 1."), ("enlarged", "2 times as")],
+    [("jpeg", "through compression artefacts of"), ("blurred", "through a blur of 1."), ("enlarged", "2 times as")],
 )
 def test_the_report_says_what_was_drawn_through(kind, note):
     done = vectorize_pixels(pixels(kind), measure=False)

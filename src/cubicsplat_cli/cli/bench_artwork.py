@@ -37,7 +37,7 @@ def artwork(
     size: Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")] = 512,
     kind: Annotated[
         str,
-        typer.Option("--input", metavar="KIND", help="clean, jpeg, blurred, enlarged, noisy or palette."),
+        typer.Option("--input", metavar="KIND", help="clean, jpeg, webp, blurred, enlarged, noisy or palette."),
     ] = "clean",
     only: Annotated[
         str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")

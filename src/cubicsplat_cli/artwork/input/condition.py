@@ -25,12 +25,16 @@ LEAST_NOISE = 0.7  # levels, which rounding and dither do not reach
 # that have one above BUSY other than along rows or columns alone: level edges are the same everywhere.
 BLOCK, ZERO, BUSY = 8, 1.2, 12.0
 MORE_ZEROS, ERROR, FEWEST_BLOCKS = 1.25, 0.8, 20  # times as many; the difference times the root of their number
-# Within such blocks the ringing leaves hardly a pixel like the one beside it: 0.01 to 0.31 of them in JPEGs of quality
-# 60 to 98, 0.52 to 0.84 in clean pictures. Pale stripes and text on a grid of 8 px look like blocks otherwise.
-MOST_ALIKE = 0.4
+# The ringing leaves 3 x 3 px alike in hardly any block with an edge: in 0 to 0.05 of them in JPEGs of quality 60 to 98,
+# in 0 to 0.5 in nine of ten WebPs, in 0.5 to 1 in clean pictures. Pale stripes and text on a grid of 8 px look like
+# blocks otherwise, and what many soft shadows are rounded to looks like ringing; over nothing, so do small gradients.
+MOST_EVEN, MOST_EVEN_CLEAR = 0.5, 0.33
 # Without such blocks: the roughness lies in blocks of 16 x 16 px with edges, and not in those half a block away.
 INSIDE, MUCH_LESS, LEAST_SIDE = 0.9, 0.3, 64  # shares, and px of the picture that tell them
 LEAST_ROUGH = 0.008  # share of the quiet pixels of a JPEG
+# Or no blocks at all, as in a small JPEG or in WebP, whose blocks are of many sizes and smoothed: px from what is not
+# quiet, and the share of those that ringing makes rough. 0.004 to 0.05 in WebPs of quality 60 and 80.
+RING, LEAST_RINGING = (4, 8), 0.003
 # Opacity counts as well: black on nothing has edges.
 LUMA = np.array([0.299, 0.587, 0.114, 0.7], dtype=np.float32)
 # Edges whose width is measured: px to either side, levels of contrast, levels that count as even beside them.
@@ -48,7 +52,8 @@ BLUR_ERROR = 16.0
 @dataclass(frozen=True)
 class Condition:
     """noise: its standard deviation in levels away from edges, 0 where there is none. jpeg: whether the picture has
-    the blocks of a JPEG. blur: standard deviation in px of what edges are blurred by beyond their pixels, 0 for none.
+    the blocks of a JPEG, or rings like one or a lossy WebP. blur: standard deviation in px of what edges are blurred
+    by beyond their pixels, 0 for none.
     coarse: whether the noise is that of a paper's grain, alike over a px or two.
     """
 
@@ -80,7 +85,7 @@ class Condition:
         """What is worth telling of it, as part of a sentence; empty where it is clean."""
         parts = [f"a blur of {self.blur:.1f} px"] if self.blur else []
         if self.jpeg:
-            parts.append(f"JPEG artefacts of {self.noise:.1f} levels")
+            parts.append(f"compression artefacts of {self.noise:.1f} levels")
         elif self.noise:
             parts.append(f"noise of {self.noise:.1f} levels")
         return " and ".join(parts)
@@ -102,9 +107,10 @@ def condition_of(levels: np.ndarray) -> Condition:
     everywhere = float(np.median(second[quiet])) / (SECOND * LARGER_MEDIAN)
     rough = quiet & (second >= ROUGH)
     opaque = bool((levels[..., 3] >= 255.0).all())
-    jpeg = opaque and bool(rough.sum() >= LEAST_ROUGH * quiet.sum()) and _in_blocks(luma, rough, quiet)
-    jpeg = jpeg and _alike(levels, luma) < MOST_ALIKE
     noise = everywhere if everywhere >= LEAST_NOISE else 0.0
+    jpeg = bool(rough.sum() >= LEAST_ROUGH * quiet.sum())
+    jpeg = jpeg and _even(levels, luma) < (MOST_EVEN if opaque else MOST_EVEN_CLEAR)
+    jpeg = jpeg and ((opaque and _in_blocks(luma, rough, quiet)) or (not noise and _rings(levels, rough, quiet)))
     if jpeg:
         near = quiet & (ndimage.uniform_filter(rough.astype(np.float32), BLOCK + 1) > 0.0)
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * LARGER))
@@ -153,11 +159,21 @@ def _busy(coefficients: np.ndarray) -> np.ndarray:
     return coefficients.max(axis=(1, 2), initial=0.0) > BUSY
 
 
-def _alike(levels: np.ndarray, luma: np.ndarray) -> float:
-    """The share of pixels in blocks with edges that are exactly like the one to their left; 0 without such blocks."""
-    alike = (levels[:, 1:] == levels[:, :-1]).all(axis=2)
-    found = _blocks(np.pad(alike, ((0, 0), (1, 0))), 0, BLOCK)[_busy(_coefficients(luma, 0)), :, 1:]
-    return float(found.mean()) if found.size else 0.0
+def _even(levels: np.ndarray, luma: np.ndarray) -> float:
+    """The share of blocks with edges in which some 3 x 3 px are exactly alike, and not clear; 0 without such blocks."""
+    alike = levels[..., 3] > 0.0
+    alike &= (ndimage.maximum_filter(levels, (3, 3, 1)) == ndimage.minimum_filter(levels, (3, 3, 1))).all(axis=2)
+    found = _blocks(alike, 0, BLOCK)[_busy(_coefficients(luma, 0)), 1:-1, 1:-1]
+    return float(found.any(axis=(1, 2)).mean()) if found.size else 0.0
+
+
+def _rings(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
+    """Whether a picture is rough a few px away from its edges, and is not blurred, which reaches as far."""
+    away = ndimage.distance_transform_cdt(quiet, metric="chessboard")
+    band = (away >= RING[0]) & (away <= RING[1])
+    if rough[band].sum() < LEAST_RINGING * band.sum() or not band.any():
+        return False
+    return (edge_blur(levels, 0.0) or 0.0) < LEAST_BLUR_OF_JPEG
 
 
 def _inside(rough: np.ndarray, quiet: np.ndarray, start: int) -> float:

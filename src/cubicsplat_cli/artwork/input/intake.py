@@ -60,7 +60,7 @@ def taken_in(target: np.ndarray) -> Intake:
         if pens is not None:
             condition = replace(condition, blur=pens.blur)
         return Intake(scan.levels, condition, factor, 1, width, height, scanned=True, pens=pens)
-    if not condition.noise:
+    if not condition.noise or condition.jpeg:  # what makes pictures larger may ring as well
         levels, times = before_enlargement(levels)
         if times > 1:
             condition = condition_of(levels)

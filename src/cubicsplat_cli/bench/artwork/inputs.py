@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,13 +13,13 @@ from PIL import Image
 from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.errors import UsageError
 
-JPEG_QUALITY = 80
+QUALITY = 80  # of JPEG and WebP
 BLUR_PX = 1.2  # standard deviation
 NOISE_LEVELS = 4.0  # standard deviation
 PALETTE_COLOURS = 64
 CLEAN = "clean"
 # Files of these kinds have no opacity: the drawing lies over white.
-OPAQUE = ("jpeg", "noisy", "palette")
+OPAQUE = ("jpeg", "webp", "noisy", "palette")
 
 
 def check_input(kind: str) -> None:
@@ -45,8 +46,17 @@ def input_of(document: Document, kind: str) -> np.ndarray:
 
 def _jpeg(document: Document) -> np.ndarray:
     """Quality 80, chroma at half the size (4:2:0)."""
+    return _saved(document, "JPEG", subsampling=2)
+
+
+def _webp(document: Document) -> np.ndarray:
+    """Lossy, quality 80."""
+    return _saved(document, "WEBP")
+
+
+def _saved(document: Document, kind: str, **options: Any) -> np.ndarray:
     buffer = io.BytesIO()
-    Image.fromarray(document.draw()[..., :3].copy()).save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=2)
+    Image.fromarray(document.draw()[..., :3].copy()).save(buffer, kind, quality=QUALITY, **options)
     return np.array(Image.open(buffer).convert("RGBA"))
 
 
@@ -93,6 +103,7 @@ def _straight(levels: np.ndarray) -> np.ndarray:
 INPUTS: dict[str, Callable[[Document], np.ndarray]] = {
     CLEAN: Document.draw,
     "jpeg": _jpeg,
+    "webp": _webp,
     "blurred": _blurred,
     "enlarged": _enlarged,
     "noisy": _noisy,
