@@ -32,11 +32,11 @@ def test_a_flat_picture_is_drawn_and_the_report_says_why():
     report = vectorize(flat_picture(), threads=1).report
     assert (report.style, report.shapes, report.primitives) == ("artwork", 2, 2)
     assert report.inks == ["#f0f0f0ff", "#145aa0ff"]
-    assert "neighbours alike" in report.style_reason
+    assert "edges between" in report.style_reason
 
 
 def test_a_drawing_too_far_from_its_picture_gives_way_to_a_photo(monkeypatch):
-    monkeypatch.setattr(artwork, "LEAST_DB", 99.0)
+    monkeypatch.setattr(artwork, "LEAST_SMALL_DB", 99.0)
     noisy = flat_picture()
     noisy[10, 12] = (23, 92, 163)
     report = vectorize_picture(as_picture(noisy), Request(SETTINGS, measure=False)).report

@@ -17,7 +17,7 @@ LEAST_NOISE, LEAST_SCALE = 1.0, 0.5  # levels
 FIRST_NOISE, FIRST_EDGES, LEAST_EDGES = 2.0, 0.3, 0.01  # levels, and shares of the pairs
 ROUNDS = 20  # of expectation and maximisation
 # A pair's nats saved must not be fewer, nor those with what a pair with an edge counts beside: photos have tails, but
-# hardly edges. Beyond so many edges there is nothing else: noise.
+# hardly edges. More edges than that only some drawings of 16 px have.
 LEAST_SAVED, FOR_AN_EDGE, LEAST_IN_ALL, MOST_EDGES = -0.03, 1.5, 0.75, 0.9
 
 
