@@ -28,10 +28,10 @@ MORE_ZEROS, ERROR, FEWEST_BLOCKS = 1.25, 0.8, 20  # times as many; the differenc
 # The ringing leaves 3 x 3 px alike in hardly any block with an edge: in 0 to 0.05 of them in JPEGs of quality 60 to 98,
 # in 0 to 0.5 in nine of ten WebPs, in 0.5 to 1 in clean pictures. Pale stripes and text on a grid of 8 px look like
 # blocks otherwise, and what many soft shadows are rounded to looks like ringing; over nothing, so do small gradients.
-MOST_EVEN, MOST_EVEN_CLEAR = 0.55, 0.33
+MOST_EVEN, MOST_EVEN_CLEAR = 0.5, 0.33
 # Without such blocks: the roughness lies in blocks of 16 x 16 px with edges, and not in those half a block away.
 INSIDE, MUCH_LESS, LEAST_SIDE = 0.9, 0.3, 64  # shares, and px of the picture that tell them
-LEAST_ROUGH = 0.005  # share of the quiet pixels of a JPEG
+LEAST_ROUGH = 0.008  # share of the quiet pixels of a JPEG
 # Or no blocks at all, as in a small JPEG or in WebP, whose blocks are of many sizes and smoothed: px from what is not
 # quiet, and the share of those that ringing makes rough. 0.004 to 0.05 in WebPs of quality 60 and 80.
 RING, LEAST_RINGING = (4, 8), 0.003
