@@ -53,8 +53,7 @@ BLUR_ERROR = 16.0
 class Condition:
     """noise: its standard deviation in levels away from edges, 0 where there is none. jpeg: whether the picture has
     the blocks of a JPEG, or rings like one or a lossy WebP. blur: standard deviation in px of what edges are blurred
-    by beyond their pixels, 0 for none.
-    coarse: whether the noise is that of a paper's grain, alike over a px or two.
+    by beyond their pixels, 0 for none. coarse: whether the noise is that of a paper's grain, alike over a px or two.
     """
 
     noise: float = 0.0
@@ -106,11 +105,8 @@ def condition_of(levels: np.ndarray) -> Condition:
         return CLEAN
     everywhere = float(np.median(second[quiet])) / (SECOND * LARGER_MEDIAN)
     rough = quiet & (second >= ROUGH)
-    opaque = bool((levels[..., 3] >= 255.0).all())
     noise = everywhere if everywhere >= LEAST_NOISE else 0.0
-    jpeg = bool(rough.sum() >= LEAST_ROUGH * quiet.sum())
-    jpeg = jpeg and _even(levels, luma) < (MOST_EVEN if opaque else MOST_EVEN_CLEAR)
-    jpeg = jpeg and ((opaque and _in_blocks(luma, rough, quiet)) or (not noise and _rings(levels, rough, quiet)))
+    jpeg = _compressed(levels, luma, rough, quiet, noise)
     if jpeg:
         near = quiet & (ndimage.uniform_filter(rough.astype(np.float32), BLOCK + 1) > 0.0)
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * LARGER))
@@ -128,10 +124,20 @@ def _second_differences(levels: np.ndarray) -> np.ndarray:
     return out
 
 
-def _in_blocks(luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
-    """Whether the roughness of a picture keeps to the blocks of a JPEG."""
-    own, number = _zeros(luma, 0)
-    apart, _ = _zeros(luma, BLOCK // 2)
+def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray, noise: float) -> bool:
+    """Whether a picture has the blocks of a JPEG, or, without noise everywhere, rings like one or a lossy WebP."""
+    if rough.sum() < LEAST_ROUGH * quiet.sum():
+        return False
+    opaque, found = bool((levels[..., 3] >= 255.0).all()), _coefficients(luma, 0)
+    if _even(levels, _busy(found)) >= (MOST_EVEN if opaque else MOST_EVEN_CLEAR):
+        return False
+    return (opaque and _in_blocks(found, luma, rough, quiet)) or (not noise and _rings(levels, rough, quiet))
+
+
+def _in_blocks(found: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
+    """Whether the roughness of a picture keeps to the blocks of a JPEG. found: the coefficients of these."""
+    own, number = _zeros(found)
+    apart, _ = _zeros(_coefficients(luma, BLOCK // 2))
     if number >= FEWEST_BLOCKS:
         return own > MORE_ZEROS * apart and (own - apart) * number**0.5 > ERROR
     if min(rough.shape) < LEAST_SIDE:
@@ -140,12 +146,9 @@ def _in_blocks(luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
     return inside > INSIDE and inside - _inside(rough, quiet, BLOCK) > MUCH_LESS
 
 
-def _zeros(luma: np.ndarray, start: int) -> tuple[float, int]:
-    """The share of coefficients that are nearly 0 in blocks with edges, from a row and column on; and how many
-    blocks these are.
-    """
-    found = _coefficients(luma, start)
-    found = found[_busy(found)]
+def _zeros(coefficients: np.ndarray) -> tuple[float, int]:
+    """The share of coefficients (n, 7, 7) that are nearly 0 in blocks with edges; and how many blocks these are."""
+    found = coefficients[_busy(coefficients)]
     return (float((found < ZERO).mean()), len(found)) if len(found) else (0.0, 0)
 
 
@@ -159,11 +162,14 @@ def _busy(coefficients: np.ndarray) -> np.ndarray:
     return coefficients.max(axis=(1, 2), initial=0.0) > BUSY
 
 
-def _even(levels: np.ndarray, luma: np.ndarray) -> float:
-    """The share of blocks with edges in which some 3 x 3 px are exactly alike, and not clear; 0 without such blocks."""
+def _even(levels: np.ndarray, busy: np.ndarray) -> float:
+    """The share of blocks with edges in which some 3 x 3 px are exactly alike, and not clear; 0 without such blocks.
+
+    busy: (n,) bool, which of the blocks have edges.
+    """
     alike = levels[..., 3] > 0.0
     alike &= (ndimage.maximum_filter(levels, (3, 3, 1)) == ndimage.minimum_filter(levels, (3, 3, 1))).all(axis=2)
-    found = _blocks(alike, 0, BLOCK)[_busy(_coefficients(luma, 0)), 1:-1, 1:-1]
+    found = _blocks(alike, 0, BLOCK)[busy, 1:-1, 1:-1]
     return float(found.any(axis=(1, 2)).mean()) if found.size else 0.0
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.ways import Way
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
-from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, Turn, Walk, evenly, turned_onto
+from cubicsplat_cli.artwork.regularities.turned import Turn, Walk, evenly, turned_onto
 
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
@@ -38,10 +38,9 @@ def found_copies(
     """
     walks = {k: Walk.of(track) for k, track in tracks.items()}
     pairs = 0.5 * len(tracks) ** 2
-    # Most pairs are of other sizes, or of other lengths where one may be turned.
+    # Most pairs are of other sizes.
     place = {k: i for i, k in enumerate(tracks)}
     spans = np.array([track.extent[1] - track.extent[0] for track in tracks.values()]).reshape(-1, 2)
-    lengths = np.array([walk.length for walk in walks.values()])
     areas = np.array([walk.area for walk in walks.values()])
     whole = np.array([track.whole for track in tracks.values()], dtype=bool)
     level: dict[int, Copy] = {}
@@ -58,8 +57,7 @@ def found_copies(
             level[k] = Copy(*found)
             continue
         first.append(k)
-        long = np.abs(lengths - walks[k].length) <= LENGTH_OFF
-        able = [m for m in turns if long[place[m]]] if walks[k].tells(numbers[k], pairs) else []
+        able = turns if walks[k].tells(numbers[k], pairs) else ()
         turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in able)
         way_round = next(((m, turn) for m, turn in turned if turn is not None), None)
         if way_round is None:
