@@ -22,7 +22,7 @@ from image_files import encode
 from PIL import Image
 from warm import WarmCommand, run_warm
 
-from cubicsplat_cli.cli.interrupt import interrupt
+from cubicsplat_cli.jobs.interrupt import interrupt
 from cubicsplat_cli.svg import read_svg
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions, limits and signals of POSIX")

@@ -9,13 +9,17 @@ import pytest
 import torch
 
 from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork import vectorize as drawing
+from cubicsplat_cli.artwork.style import Style
+from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.evaluate import measurable
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.trainer import Trainer
-from cubicsplat_cli.pipeline import artwork, copies, vectorize_picture
-from cubicsplat_cli.progress import COMMAND_BEGAN, Stages
+from cubicsplat_cli.pipeline import candidates, copies, measured, task_of, vectorize_picture
+from cubicsplat_cli.pipeline import vectorize as pipeline
+from cubicsplat_cli.progress import COMMAND_BEGAN, Progress, Stages, Work
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
@@ -35,23 +39,110 @@ def test_a_flat_picture_is_drawn_and_the_report_says_why():
     assert "edges between" in report.style_reason
 
 
-def test_a_drawing_too_far_from_its_picture_gives_way_to_a_photo(monkeypatch):
-    monkeypatch.setattr(artwork, "LEAST_SMALL_DB", 99.0)
-    noisy = flat_picture()
-    noisy[10, 12] = (23, 92, 163)
-    report = vectorize_picture(as_picture(noisy), Request(SETTINGS, measure=False)).report
-    assert report.style == "photo"
-    assert "drawn as artwork it has only" in report.style_reason
-    asked = vectorize_picture(as_picture(noisy), Request(SETTINGS, style="artwork", measure=False)).report
-    assert (asked.style, asked.style_reason) == ("artwork", "asked for")
+def blotches() -> np.ndarray:
+    """Soft colours without a shape, with a flat sign in front."""
+    y, x = np.mgrid[0:18, 0:24]
+    waves = [np.sin(x / 9 + k) * np.cos(y / 7 - k) + np.sin((x + y) / (5 + k)) for k in range(3)]
+    pixels = (127 + 60 * np.stack(waves, axis=-1)).clip(0, 255).astype(np.uint8)
+    pixels[2:10, 3:15] = (20, 90, 160)
+    return pixels
+
+
+def as_drawing(_target) -> Style:
+    return Style("artwork", "flat")
+
+
+def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch):
+    monkeypatch.setattr(pipeline, "choose_style", as_drawing)
+    task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), Stages())
+    first, second = candidates(task)
+    assert (first.style.name, second.style.name) == ("artwork", "photo")
+    assert "flat, but a photo of the same size has" in second.style.reason
+    monkeypatch.setattr(drawing, "MANY", 1)
+    (early,) = candidates(task)
+    assert (early.style.name, early.style.reason[:20]) == ("photo", second.style.reason[:20])
+    asked = Request(SETTINGS, style="artwork", measure=False)
+    assert [made.style.name for made in candidates(task_of(as_picture(blotches()), asked, Stages()))] == ["artwork"]
+
+
+def disc() -> np.ndarray:
+    y, x = np.mgrid[0:80, 0:96] + 0.5
+    cover = np.clip(30.5 - np.hypot(x - 50.0, y - 41.0), 0.0, 1.0)[..., None]
+    return np.rint(240.0 + cover * (np.array([20, 90, 160]) - 240.0)).astype(np.uint8)
+
+
+def test_a_drawing_that_is_near_its_picture_stays(monkeypatch):
+    monkeypatch.setattr(pipeline, "choose_style", as_drawing)
+    noisy = np.clip(disc() + np.random.default_rng(1).normal(0, 5, (80, 96, 3)), 0, 255).astype(np.uint8)
+    assert vectorize(noisy, threads=1, measure=False).report.style == "artwork"
+
+
+def fails(*_) -> None:
+    raise EngineError("it is broken")
+
+
+@pytest.mark.parametrize(("broken", "other"), [("artwork", "photo"), ("photo", "artwork")])
+def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, monkeypatch):
+    monkeypatch.setattr(pipeline, {"artwork": "drawn_artwork", "photo": "fitted_photo"}[broken], fails)
+    monkeypatch.setattr(pipeline, "choose_style", lambda _target: Style(broken, "measured"))
+    report = vectorize(flat_picture(), threads=1, steps=5).report
+    assert (report.style, report.style_reason) == (other, f"measured, but as {broken} it failed")
+    assert f"made as {other}, since {broken} failed: it is broken" in report.notes
+    with pytest.raises(EngineError, match="it is broken"):
+        vectorize(flat_picture(), style=broken)
+
+
+@pytest.mark.parametrize("error", [MemoryError(), ZeroDivisionError("by nothing")])
+def test_a_finished_drawing_stays_where_the_photo_fails(error, monkeypatch):
+    def fail(*_) -> None:
+        raise error
+
+    monkeypatch.setattr(pipeline, "photo_is_nearer", fail)
+    report = vectorize(flat_picture(), threads=1).report
+    assert report.style == "artwork"
+    assert any("the drawing stays" in note and ("memory" in note or "bug" in note) for note in report.notes)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.08, 0.13, 0.18, 0.25, 0.45, 0.55, 0.75, 0.85])
+@pytest.mark.parametrize("stop", ["interrupt", "limit"])
+def test_a_drawing_that_is_stopped_is_finished_with_what_there_is(share, stop, monkeypatch):
+    said = []
+
+    def on_progress(at: Progress) -> None:
+        said.append((at.share, at.stage))
+        if at.share >= share and stop == "interrupt":
+            raise KeyboardInterrupt
+
+    def at(self: Work, stage: str = "", part: float = 0.0) -> None:
+        if part >= share and stop == "limit" and self.on_progress is not None:
+            self.deadline = 0.0
+        tell(self, stage, part)
+
+    tell = Work.at
+    monkeypatch.setattr(Work, "at", at)
+    result = vectorize(disc(), style="artwork", threads=1, on_progress=on_progress)
+    assert result.report.interrupted is (stop == "interrupt")
+    assert (stop == "limit") == any("time limit" in note for note in result.report.notes)
+    assert result.report.shapes == 2
+    assert result.report.quality.svg.psnr_db is None or result.report.quality.svg.psnr_db > 25
+    assert [share for share, _ in said] == sorted(share for share, _ in said)
+
+
+def test_a_drawing_tells_how_far_it_is():
+    said = []
+    vectorize(flat_picture(), style="artwork", threads=1, measure=False, on_progress=said.append)
+    assert {"looking at the picture", "finding regions", "fitting outlines", "regularising"} <= {s.stage for s in said}
+    assert all(0.0 <= at.share < 1.0 and at.psnr_db is None for at in said)
 
 
 @pytest.mark.parametrize("style", ["photo", "artwork"])
-def test_the_svg_is_put_out_before_it_is_measured(style):
-    seen = []
-    done = vectorize_picture(as_picture(flat_picture()), Request(SETTINGS, style=style), on_svg=seen.append)
-    (first,) = seen
-    assert (first.svg, first.report.quality, first.pixels) == (done.svg, None, None)
+def test_the_svg_is_there_before_it_is_measured(style):
+    task = task_of(as_picture(flat_picture()), Request(SETTINGS, style=style), Stages())
+    (made,) = candidates(task)
+    first = task.result(made)
+    assert (first.report.quality, first.pixels) == (None, None)
+    done = measured(first, task, made)
+    assert done.svg == first.svg
     assert done.report.quality.svg.psnr_db is None or done.report.quality.svg.psnr_db > 8
 
 

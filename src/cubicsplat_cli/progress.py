@@ -1,27 +1,107 @@
-"""Where the work on a picture stands. Imports nothing heavy: the command shows it from the start."""
+"""Where the work on a picture stands, and how it is stopped. Imports nothing heavy: the command shows it at once."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 
+REPORT_SECONDS = 0.1  # between two calls of `on_progress`
+
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a fit stands. share: of the steps or, under a time limit, of the time, 0..1. psnr_db: of the engine's own
-    picture. replaced: curves re-seeded so far.
+    """Where a fit or a drawing stands.
+
+    share: of the work or, under a time limit, of the time, 0..1. stage: what is being done. Of the fit of a photo only:
+    step of steps (else 0), psnr_db of the engine's own picture and ms_per_step (else None), replaced: curves re-seeded
+    so far.
     """
 
     share: float
     step: int
     steps: int
-    psnr_db: float
-    ms_per_step: float
+    psnr_db: float | None
+    ms_per_step: float | None
     replaced: int
     seconds_left: float
+    stage: str = "fitting"
+
+
+class Stopped(Exception):
+    """The work ends with what it has: its time is up, or it was interrupted."""
+
+
+@dataclass
+class Work:
+    """Work in stages that can be stopped between any two of its steps, and still has a result.
+
+    on_progress: told of every stage as it begins, and about ten times a second within. deadline: by
+    `time.perf_counter`. stopped: nothing more is begun; interrupted: by a KeyboardInterrupt, not by the deadline.
+    """
+
+    on_progress: Callable[[Progress], None] | None = None
+    deadline: float = math.inf
+    stopped: bool = False
+    interrupted: bool = False
+    started: float = field(default_factory=time.perf_counter)
+    _stage: str = ""
+    _share: float = 0.0
+    _told: float = -math.inf
+
+    def at(self, stage: str = "", share: float = 0.0) -> None:
+        """The work is in this stage and has come so far, 0..1 of all; nothing given: where it was. Raises Stopped where
+        it is to end, and what `on_progress` raises.
+        """
+        now = time.perf_counter()
+        if self.stopped or now >= self.deadline:
+            self.stopped = True
+            raise Stopped
+        begins = stage not in ("", self._stage)
+        if stage:
+            self._stage, self._share = stage, max(self._share, share)
+        if self.on_progress is not None and (begins or now >= self._told + REPORT_SECONDS):
+            self._told = now
+            share, elapsed = self._share, now - self.started
+            left = elapsed * (1.0 - share) / share if share > 0.0 else math.inf
+            self.on_progress(Progress(share, 0, 0, None, None, 0, min(left, self.deadline - now), self._stage))
+
+    @contextmanager
+    def stoppable(self) -> Iterator[None]:
+        """Within, a stop ends the block and nothing else: what it has come to by then is the result.
+
+        A KeyboardInterrupt stops all that is left of the work under way; a second one, and elsewhere the first, is not
+        held back.
+        """
+        try:
+            yield
+        except Stopped:
+            pass
+        except KeyboardInterrupt:
+            if self.interrupted or _WORK.get() is not self:
+                raise
+            self.stopped = self.interrupted = True
+
+
+_WORK: ContextVar[Work | None] = ContextVar("_WORK", default=None)
+
+
+def work() -> Work:
+    """The work under way; one that nobody watches or stops where there is none."""
+    return _WORK.get() or Work()
+
+
+@contextmanager
+def under_way(one: Work) -> Iterator[Work]:
+    """Within, this is the work under way."""
+    token = _WORK.set(one)
+    try:
+        yield one
+    finally:
+        _WORK.reset(token)
 
 
 def nothing(*_: object) -> None:

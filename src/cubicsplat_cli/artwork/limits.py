@@ -26,16 +26,21 @@ def reduction(height: int, width: int) -> int:
 
 
 def reduced(levels: np.ndarray, factor: int) -> np.ndarray:
+    """The picture (H, W, 4), premultiplied, divided by `reduction`."""
+    if factor == 1:
+        return levels
+    _log.warning("drawn at 1/%d of its size: it has more than %.0f megapixels", factor, MOST_PIXELS / 1e6)
+    return blocks_of(levels, factor)
+
+
+def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
     """The picture (H, W, 4), premultiplied, with the mean of each block of factor x factor px, which is what its shapes
     cover of the block; at the far edges blocks are filled up with the last px.
     """
-    if factor == 1:
-        return levels
     height, width = levels.shape[:2]
     fill = ((0, -height % factor), (0, -width % factor), (0, 0))
     padded = np.pad(levels, fill, mode="edge")
     blocks = padded.reshape(padded.shape[0] // factor, factor, padded.shape[1] // factor, factor, 4)
-    _log.warning("drawn at 1/%d of its size: it has more than %.0f megapixels", factor, MOST_PIXELS / 1e6)
     return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 

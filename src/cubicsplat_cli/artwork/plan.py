@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, Crossings, crossings
 from cubicsplat_cli.artwork.translucent.parts import Part, parts_of
+from cubicsplat_cli.progress import work
 
 # A picture of more than FEW regions has regions of LEAST_AREA px and more on average, or is blurred by the next of
 # BLURS, px.
@@ -47,8 +48,10 @@ def planned(
     """
     min_area = settings.min_area / factor**2
     while True:
+        work().at("finding regions", 0.15)
         soft, regions = _regions(levels, settings, min_area, inks)
         soft = without_seams(soft, regions)
+        work().at("locating edges", 0.2)
         found = crossings(soft, regions, ROUNDING + error)
         fixed = None
         if standing is not None:
@@ -68,6 +71,7 @@ def _regions(
     many = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
     soft = levels
     for blur in BLURS:
+        work().at()
         if blur:
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
         elif levels.shape[0] * levels.shape[1] > MOST_REGIONS and flat_pixels(levels).mean() < LEAST_FLAT:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,15 +10,17 @@ import numpy as np
 from cubicsplat_cli.artwork.details.spots import SHAPE_PARAMETERS, with_spots
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
+from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
-from cubicsplat_cli.artwork.input.intake import Intake, taken_in
+from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.intake import Intake, as_levels, taken_in
 from cubicsplat_cli.artwork.input.restore import restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
-from cubicsplat_cli.artwork.layers.completion import outlines_of
+from cubicsplat_cli.artwork.layers.completion import outlines_of, polygons_of
 from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
-from cubicsplat_cli.artwork.limits import MOST_POLISHED, enlarged
+from cubicsplat_cli.artwork.limits import MOST_POLISHED, blocks_of, enlarged
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.inks import eight_bit
@@ -30,9 +33,21 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
 from cubicsplat_cli.artwork.translucent.parts import Part, parts_of
+from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.scene.paint import mean_ink
 
 MOST_POINTS = 60_000  # of contours; the smallest beyond become polygons
+MANY = 150  # parts, whose finish takes longer than to find out whether they are worth it
+SKETCH = 160  # px of the longer side, of what is drawn in well under a second
+
+
+def prepared(target: np.ndarray) -> Intake:
+    """What is drawn of a picture, as `draw` takes it; where the work under way is stopped, a small copy."""
+    intake = None
+    with work().stoppable():
+        work().at("looking at the picture")
+        intake = taken_in(target)
+    return intake or _small(target)
 
 
 def draw(
@@ -41,20 +56,48 @@ def draw(
     intake: Intake | None = None,
     *,
     strokes: bool = False,
+    on_sketch: Callable[[Drawing], None] = nothing,
 ) -> Drawing:
     """The drawing of a flat picture: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1].
 
     What was made larger by a whole number is drawn as it was before. Very large pictures, and those of very many
     regions, are drawn with less detail (`limits`), which is logged. What has hardly a region of more than a few px is
-    drawn as it looks from farther away. intake: `taken_in(target)`, where that is known already. strokes: shapes of
-    even width become pen strokes.
+    drawn as it looks from farther away. intake: `prepared(target)`, where that is known already. strokes: shapes of
+    even width become pen strokes. on_sketch: given the regions as polygons, in px of the picture, where there are many;
+    what it raises ends the drawing.
+
+    Where the work under way (`progress.work`) is stopped, the drawing is what there is by then: outlines not yet fitted
+    are polygons, and where the regions were not known yet it is that of a smaller copy.
     """
-    settings, intake = settings or ArtworkSettings(), intake or taken_in(target)
-    drawing = _with_its_shadow(intake, settings, strokes=strokes) or _drawn(intake, settings, strokes=strokes)
+    settings, intake = settings or ArtworkSettings(), intake or prepared(target)
+    drawing = None
+    with work().stoppable():
+        drawing = _with_its_shadow(intake, settings, strokes, on_sketch) or _drawn(intake, settings, strokes, on_sketch)
+    if drawing is None:
+        intake = _small(target)
+        drawing = _sketch(intake, settings)
     return enlarged(in_palette(drawing, settings.palette), intake.scale, intake.width, intake.height)
 
 
-def _with_its_shadow(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawing | None:
+def _small(target: np.ndarray) -> Intake:
+    """A copy of a picture of at most SKETCH px a side, taken as it is."""
+    height, width = target.shape[:2]
+    factor = -(-max(height, width) // SKETCH)
+    return Intake(blocks_of(as_levels(target), factor), Condition(), factor, 1, width, height)
+
+
+def _sketch(intake: Intake, settings: ArtworkSettings) -> Drawing:
+    """The regions of a small picture as polygons."""
+    with under_way(Work()):
+        plan = planned(intake.levels, settings, intake.scale, 0.0, None, None)
+    height, width = plan.levels.shape[:2]
+    flat = Flattened(intake.levels, np.zeros((0, 4)), ())
+    return Drawing(width, height, _polygons(plan.parts, (height, width), flat))
+
+
+def _with_its_shadow(
+    intake: Intake, settings: ArtworkSettings, strokes: bool, on_sketch: Callable[[Drawing], None]
+) -> Drawing | None:
     """The drawing of a clean picture with a soft shadow, in gradients; None where it has none, or there may be no
     gradients or not as many shapes.
     """
@@ -63,42 +106,51 @@ def _with_its_shadow(intake: Intake, settings: ArtworkSettings, *, strokes: bool
     without = intake.lifted or lifted(intake.levels)
     if without.shadow is None:
         return None
-    drawing = with_shadow(_drawn(replace(intake, levels=without.levels), settings, strokes=strokes), without)
+    drawing = with_shadow(_drawn(replace(intake, levels=without.levels), settings, strokes, on_sketch), without)
     if drawing is None or (settings.curves is not None and len(drawing.shapes) > settings.curves):
         return None
     return drawing
 
 
-def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawing:
+def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_sketch: Callable[[Drawing], None]) -> Drawing:
     """The drawing of what was taken in, in px of that; see `draw`."""
     condition = intake.condition
     error = condition.edge_error
+    work().at("finding gradients", 0.05)
     flat = without_gradients(intake, settings)
+    work().at("finding colours", 0.1)
     even, inks = _even(flat.levels, intake, settings)
     standing = flat.inks if _may_shine_through(intake, settings) else None
     plan = planned(even, settings, intake.scale, condition.restored_error, standing, inks)
     height, width = plan.levels.shape[:2]
+    if len(plan.parts) > MANY:
+        sketch = Drawing(width, height, _polygons(plan.parts, (height, width), flat))
+        on_sketch(enlarged(_painted(sketch), intake.scale, intake.width, intake.height))
     shapes = _traced(plan.parts, (height, width), settings, flat)
     if any(part.extent.layer == SHEET for part in plan.parts):
         opaque = parts_of(plan.regions, plan.found, settings.completion == ON, None)
         if settings.curves is None or len(opaque) <= settings.curves:
             shapes = min(shapes, _traced(opaque, (height, width), settings, flat), key=_length)
     drawing = Drawing(width, height, shapes)
-    polished = len(shapes) <= MOST_POLISHED
-    if polished:
+    with work().stoppable():
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
         came = plan.levels if condition.clean else flat.levels
         goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
-        drawing = polish(drawing, goal, settings.detail, error / 255.0)
-        drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
-        # What was given up for fewer inks or shapes is no detail that was lost.
-        if condition.clean and settings.free_inks:
-            most = None if settings.curves is None else settings.curves - len(shapes)
-            drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
-    if strokes:
-        drawing = with_strokes(drawing, settings.detail, error / 255.0)
-        drawing = fitted_strokes(drawing, goal) if polished else drawing
+        polished = len(shapes) <= MOST_POLISHED
+        if polished:
+            drawing = polish(drawing, goal, settings.detail, error / 255.0)
+            work().at("regularising", 0.8)
+            drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
+            # What was given up for fewer inks or shapes is no detail that was lost.
+            if condition.clean and settings.free_inks:
+                work().at("adding details", 0.93)
+                most = None if settings.curves is None else settings.curves - len(shapes)
+                drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
+        if strokes:
+            work().at("finding strokes", 0.97)
+            drawing = with_strokes(drawing, settings.detail, error / 255.0)
+            drawing = fitted_strokes(drawing, goal) if polished else drawing
     return _painted(drawing)
 
 
@@ -119,14 +171,24 @@ def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> tupl
 def _traced(
     parts: list[Part], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
 ) -> tuple[Shape, ...]:
-    """The parts with their outlines. canvas: its height and width, px."""
+    """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px."""
     least = _least_points([part.extent for part in parts])
-    shapes = []
-    for part in parts:
-        outlines = outlines_of(part.extent, canvas, settings.detail, least, settings.completion == ON)
-        ink = eight_bit(part.ink)
-        shapes.append(Shape(ink, outlines, shape_name(ink, outlines, canvas[1], canvas[0]), flat.gradient(part.ink)))
-    return tuple(shapes)
+    fitted: list[tuple[Outline, ...]] = []
+    with work().stoppable():
+        for part in parts:
+            work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
+            fitted.append(outlines_of(part.extent, canvas, settings.detail, least, settings.completion == ON))
+    shapes = [_shape(part, outlines, canvas, flat) for part, outlines in zip(parts, fitted, strict=False)]
+    return (*shapes, *_polygons(parts[len(fitted) :], canvas, flat))
+
+
+def _polygons(parts: list[Part], canvas: tuple[int, int], flat: Flattened) -> tuple[Shape, ...]:
+    return tuple(_shape(part, polygons_of(part.extent), canvas, flat) for part in parts)
+
+
+def _shape(part: Part, outlines: tuple[Outline, ...], canvas: tuple[int, int], flat: Flattened) -> Shape:
+    ink = eight_bit(part.ink)
+    return Shape(ink, outlines, shape_name(ink, outlines, canvas[1], canvas[0]), flat.gradient(part.ink))
 
 
 def _length(shapes: tuple[Shape, ...]) -> float:

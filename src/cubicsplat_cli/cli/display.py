@@ -115,7 +115,8 @@ class PlainDisplay(Display):
         now = time.monotonic()
         if progress.share >= share + _PLAIN_SHARE or progress.share >= 1.0 or now - at >= _PLAIN_SECONDS:
             self._told[job] = (progress.share, now)
-            self._tell(f"{job}: {progress_text(progress)}, step {progress.step}/{progress.steps}")
+            steps = f", step {progress.step}/{progress.steps}" if progress.steps else ""
+            self._tell(f"{job}: {progress_text(progress)}{steps}")
 
 
 class LiveDisplay(Display):
@@ -197,13 +198,15 @@ class LiveDisplay(Display):
 
 
 def progress_text(progress: Progress, room: int = 1000) -> str:
-    """` 45 %  12 s left  31.2 dB  5.7 ms/step`, as much of it from the front as there is room for."""
-    parts = [
-        f"{100 * progress.share:3.0f} %",
-        f"{duration(progress.seconds_left)} left",
-        f"{progress.psnr_db:.1f} dB",
-        f"{progress.ms_per_step:.1f} ms/step",
-    ]
+    """` 45 %  12 s left  31.2 dB  5.7 ms/step` of a fit, ` 45 %  12 s left  fitting outlines` of a drawing, as much of
+    it from the front as there is room for.
+    """
+    parts = [f"{100 * progress.share:3.0f} %"]
+    parts += [f"{duration(progress.seconds_left)} left"] if math.isfinite(progress.seconds_left) else []
+    if progress.psnr_db is None or progress.ms_per_step is None:
+        parts.append(progress.stage)
+    else:
+        parts += [f"{progress.psnr_db:.1f} dB", f"{progress.ms_per_step:.1f} ms/step"]
     parts += [f"{progress.replaced} replaced"] if progress.replaced else []
     text = parts[0]
     for part in parts[1:]:

@@ -13,13 +13,13 @@ from types import FrameType
 
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.display import Display
-from cubicsplat_cli.cli.interrupt import interrupt
 from cubicsplat_cli.cli.summary import Tally, summary_line
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.ownership import check_ownership
 from cubicsplat_cli.files.stdout import write_stdout
 from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.execute import Means, execute, look
+from cubicsplat_cli.jobs.interrupt import interrupt
 from cubicsplat_cli.jobs.pages import planned_page, write_index
 from cubicsplat_cli.jobs.plan import Plan
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
@@ -82,7 +82,8 @@ class Run(Events):
                 _print_plan(outcome)
         elif outcome.report is not None:
             if outcome.report.interrupted and self.plan.pictures == 1:
-                self.reporter.note(f"interrupted at step {outcome.report.timing.steps}: the best SVG so far is written")
+                step = outcome.report.timing.steps
+                self.reporter.note(f"interrupted{f' at step {step}' if step else ''}: the best SVG so far is written")
             self.reporter.summary(summary_line(outcome.report, outcome.status))
         elif outcome.status == UNCHANGED:
             self.reporter.summary(f"{outcome.job.outputs.svg}  unchanged")
@@ -150,14 +151,14 @@ class Run(Events):
 
     @contextmanager
     def _interrupts(self) -> Iterator[None]:
-        """The first Ctrl-C is acknowledged at once and ends the fits under way with what they have; where the work is
-        done in this process, it ends what is no fit. The second ends everything.
+        """The first Ctrl-C is acknowledged at once and ends the fits and drawings under way with what they have. The
+        second ends everything.
         """
 
         def stop(_number: int, _frame: FrameType | None) -> None:
             again, self.stopped = self.stopped, True
             if not again:
-                self.reporter.note("interrupted: a fit under way ends with what it has; Ctrl-C again ends at once")
+                self.reporter.note("interrupted: the work under way ends with what it has; Ctrl-C again ends at once")
             if again or self.means.inline:
                 interrupt()
 

@@ -7,21 +7,26 @@ seconds, and has done nothing else: threads and engines do not survive a fork. E
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import multiprocessing
 import os
 import signal
 import sys
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
+from queue import SimpleQueue
+from types import FrameType
 from typing import TYPE_CHECKING
 
 from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.interrupt import interrupt
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.run import FAILED, FileSink, Outcome, attempt
+from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, FileSink, Outcome, attempt
 from cubicsplat_cli.machine import cores
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.request import Request
@@ -204,34 +209,80 @@ def _interrupts_held() -> Iterator[None]:
 
 def _work(pipe: Connection, request: Request, threads: int) -> None:
     """The life of a worker process: jobs from the pipe, one after the other, until there are no more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    jobs: SimpleQueue[Job | None] = SimpleQueue()
+    stops = _Stops()
+    signal.signal(signal.SIGINT, stops.signalled)
+    threading.Thread(target=_receive, args=(pipe, jobs, stops), daemon=True).start()
+    try:
+        while (job := jobs.get()) is not None:
+            try:
+                with stops.let_through():
+                    events = _ThroughPipe(pipe, stops)
+                    outcome = attempt(job, request.with_threads(threads), sink=FileSink(job), events=events)
+            except KeyboardInterrupt:
+                outcome = Outcome(job, INTERRUPTED)
+            pipe.send(("outcome", outcome))
+    except (BrokenPipeError, ConnectionResetError):
+        os._exit(1)
+
+
+def _receive(pipe: Connection, jobs: SimpleQueue[Job | None], stops: _Stops) -> None:
+    """Takes what comes through the pipe, so that a stop is heard while a job is under way."""
     try:
         while True:
-            job = pipe.recv()
-            if job is None:
-                return
-            if job == _STOP:  # it came when the job was done already
-                continue
-            outcome = attempt(job, request.with_threads(threads), sink=FileSink(job), events=_ThroughPipe(pipe))
-            pipe.send(("outcome", outcome))
-    except (EOFError, BrokenPipeError, ConnectionResetError):
+            message = pipe.recv()
+            if message == _STOP:
+                stops.told = True
+                _thread.interrupt_main()
+            else:
+                jobs.put(message)
+    except (EOFError, OSError):
         # The command that started this process is gone; what was under way is done anew by its next run.
         os._exit(1)
 
 
-class _ThroughPipe(Events):
-    """Says through the pipe how a job goes on, and ends its fit early when told to."""
+class _Stops:
+    """Turns a stop that came through the pipe into one KeyboardInterrupt in the job under way. The terminal's Ctrl-C,
+    which reaches workers too, does nothing by itself.
+    """
 
-    def __init__(self, pipe: Connection) -> None:
-        self._pipe = pipe
+    def __init__(self) -> None:
+        self.told = False
+        self._open = False
+
+    def signalled(self, _number: int, _frame: FrameType | None) -> None:
+        """The handler of SIGINT."""
+        if self.told and self._open:
+            self.told = False
+            interrupt()
+
+    @contextlib.contextmanager
+    def let_through(self, be: bool = True) -> Iterator[None]:
+        """Within, a stop interrupts; or, with be false, waits until the end of the block."""
+        before, self._open = self._open, be
+        try:
+            yield
+        finally:
+            self._open = before
+        self.signalled(signal.SIGINT, None)
+
+
+class _ThroughPipe(Events):
+    """Says through the pipe how a job goes on."""
+
+    def __init__(self, pipe: Connection, stops: _Stops) -> None:
+        self._pipe, self._stops = pipe, stops
 
     def stage(self, job: str, stage: str) -> None:
-        self._pipe.send(("stage", (stage,)))
+        self._send("stage", stage)
 
     def note(self, job: str, text: str) -> None:
-        self._pipe.send(("note", (text,)))
+        self._send("note", text)
 
     def step(self, job: str, progress: Progress) -> None:
-        self._pipe.send(("step", (progress,)))
-        if progress.step < progress.steps and self._pipe.poll() and self._pipe.recv() == _STOP:
-            raise KeyboardInterrupt
+        self._send("step", progress)
+
+    def _send(self, kind: str, content: object) -> None:
+        # Half a message would be the end of the worker.
+        with self._stops.let_through(False):
+            self._pipe.send((kind, (content,)))

@@ -110,32 +110,22 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     events.stage(job.name, "start")
     from cubicsplat_cli.files.png import encode_png
     from cubicsplat_cli.files.read import packed
-    from cubicsplat_cli.pipeline import timed, vectorize_picture
-
-    svg = b""
-
-    def put_svg(made: Result) -> None:
-        nonlocal svg
-        if made.report.interrupted and is_finished(job):
-            raise _Kept
-        svg = packed(made.svg, compressed=request.compress)
-        sink.put("svg", svg)
+    from cubicsplat_cli.pipeline import candidates, measured, task_of, timed
 
     request = replace(request, compress=request.compress or is_compressed_name(job.outputs.svg))
     film = None if job.outputs.animation is None else Film(FRAMES)
-    try:
-        result = vectorize_picture(
-            picture,
-            request,
-            title=job.title,
-            stages=stages,
-            on_progress=lambda at: events.step(job.name, at),
-            on_svg=put_svg,
-            film=film,
-        )
-    except _Kept:
-        events.note(job.name, f"interrupted: {job.outputs.svg} is as the earlier, finished run left it")
-        return Outcome(job, INTERRUPTED)
+    task = task_of(
+        picture, request, stages, title=job.title, on_progress=lambda at: events.step(job.name, at), film=film
+    )
+    for made in candidates(task):
+        result = task.result(made)
+        if result.report.interrupted and is_finished(job):
+            events.note(job.name, f"interrupted: {job.outputs.svg} is as the earlier, finished run left it")
+            return Outcome(job, INTERRUPTED)
+        svg = packed(result.svg, compressed=request.compress)
+        sink.put("svg", svg)
+    if request.measure:
+        result = measured(result, task, made)
     for note in result.report.notes[len(picture.notes) :]:
         events.note(job.name, f"{picture.source}: {note}")
     png = None
@@ -146,7 +136,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     report = replace(result.report, input=replace(result.report.input, path=job.name))
     report = report.written(svg, _text(job.outputs.svg), png, _text(job.outputs.png))
     if film is not None:
-        _put_animation(film, result, report, picture.source, job, request.settings.threads, sink, events)
+        _put_animation(film, task.target, result, report, job, sink, events)
     if job.outputs.page is not None:
         from cubicsplat_cli.show.page import page, subject_of
 
@@ -160,15 +150,22 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
 
 
 def _put_animation(
-    film: Film, result: Result, report: Report, source: str, job: Job, threads: int | None, sink: Sink, events: Events
+    film: Film, target: Picture, result: Result, report: Report, job: Job, sink: Sink, events: Events
 ) -> None:
+    """Of the fit of a photo as it develops, or of a drawing as it is laid down. target: the picture."""
     assert job.outputs.animation is not None
     if result.scene is None:
-        events.note(job.name, f"{source}: is transparent throughout, so there is no animation")
+        events.note(job.name, f"{target.source}: is transparent throughout, so there is no animation")
         return
+    from cubicsplat_cli.artwork.style import PHOTO
     from cubicsplat_cli.show.animation import animation
 
     events.stage(job.name, "animation")
+    threads = report.settings["threads"]
+    if report.style != PHOTO or report.output.paths == 0:
+        from cubicsplat_cli.artwork.film import film_shapes
+
+        film_shapes(film, result.scene, target, threads)
     form = job.outputs.animation.suffix[1:].upper()
     moving = animation(film, result.scene, form=form, about=report.output.svg_sha256, threads=threads)
     sink.put("animation", moving)
@@ -179,10 +176,6 @@ def _say_overtime(report: Report, source: str, job: Job, limit: float | None, ev
     if limit is not None and timing.total_s > _OVER * limit:
         said = f"took {timing.total_s:.1f} s, of which the fit had {timing.fit_s:.1f} s"
         events.note(job.name, f"{source}: {said}; --time-limit {limit:g} is less than the rest takes")
-
-
-class _Kept(Exception):
-    """An earlier, finished SVG stays instead of an interrupted one."""
 
 
 def _text(path: Path | None) -> str | None:

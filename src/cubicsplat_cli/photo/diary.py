@@ -6,9 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.progress import REPORT_SECONDS, Progress
 
-REPORT_SECONDS = 0.1
 HISTORY_ENTRIES = 50
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import math
+import time
+from collections.abc import Callable
 from dataclasses import replace
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
@@ -11,22 +12,20 @@ from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, Style
 from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.progress import Work, nothing, under_way
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.paint import Ink
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_drawing
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
-# A drawing that is further from the picture has lost something that people see.
-LEAST_DB = 28.0
-# The same of pictures with noise, artefacts or blur, which a drawing has not.
-LEAST_THROUGH_DB = 18.0
-# And of those of a few px, of which most are edges, in any condition: with less the photo style is nearer to the truth.
-LEAST_SMALL_DB = 22.0
 
 
-def drawn_artwork(task: Task) -> Made:
-    """Few opaque shapes with exact outlines; cells where the picture is made of such."""
+def drawn_artwork(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
+    """Few opaque shapes with exact outlines; cells where the picture is made of such.
+
+    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
+    """
     from cubicsplat_cli.artwork.input.cells import cells_of
 
     cells = cells_of(task.target.target())
@@ -40,37 +39,38 @@ def drawn_artwork(task: Task) -> Made:
         few = len(drawing.inks) <= (chosen.colors or len(drawing.inks)) and not chosen.min_area
         if few and (most is None or len(drawing.shapes) <= most):
             drawing = scaled_drawing(in_palette(drawing, chosen.palette), *task.picture.size)
-            return replace(_drawn(drawing, task.request), notes=cells.notes, least_db=LEAST_DB)
-    return _outlined(task)
+            return replace(_drawn(drawing, task.request), notes=cells.notes)
+    return _outlined(task, on_sketch)
 
 
-def _outlined(task: Task) -> Made:
+def _outlined(task: Task, on_sketch: Callable[[Made], None]) -> Made:
     """The drawing of regions with smooth outlines."""
-    from cubicsplat_cli.artwork.input.evenness import SMALL
-    from cubicsplat_cli.artwork.input.intake import taken_in
     from cubicsplat_cli.artwork.shapes import scaled_drawing
-    from cubicsplat_cli.artwork.vectorize import draw
+    from cubicsplat_cli.artwork.vectorize import draw, prepared
 
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
-    target = task.target.target()
-    intake = taken_in(target)
-    drawing = draw(target, chosen, intake, strokes=task.request.settings.mode is Mode.OPEN)
+    with under_way(Work(task.on_progress, time.perf_counter() + task.seconds_to_make())) as work:
+        target = task.target.target()
+        intake = prepared(target)
+        drawing = draw(
+            target, chosen, intake, strokes=task.request.settings.mode is Mode.OPEN,
+            on_sketch=lambda sketch: on_sketch(_drawn(scaled_drawing(sketch, *task.picture.size), task.request)),
+        )  # fmt: skip
     drawing = scaled_drawing(drawing, *task.picture.size)
     if chosen.stacking == CUTOUT:
         from cubicsplat_cli.artwork.planar.cutout import cut_out
 
         precision = task.request.precision
         drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
-    least = LEAST_DB if intake.condition.clean and intake.times == 1 else LEAST_THROUGH_DB
-    if max(target.shape[:2]) <= SMALL:
-        least = LEAST_SMALL_DB
-    if intake.scanned:
-        # Most of a scan is paper and light, which are not drawn: how far it is says nothing.
-        least = -math.inf
-    return replace(_drawn(drawing, task.request), notes=intake.notes, least_db=least)
+    made = _drawn(drawing, task.request)
+    notes = list(intake.notes)
+    if work.stopped and not work.interrupted:
+        notes.append("ended by the time limit: not all of its outlines are fitted")
+    facts = {**made.facts, "interrupted": work.interrupted}
+    return replace(made, notes=notes, facts=facts, may_be_photo=not intake.scanned)
 
 
-def plain(ink: Ink, task: Task) -> tuple[Style, Made]:
+def plain(ink: Ink, task: Task) -> Made:
     """A picture of one colour: its ground and no curve, in either style."""
     request = task.request
     drawing = plain_drawing(ink, *task.picture.size)
@@ -80,8 +80,8 @@ def plain(ink: Ink, task: Task) -> tuple[Style, Made]:
             from cubicsplat_cli.artwork.vectorize import in_palette
 
             drawing = in_palette(drawing, request.artwork.palette)
-        return style, _drawn(drawing, request)
-    return style, replace(_drawn(drawing, request), paths=0, facts={})
+        return replace(_drawn(drawing, request), style=style)
+    return replace(_drawn(drawing, request), paths=0, facts={}, style=style)
 
 
 def _drawn(drawing: Drawing, request: Request) -> Made:

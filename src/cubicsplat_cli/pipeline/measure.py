@@ -8,12 +8,12 @@ from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
 from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.evaluate.metrics import measure, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.pipeline.task import Result, Task
+from cubicsplat_cli.pipeline.task import Made, Result, Task
 from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.report import FileQuality, OwnQuality, Qualities, Report, gap_db
 
 
-def measured(result: Result, task: Task, samples: int) -> Result:
+def measured(result: Result, task: Task, made: Made) -> Result:
     """Draw the SVG's bytes with an independent renderer, and compare that and the engine's picture with the input."""
     stages, threads = task.stages, task.request.settings.threads
     with stages("measure"):
@@ -21,11 +21,11 @@ def measured(result: Result, task: Task, samples: int) -> Result:
     with stages("draw"):
         drawn = rerender(result.svg.encode(), reference.width, reference.height)
     with stages("measure"):
-        own = of_scene(result.scene, reference.width, reference.height, samples, threads)
+        own = of_scene(made.scene, reference.width, reference.height, made.samples, threads)
         (file, surrogate), agreement = measure(reference, [of_pixels(drawn.pixels), own], threads)
         quality = Qualities(
             FileQuality(**vars(file), renderer=drawn.renderer),
-            OwnQuality(**vars(surrogate), samples=samples),
+            OwnQuality(**vars(surrogate), samples=made.samples),
             agreement,
             gap_db(file, surrogate),
         )

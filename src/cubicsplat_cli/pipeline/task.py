@@ -11,21 +11,23 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.artwork.style import PHOTO, Style
 from cubicsplat_cli.evaluate.measurable import seconds_to_measure
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.files.marks import provenance_comment, with_checksum
+from cubicsplat_cli.files.marks import provenance_comment, sha256_of, with_checksum
 from cubicsplat_cli.files.names import is_compressed_name
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.files.weights import pixel_weights
 from cubicsplat_cli.film import Film
 from cubicsplat_cli.progress import Progress, Stages
-from cubicsplat_cli.report import Report
+from cubicsplat_cli.report import Input, Output, Report, Timing
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
 
+UNDECIDED = Style(PHOTO, "")
 LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
 
 
@@ -56,7 +58,8 @@ class Made:
 
     scene: None where the SVG holds no shape. write: gives the SVG's text for a title and a comment. samples: edges per
     cubic of the engine's own picture. paths: how many curves or shapes there are. facts: members of the report that are
-    the style's. least_db: PSNR against its picture below which a drawing is too far from it.
+    the style's. style: and why; set by `candidates`. may_be_photo: whether a photo could be nearer to the picture; to a
+    scan, whose paper is not drawn, it always is, and to one of cells it never is.
     """
 
     scene: Scene | None
@@ -65,13 +68,18 @@ class Made:
     paths: int
     notes: list[str] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
-    least_db: float = -math.inf
+    style: Style = UNDECIDED
+    may_be_photo: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One picture, over the ground asked for, and what is asked of it. target: what is fitted, it or a smaller copy."""
+    """One picture, and what is asked of it.
 
+    source: the picture as it came; picture: over the ground asked for; target: what is fitted, that or a smaller copy.
+    """
+
+    source: Picture
     picture: Picture
     target: Picture
     request: Request
@@ -85,6 +93,24 @@ class Task:
         request = self.request
         return provenance_comment(__version__, request.settings.seed, request.digest(), self.picture.sha256)
 
+    def result(self, made: Made) -> Result:
+        """The SVG of what was made, and its report, not yet measured."""
+        with self.stages("write"):
+            svg = with_checksum(made.write(self.title, self.comment()))
+            data, source, request = svg.encode(), self.source, self.request
+            facts = {"device": {"name": "cpu"}, "timing": Timing(0.0, self.stages.seconds["fit"]), **made.facts}
+            report = Report(
+                input=Input(source.source, source.sha256, *source.size, source.alpha is not None),
+                output=Output(made.paths, len(data), sha256_of(data)),
+                settings=request.deciding(),
+                settings_hash=request.digest(),
+                style=made.style.name,
+                style_reason=made.style.reason,
+                notes=[*self.target.notes, *made.notes],
+                **facts,
+            )
+        return Result(svg, made.scene, report)
+
     def text(self, scene: Scene, precision: int) -> str:
         """The SVG of a photo's curves, at the picture's size."""
         sized = scaled_scene(scene, *self.picture.size)
@@ -97,13 +123,19 @@ class Task:
 
     def settings(self) -> FitSettings:
         """Of a fit that leaves time for what comes after it, where there is a limit."""
-        settings, left = self.request.settings, self.seconds_left()
-        if settings.time_limit is None:
-            return settings
+        limit = self.request.settings.time_limit
+        if limit is None:
+            return self.request.settings
+        return self.request.settings.with_(time_limit=min(self.seconds_to_make(), limit))
+
+    def seconds_to_make(self) -> float:
+        """For the fit or drawing, so that there is time for what comes after it; infinite without a limit."""
+        limit, left = self.request.settings.time_limit, self.seconds_left()
+        if limit is None:
+            return math.inf
         after = seconds_to_measure(self.picture) if self.request.measure else 0.0
         # Not less than a share of what was asked for, and of what is left: a fit is what it was asked for.
-        most = max(left - after, LEAST_FITTED * settings.time_limit, 0.5 * left, 1e-3)
-        return settings.with_(time_limit=min(most, settings.time_limit))
+        return max(left - after, LEAST_FITTED * limit, 0.5 * left, 1e-3)
 
     def weights(self, copy: Picture) -> np.ndarray | None:
         """How much each pixel of the picture, or of a smaller copy of it, matters; None: all alike."""

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.finish.freedom import NO_PINS, CopyFreedom, Freedom,
 from cubicsplat_cli.artwork.finish.seals import leak_misfit, leaks, sealed_equations
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack
 from cubicsplat_cli.scene.paint import Ink
 
@@ -133,6 +134,7 @@ def settle(state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True)
     """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter."""
     damping = np.full(sum(len(layer.outlines) for layer in state.layers), START)
     for _ in range(rounds):
+        work().at()
         following = _improved(state, goal, damping)
         gain = state.value - following.value
         state = _trimmed(following, goal) if trim else following

@@ -7,6 +7,7 @@ from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
 from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
 
 # Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
@@ -24,18 +25,24 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
         return drawing
     pieces = drawing.segments
     held = Held(drawing.width, drawing.height)
-    state = settle(begin(drawing, goal), goal, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
-    # What was traced in edges made sharp again has many pieces too many.
-    for _ in range(MERGES if goal.reach and pieces <= CROWDED else 1):
-        following = with_merges(state, goal, held, detail, error) if pieces <= FULL else state
-        if following is state:
-            break
-        state = following
-    for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
-        following = _moved(state, goal, held, detail, error)
-        if following is state:
-            break
-        state = following
+    at = work().at
+    at("fitting to the pixels", 0.5)
+    state = begin(drawing, goal)
+    with work().stoppable():
+        state = settle(state, goal, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
+        at("merging pieces", 0.6)
+        # What was traced in edges made sharp again has many pieces too many.
+        for _ in range(MERGES if goal.reach and pieces <= CROWDED else 1):
+            following = with_merges(state, goal, held, detail, error) if pieces <= FULL else state
+            if following is state:
+                break
+            state = following
+        at("fitting to the pixels", 0.7)
+        for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
+            following = _moved(state, goal, held, detail, error)
+            if following is state:
+                break
+            state = following
     return drawn(drawing, state)
 
 

@@ -1,0 +1,54 @@
+"""Whether a photo would be nearer to a picture than its drawing: a quick fit of as many bytes, on a small copy."""
+
+from __future__ import annotations
+
+from cubicsplat_cli.evaluate.layers import of_scene
+from cubicsplat_cli.evaluate.metrics import psnr_db
+from cubicsplat_cli.files.load import resize_picture
+from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.scene import Scene
+
+SIDE = 192  # px of the longer side of the copy: noise and artefacts, which no drawing has, are mostly averaged out
+ENOUGH_DB = 40.0  # of a drawing on the copy, with which it has lost nothing that people see
+STEPS = 300
+BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
+FEWEST, MOST = 8, 512  # curves of the quick fit
+# Shapes can be edited, so the curves must be better by what is plain to see.
+MARGIN_DB = 1.0
+SKETCH_DB = 2.0  # that fitted outlines are better than polygons
+
+
+class PhotoIsNearer(Exception):
+    """A drawing is not worth finishing; the text says why, as `photo_is_nearer` does."""
+
+
+def check_worth_finishing(task: Task, sketch: Made) -> None:
+    """Raises PhotoIsNearer where not even fitted outlines would bring a drawing near enough, and what a fit raises."""
+    reason = photo_is_nearer(task, sketch, MARGIN_DB + SKETCH_DB)
+    if reason is not None:
+        raise PhotoIsNearer(reason)
+
+
+def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str | None:
+    """Why the photo style suits the picture better than its drawing does, by so many dB; None where it does not.
+
+    Raises what a fit raises.
+    """
+    from cubicsplat_cli.photo import fit
+
+    small, threads = resize_picture(task.target, SIDE), task.request.settings.threads
+
+    def level(scene: Scene) -> float | None:
+        return psnr_db(small, of_scene(scene, small.width, small.height, made.samples, threads), threads)
+
+    if made.scene is None:
+        return None
+    drawn = level(made.scene)
+    if drawn is None or drawn >= ENOUGH_DB:
+        return None
+    size = len(made.write(task.title, task.comment()).encode())
+    curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), MOST))
+    fitted = level(fit(small.target(), task.settings().with_(curves=curves, steps=STEPS)).scene)
+    if fitted is not None and fitted <= drawn + margin_db:
+        return None
+    return f"a photo of the same size has {fitted:.1f} dB in small, drawn it has {drawn:.1f} dB"

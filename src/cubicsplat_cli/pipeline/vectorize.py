@@ -1,0 +1,143 @@
+"""One picture through the stages: style -> fit or drawing -> SVG -> independent render -> figures."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from cubicsplat_cli.artwork.plain import only_ink
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
+from cubicsplat_cli.errors import CubicSplatError, UsageError
+from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
+from cubicsplat_cli.film import Film
+from cubicsplat_cli.pipeline.artwork import drawn_artwork, plain
+from cubicsplat_cli.pipeline.measure import measured, timed
+from cubicsplat_cli.pipeline.nearer import PhotoIsNearer, check_worth_finishing, photo_is_nearer
+from cubicsplat_cli.pipeline.photo import fitted_photo
+from cubicsplat_cli.pipeline.task import Made, Result, Task
+from cubicsplat_cli.progress import Progress, Stages, nothing
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.settings import listed
+from cubicsplat_cli.words import one_line
+
+_log = logging.getLogger("cubicsplat")
+
+
+def vectorize_picture(
+    picture: Picture,
+    request: Request | None = None,
+    *,
+    title: str | None = None,
+    stages: Stages | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Result:
+    """Turn a loaded picture into an SVG, and measure that SVG.
+
+    title: the SVG's title, by default the picture's source. A Ctrl-C while a photo is fitted or a drawing made ends
+    that with what there is so far. Raises EngineError when the engine fails, InputError when the scene cannot be
+    written.
+    """
+    task = task_of(picture, request or Request(), stages or Stages(), title=title, on_progress=on_progress)
+    *_, made = candidates(task)
+    result = task.result(made)
+    if task.request.measure:
+        result = measured(result, task, made)
+    return replace(result, report=timed(result.report, task.stages))
+
+
+def task_of(
+    picture: Picture,
+    request: Request,
+    stages: Stages,
+    *,
+    title: str | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    film: Film | None = None,
+) -> Task:
+    """The work on a loaded picture. film: keeps the scenes of a photo's fit."""
+    with stages("read"):
+        wanted = laid_over(picture, request.settings.background_colour)
+        target = wanted if request.max_size is None else resize_picture(wanted, request.max_size)
+    return Task(picture, wanted, target, request, stages, on_progress, film, title or picture.source)
+
+
+def candidates(task: Task) -> Iterator[Made]:
+    """What is made of the picture. Where the style is "auto", a drawing comes first, and behind it the photo of a
+    picture to which that is nearer. Each is a finished result, better than the one before: it can be kept until then.
+    """
+    with task.stages("fit"):
+        made = _first(task)
+    yield made
+    if not made.may_be_photo:
+        return
+    with task.stages("fit"):
+        photo = _nearer(task, made)
+    if photo is not None:
+        yield photo
+
+
+def _first(task: Task) -> Made:
+    """What the style that is asked for, or suits the picture, makes of it; the other style where that fails."""
+    request = task.request
+    ink = only_ink(task.picture)
+    if ink is not None:
+        return plain(ink, task)
+    asked = _asked_for(request)
+    if asked is not None:
+        return replace(_made(task, asked), may_be_photo=False)
+    style = choose_style(task.target.target())
+    try:
+        return _made(task, style, lambda sketch: check_worth_finishing(task, sketch))
+    except PhotoIsNearer as nearer:
+        return _made(task, Style(PHOTO, f"{style.reason}, but {nearer}"))
+    except UsageError:
+        raise
+    except Exception as error:
+        failed = error.with_traceback(None)  # which would keep all that was in memory
+    other = Style(ARTWORK if style.name == PHOTO else PHOTO, f"{style.reason}, but as {style.name} it failed")
+    try:
+        made = _made(task, other)
+    except Exception:
+        raise failed from None
+    return replace(made, notes=[*made.notes, f"made as {other.name}, since {_failure(style.name, failed)}"])
+
+
+def _asked_for(request: Request) -> Style | None:
+    """The style that the user chose, by name or by an option that only that style has."""
+    if request.style != "auto":
+        return Style(request.style, "asked for")
+    for name, options in ((PHOTO, request.of_photos()), (ARTWORK, request.of_artwork())):
+        if options:
+            return Style(name, f"asked for by {listed(options)}")
+    return None
+
+
+def _nearer(task: Task, made: Made) -> Made | None:
+    """The photo of a picture to which that is nearer than the drawing; None where it is not, or fails."""
+    try:
+        reason = photo_is_nearer(task, made)
+        if reason is None:
+            return None
+        photo = _made(task, Style(PHOTO, f"{made.style.reason}, but {reason}"))
+    except Exception as error:
+        made.notes.append(f"the drawing stays, since {_failure('photo', error)}")
+        return None
+    if photo.facts["interrupted"]:
+        made.facts["interrupted"] = True
+        return None
+    return photo
+
+
+def _made(task: Task, style: Style, on_sketch: Callable[[Made], None] = nothing) -> Made:
+    made = fitted_photo(task) if style.name == PHOTO else drawn_artwork(task, on_sketch)
+    return replace(made, style=style)
+
+
+def _failure(style: str, error: Exception) -> str:
+    """What went wrong, in words for the user; an error that is not ours is a bug."""
+    if isinstance(error, CubicSplatError):
+        return f"{style} failed: {one_line(error)}"
+    if isinstance(error, MemoryError):
+        return f"there is not enough memory for {style}"
+    return f"{style} failed ({type(error).__name__}: {one_line(error)}); this is a bug, please report it"
