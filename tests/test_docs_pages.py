@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 # Made by `make docs` itself.
 MADE = {"gallery.md"}
-PAGES = sorted(path for path in DOCS.glob("*.md") if path.name not in MADE)
+PAGES = sorted(path for path in DOCS.rglob("*.md") if path.name not in MADE)
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
 
 
@@ -24,7 +24,7 @@ def anchors(path: Path) -> set[str]:
 
 def test_every_page_is_in_the_menu_once():
     menu = re.findall(r"^ +- [^:\n]+: (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
-    assert sorted(menu) == sorted({path.name for path in PAGES} | MADE)
+    assert sorted(menu) == sorted({path.relative_to(DOCS).as_posix() for path in PAGES} | MADE)
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=lambda path: path.name)
@@ -38,6 +38,13 @@ def test_what_a_page_refers_to_is_there(page):
             assert anchor in anchors(target), f"{page.name} refers to {name}#{anchor}"
     for name in re.findall(r'<img src="([^"]+)"', text):
         assert (page.parent / name).is_file(), f"{page.name} shows {name}, which is not there"
+
+
+def test_pages_that_the_code_names_are_there():
+    files = [ROOT / "Makefile", *(path for name in ("src", "tools", "tests") for path in (ROOT / name).rglob("*.py"))]
+    named = {name for path in files for name in re.findall(r"\bdocs/[\w/-]+\.md", path.read_text(encoding="utf-8"))}
+    assert len(named) >= 4
+    assert not [name for name in named if not (ROOT / name).is_file() and Path(name).name not in MADE]
 
 
 def test_the_pages_ask_for_nothing_from_elsewhere():

@@ -71,6 +71,18 @@ def test_shrinking_keeps_the_curves_of_most_use(target, first):
     assert final(target, shrunk.scene) > final(target, anew.scene) - 0.5
 
 
+@pytest.mark.parametrize("curves", [12, 8])
+@pytest.mark.parametrize("mode", list(Mode))
+def test_a_start_of_shorter_curves_is_refined_and_shrunk(target, mode, curves):
+    """Curves that are seeded anew have more segments than those of the drawing, as with files of --max-bytes."""
+    start = fit(target, settings(mode=mode, segments=1)).scene
+    found = fit(target, settings(mode=mode, curves=curves, segments=3), guide=Guide(start=start))
+    assert found.replaced > 0
+    found.scene.validate()
+    if curves == 12:
+        assert final(target, found.scene) > final(target, start)
+
+
 @pytest.mark.parametrize("mode", list(Mode))
 def test_frozen_curves_stay_as_they_are_behind_the_new_ones(target, mode):
     first = fit(target, settings(mode=mode)).scene

@@ -24,7 +24,7 @@ def parse_bytes(given: str | int) -> int:
 def with_segments(fit: dict[str, Any], max_bytes: object) -> dict[str, Any]:
     """The settings of a fit with the segments that give most for a byte, where bytes are the budget and none are given.
 
-    Measured at equal bytes (docs/quality.md): closed curves of 2 segments have some 0.2 dB more than of 4.
+    Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
     """
     closed = str(getattr(fit.get("mode"), "value", fit.get("mode") or "closed")) == "closed"
     return fit if max_bytes is None or fit.get("segments") is not None or not closed else {**fit, "segments": 2}

@@ -1,4 +1,4 @@
-"""The settings of a fit: what the user chooses, and the recipe (numbers found by measurement, see docs/quality.md).
+"""The settings of a fit: what the user chooses, and the recipe (numbers found by measurement, see docs/lab/photos.md).
 
 A field made by `setting` is at the same time an option of the command: its help and its limits stand here alone.
 Imports nothing heavy, since the command line is built from it.
@@ -22,7 +22,7 @@ Kind = Literal["count", "number", "choice", "flag", "colour", "text"]
 FROM_PRESET: Any = None
 AUTO: Any = None
 USUAL_CURVES = 512  # of a photo of ordinary size
-PIXELS_PER_CURVE = 96  # at the least, unless more curves are asked for; measured: see docs/quality.md
+PIXELS_PER_CURVE = 96  # at the least, unless more curves are asked for
 
 
 class Mode(str, Enum):

@@ -11,7 +11,7 @@ from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.photo.smoothing import box_mean
 from cubicsplat_cli.raster.engine import OptimiserState
 from cubicsplat_cli.scene.arrays import Array, as_numpy, namespace
-from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.settings import FitSettings, Mode
 
 
 def gini(importance: Array) -> float:
@@ -61,6 +61,14 @@ def in_front(fresh: Parameters, rest: Parameters) -> Parameters:
         return fresh.joined(rest)
     room, rings = max(points, rest_points), 1 if rest.ring_ends is None else int(rest.ring_ends.shape[1])
     return fresh.with_room(room, rings).joined(rest.with_room(room, rings))
+
+
+def with_room_for_seeds(parameters: Parameters, settings: FitSettings) -> Parameters:
+    """The curves with room for as many points each as new curves have; the same object where there is enough."""
+    needed = 3 * settings.segments + (settings.mode is Mode.OPEN)
+    if parameters.points.shape[1] >= needed:
+        return parameters
+    return parameters.with_room(needed, 1 if parameters.ring_ends is None else int(parameters.ring_ends.shape[1]))
 
 
 def reallocate(

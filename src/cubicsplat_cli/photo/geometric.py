@@ -1,4 +1,4 @@
-"""Regularisers: the non-crossing penalty of LIVE (an ablation: it costs quality, see docs/ablations.md), and one on
+"""Regularisers: the non-crossing penalty of LIVE (an ablation: it costs quality, see docs/lab/photos.md), and one on
 thorns, which show when a file is enlarged: joins at which an outline turns back on itself, and slivers.
 """
 

@@ -2,8 +2,8 @@
 
 Most SVG renderers composite premultiplied 8-bit values. cairo truncates the opacity and the premultiplied colour of
 a path to 8 bits, half a level too dark on average; over a dozen translucent layers that is the larger part of the
-difference between the engine's picture and the file's (docs/quality.md). So a finished scene gets opacities of k / 255
-and, per channel, the nearest 8-bit colour whose truncated premultiplied value is the rounded one.
+difference between the engine's picture and the file's (docs/lab/photos.md). So a finished scene gets opacities of
+k / 255 and, per channel, the nearest 8-bit colour whose truncated premultiplied value is the rounded one.
 """
 
 from __future__ import annotations

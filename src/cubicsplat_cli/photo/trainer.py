@@ -12,7 +12,7 @@ import numpy as np
 from cubicsplat_cli.errors import DeviceError
 from cubicsplat_cli.film import Film
 from cubicsplat_cli.photo.best import Best
-from cubicsplat_cli.photo.capacity import gini, in_front, reallocate, seeded
+from cubicsplat_cli.photo.capacity import gini, in_front, reallocate, seeded, with_room_for_seeds
 from cubicsplat_cli.photo.diary import Diary
 from cubicsplat_cli.photo.faults import broken_down, check_finite
 from cubicsplat_cli.photo.geometric import Regulariser
@@ -131,10 +131,10 @@ class Trainer:
         wanted = self.settings.curves
         if parameters.curves > wanted:
             xp, worth = namespace(self.goal), self.judge.worth(parameters)
-            return parameters.chosen(xp.sort(xp.argsort(-worth)[:wanted]))
+            return with_room_for_seeds(parameters.chosen(xp.sort(xp.argsort(-worth)[:wanted])), self.settings)
         self.start_loss = self.judge.loss(parameters)
         if parameters.curves == wanted:
-            return parameters.copy()
+            return with_room_for_seeds(parameters.copy(), self.settings)
         image = self.judge.picture(parameters)
         fresh = seeded(
             wanted - parameters.curves, image, self.goal, self.settings, self.generator, self.unit, self.weights

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.photo import FitResult, Resizing
     from cubicsplat_cli.scene import Scene
 
-# All measured on Kodak photos, docs/quality.md.
+# All measured on Kodak photos, docs/lab/photos.md.
 BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
 SHARED_OPACITY = 0.78  # at first, of curves whose bytes count: 20 of a curve's 105 would say one of its own
 COMPRESSED = 0.45  # of a file's bytes are left by gzip

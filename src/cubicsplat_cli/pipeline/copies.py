@@ -8,7 +8,7 @@ from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 
 # The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
-# which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/performance.md.
+# which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/lab/cpu.md.
 ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
 
