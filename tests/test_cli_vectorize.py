@@ -198,6 +198,27 @@ def test_ctrl_c_writes_the_best_svg_so_far(photo):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_ctrl_c_writes_the_drawings_so_far(jobs, tmp_path):
+    """Of rings without number, whose outlines alone take half a minute."""
+    y, x = np.mgrid[0:400, 0:400] + 0.5
+    cover = np.ones((400, 400))
+    for u, v, r in np.random.default_rng(4).uniform((20, 20, 6), (380, 380, 18), (160, 3)):
+        cover = np.minimum(cover, np.clip(np.abs(np.hypot(x - u, y - v) - r) - 1.5, 0.0, 1.0))
+    for name in "ab"[:jobs]:
+        Image.fromarray(np.rint(255 * cover).astype(np.uint8)).save(tmp_path / f"{name}.png")
+    with WarmCommand("vectorize", *tmp_path.glob("*.png"), "--style", "artwork", "-j", jobs, "-v") as command:
+        wait_until(lambda: command.stderr().count(b"fitting outlines") >= jobs or not command.running())
+        command.interrupt()
+        done = command.wait()
+    assert done.returncode == 130, done.stderr
+    assert b"Traceback" not in done.stderr
+    reports = [strict_json(path.read_bytes()) for path in tmp_path.glob("*.json")]
+    assert [report["interrupted"] for report in reports] == [True] * jobs
+    assert all(report["quality"]["svg"]["psnr_db"] > 20 for report in reports)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_ctrl_c_before_the_fit_writes_nothing(tmp_path):
     import fcntl
     import termios

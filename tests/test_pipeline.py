@@ -71,6 +71,13 @@ def disc() -> np.ndarray:
     return np.rint(240.0 + cover * (np.array([20, 90, 160]) - 240.0)).astype(np.uint8)
 
 
+def test_a_result_far_from_its_picture_says_so():
+    texture = np.random.default_rng(2).integers(0, 255, (40, 48, 3), dtype=np.uint8)
+    report = vectorize(texture, style="photo", steps=3, threads=1).report
+    assert any("far from the picture" in note and "--curves" in note for note in report.notes)
+    assert not any("far" in note for note in vectorize(disc(), threads=1).report.notes)
+
+
 def test_a_drawing_that_is_near_its_picture_stays(monkeypatch):
     monkeypatch.setattr(pipeline, "choose_style", as_drawing)
     noisy = np.clip(disc() + np.random.default_rng(1).normal(0, 5, (80, 96, 3)), 0, 255).astype(np.uint8)

@@ -67,7 +67,7 @@ def _outlined(task: Task, on_sketch: Callable[[Made], None]) -> Made:
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     facts = {**made.facts, "interrupted": work.interrupted}
-    return replace(made, notes=notes, facts=facts, may_be_photo=not intake.scanned)
+    return replace(made, notes=notes, facts=facts, may_be_photo=not intake.scanned, of_scan=intake.scanned)
 
 
 def plain(ink: Ink, task: Task) -> Made:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
 from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.evaluate.metrics import measure, weighted_psnr_db
@@ -11,6 +12,8 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.pipeline.task import Made, Result, Task
 from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.report import FileQuality, OwnQuality, Qualities, Report, gap_db
+
+FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 
 
 def measured(result: Result, task: Task, made: Made) -> Result:
@@ -36,8 +39,19 @@ def measured(result: Result, task: Task, made: Made) -> Result:
     notes = [] if drawn.note is None else [drawn.note]
     if (reference.width, reference.height) != task.picture.size:
         notes.append(f"quality measured at {reference.width} x {reference.height} pixels")
+    if quality.svg.psnr_db is not None and quality.svg.psnr_db < FAR_DB and _may_be_nearer(task, made):
+        more = "more --curves bring it nearer" if made.style.name == PHOTO else "--style photo may be nearer"
+        notes.append(f"the result is far from the picture, {quality.svg.psnr_db:.1f} dB; {more}")
     report = replace(result.report, quality=quality, notes=[*result.report.notes, *notes])
     return replace(result, report=report, pixels=drawn.pixels)
+
+
+def _may_be_nearer(task: Task, made: Made) -> bool:
+    """Whether a result is to be as near to its picture as it can be: nobody asked for few curves or colours."""
+    request = task.request
+    bounded = (request.settings.curves, request.max_bytes, request.target_psnr, request.settings.time_limit)
+    asked = made.style.name == PHOTO or (request.artwork.free_inks and not made.of_scan)
+    return asked and all(each is None for each in bounded)
 
 
 def timed(report: Report, stages: Stages) -> Report:

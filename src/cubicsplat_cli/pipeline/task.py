@@ -58,8 +58,8 @@ class Made:
 
     scene: None where the SVG holds no shape. write: gives the SVG's text for a title and a comment. samples: edges per
     cubic of the engine's own picture. paths: how many curves or shapes there are. facts: members of the report that are
-    the style's. style: and why; set by `candidates`. may_be_photo: whether a photo could be nearer to the picture; to a
-    scan, whose paper is not drawn, it always is, and to one of cells it never is.
+    the style's. style: and why; set by `candidates`. may_be_photo: whether to ask if a photo would be nearer to the
+    picture, as of all drawings but those of cells and of scans. of_scan: a drawing without the paper.
     """
 
     scene: Scene | None
@@ -70,6 +70,7 @@ class Made:
     facts: dict[str, Any] = field(default_factory=dict)
     style: Style = UNDECIDED
     may_be_photo: bool = False
+    of_scan: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,7 +90,7 @@ def _first(task: Task) -> Made:
     try:
         return _made(task, style, lambda sketch: check_worth_finishing(task, sketch))
     except PhotoIsNearer as nearer:
-        return _made(task, Style(PHOTO, f"{style.reason}, but {nearer}"))
+        return _photo_instead(task, style, str(nearer))
     except UsageError:
         raise
     except Exception as error:
@@ -119,7 +119,7 @@ def _nearer(task: Task, made: Made) -> Made | None:
         reason = photo_is_nearer(task, made)
         if reason is None:
             return None
-        photo = _made(task, Style(PHOTO, f"{made.style.reason}, but {reason}"))
+        photo = _photo_instead(task, made.style, reason)
     except Exception as error:
         made.notes.append(f"the drawing stays, since {_failure('photo', error)}")
         return None
@@ -127,6 +127,12 @@ def _nearer(task: Task, made: Made) -> Made | None:
         made.facts["interrupted"] = True
         return None
     return photo
+
+
+def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
+    """The photo of a picture that looks like a drawing, with a note."""
+    photo = _made(task, Style(PHOTO, f"{drawn.reason}, but {reason}"))
+    return replace(photo, notes=[*photo.notes, f"made as photo: {reason}"])
 
 
 def _made(task: Task, style: Style, on_sketch: Callable[[Made], None] = nothing) -> Made:
