@@ -78,6 +78,8 @@ class Trainer:
         self.engine: Engine = open_engine(
             self.settings.device, self.settings.threads, mode=self.settings.mode, channels=int(self.target.shape[2]),
             painted=self.settings.fill == "linear", subdivide=self.recipe.flatten == "de-casteljau",
+            segments=max(self.settings.segments, 0 if start is None else start.segments),
+            samples=max(self.settings.samples, self.settings.finish_samples),
         )  # fmt: skip
         self.host_weights = weights
         self._aim()
