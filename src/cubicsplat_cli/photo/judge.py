@@ -18,7 +18,7 @@ CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
 # dB of the finished picture. A curve that adds less shows in no pixel, but takes its bytes and may be a speck beside a
 # silhouette; and all that are left out may cost no more than a hundredth, the last digit that fits are compared by.
 IDLE_DB, IDLE_TOTAL_DB = 1e-4, 0.01
-IDLE_ROUNDS = 4  # since curves are worth something else without the others; each round takes as long as two steps
+IDLE_ROUNDS = 3  # since curves are worth something else without the others; each round takes as long as two steps
 
 
 class Judge:
@@ -67,23 +67,27 @@ class Judge:
         """The parameters without the curves, but the last `frozen`, whose leave-one-out importance is less than
         IDLE_DB: as many as cost less than IDLE_TOTAL_DB together.
         """
-        kept, most = parameters, self.loss(parameters) * db_ratio(IDLE_TOTAL_DB)
+        kept, loss = parameters, self.loss(parameters)
+        most = loss * db_ratio(IDLE_TOTAL_DB)
         for _ in range(IDLE_ROUNDS):
-            idle = self._idle(kept, frozen)
+            idle = self._idle(kept, frozen, (most - loss) / max(loss, 1e-300))
             # Two curves may each be of no use only while the other is there.
-            while len(idle) and self.loss(rest := _without(kept, idle)) > most:
+            while len(idle) and (without := self.loss(rest := _left(kept, idle))) > most:
                 idle = idle[: len(idle) // 2]
             if not len(idle):
                 break
-            kept = rest
+            kept, loss, most = rest, without, min(most, without * db_ratio(IDLE_TOTAL_DB))
         return kept
 
-    def _idle(self, parameters: Parameters, frozen: int) -> np.ndarray:
-        """The curves worth less than IDLE_DB, those of least worth first; at least one curve is none of them."""
+    def _idle(self, parameters: Parameters, frozen: int, allowed: float) -> np.ndarray:
+        """The curves worth less than IDLE_DB, those of least worth first: as many as are worth at most `allowed` times
+        the loss together, and never all.
+        """
         loss, found = self._measured(parameters)
-        worth = as_numpy(found)[: parameters.curves - frozen]
+        worth = as_numpy(found)[: parameters.curves - frozen].astype(np.float64) / max(loss, 1e-300)
         order = np.argsort(worth, kind="stable")[: parameters.curves - 1]
-        return order[worth[order] <= loss * (db_ratio(IDLE_DB) - 1.0)]
+        worth = worth[order]
+        return order[(worth <= db_ratio(IDLE_DB) - 1.0) & (np.maximum(worth, 0.0).cumsum() <= allowed)]
 
     def of_soft_edges(self, parameters: Parameters, samples: int) -> str:
         """What a file loses against soft edges, drawn with so many edges per cubic, in a sentence."""
@@ -97,6 +101,6 @@ class Judge:
         )
 
 
-def _without(parameters: Parameters, left_out: np.ndarray) -> Parameters:
+def _left(parameters: Parameters, left_out: np.ndarray) -> Parameters:
     keep = np.setdiff1d(np.arange(parameters.curves), left_out)
     return parameters.chosen(like(parameters.points, keep, "int64"))

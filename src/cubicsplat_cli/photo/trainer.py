@@ -37,7 +37,7 @@ from cubicsplat_cli.scene.arrays import Array, as_numpy, copied, like, namespace
 from cubicsplat_cli.settings import FitSettings
 
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
-AFTER_STEPS = 3  # what comes after the last step takes about as long as so many
+AFTER_STEPS = 5  # what comes after the last step takes about as long as so many
 
 
 @dataclass
