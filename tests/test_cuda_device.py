@@ -55,6 +55,9 @@ def test_auto_takes_the_gpu_where_there_is_one(monkeypatch, caplog):
     assert engines.open_engine("auto", 1, subdivide=True).name == "cpu"
     with pytest.raises(EngineError, match=r"no de Casteljau subdivision; use uniform samples, or the CPU"):
         engines.open_engine("cuda", subdivide=True)
+    assert engines.open_engine("auto", 1, segments=43).name == "cpu"
+    with pytest.raises(EngineError, match="at most 42 segments and 4096 edges, not 20 and 20000"):
+        engines.open_engine("cuda", segments=20, samples=1000)
 
     def broken(**_):
         raise EngineError("its self-test failed")
@@ -62,7 +65,9 @@ def test_auto_takes_the_gpu_where_there_is_one(monkeypatch, caplog):
     monkeypatch.setattr(engines, "cuda_engine", broken)
     assert engines.open_engine("auto", 1).name == "cpu"
     assert [message.split(";")[0] for message in caplog.messages] == [
-        "using the CPU: the CUDA engine has no de Casteljau subdivision", "using the CPU: its self-test failed"
+        "using the CPU: the CUDA engine has no de Casteljau subdivision",
+        "using the CPU: the CUDA engine draws curves of at most 42 segments and 4096 edges, not 43 and 43",
+        "using the CPU: its self-test failed",
     ]  # fmt: skip
     with pytest.raises(EngineError, match="self-test failed"):
         engines.open_engine("cuda")

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from conftest import smooth_pixels
+from scenes import rectangle, scene_of
 
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo import FitResult, fit
 from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.result import psnr
-from cubicsplat_cli.photo.start import choose_background
+from cubicsplat_cli.photo.start import choose_background, parameters_of
 from cubicsplat_cli.photo.trainer import Trainer
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster import render_scene
@@ -177,6 +179,22 @@ def test_where_no_curve_is_of_use_one_is_left(mode):
     assert (result.scene.curves, result.dropped) == (1, 11)
 
 
+def test_specks_beside_the_silhouette_go_and_one_of_two_curves_that_hide_each_other_stays():
+    """Each of the twins is of no use while the other is there; without both there would be no picture."""
+    speck, twin = rectangle(3, 3, 3.6, 3.4), rectangle(10, 8, 30, 22)
+    scene = scene_of(Mode.CLOSED, [speck, twin, twin, speck + 1.0], 40, 28)
+    scene = replace(scene, colours=torch.full((4, 3), 0.5), opacities=torch.ones(4)).as_numpy()
+    target = np.zeros((28, 40, 4), np.float32)
+    target[8:22, 10:30] = (0.5, 0.5, 0.5, 1.0)
+    state = trainer(target, segments=4)
+    begun = parameters_of(scene, state.settings, 40, 28).as_torch()
+    kept = state.judge.without_idle(begun, 0)
+    assert kept.curves == 1
+    assert torch.equal(kept.points[0], twin)
+    assert state.judge.loss(kept) < state.judge.loss(begun)
+    assert torch.equal(state.judge.without_idle(begun, 2).points[-2:], begun.points[-2:]), "these are frozen"
+
+
 @pytest.mark.parametrize("shape", [(5, 5), (5, 5, 2), (0, 5, 3), (5, 0, 3), (5, 5, 5)])
 def test_other_shapes_are_refused(shape):
     with pytest.raises(InputError, match="shape"):
@@ -304,6 +322,25 @@ def test_an_interrupt_returns_the_best_so_far(at, monkeypatch):
     result.scene.validate()
     if at == 58:
         assert psnr(loss_of(result.scene, target), 40 * 28 * 3) > 18
+
+
+def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before(monkeypatch):
+    """New curves first make the picture worse."""
+    target, levels = picture(), []
+    original = Trainer._reallocate
+
+    def interrupted(self: Trainer, progress: float) -> None:
+        levels.append(psnr(self.judge.loss(self.parameters), target.size))
+        original(self, progress)
+        if self.step >= 20:
+            levels.append(psnr(self.judge.loss(self.parameters), target.size))
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Trainer, "_reallocate", interrupted)
+    result = fit(target, settings())
+    *_, before, after = levels
+    assert after < before - 0.5
+    assert psnr(loss_of(result.scene, target), target.size) > before - 0.05  # colours of 8 bits
 
 
 def test_an_interrupt_out_of_the_progress_callback_does_the_same():

@@ -17,6 +17,8 @@ from cubicsplat_cli.photo.guide import UNGUIDED
 from cubicsplat_cli.photo.initial import colours_at, control_points, draw_pixels, new_curves, random_centres
 from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.photo.smoothing import box_mean
+from cubicsplat_cli.photo.trainer import Trainer
+from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.raster.engine import OptimiserState
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -271,6 +273,27 @@ def test_a_fit_grows_and_shrinks_on_its_way(mode):
         assert found.steps == 60 and found.history[-1]["step"] == 60
     grown, shrunk = resized(picture, 25, mode=mode), resized(picture, 3, mode=mode)
     assert shrunk.history[-1]["psnr_db"] < plain.history[-1]["psnr_db"] < grown.history[-1]["psnr_db"]
+
+
+def test_an_interrupt_right_after_curves_were_added_returns_what_was_before(monkeypatch):
+    picture = np.zeros((36, 48, 4), np.float32)
+    picture[8:28, 10:40] = (0.8, 0.3, 0.1, 1.0)
+    losses, advance = [], Trainer.advance
+
+    def interrupted(self: Trainer) -> None:
+        if self.settings.curves == 25:
+            losses.append(self.judge.loss(self.parameters))
+            raise KeyboardInterrupt
+        advance(self)
+        losses.append(self.judge.loss(self.parameters))
+
+    monkeypatch.setattr(Trainer, "advance", interrupted)
+    found = resized(picture, 25)
+    *_, before, after = losses
+    assert found.interrupted
+    assert after > 2.0 * before
+    error = render_scene(found.scene, threads=1) - picture  # over black and over white
+    assert 0.5 * (error[..., :3] ** 2 + (error[..., :3] - error[..., 3:]) ** 2).sum() < 1.02 * before
 
 
 def test_a_fit_to_a_smaller_copy_takes_its_number_of_curves_along():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from engines import (
@@ -43,6 +44,7 @@ from torch import Tensor
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.raster import RasterSettings, reference, render, render_scene
 from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneArrays, Training
+from cubicsplat_cli.raster.settings import FLATNESS
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 
@@ -68,6 +70,11 @@ def compound(*curves: list[Tensor], width: int = 24, height: int = 20, opacity: 
     points, ring_ends = pack_rings(Mode.CLOSED, curves)
     scene = scene_of(Mode.CLOSED, [rectangle(0, 0, 1, 1)] * len(curves), width, height, background=PAPER)
     return replace(scene, points=points, ring_ends=ring_ends, opacities=torch.full((len(curves),), opacity))
+
+
+def grid_of_dots(side: int) -> list[Tensor]:
+    """side x side circles of four cubics that do not meet, 4 px apart."""
+    return [circle(4.0 * x + 2.0, 4.0 * y + 2.0, 1.3) for y in range(side) for x in range(side)]
 
 
 def padding(scene: Scene) -> Tensor:
@@ -99,6 +106,28 @@ def test_rings_are_packed_and_given_back():
         assert all(torch.equal(a, b) for a, b in zip(scene.rings(curve), rings[curve], strict=True))
     assert not points[1, 6:].any()
     assert (scene.curves, scene.segments, scene.points_per_curve) == (2, 7, 21)
+
+
+def test_a_shape_of_a_hundred_thousand_edges_is_drawn_and_fitted_like_its_rings(engine):
+    dots, raster = grid_of_dots(40), RasterSettings("exact", 1.0, 16)  # 1600 rings of 64 edges
+    whole = compound(dots, width=160, height=160)
+    apart = compound(*([dot] for dot in dots), width=160, height=160)
+    apart = replace(apart, colours=whole.colours.repeat(len(dots), 1))
+    assert close(engine.render(packed(whole), raster), engine.render(packed(apart), raster), 1e-6)
+    goal = random_target(whole)
+    _, one = engine.gradients(packed(whole), raster, target=goal, importance="loo")
+    _, many = engine.gradients(packed(apart), raster, target=goal, importance="loo")
+    assert close(one["points"].reshape(many["points"].shape), many["points"], 1e-6)
+    assert float(one["importance"]) == pytest.approx(float(many["importance"].sum()), rel=1e-4)
+
+
+def test_a_finished_picture_keeps_to_its_curves_with_fewer_edges(engine):
+    scene, fine = compound(grid_of_dots(9), width=36, height=36), RasterSettings("exact", 1.0, 64)
+    want = engine.render(packed(scene), fine).numpy()
+    edges = engine.counts()["edges"]
+    assert 0.0 < np.abs(render_scene(scene, samples=64, threads=1) - want).max() < FLATNESS
+    engine.render(packed(scene), replace(fine, tolerance=FLATNESS))
+    assert engine.counts()["edges"] < edges / 10
 
 
 def test_equal_curves_of_one_ring_need_no_table():
@@ -403,7 +432,8 @@ def test_wrong_tables_and_factors_do_not_reach_the_engine(engine):
 def test_the_operator_and_render_scene_draw_rings(engine, mode):
     scene = ragged_scene(mode, 6, background=PAPER)
     want = engine.render(packed(scene), EXACT)
-    assert torch.equal(torch.from_numpy(render_scene(scene, samples=16)), want)
+    finished = engine.render(packed(scene), replace(EXACT, tolerance=FLATNESS))
+    assert torch.equal(torch.from_numpy(render_scene(scene, samples=16)), finished)
     points = scene.points.clone().requires_grad_()
     picture = render(replace(scene, points=points), EXACT)
     assert torch.equal(picture.detach(), want)

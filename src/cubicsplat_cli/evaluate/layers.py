@@ -81,7 +81,7 @@ def of_values(values: np.ndarray) -> Layer:
 def of_scene(scene: Scene | None, width: int, height: int, samples: int, threads: int | None = None) -> Layer:
     """The engine's exact picture of a scene at width x height px; of None a transparent one.
 
-    samples: edges per cubic. Each call for rows draws them.
+    samples: edges per cubic at most. Each call for rows draws them.
     """
     if scene is None:
         return Layer(width, height, True, lambda top, bottom: np.zeros((bottom - top, width, 4), np.float32))

@@ -77,7 +77,7 @@ def downsampled_scene(scene: Scene, scale: int, *, samples: int = 24, threads: i
 def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int | None) -> np.ndarray:
     """(h * scale, w * scale, C) float32: the engine's exact picture of the enlarged scene, where it lies on the tile.
 
-    samples: edges per cubic. threads: None for one per core.
+    samples: edges per cubic at most. threads: None for one per core.
     """
     from cubicsplat_cli.raster import render_scene
 

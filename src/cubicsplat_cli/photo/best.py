@@ -9,7 +9,7 @@ from cubicsplat_cli.scene.arrays import Array, is_array, namespace
 
 
 class Best:
-    """A copy of the parameters whose exact picture has had the least loss, where the parameters live.
+    """A copy of the parameters whose picture has had the least loss, where the parameters live.
 
     A loss that comes as an array on a GPU is compared there: nothing waits for it before `loss` is read.
     """
@@ -17,6 +17,10 @@ class Best:
     def __init__(self) -> None:
         self._loss: float | Array = math.inf
         self._parameters: Parameters | None = None
+
+    @property
+    def empty(self) -> bool:
+        return self._parameters is None
 
     @property
     def loss(self) -> float:
@@ -30,14 +34,18 @@ class Best:
         return self._parameters
 
     def consider(self, loss: float | Array, parameters: Parameters) -> None:
-        """Keeps the parameters if their loss, the squared error of their exact picture, is the least so far."""
-        if self._parameters is None:
+        """Keeps the parameters if their loss is the least so far."""
+        known = self._parameters
+        if known is None:
             self._loss, self._parameters = loss, parameters.copy()
+        elif known.curves != parameters.curves:
+            if float(loss) < self.loss:
+                self._loss, self._parameters = loss, parameters.copy()
         elif is_array(loss):
             self._choose(loss, parameters)
         elif loss < self.loss:
             self._loss = loss
-            self._parameters.overwrite(parameters)
+            known.overwrite(parameters)
 
     def _choose(self, loss: Array, parameters: Parameters) -> None:
         xp, better, theirs = namespace(loss), loss < self._loss, parameters.arrays_by_name()

@@ -15,7 +15,7 @@ class FitResult:
     """The best scene of a fit, and how it came about.
 
     samples: edges per cubic of the exact finish (S*). replaced, dropped: curves re-seeded during the fit, and left out
-    at its end since the picture is better, or no worse, without them. notes: what the user should know.
+    at its end since the picture is better, or not visibly worse, without them. notes: what the user should know.
     """
 
     scene: Scene
@@ -30,6 +30,11 @@ class FitResult:
     dropped: int
     settings: FitSettings
     notes: list[str]
+
+
+def db_ratio(db: float) -> float:
+    """The factor of a loss that is so many dB worse."""
+    return 10.0 ** (db / 10.0)
 
 
 def psnr(loss: float, values: int) -> float:

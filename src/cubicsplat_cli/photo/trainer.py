@@ -37,7 +37,7 @@ from cubicsplat_cli.scene.arrays import Array, as_numpy, copied, like, namespace
 from cubicsplat_cli.settings import FitSettings
 
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
-AFTER_STEPS = 3  # what comes after the last step takes about as long as so many
+AFTER_STEPS = 5  # what comes after the last step takes about as long as so many
 
 
 @dataclass
@@ -78,6 +78,8 @@ class Trainer:
         self.engine: Engine = open_engine(
             self.settings.device, self.settings.threads, mode=self.settings.mode, channels=int(self.target.shape[2]),
             painted=self.settings.fill == "linear", subdivide=self.recipe.flatten == "de-casteljau",
+            segments=max(self.settings.segments, 0 if start is None else start.segments),
+            samples=max(self.settings.samples, self.settings.finish_samples),
         )  # fmt: skip
         self.host_weights = weights
         self._aim()
@@ -113,7 +115,9 @@ class Trainer:
             self.training.stops_gradient = xp.empty_like(self.curves.gradients.stops)
         joins = self.parameters.curves * self.settings.segments
         self.regulariser = Regulariser(self.recipe, self.settings.mode, (self.width, self.height), joins)
-        self.best = Best()
+        self.best = Best()  # of the exact finish
+        # By the loss of the last step, before curves were replaced or added: new ones first make the picture worse.
+        self.checkpoint = Best()
         self.saved: tuple[int, Parameters] | None = None  # what the host has of a GPU's fit, and of which step
         self.diary = Diary(self.on_progress)
 
@@ -146,9 +150,13 @@ class Trainer:
         if not self.stopped:
             self._advance_to(1.0)
         check_finite(self.engine, self.parameters, self.step, wait=True)
-        self.best.consider(self.judge.loss(self.parameters), self.parameters)
+        candidates = [self.parameters]
+        if self.best.empty and self.step < self.settings.steps and not self.checkpoint.empty:
+            candidates.append(self.checkpoint.parameters)
+        for candidate in candidates:
+            self.best.consider(self.judge.loss(candidate), candidate)
         best = self.best.parameters
-        self.parameters = self.judge.without_idle(self.best, self.frozen) if self.recipe.prune else best
+        self.parameters = self.judge.without_idle(best, self.frozen) if self.recipe.prune else best
         scene = self._finished()
         seconds = time.perf_counter() - self.diary.started
         return FitResult(
@@ -192,6 +200,8 @@ class Trainer:
             parameters = in_front(seeds, parameters)
             state = OptimiserState.zeros_for(parameters.points[:fresh]).joined(state)
         after._take(parameters, state)
+        if fresh > 0 and self.step > 0:
+            after.checkpoint.consider(self.loss, self.parameters)
         after.keep_course_of(self)
         return after
 
@@ -235,7 +245,7 @@ class Trainer:
         step, self.parameters = self.saved
         channels = int(self.target.shape[2])
         self.engine = open_engine("cpu", self.settings.threads, mode=self.settings.mode, channels=channels)
-        self.best = Best()
+        self.best, self.checkpoint = Best(), Best()
         self._aim()
         unfinished = "" if self.schedule.phase(step / self.settings.steps).exact else ", without the exact finish"
         self.rescued = (
@@ -276,6 +286,7 @@ class Trainer:
         if before is not None:
             self.best.consider(loss, before)
         if due:
+            self.checkpoint.consider(loss, self.parameters)
             self._reallocate(progress)
         if self.film is not None and self._looks() and self.film.due(level := self.judge.level(loss, self.image)):
             self.film.keep(level, self._scene())

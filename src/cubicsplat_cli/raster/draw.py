@@ -11,7 +11,7 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.engine import Engine, SceneArrays
 from cubicsplat_cli.raster.engines import cuda_engine
-from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.raster.settings import FLATNESS, RasterSettings
 from cubicsplat_cli.scene import Scene
 
 
@@ -35,12 +35,13 @@ def render_scene(
 ) -> np.ndarray:
     """The engine's own picture of a scene: (H, W, 3), or (H, W, 4) premultiplied without a background; float32.
 
-    samples: S*, edges per cubic. edge_width: px, for relaxed coverage. Raises InputError for a scene that is not valid.
+    samples: edges per cubic at most; fewer where they keep within FLATNESS of it. edge_width: px, for relaxed coverage.
+    Raises InputError for a scene that is not valid.
     """
     scene.validate()
     engine = CpuEngine(threads)
     try:
-        return engine.render(scene_arrays(scene.as_numpy()), RasterSettings(coverage, edge_width, samples))
+        return engine.render(scene_arrays(scene.as_numpy()), RasterSettings(coverage, edge_width, samples, FLATNESS))
     finally:
         engine.close()
 

@@ -32,33 +32,38 @@ def open_engine(
     channels: int = 3,
     painted: bool = False,
     subdivide: bool = False,
+    segments: int = 1,
+    samples: int = 1,
 ) -> Engine:
     """Opens the engine for `device`: "cpu", "cuda", or "auto", CUDA's where there is a GPU that passes its self-test.
 
     mode, channels, painted (with gradients): what it will draw first, which CUDA compiles and tests at once. subdivide:
-    it has to know de Casteljau subdivision, which is the CPU's alone. Raises EngineError with the reason where the
-    engine that was asked for cannot run. Where "auto" finds a GPU that it cannot use, it logs why.
+    it has to know de Casteljau subdivision, which is the CPU's alone. segments: of the longest curve. samples: edges
+    per cubic at most. Raises EngineError with the reason where the engine that was asked for cannot run or draw this.
+    Where "auto" finds a GPU that it cannot use, it logs why.
     """
+
+    def cuda() -> CudaEngine:
+        if subdivide:
+            raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
+        from cubicsplat_cli.raster.cuda.compile import Program
+        from cubicsplat_cli.raster.cuda.frame import check_lengths
+
+        check_lengths(segments, samples)
+        return cuda_engine(program=Program(mode, channels, painted))
+
     if device == "cuda":
-        return _open_cuda(mode, channels, painted, subdivide)
+        return cuda()
     # torch, which knows whether it can use a GPU, takes seconds to import: it is asked where the driver shows one.
     if device == "auto" and gpus() > 0:
         from cubicsplat_cli.raster.cuda.driver import missing_piece
 
         if missing_piece() is None:
             try:
-                return _open_cuda(mode, channels, painted, subdivide)
+                return cuda()
             except EngineError as error:
                 _log.warning("using the CPU: %s", error)
     return CpuEngine(threads)
-
-
-def _open_cuda(mode: Mode, channels: int, painted: bool, subdivide: bool) -> CudaEngine:
-    if subdivide:
-        raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
-    from cubicsplat_cli.raster.cuda.compile import Program
-
-    return cuda_engine(program=Program(mode, channels, painted))
 
 
 def cuda_engine(index: int | None = None, program: Program | None = None) -> CudaEngine:

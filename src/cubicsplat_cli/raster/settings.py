@@ -15,6 +15,9 @@ MIN_TRANSMITTANCE = 5.1e-4
 EXACT_SUBSAMPLES = 4
 # Half of the relaxed edge's support, in edge widths (the smoothstep of slope 1/w has support 1.5 w).
 HALF_SUPPORT = 0.75
+# Px between a cubic and its polyline where a finished picture is drawn: coverage is wrong by at most a fiftieth. A
+# drawing has tens of thousands of short cubics, which would otherwise take as many edges each as a long one.
+FLATNESS = 0.02
 
 
 class Penalty(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.draw import scene_arrays
-from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.raster.settings import FLATNESS, RasterSettings
 from cubicsplat_cli.scene import Scene
 
 
@@ -14,7 +14,7 @@ def worth_of(
     scene: Scene, target: np.ndarray, weights: np.ndarray | None, samples: int, threads: int | None = None
 ) -> tuple[float, np.ndarray]:
     """The squared error of the exact picture against a target (H, W, C) of the scene's size, and (N,) how much it would
-    rise without each curve. weights (H, W): of the pixels. samples: edges per cubic.
+    rise without each curve. weights (H, W): of the pixels. samples: edges per cubic at most.
     """
     goal = np.ascontiguousarray(target, dtype=np.float32)
     if scene.background is None and goal.shape[2] == 3:
@@ -22,7 +22,7 @@ def worth_of(
     engine = CpuEngine(threads)
     try:
         loss, found = engine.gradients(
-            scene_arrays(scene.as_numpy()), RasterSettings("exact", 1.0, samples), target=goal,
+            scene_arrays(scene.as_numpy()), RasterSettings("exact", 1.0, samples, FLATNESS), target=goal,
             importance="loo", weights=None if weights is None else np.ascontiguousarray(weights),
         )  # fmt: skip
         return loss, found["importance"]

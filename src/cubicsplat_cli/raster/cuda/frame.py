@@ -136,6 +136,15 @@ def _super_shift(tiles: tuple[int, int]) -> int:
     return shift
 
 
+def check_lengths(segments: int, samples: int) -> None:
+    """Raises EngineError where curves of so many segments and edges per cubic are too long for the kernels."""
+    if segments > MOST_SEGMENTS or segments * samples > MOST_EDGES:
+        raise EngineError(
+            f"the CUDA engine draws curves of at most {MOST_SEGMENTS} segments and {MOST_EDGES} edges, not "
+            f"{segments} and {segments * samples}; use fewer segments or samples, or the CPU"
+        )
+
+
 @dataclass(frozen=True)
 class Sizes:
     """What the buffers' sizes depend on."""
@@ -162,11 +171,7 @@ class Sizes:
         segments = k // 3
         if segments < 1 or k != 3 * segments + (0 if closed else 1) or scene.width < 1 or scene.height < 1:
             raise EngineError(f"a {scene.mode.value} curve cannot have {k} control points, or the canvas is empty")
-        if segments > MOST_SEGMENTS or segments * settings.samples > MOST_EDGES:
-            raise EngineError(
-                f"the CUDA engine draws curves of at most {MOST_SEGMENTS} segments and {MOST_EDGES} edges, not "
-                f"{segments} and {segments * settings.samples}; use fewer segments or samples, or the CPU"
-            )
+        check_lengths(segments, settings.samples)
         return cls(n, segments, k, scene.width, scene.height, settings.samples, backward, most_looks)
 
     @property

@@ -255,7 +255,7 @@ const char* fault(const CsScene& s, const CsSettings& t, const CsImages& images,
   if (s.ring_ends && !has_rings(s)) return "ring_ends must rise along each curve, from 1 to the number of segments";
   if (s.kinds && !has_paints(s)) return "gradients need a kind from 0 to 2 and from 1 to as many stops as there is room for";
   int rings = s.ring_ends ? s.rings : 1;
-  if (int64_t(s.segments) * t.samples + rings > 65535) return "a curve may have at most 65535 edges";
+  if (int64_t(s.segments) * t.samples + rings > cs::kMostVertices) return "a curve may have at most 1073741823 edges";
   if (!(t.edge_width > 0.0f)) return "edge_width must be positive";
   if (t.subdivide && !(t.tolerance > 0.0f)) return "subdivision needs a tolerance";
   if (backward && !images.target && !images.gradient) return "a backward pass needs a target or an incoming gradient";

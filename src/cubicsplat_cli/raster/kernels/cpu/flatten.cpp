@@ -12,6 +12,7 @@ void Chunk::clear() {
   pairs.clear();
   edges.clear();
   ring_starts.clear();
+  parameters.clear();
   skipped = 0;
 }
 
@@ -28,13 +29,10 @@ void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const C
   f.tiles_y = (scene.height + kTile - 1) / kTile;
   f.points_per_curve = 3 * scene.segments + (scene.closed ? 0 : 1);
   if (!scene.ring_ends) f.scene.rings = 1;
-  f.vertex_stride = scene.segments * settings.samples + f.scene.rings;
   f.primitives.resize(scene.curves);
-  f.vertices.resize(size_t(scene.curves) * f.vertex_stride * 2);
   f.cubic_samples.resize(size_t(scene.curves) * scene.segments);
   f.chunks.resize(f.chunk_count());
   f.views.resize(f.chunk_count());
-  if (settings.subdivide) f.parameters.resize(size_t(scene.curves) * f.vertex_stride);
   f.tile_loss.resize(f.tiles());
   f.tile_background.resize(size_t(f.tiles()) * 4);
   if (f.basis.empty()) {
@@ -101,14 +99,15 @@ int evaluate_polyline(const Frame& f, const Rings& rings, const float* points, u
 struct Subdivider {
   const Frame& f;
   const float* points;
-  float* out;         // vertices, x and y
-  float* parameters;  // segment + t of each vertex
+  float* out;                      // vertices, x and y
+  std::vector<float>& parameters;  // segment + t of each vertex, added
   int count = 0;
 
   void emit(float x, float y, float parameter) {
     out[2 * count] = x;
     out[2 * count + 1] = y;
-    parameters[count++] = parameter;
+    parameters.push_back(parameter);
+    count++;
   }
 
   bool flat(const float* c) const {
@@ -325,7 +324,7 @@ struct Flattener {
     for (const Span& s : chunk.spans)
       for (int tx = s.begin; tx < s.end; tx++) {
         const uint32_t place = chunk.cursor[tile(tx, s.row)]++;
-        chunk.edges[place] = uint16_t(s.edge);
+        chunk.edges[place] = uint32_t(s.edge);
         std::memcpy(&chunk.lines[place], start(s.edge), sizeof(Line));
       }
   }
@@ -358,12 +357,13 @@ void flatten(Frame& f, int index) {
     Primitive& q = f.primitives[p] = Primitive{};
     const float* points = f.scene.points + size_t(p) * f.points_per_curve * 2;
     activate(f.scene, f.settings.edge_width, p, q);
-    float* v = f.vertices.data() + size_t(p) * f.vertex_stride * 2;
     const Rings rings = f.rings(p);
+    const size_t most = (size_t(rings.total()) * f.settings.samples + rings.count) * 2;
+    if (chunk.vertices.size() < most) chunk.vertices.resize(most);
+    float* v = chunk.vertices.data();
     q.ring_index = uint32_t(chunk.ring_starts.size());
     if (f.settings.subdivide) {
-      float* parameters = f.parameters.data() + size_t(p) * f.vertex_stride;
-      q.edges = Subdivider{f, points, v, parameters}.run(rings, chunk.ring_starts);
+      q.edges = Subdivider{f, points, v, chunk.parameters}.run(rings, chunk.ring_starts);
     } else {
       uint8_t* samples = f.cubic_samples.data() + size_t(p) * f.scene.segments;
       q.edges = evaluate_polyline(f, rings, points, samples, v, chunk.ring_starts);

@@ -11,6 +11,7 @@ namespace cs {
 constexpr int kChunk = 16;       // primitives per unit of parallel work; fixed, so that results do not depend on threads
 constexpr int kStrip = 8;        // tiles that a thread takes at a time: each asks the memory for what the next one needs
 constexpr int kMaxSamples = 64;  // edges per cubic
+constexpr int64_t kMostVertices = (1 << 30) - 1;  // of one curve: both of their coordinates are counted in 31 bits
 
 // The tile columns [begin, end) of a tile row that an edge is near.
 struct Span {
@@ -20,11 +21,13 @@ struct Span {
 // Lists of the primitives [index * kChunk, ...): written by one task, so their order never depends on threads.
 struct Chunk {
   std::vector<Pair> pairs;
-  std::vector<uint16_t> edges;  // of the pairs, and for each of them:
+  std::vector<uint32_t> edges;  // of the pairs, and for each of them:
   std::vector<Line> lines;      // and kSpareLines more
   std::vector<EdgeGradient> edge_gradients;
   std::vector<float> paint_gradients;
   std::vector<uint32_t> ring_starts;  // first vertex of each ring of a primitive, then the number of its vertices
+  std::vector<float> parameters;  // segment + t of each vertex of the primitives in turn, only after subdivision
+  std::vector<float> vertices;    // scratch: the polyline of one primitive, x and y; grows and never shrinks
   std::vector<uint32_t> cursor;  // scratch of the counting sorts
   std::vector<Span> spans;       // scratch: where each edge is near
   std::vector<int16_t> windings;  // scratch: for each tile of a primitive and each of its rows
@@ -38,12 +41,10 @@ struct Frame {
   CsScene scene{};
   CsSettings settings{};
   CsImages images{};
-  int tiles_x = 0, tiles_y = 0, points_per_curve = 0, vertex_stride = 0;
+  int tiles_x = 0, tiles_y = 0, points_per_curve = 0;
   bool backward = false;
   std::vector<Primitive> primitives;
-  std::vector<float> vertices;  // N x vertex_stride x 2
   std::vector<uint8_t> cubic_samples;  // N x segments: edges of each cubic, where they are at uniform parameters
-  std::vector<float> parameters;  // N x vertex_stride: segment + t of each vertex, only after subdivision
   std::vector<float> basis;     // for each number of samples S: S x 4 Bernstein weights, at 4 * S (S - 1) / 2
   std::vector<Chunk> chunks;
   std::vector<ChunkView> views;

@@ -66,10 +66,8 @@ const float* pull_back_ring(const Frame& f, const Rings& rings, int r, const uin
 }
 
 // The same for a subdivided primitive, whose vertices know their segment and parameter.
-const float* pull_back_subdivided(const Frame& f, int p, int r, uint32_t first, uint32_t end, const float* v,
-                                  float* points) {
-  const Rings rings = f.rings(p);
-  const float* parameters = f.parameters.data() + size_t(p) * f.vertex_stride;
+const float* pull_back_subdivided(const Frame& f, const Rings& rings, const float* parameters, int r, uint32_t first,
+                                  uint32_t end, const float* v, float* points) {
   for (uint32_t i = first; i + 1 < end; i++, v += 2) {
     int m = int(parameters[i]);
     float w[4];
@@ -80,7 +78,8 @@ const float* pull_back_subdivided(const Frame& f, int p, int r, uint32_t first, 
 }
 
 // Vertex gradients -> control-point gradients. A closed ring's last vertex is its first one, which takes its gradient.
-void pull_back(const Frame& f, const Chunk& chunk, const Primitive& q, int p, Gathered& g) {
+// parameters: of the primitive's vertices, only after subdivision.
+void pull_back(const Frame& f, const Chunk& chunk, const Primitive& q, const float* parameters, int p, Gathered& g) {
   const Rings rings = f.rings(p);
   const uint32_t* starts = chunk.ring_starts.data() + q.ring_index;
   const uint8_t* samples = f.cubic_samples.data() + size_t(p) * f.scene.segments;
@@ -88,7 +87,7 @@ void pull_back(const Frame& f, const Chunk& chunk, const Primitive& q, int p, Ga
   for (int r = 0; r < rings.count; r++) {
     if (rings.begin(r) == rings.end(r)) continue;
     const float* v = g.vertices.data() + 2 * starts[0];
-    v = f.settings.subdivide ? pull_back_subdivided(f, p, r, starts[0], starts[1], v, g.points.data())
+    v = f.settings.subdivide ? pull_back_subdivided(f, rings, parameters, r, starts[0], starts[1], v, g.points.data())
                              : pull_back_ring(f, rings, r, samples, v, g.points.data());
     if (!f.scene.closed)
       for (int c = 0; c < 2; c++) g.points[6 * size_t(rings.end(r)) + c] += v[c];
@@ -160,12 +159,14 @@ void step(const Frame& f, int p, const Gathered& g, const CsTraining& t) {
 
 void update(const Frame& f, int index, const CsGradients* out, const CsTraining* training) {
   const Chunk& chunk = f.chunks[index];
+  const float* parameters = chunk.parameters.data();
   Gathered g;
   int last = std::min(f.scene.curves, (index + 1) * kChunk);
   for (int p = index * kChunk; p < last; p++) {
     const Primitive& q = f.primitives[p];
     gather(f, chunk, q, g);
-    pull_back(f, chunk, q, p, g);
+    pull_back(f, chunk, q, parameters, p, g);
+    if (f.settings.subdivide) parameters += q.edges;
     if (f.scene.logits) through_logits(q, g);
     if (out) write(f, p, g, *out);
     if (training) step(f, p, g, *training);
