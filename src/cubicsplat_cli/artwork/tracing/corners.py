@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.tracing.smoothing import arc_lengths, most_misfit
 
@@ -220,10 +221,11 @@ def _one_sided(offsets: np.ndarray, weights: np.ndarray, ds: np.ndarray, degree:
 
 def _strongest(score: np.ndarray, meet: np.ndarray) -> np.ndarray:
     """Indices of the strongest corners, none within SPACING of a stronger one, in order."""
-    chosen: list[int] = []
-    for i in np.argsort(-score, kind="stable"):
-        if score[i] <= 0.0:
-            break
-        if not chosen or np.hypot(*(meet[chosen] - meet[i]).T).min() >= SPACING:
-            chosen.append(int(i))
+    able = np.flatnonzero((score > 0.0) & np.isfinite(meet).all(axis=1))
+    near = cKDTree(meet[able]).query_ball_point(meet[able], SPACING) if len(able) else []
+    free, chosen = np.ones(len(able), dtype=bool), []
+    for k in np.argsort(-score[able], kind="stable").tolist():
+        if free[k]:
+            chosen.append(int(able[k]))
+            free[near[k]] = False
     return np.array(sorted(chosen), dtype=int)
