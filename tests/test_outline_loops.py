@@ -53,7 +53,7 @@ def test_the_work_for_a_jagged_loop_grows_with_its_corners_and_not_with_their_sq
     hypot, work = np.hypot, []
     monkeypatch.setattr(np, "hypot", lambda *args, **kw: work.append(np.size(args[0])) or hypot(*args, **kw))
     totals = []
-    for teeth in (60, 240):
+    for teeth in (30, 120):
         points = saw(teeth)
         corners = find_corners(points, np.full(len(points), 400.0))
         layout = lay_out(points, np.full(len(points), 400.0), corners, 3.0)

@@ -1,8 +1,9 @@
-"""Boundaries of masks by the native library."""
+"""Boundaries of masks, and local fits along chains of points, by the native library."""
 
 from __future__ import annotations
 
-from ctypes import byref, c_int64, c_void_p
+from collections.abc import Sequence
+from ctypes import byref, c_double, c_int64, c_void_p
 
 import numpy as np
 
@@ -31,3 +32,58 @@ def traced(mask: np.ndarray) -> list[np.ndarray]:
         if count.value <= room:
             return np.split(cracks[: count.value], ends[: loops - 1]) if loops else []
         room = count.value
+
+
+def flanks(
+    points: np.ndarray,
+    weights: np.ndarray,
+    along: np.ndarray,
+    places: np.ndarray,
+    farthest: np.ndarray,
+    gap: float,
+    kinds: Sequence[tuple[int, int, float]],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of m places along a chain the run of points after each, extrapolated to it: at (m, 2) px, unit tangents (m, 2),
+    their standard errors (m,) in radians, inf where there is no run, and the first points (m,) of the runs.
+
+    points: (n, 2) px; weights: (n,) 1/px^2; along: (n,) and places: (m,), arc lengths, px. Runs start `gap` px after
+    their place, and within `farthest` (m,) px. kinds: from the shortest run on its points less one, the degree of its
+    polynomial, 1 or 2, and the mean squared residual across it, in squared sigmas, up to which it is believed; the
+    longest one is taken before the first that is not. Raises EngineError where the library is missing.
+    """
+    arrays = [_doubles(a) for a in (points, weights, along, places, farthest)]
+    lengths, degrees = (np.array([kind[c] for kind in kinds], np.int64) for c in (0, 1))
+    most = np.array([kind[2] for kind in kinds], np.float64)
+    m = len(places)
+    found = np.empty((m, 2)), np.empty((m, 2)), np.empty(m), np.empty(m, np.int64)
+    call = library().cs_flanks
+    call.restype = None
+    call.argtypes = [c_int64, *[c_void_p] * 3, c_int64, *[c_void_p] * 2, c_double, c_int64, *[c_void_p] * 7]
+    chain, at = [a.ctypes.data for a in arrays[:3]], [a.ctypes.data for a in arrays[3:]]
+    call(len(points), *chain, m, *at, gap, len(kinds), *(a.ctypes.data for a in (lengths, degrees, most, *found)))
+    return found
+
+
+def parabolas(
+    points: np.ndarray, weights: np.ndarray, along: np.ndarray, kinds: Sequence[tuple[int, float]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parabolas in arc length about every point of a chain: coefficients (n, 3, 2) of 1, s and s^2, the standard errors
+    (n, 2) of the first two, and the half-windows (n,) in points.
+
+    points: (n, 2) px; weights: (n,) 1/px^2, 0 where unknown; along: (n,) arc lengths, px. kinds: half-windows from the
+    shortest on, and up to which mean squared residual, in squared sigmas, each is believed; the longest one is taken
+    before the first that is not. Raises EngineError where the library is missing.
+    """
+    arrays = [_doubles(a) for a in (points, weights, along)]
+    halves, most = np.array([half for half, _ in kinds], np.int64), np.array([limit for _, limit in kinds], np.float64)
+    n = len(points)
+    found = np.empty((n, 3, 2)), np.empty((n, 2)), np.empty(n, np.int64)
+    call = library().cs_parabolas
+    call.restype = None
+    call.argtypes = [c_int64, *[c_void_p] * 3, c_int64, *[c_void_p] * 5]
+    call(n, *(a.ctypes.data for a in arrays), len(kinds), *(a.ctypes.data for a in (halves, most, *found)))
+    return found
+
+
+def _doubles(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array, dtype=np.float64)
