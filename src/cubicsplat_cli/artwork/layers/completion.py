@@ -7,6 +7,7 @@ way is good when the outline covers what shows and nothing else does.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -117,23 +118,41 @@ def outlines_of(
     canvas: its height and width, px. Contours of fewer than `least` points, and than FEWEST, become polygons. whole:
     hidden parts go on as what shows suggests, rather than end as shortly as they may.
     """
-    window = _Window.of(extent, canvas)
-    spare = ndimage.binary_dilation(extent.allowed, SQUARE) & ~window.must
-    room = Room(extent.top, extent.left, extent.shown, extent.allowed, spare, canvas)
+    surroundings = _Surroundings(extent, canvas)
     least = max(least, FEWEST)
     fitted = tuple(
-        few_lines(contour.points)
-        if len(contour.points) < least
-        else _completed(contour, window.hole(contour, extent) if contour.hole else window, room, detail, whole)
+        few_lines(contour.points) if len(contour.points) < least else _completed(contour, surroundings, detail, whole)
         for contour in extent.contours
     )
     return without_stray_holes(fitted, extent)
 
 
-def _completed(contour: Contour, window: _Window, room: Room, detail: float, whole: bool) -> Outline:
+@dataclass(frozen=True)
+class _Surroundings:
+    """What there is around the contours of an extent, which only hidden ones need to know. canvas: height and width."""
+
+    extent: Extent
+    canvas: tuple[int, int]
+
+    @cached_property
+    def window(self) -> _Window:
+        """That of the outer contour."""
+        return _Window.of(self.extent, self.canvas)
+
+    @cached_property
+    def room(self) -> Room:
+        """Where hidden outlines may run."""
+        e = self.extent
+        spare = ndimage.binary_dilation(e.allowed, SQUARE) & ~self.window.must
+        return Room(e.top, e.left, e.shown, e.allowed, spare, self.canvas)
+
+
+def _completed(contour: Contour, surroundings: _Surroundings, detail: float, whole: bool) -> Outline:
     runs = hidden_runs(contour.sigma)
     if not runs:
         return _visible(contour, detail)
+    window, room = surroundings.window, surroundings.room
+    window = window.hole(contour, surroundings.extent) if contour.hole else window
     if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
         return _unseen(contour, window, room)
 
