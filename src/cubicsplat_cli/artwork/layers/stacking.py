@@ -28,9 +28,8 @@ from cubicsplat_cli.artwork.tracing.contours import Crossings
 EXPOSED = 0.004
 # Votes: being enclosed outweighs everything, a junction counts at most 1, lying between pieces that are joined less.
 ENCLOSED, JOINED = 1000.0, 0.5
-# Px of the boxes of hulls that are tried, the largest pieces first; each costs as much as HULL px besides. It takes
-# some seconds, and is as many as 400 hulls of a picture of 512 x 512 px.
-MOST_HULLS, HULL = 125_000_000, 50_000
+# Hulls that are tried, those of the largest pieces first, and px of the boxes around them: 400 times 512 x 512.
+MOST_HULLS, MOST_HULL_PIXELS = 400, 105_000_000
 NO_LOAD = 1e-3  # votes below which nothing stands against coming next
 MOST_WAITING = 8  # how many groups may wait for each other in a row
 
@@ -129,9 +128,8 @@ def _touching(labels: np.ndarray) -> dict[int, dict[int, int]]:
 
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:
-    """(R,) the group of each region, named by its smallest member; -1 for clear regions. budget: px of the hulls that
-    are tried."""
-    regions = facts.regions
+    """(R,) the group of each region, named by its smallest member; -1 for clear regions. budget: hulls to be tried."""
+    regions, pixels = facts.regions, MOST_HULL_PIXELS
     group = np.where(facts.clear, -1, np.arange(regions.count))
     for a, b in _candidates(facts):
         p, q = group[a], group[b]
@@ -140,9 +138,10 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
         members = np.nonzero((group == p) | (group == q))[0]
         if _shows_through(facts, a, b):
             group[members] = members.min()
-        elif budget > 0:
+        elif budget > 0 and pixels > 0:
             window = _box_around(facts, members)
-            budget -= HULL + math.prod(side.stop - side.start for side in window)
+            budget -= 1
+            pixels -= math.prod(side.stop - side.start for side in window)
             between = _between(facts, members, window)
             above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
             # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
