@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.restore import restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
-from cubicsplat_cli.artwork.limits import MOST_POLISHED, enlarged
+from cubicsplat_cli.artwork.limits import MOST_POLISHED, enlarged, is_polished
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.inks import eight_bit
@@ -32,7 +32,7 @@ from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
 from cubicsplat_cli.artwork.translucent.parts import Part, parts_of
 from cubicsplat_cli.scene.paint import mean_ink
 
-MOST_POINTS = 60_000  # of contours; the smallest beyond become polygons
+MOST_POINTS, MOST_FITTED = 60_000, 1500  # of contours, and contours; the smallest beyond become polygons
 
 
 def draw(
@@ -84,7 +84,7 @@ def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawi
         if settings.curves is None or len(opaque) <= settings.curves:
             shapes = min(shapes, _traced(opaque, (height, width), settings, flat), key=_length)
     drawing = Drawing(width, height, shapes)
-    polished = len(shapes) <= MOST_POLISHED
+    polished = is_polished(drawing)
     if polished:
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
@@ -120,10 +120,11 @@ def _traced(
     parts: list[Part], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
 ) -> tuple[Shape, ...]:
     """The parts with their outlines. canvas: its height and width, px."""
-    least = _least_points([part.extent for part in parts])
+    extents = [part.extent for part in parts]
+    least, sought = _least_points(extents), len(parts) <= MOST_POLISHED
     shapes = []
     for part in parts:
-        outlines = outlines_of(part.extent, canvas, settings.detail, least, settings.completion == ON)
+        outlines = outlines_of(part.extent, canvas, settings.detail, least, settings.completion == ON, sought)
         ink = eight_bit(part.ink)
         shapes.append(Shape(ink, outlines, shape_name(ink, outlines, canvas[1], canvas[0]), flat.gradient(part.ink)))
     return tuple(shapes)
@@ -172,7 +173,8 @@ def in_palette(drawing: Drawing, palette: tuple[tuple[int, int, int], ...]) -> D
 
 
 def _least_points(parts: list[Extent]) -> int:
-    """The number of points below which contours become polygons, so that those above hold at most MOST_POINTS."""
+    """The number of points below which contours become polygons, so that at most MOST_FITTED are above, of MOST_POINTS
+    at most."""
     sizes = np.sort([len(contour.points) for part in parts for contour in part.contours])[::-1]
-    over = np.flatnonzero(np.cumsum(sizes) > MOST_POINTS)
+    over = np.flatnonzero((np.cumsum(sizes) > MOST_POINTS) | (np.arange(len(sizes)) >= MOST_FITTED))
     return int(sizes[over[0]]) + 1 if len(over) else 0

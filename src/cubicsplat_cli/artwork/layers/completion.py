@@ -111,12 +111,13 @@ def _visible(contour: Contour, detail: float) -> Outline:
 
 
 def outlines_of(
-    extent: Extent, canvas: tuple[int, int], detail: float, least: int = 0, whole: bool = True
+    extent: Extent, canvas: tuple[int, int], detail: float, least: int = 0, whole: bool = True, sought: bool = True
 ) -> tuple[Outline, ...]:
     """The fitted outlines of a part of a layer, the outer one first.
 
     canvas: its height and width, px. Contours of fewer than `least` points, and than FEWEST, become polygons. whole:
-    hidden parts go on as what shows suggests, rather than end as shortly as they may.
+    hidden parts go on as what shows suggests, rather than end as shortly as they may. sought: they do either, rather
+    than run along their contour, a few px beneath what hides them.
     """
     surroundings = _Surroundings(extent, canvas)
     least = max(least, FEWEST)
@@ -183,12 +184,16 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
     assert best is not None
     if least > ASTRAY:
         # No way is hidden all along, or the fit has gone far astray: what is hidden ends where it does for certain.
-        known = np.where(np.isfinite(contour.sigma), contour.sigma, HIDDEN_SIGMA)
-        for outline in (fit_outline(contour.points, known, detail), few_lines(contour.points)):
+        for outline in (fit_outline(contour.points, _known(contour.sigma), detail), few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:
                 best, least = outline, count
     best = _as_box(best)
     return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
+
+
+def _known(sigma: np.ndarray) -> np.ndarray:
+    """Standard errors with which hidden points count as well."""
+    return np.where(np.isfinite(sigma), sigma, HIDDEN_SIGMA)
 
 
 def _as_box(outline: Outline) -> Outline:

@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.layers.rounds import round_votes
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.inks import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import Crossings
@@ -52,7 +53,8 @@ class Stack:
 
 def stack(regions: Regions, found: Crossings, joined: bool = True) -> Stack:
     """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one ink may
-    be one beneath what hides it."""
+    be one beneath what hides it. Of more than MOST_COMPLETED regions only those that enclose others are known to lie
+    beneath these, and all others lie in the order of their sizes."""
     clear = regions.inks[:, 3] <= CLEAR
     facts = _Facts(regions, found, clear)
     group = _merged(facts, MOST_HULLS if joined else 0)
@@ -76,9 +78,11 @@ class _Facts:
         self.areas = regions.areas()
         self.touching = _touching(regions.labels)
         self.inside = self._enclosures()
-        self.votes = junction_votes(regions, found)
-        for pair, vote in round_votes(regions, found, clear).items():
-            self.votes[pair] = self.votes.get(pair, 0.0) + vote
+        self.votes: dict[tuple[int, int], float] = {}
+        if regions.count <= MOST_COMPLETED:
+            self.votes = junction_votes(regions, found)
+            for pair, vote in round_votes(regions, found, clear).items():
+                self.votes[pair] = self.votes.get(pair, 0.0) + vote
         for outer, held in self.inside.items():
             for i in held:
                 self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED
