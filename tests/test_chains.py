@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
 from cubicsplat_cli.raster.cubics import newton_steps, piece_equations, settled
-from cubicsplat_cli.raster.outlines import flanks, parabolas
+from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, Form, fitted_values, flanks, parabolas
 
 
 def wavy_chain(count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -103,3 +105,34 @@ def test_feet_pass_on_at_smooth_joints_and_give_the_normal_equations_of_their_pi
         mine = own == k
         assert gram[k] == pytest.approx((rows[mine] * weights[mine, None]).T @ rows[mine])
         assert slope[k] == pytest.approx(rows[mine].T @ (weights * rest)[mine])
+
+
+@pytest.mark.parametrize(
+    ("form", "truth"),
+    [
+        (Form(CIRCLE), [20.0, 15.0, 9.0]),
+        (Form(ELLIPSE), [20.0, 15.0, 9.0, 5.0]),
+        (Form(ELLIPSE, turned=True), [20.0, 15.0, 9.0, 5.0, 0.4]),
+        (Form(BOX), [20.0, 15.0, 9.0, 5.0]),
+        (Form(BOX, rounded=True), [20.0, 15.0, 9.0, 5.0, 2.0]),
+        (Form(BOX, turned=True), [20.0, 15.0, 9.0, 5.0, 0.3]),
+        (Form(BOX, rounded=True, turned=True), [20.0, 15.0, 9.0, 5.0, 2.0, 0.3]),
+    ],
+)
+def test_primitives_are_fitted_to_points_along_them_of_which_one_is_astray(form, truth):
+    if form.kind == CIRCLE:
+        shape = Circle(*truth)
+    elif form.kind == ELLIPSE:
+        shape = Ellipse(*truth[:4], truth[4] if form.turned else 0.0)
+    else:
+        x, y, a, b = truth[:4]
+        radius, angle = truth[4] if form.rounded else 0.0, truth[-1] if form.turned else 0.0
+        shape = Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, radius, angle)
+    ring = fine_ring(shape)
+    points = points_at(ring.cubics, np.tile((np.arange(20) + 0.5) / 20, (ring.pieces, 1))).reshape(-1, 2)
+    points[7] += [0.0, 4.0]
+    start = np.array(truth) + 0.1
+    values, loss = fitted_values(form, start, points, np.full(len(points), 400.0), 20)
+    assert values == pytest.approx(truth, abs=0.02)
+    # 4 px are 80 standard errors, which count 3 (2 x 80 - 3); those of points level with the shape are fewer.
+    assert 1.0 < loss < 3.0 * (2.0 * 80.0 - 3.0) + 10.0

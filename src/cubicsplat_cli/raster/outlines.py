@@ -1,15 +1,17 @@
-"""Boundaries of masks, and local fits along chains of points, by the native library."""
+"""Boundaries of masks, local fits along chains of points, and primitives fitted to points, by the native library."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from ctypes import byref, c_double, c_int64, c_void_p
+from ctypes import byref, c_double, c_int32, c_int64, c_void_p
+from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import library
 
+CIRCLE, ELLIPSE, BOX = 0, 1, 2
 _ROOM = 64  # cracks beyond those around a mask's box
 
 
@@ -83,6 +85,32 @@ def parabolas(
     call.argtypes = [c_int64, *[c_void_p] * 3, c_int64, *[c_void_p] * 5]
     call(n, *(a.ctypes.data for a in arrays), len(kinds), *(a.ctypes.data for a in (halves, most, *found)))
     return found
+
+
+@dataclass(frozen=True)
+class Form:
+    """Which values a primitive has. kind: CIRCLE (middle, radius), ELLIPSE (middle, half-axes) or BOX (middle, half
+    sides); rounded: of a box, whether the radius of its corners comes next; turned: whether an angle comes last."""
+
+    kind: int
+    rounded: bool = False
+    turned: bool = False
+
+
+def fitted_values(
+    form: Form, start: np.ndarray, points: np.ndarray, weights: np.ndarray, rounds: int
+) -> tuple[np.ndarray, float]:
+    """The values of the primitive nearest to points (n, 2), by Levenberg's and Marquardt's method from `start` on, and
+    the loss: Huber's, of distances in standard errors, linear beyond 3.
+
+    weights: (n,) 1/px^2. Raises EngineError where the library is missing.
+    """
+    values, points, weights = np.array(start, dtype=np.float64), _doubles(points), _doubles(weights)
+    call = library().cs_fit_primitive
+    call.restype = c_double
+    call.argtypes = [*[c_int32] * 5, c_int64, *[c_void_p] * 3]
+    given = (array.ctypes.data for array in (points, weights, values))
+    return values, float(call(form.kind, form.rounded, form.turned, len(values), rounds, len(points), *given))
 
 
 def _doubles(array: np.ndarray) -> np.ndarray:
