@@ -9,8 +9,10 @@ import pytest
 import resvg_py
 from PIL import Image
 
-from cubicsplat_cli.artwork import limits, vectorize
+from cubicsplat_cli.artwork import limits, plan, vectorize
+from cubicsplat_cli.artwork.finish.finish import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon
+from cubicsplat_cli.artwork.layers import completion, stacking
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
@@ -29,12 +31,35 @@ def test_tiny_pictures(shape, value):
 
 
 def test_too_many_regions_join_their_neighbours(monkeypatch, caplog):
-    monkeypatch.setattr(limits, "MOST_REGIONS", 12)
+    monkeypatch.setattr(plan, "MOST_REGIONS", 12)
     picture = checkers(64, cell=8)
     picture[:32] = 0.5
     drawing = vectorize.draw(picture)
     assert 1 <= len(drawing.shapes) <= 12
     assert "regions are too many to draw" in caplog.text
+
+
+def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, caplog):
+    for module in (plan, stacking):
+        monkeypatch.setattr(module, "MOST_COMPLETED", 20)
+    for module in (limits, vectorize):
+        monkeypatch.setattr(module, "MOST_POLISHED", 20)
+    monkeypatch.setattr(vectorize, "MOST_FITTED", 25)
+    fits = []
+    fit = completion.fit_outline
+    monkeypatch.setattr(completion, "fit_outline", lambda *given: fits.append(1) or fit(*given))
+    for unbounded in ("junction_votes", "round_votes", "_between"):
+        monkeypatch.delattr(stacking, unbounded)
+    parcels, size = 12, 9
+    rng = np.random.default_rng(1)
+    inks = np.repeat(np.repeat(rng.integers(0, 8, (parcels, parcels, 3)) / 7.0, size, axis=0), size, axis=1)
+    drawing = vectorize.draw(inks.astype(np.float32))
+    assert len(drawing.shapes) > 0.95 * parcels**2
+    # A fit that goes astray is tried again, closer to its points.
+    assert len(fits) <= 3 * 25
+    assert "too many to fit each to the pixels" in caplog.text
+    target = np.concatenate([inks, np.ones((*inks.shape[:2], 1))], axis=2)
+    assert np.abs(begin(drawing, goal_of(target)).image - target).mean() < 0.01
 
 
 def test_a_large_picture_is_drawn_smaller_and_enlarged(monkeypatch, caplog):

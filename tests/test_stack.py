@@ -1,6 +1,8 @@
 """Stacks of shapes: the native picture and normal equations against plain numpy and finite differences."""
 
+import resource
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -88,6 +90,31 @@ def test_equations_match_finite_differences(taps, gram_error):
     assert 0.5 * (ahead[1] - behind[1]).sum() == pytest.approx(2.0 * gradient @ step.ravel(), rel=0.02)
     assert (change**2).sum() == pytest.approx(step.ravel() @ (gram @ step.ravel()), rel=gram_error)
     assert abs(gram - gram.T).max() < 1e-9
+
+
+def test_the_picture_of_many_large_shapes_takes_memory_for_their_outlines_only():
+    count, side = 80, 800
+    sizes = ((1.3, side - 2.6), (2.0, side - 4.0))
+    frame = [fine_ring(Rectangle(start, start, size, size)) for start, size in sizes]
+    cubics, lines = (np.concatenate([part] * count) for part in _joined(frame))
+    stack = StackPieces(
+        (np.arange(1, count + 1) * 8).astype(np.int32), cubics, lines, np.tile(np.repeat([1.0, -1.0], 4), count),
+        np.tile(INKS[:1], (count, 1)),
+    )  # fmt: skip
+    goal = Goal(np.zeros((side, side, 4)), (1.0, 1.0, 1.0, 1.5), 0.15)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    # A float for each pixel of each shape's box would take 205 MB.
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 180_000_000, before[1]))
+    try:
+        image = draw_stack(stack, goal)[0]
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+    assert image[400, 1, 0] == pytest.approx(1.0) and image[400, 400, 0] == 0.0
+
+
+def _joined(rings):
+    return np.concatenate([ring.cubics for ring in rings]), np.concatenate([ring.lines for ring in rings])
 
 
 def test_arrays_of_the_wrong_kind_are_refused():

@@ -12,8 +12,11 @@ from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 
 # A drawing loses nothing visible with this many px; outlines are as exact as ever, in px of the copy.
 MOST_PIXELS = 2_000_000
-# Of so many regions on, a picture is noise or a photo; each takes some hundredth of a second.
-MOST_REGIONS = 600
+# Beyond so many regions a picture that is not clean is noise or a photo, and the smallest join their neighbours. A
+# clean one is a map or a page of text: MOST_REGIONS are drawn, the larger beneath the smaller, each ending a little
+# beneath its neighbours. What else lies above what, hidden parts and translucency take a tenth of a second a region.
+MOST_COMPLETED = 600
+MOST_REGIONS = 6000
 # Beyond so many shapes the polish would take minutes.
 MOST_POLISHED = 800
 
@@ -44,19 +47,34 @@ def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
     return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 
-def bounded_regions(levels: np.ndarray, palette: np.ndarray, min_area: float, most: int | None = None) -> Regions:
-    """The regions of a picture, at most 600: where there are more, the smallest join their neighbours. most: inks."""
+def bounded_regions(
+    levels: np.ndarray, palette: np.ndarray, min_area: float, most: int | None = None, limit: int = MOST_COMPLETED
+) -> Regions:
+    """The regions of a picture in at most `most` inks; where there are more than `limit`, the smallest join their
+    neighbours, which is logged."""
     regions = find_regions(levels, palette, min_area, most)
     found = regions.count
-    while regions.count > MOST_REGIONS:
+    while regions.count > limit:
         areas = np.sort(regions.areas())[::-1]
-        min_area = max(2.0 * min_area, float(areas[MOST_REGIONS]) + 1.0, 4.0)
+        min_area = max(2.0 * min_area, float(areas[limit]) + 1.0, 4.0)
         regions = find_regions(levels, palette, min_area, most)
         if min_area > levels.shape[0] * levels.shape[1]:
             break
     if regions.count < found:
         _log.warning("%d regions are too many to draw: those below %.0f px joined their neighbours", found, min_area)
     return regions
+
+
+def is_polished(drawing: Drawing) -> bool:
+    """Whether a drawing has so few shapes that they are fitted to the pixels; where it has more, that is logged."""
+    few = len(drawing.shapes) <= MOST_POLISHED
+    if not few:
+        _log.warning(
+            "%d shapes are too many to fit each to the pixels: they stay as they were traced; "
+            "--min-area and --colors leave fewer",
+            len(drawing.shapes),
+        )
+    return few
 
 
 def enlarged(drawing: Drawing, factor: int, width: int, height: int) -> Drawing:

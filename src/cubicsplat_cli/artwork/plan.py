@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
-from cubicsplat_cli.artwork.limits import MOST_REGIONS, bounded_regions
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.inks import LEAST_FLAT, flat_pixels, picture_inks
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
@@ -49,14 +49,15 @@ def planned(
     min_area = settings.min_area / factor**2
     while True:
         work().at("finding regions", 0.15)
-        soft, regions = _regions(levels, settings, min_area, inks)
+        soft, regions = _regions(levels, settings, min_area, inks, MOST_COMPLETED if error else MOST_REGIONS)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
         found = crossings(soft, regions, ROUNDING + error)
         fixed = None
         if standing is not None:
             fixed = (np.rint(regions.inks)[:, None] == standing[None]).all(axis=2).any(axis=1)
-        parts = parts_of(regions, found, settings.completion == ON, fixed)
+        whole = regions.count <= MOST_COMPLETED
+        parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)
         if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:
             return Plan(soft, regions, found, parts)
         # The regions beyond as many as may be drawn join their neighbours.
@@ -65,20 +66,21 @@ def planned(
 
 
 def _regions(
-    levels: np.ndarray, settings: ArtworkSettings, min_area: float, inks: np.ndarray | None
+    levels: np.ndarray, settings: ArtworkSettings, min_area: float, inks: np.ndarray | None, limit: int
 ) -> tuple[np.ndarray, Regions]:
-    """The regions of a picture, and the picture they are of: blurred where there would be as many as px."""
+    """The regions of a picture, `limit` at most, and the picture they are of: blurred where there would be as many as
+    px."""
     many = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
     soft = levels
     for blur in BLURS:
         work().at()
         if blur:
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
-        elif levels.shape[0] * levels.shape[1] > MOST_REGIONS and flat_pixels(levels).mean() < LEAST_FLAT:
+        elif levels.shape[0] * levels.shape[1] > MOST_COMPLETED and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
         most = settings.colors if inks is None else min(len(inks), settings.colors or len(inks))
         palette = picture_inks(soft, most) if inks is None else inks[:most]
-        regions = bounded_regions(soft, palette, min_area, most)
-        if regions.count <= min(many, MOST_REGIONS):
+        regions = bounded_regions(soft, palette, min_area, most, MOST_COMPLETED if blur else limit)
+        if regions.count <= many:
             break
     return soft, regions

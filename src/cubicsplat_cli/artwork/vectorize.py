@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.input.restore import restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of, polygons_of
 from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
-from cubicsplat_cli.artwork.limits import MOST_POLISHED, blocks_of, enlarged
+from cubicsplat_cli.artwork.limits import MOST_POLISHED, blocks_of, enlarged, is_polished
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.inks import eight_bit
@@ -36,7 +36,7 @@ from cubicsplat_cli.artwork.translucent.parts import Part, parts_of
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.scene.paint import mean_ink
 
-MOST_POINTS = 60_000  # of contours; the smallest beyond become polygons
+MOST_POINTS, MOST_FITTED = 60_000, 1500  # of contours, and contours; the smallest beyond become polygons
 MANY = 150  # parts, whose finish takes longer than to find out whether they are worth it
 SKETCH = 160  # px of the longer side, of what is drawn in well under a second
 
@@ -137,7 +137,7 @@ def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_sketch: 
         # Edges that were restored tell less than the picture as it came.
         came = plan.levels if condition.clean else flat.levels
         goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
-        polished = len(shapes) <= MOST_POLISHED
+        polished = is_polished(drawing)
         if polished:
             drawing = polish(drawing, goal, settings.detail, error / 255.0)
             work().at("regularising", 0.8)
@@ -172,12 +172,13 @@ def _traced(
     parts: list[Part], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
 ) -> tuple[Shape, ...]:
     """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px."""
-    least = _least_points([part.extent for part in parts])
+    least, sought = _least_points([part.extent for part in parts]), len(parts) <= MOST_POLISHED
+    completed = settings.completion == ON
     fitted: list[tuple[Outline, ...]] = []
     with work().stoppable():
         for part in parts:
             work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
-            fitted.append(outlines_of(part.extent, canvas, settings.detail, least, settings.completion == ON))
+            fitted.append(outlines_of(part.extent, canvas, settings.detail, least, completed, sought))
     shapes = [_shape(part, outlines, canvas, flat) for part, outlines in zip(parts, fitted, strict=False)]
     return (*shapes, *_polygons(parts[len(fitted) :], canvas, flat))
 
@@ -234,7 +235,8 @@ def in_palette(drawing: Drawing, palette: tuple[tuple[int, int, int], ...]) -> D
 
 
 def _least_points(parts: list[Extent]) -> int:
-    """The number of points below which contours become polygons, so that those above hold at most MOST_POINTS."""
+    """The number of points below which contours become polygons, so that at most MOST_FITTED are above, of MOST_POINTS
+    at most."""
     sizes = np.sort([len(contour.points) for part in parts for contour in part.contours])[::-1]
-    over = np.flatnonzero(np.cumsum(sizes) > MOST_POINTS)
+    over = np.flatnonzero((np.cumsum(sizes) > MOST_POINTS) | (np.arange(len(sizes)) >= MOST_FITTED))
     return int(sizes[over[0]]) + 1 if len(over) else 0

@@ -7,6 +7,7 @@ way is good when the outline covers what shows and nothing else does.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -110,21 +111,18 @@ def _visible(contour: Contour, detail: float) -> Outline:
 
 
 def outlines_of(
-    extent: Extent, canvas: tuple[int, int], detail: float, least: int = 0, whole: bool = True
+    extent: Extent, canvas: tuple[int, int], detail: float, least: int = 0, whole: bool = True, sought: bool = True
 ) -> tuple[Outline, ...]:
     """The fitted outlines of a part of a layer, the outer one first.
 
     canvas: its height and width, px. Contours of fewer than `least` points, and than FEWEST, become polygons. whole:
-    hidden parts go on as what shows suggests, rather than end as shortly as they may.
+    hidden parts go on as what shows suggests, rather than end as shortly as they may. sought: they do either, rather
+    than run along their contour, a few px beneath what hides them.
     """
-    window = _Window.of(extent, canvas)
-    spare = ndimage.binary_dilation(extent.allowed, SQUARE) & ~window.must
-    room = Room(extent.top, extent.left, extent.shown, extent.allowed, spare, canvas)
+    surroundings = _Surroundings(extent, canvas)
     least = max(least, FEWEST)
     fitted = tuple(
-        few_lines(contour.points)
-        if len(contour.points) < least
-        else _completed(contour, window.hole(contour, extent) if contour.hole else window, room, detail, whole)
+        few_lines(contour.points) if len(contour.points) < least else _completed(contour, surroundings, detail, whole)
         for contour in extent.contours
     )
     return without_stray_holes(fitted, extent)
@@ -135,10 +133,32 @@ def polygons_of(extent: Extent) -> tuple[Outline, ...]:
     return tuple(few_lines(contour.points) for contour in extent.contours)
 
 
-def _completed(contour: Contour, window: _Window, room: Room, detail: float, whole: bool) -> Outline:
+@dataclass(frozen=True)
+class _Surroundings:
+    """What there is around the contours of an extent, which only hidden ones need to know. canvas: height and width."""
+
+    extent: Extent
+    canvas: tuple[int, int]
+
+    @cached_property
+    def window(self) -> _Window:
+        """That of the outer contour."""
+        return _Window.of(self.extent, self.canvas)
+
+    @cached_property
+    def room(self) -> Room:
+        """Where hidden outlines may run."""
+        e = self.extent
+        spare = ndimage.binary_dilation(e.allowed, SQUARE) & ~self.window.must
+        return Room(e.top, e.left, e.shown, e.allowed, spare, self.canvas)
+
+
+def _completed(contour: Contour, surroundings: _Surroundings, detail: float, whole: bool) -> Outline:
     runs = hidden_runs(contour.sigma)
     if not runs:
         return _visible(contour, detail)
+    window, room = surroundings.window, surroundings.room
+    window = window.hole(contour, surroundings.extent) if contour.hole else window
     if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
         return _unseen(contour, window, room)
 
@@ -169,12 +189,16 @@ def _completed(contour: Contour, window: _Window, room: Room, detail: float, who
     assert best is not None
     if least > ASTRAY:
         # No way is hidden all along, or the fit has gone far astray: what is hidden ends where it does for certain.
-        known = np.where(np.isfinite(contour.sigma), contour.sigma, HIDDEN_SIGMA)
-        for outline in (fit_outline(contour.points, known, detail), few_lines(contour.points)):
+        for outline in (fit_outline(contour.points, _known(contour.sigma), detail), few_lines(contour.points)):
             if (count := len(window.wrong(outline))) < least:
                 best, least = outline, count
     best = _as_box(best)
     return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
+
+
+def _known(sigma: np.ndarray) -> np.ndarray:
+    """Standard errors with which hidden points count as well."""
+    return np.where(np.isfinite(sigma), sigma, HIDDEN_SIGMA)
 
 
 def _as_box(outline: Outline) -> Outline:

@@ -7,7 +7,9 @@ regions between them are pieces of one shape that continues beneath.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.layers.rounds import round_votes
+from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.inks import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import Crossings
@@ -26,7 +29,8 @@ from cubicsplat_cli.artwork.tracing.contours import Crossings
 EXPOSED = 0.004
 # Votes: being enclosed outweighs everything, a junction counts at most 1, lying between pieces that are joined less.
 ENCLOSED, JOINED = 1000.0, 0.5
-MOST_HULLS = 400
+# Hulls that are tried, those of the largest pieces first, and px of the boxes around them: 400 times 512 x 512.
+MOST_HULLS, MOST_HULL_PIXELS = 400, 105_000_000
 NO_LOAD = 1e-3  # votes below which nothing stands against coming next
 MOST_WAITING = 8  # how many groups may wait for each other in a row
 
@@ -49,7 +53,8 @@ class Stack:
 
 def stack(regions: Regions, found: Crossings, joined: bool = True) -> Stack:
     """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one ink may
-    be one beneath what hides it."""
+    be one beneath what hides it. Of more than MOST_COMPLETED regions only those that enclose others are known to lie
+    beneath these, and all others lie in the order of their sizes."""
     clear = regions.inks[:, 3] <= CLEAR
     facts = _Facts(regions, found, clear)
     group = _merged(facts, MOST_HULLS if joined else 0)
@@ -73,9 +78,11 @@ class _Facts:
         self.areas = regions.areas()
         self.touching = _touching(regions.labels)
         self.inside = self._enclosures()
-        self.votes = junction_votes(regions, found)
-        for pair, vote in round_votes(regions, found, clear).items():
-            self.votes[pair] = self.votes.get(pair, 0.0) + vote
+        self.votes: dict[tuple[int, int], float] = {}
+        if regions.count <= MOST_COMPLETED:
+            self.votes = junction_votes(regions, found)
+            for pair, vote in round_votes(regions, found, clear).items():
+                self.votes[pair] = self.votes.get(pair, 0.0) + vote
         for outer, held in self.inside.items():
             for i in held:
                 self.votes[i, outer] = self.votes.get((i, outer), 0.0) + ENCLOSED
@@ -126,7 +133,7 @@ def _touching(labels: np.ndarray) -> dict[int, dict[int, int]]:
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:
     """(R,) the group of each region, named by its smallest member; -1 for clear regions. budget: hulls to be tried."""
-    regions = facts.regions
+    regions, pixels = facts.regions, MOST_HULL_PIXELS
     group = np.where(facts.clear, -1, np.arange(regions.count))
     for a, b in _candidates(facts):
         p, q = group[a], group[b]
@@ -135,9 +142,11 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
         members = np.nonzero((group == p) | (group == q))[0]
         if _shows_through(facts, a, b):
             group[members] = members.min()
-        elif budget > 0:
+        elif budget > 0 and pixels > 0:
+            window = _box_around(facts, members)
             budget -= 1
-            between = _between(facts, members)
+            pixels -= math.prod(side.stop - side.start for side in window)
+            between = _between(facts, members, window)
             above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
             # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
             if above is not None and not _held(facts, above, members):
@@ -180,90 +189,116 @@ def _held(facts: _Facts, outer: np.ndarray, inner: np.ndarray) -> bool:
     return any(not wanted.isdisjoint(facts.inside.get(i, ())) for i in outer.tolist())
 
 
-def _between(facts: _Facts, members: np.ndarray) -> np.ndarray | None:
-    """The regions that the hull of the members runs beneath; None where it holds others than may lie above them."""
+def _box_around(facts: _Facts, members: np.ndarray) -> tuple[slice, slice]:
+    """The rows and columns that regions reach."""
     boxes = [facts.boxes[m] for m in members]
-    rows = slice(min(b[0].start for b in boxes), max(b[0].stop for b in boxes))
-    columns = slice(min(b[1].start for b in boxes), max(b[1].stop for b in boxes))
-    view = facts.regions.labels[rows, columns]
-    own = np.isin(view, members)
+    rows, columns = (slice(min(b[k].start for b in boxes), max(b[k].stop for b in boxes)) for k in (0, 1))
+    return rows, columns
+
+
+def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) -> np.ndarray | None:
+    """The regions that the hull of the members runs beneath; None where it holds others than may lie above them."""
+    view = facts.regions.labels[window]
+    own = _listed(members, facts.regions.count)[view]
     hull = hull_mask(own)
     between = hull & ~own
-    names, sizes = np.unique(view[between], return_counts=True)
+    sizes = np.bincount(view[between], minlength=facts.regions.count)
+    names = np.flatnonzero(sizes)
+    sizes = sizes[names]
     sure, likely = (set().union(*(of.get(int(m), set()) for m in members)) for of in (facts.beneath, facts.assumed))
     shut = np.array([bool(facts.clear[n]) or int(n) in sure for n in names], dtype=bool)
     doubtful = np.array([int(n) in likely for n in names], dtype=bool) & ~shut
     # Outlines are only known to a pixel here, so a rim of the hull may be exposed; all of it of what is but assumed.
     rim = EXPOSED * own.size + 0.02 * between.sum()
-    inner = view[between & ndimage.binary_erosion(hull)]
-    exposed = sizes[shut].sum() + np.isin(inner, names[doubtful]).sum()
+    exposed = sizes[shut].sum()
+    if doubtful.any() and exposed <= rim:
+        inner = view[between & ndimage.binary_erosion(hull)]
+        exposed += _listed(names[doubtful], facts.regions.count)[inner].sum()
     return names[~(shut | doubtful) & (sizes > rim)] if exposed <= rim else None
+
+
+def _listed(names: np.ndarray, count: int) -> np.ndarray:
+    """(count,) bool: which regions are among some."""
+    out = np.zeros(count, dtype=bool)
+    out[names] = True
+    return out
 
 
 def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
     """The groups back to front: of those that lie above none that is left, the largest first."""
     names = [int(n) for n in np.unique(group) if n >= 0]
     index = {n: i for i, n in enumerate(names)}
-    count = len(names)
-    weight = np.zeros((count, count), dtype=np.float32)
-    for (above, below), votes in facts.votes.items():
-        p, q = group[above], group[below]
-        if p >= 0 and q >= 0 and p != q:
-            weight[index[int(p)], index[int(q)]] += votes
     size = np.bincount(group[group >= 0], facts.areas[group >= 0].astype(float), minlength=len(group))[names]
-    span = np.array([_span(facts, group, n) for n in names])
-    _settle_enclosures(facts, group, weight, index)
-    net = _without_cycles(np.maximum(weight - weight.T, 0.0))
+    span = _spans(facts, group)[names]
+    above, below = _without_cycles(len(names), *_net(facts, group, index))
     # What a large one waits for comes as early as the large one would, lest all small ones come between.
     for _ in range(MOST_WAITING):
-        span = np.maximum(span, np.where(net > NO_LOAD, span[:, None], 0.0).max(axis=0, initial=0.0))
-    left = np.ones(count, dtype=bool)
-    load = net.sum(axis=1)
+        waiting = span.copy()
+        np.maximum.at(waiting, below, span[above])
+        span = waiting
+    load = np.bincount(above, minlength=len(names))
+    lying = np.split(above[np.argsort(below, kind="stable")], np.cumsum(np.bincount(below, minlength=len(names)))[:-1])
+    ready = [(-span[i], -size[i], i) for i in np.flatnonzero(load == 0).tolist()]
+    heapify(ready)
     order = []
-    for _ in range(count):
-        best = min(np.nonzero(left)[0].tolist(), key=lambda i: (load[i] > NO_LOAD, -span[i], -size[i], i))
-        left[best] = False
-        load -= net[:, best]
+    while ready:
+        best = heappop(ready)[2]
         order.append(names[best])
+        for i in lying[best].tolist():
+            load[i] -= 1
+            if load[i] == 0:
+                heappush(ready, (-span[i], -size[i], i))
     return order
 
 
-def _without_cycles(net: np.ndarray) -> np.ndarray:
-    """Evidence (n, n) that one lies above another, cycles broken where it is weakest."""
-    above, below = np.nonzero(net > NO_LOAD)
-    weight = net[above, below]
+def _net(facts: _Facts, group: np.ndarray, index: dict[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of groups, by their indices, of which the one lies above the other, (e,) each, and the evidence (e,) that
+    it does less that for the contrary."""
+    weight: dict[tuple[int, int], float] = {}
+    for (above, below), votes in facts.votes.items():
+        p, q = int(group[above]), int(group[below])
+        if p >= 0 and q >= 0 and p != q:
+            weight[p, q] = weight.get((p, q), 0.0) + votes
+    _settle_enclosures(facts, group, weight)
+    net = [(index[p], index[q], votes - weight.get((q, p), 0.0)) for (p, q), votes in weight.items()]
+    net = sorted(each for each in net if each[2] > NO_LOAD)
+    above, below = (np.array([each[k] for each in net], dtype=int) for k in (0, 1))
+    return above, below, np.array([each[2] for each in net])
+
+
+def _without_cycles(
+    count: int, above: np.ndarray, below: np.ndarray, weight: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The pairs of `count` groups that one lies above another, cycles broken where the evidence is weakest."""
     while True:
-        graph = coo_array((np.ones(len(above)), (above, below)), shape=net.shape)
+        graph = coo_array((np.ones(len(above)), (above, below)), shape=(count, count))
         _, knot = connected_components(graph, directed=True, connection="strong")
         inside = np.flatnonzero(knot[above] == knot[below])
         if not len(inside):
-            break
+            return above, below
         # The weakest of each knot, which may be of several cycles.
         inside = inside[np.lexsort((inside, weight[inside]))]
         weakest = inside[np.unique(knot[above[inside]], return_index=True)[1]]
         above, below, weight = (np.delete(each, weakest) for each in (above, below, weight))
-    out = np.zeros_like(net)
-    out[above, below] = weight
-    return out
 
 
-def _settle_enclosures(facts: _Facts, group: np.ndarray, weight: np.ndarray, index: dict[int, int]) -> None:
+def _settle_enclosures(facts: _Facts, group: np.ndarray, weight: dict[tuple[int, int], float]) -> None:
     """Groups with pieces around and within another one lie beneath it: what is within shows through its holes."""
     for outer, held in facts.inside.items():
-        below = group[outer]
-        if below < 0:
+        below = int(group[outer])
+        if below < 0 or below not in {int(group[i]) for i in held}:
             continue
         for inner in held:
-            above = group[inner]
+            above = int(group[inner])
             if above >= 0 and above != below and facts.areas[outer] > facts.areas[inner]:
-                through = (group == below) & np.isin(np.arange(len(group)), list(held))
-                if through.any():
-                    weight[index[int(below)], index[int(above)]] = 0.0
+                weight[below, above] = 0.0
 
 
-def _span(facts: _Facts, group: np.ndarray, name: int) -> float:
-    """The px^2 of the box around a group: what it would cover."""
-    boxes = [facts.boxes[m] for m in np.nonzero(group == name)[0]]
-    height = max(b[0].stop for b in boxes) - min(b[0].start for b in boxes)
-    width = max(b[1].stop for b in boxes) - min(b[1].start for b in boxes)
-    return float(height * width)
+def _spans(facts: _Facts, group: np.ndarray) -> np.ndarray:
+    """(R,) of each group, by its name, the px^2 of the box around it: what it would cover."""
+    count, own = len(group), group >= 0
+    low, high = np.full((count, 2), np.inf), np.zeros((count, 2))
+    for axis in (0, 1):
+        np.minimum.at(low[:, axis], group[own], np.array([box[axis].start for box in facts.boxes])[own])
+        np.maximum.at(high[:, axis], group[own], np.array([box[axis].stop for box in facts.boxes])[own])
+    return np.asarray(np.where(np.isfinite(low), high - low, 0.0).prod(axis=1))

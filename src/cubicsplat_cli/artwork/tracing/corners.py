@@ -12,8 +12,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.tracing.smoothing import arc_lengths, most_misfit
+from cubicsplat_cli.raster.outlines import flanks
 
 GAP = 1.0  # px to either side of a place that are not looked at
 FARTHEST = 4.5  # px from the place to the nearest point of a flank
@@ -176,54 +178,22 @@ def _contradiction(loop: np.ndarray, meet: np.ndarray, a: _Flanks, b: _Flanks) -
 
 def _flanks(points: np.ndarray, weights: np.ndarray, s: np.ndarray, places: np.ndarray, kinds: Kinds) -> _Flanks:
     """The run after each place, by the widest believed fit."""
-    n, m = len(points), len(places)
-    start = np.searchsorted(s, places + GAP)
-    near = np.minimum(start, n - 1)
-    at, slope = points[near].copy(), np.tile([1.0, 0.0], (m, 1))
     spread = np.diff(s)
     farthest = np.where(spread < WIDEST_GAP, np.maximum(FARTHEST, 0.5 * spread + 2.0), FARTHEST)
-    growing = (start < n) & (s[near] - places <= farthest)
-    error = np.full(m, np.inf)
-    for length, degree in kinds:
-        index = start[:, None] + np.arange(length + 1)
-        inside = index[:, -1] < n
-        index = np.minimum(index, n - 1)
-        origin = points[near]
-        terms, errors, misfit = _one_sided(
-            points[index] - origin[:, None], weights[index], s[index] - places[:, None], degree
-        )
-        most = FIRST_MISFIT if length == kinds[0][0] else most_misfit(length - degree)
-        dense = s[index[:, -1]] - s[near] <= 2.0 * length
-        growing &= inside & (misfit <= most) & dense
-        error[growing] = errors[growing]
-        at[growing] = origin[growing] + terms[growing, 0]
-        slope[growing] = terms[growing, 1]
-    return _Flanks(at, slope / np.maximum(np.hypot(*slope.T), 1e-12)[:, None], error, near)
-
-
-def _one_sided(offsets: np.ndarray, weights: np.ndarray, ds: np.ndarray, degree: int) -> tuple[np.ndarray, ...]:
-    """Coefficients (n, degree + 1, 2) of a polynomial through each run, the error of its tangent, and its misfit.
-
-    The misfit is the mean squared residual across the run, in squared sigmas.
-    """
-    powers = ds[..., None] ** np.arange(degree + 1)
-    weighted = np.swapaxes(powers * weights[..., None], 1, 2)
-    gram = weighted @ powers
-    gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(degree + 1)
-    inverse = np.linalg.inv(gram)
-    terms = inverse @ (weighted @ offsets)
-    rest = offsets - powers @ terms
-    slope = terms[:, 1] / np.maximum(np.hypot(*terms[:, 1].T), 1e-12)[:, None]
-    across = rest[..., 0] * slope[:, None, 1] - rest[..., 1] * slope[:, None, 0]
-    return terms, np.sqrt(inverse[:, 1, 1]), (weights * across**2).sum(axis=1) / (ds.shape[1] - degree - 1)
+    believed = [
+        (length, degree, most_misfit(length - degree) if k else FIRST_MISFIT)
+        for k, (length, degree) in enumerate(kinds)
+    ]
+    return _Flanks(*flanks(points, weights, s, places, farthest, GAP, believed))
 
 
 def _strongest(score: np.ndarray, meet: np.ndarray) -> np.ndarray:
     """Indices of the strongest corners, none within SPACING of a stronger one, in order."""
-    chosen: list[int] = []
-    for i in np.argsort(-score, kind="stable"):
-        if score[i] <= 0.0:
-            break
-        if not chosen or np.hypot(*(meet[chosen] - meet[i]).T).min() >= SPACING:
-            chosen.append(int(i))
+    able = np.flatnonzero((score > 0.0) & np.isfinite(meet).all(axis=1))
+    near = cKDTree(meet[able]).query_ball_point(meet[able], SPACING) if len(able) else []
+    free, chosen = np.ones(len(able), dtype=bool), []
+    for k in np.argsort(-score[able], kind="stable").tolist():
+        if free[k]:
+            chosen.append(int(able[k]))
+            free[near[k]] = False
     return np.array(sorted(chosen), dtype=int)

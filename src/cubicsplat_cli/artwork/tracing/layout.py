@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.tracing.corners import Corners
 from cubicsplat_cli.artwork.tracing.sections import CORNER_ERRORS, LEAST_ERRORS, SURE_WEIGHT, Division, Section, divide
@@ -17,6 +18,7 @@ GRID = 0.25  # px
 FLATTEST = 0.01
 CORNER_REACH = 1.4  # px around a corner in which points are biased; up to twice that they count less
 TIP_WIDTH = 0.6  # px between the flanks of a thin tip below which its points are biased
+SHARPEST_TIP = 0.12  # sine of half of the angle of a tip, below which its points are not more biased
 FEWEST_KNOWN = 4  # points of a run that is more than a straight line
 # A corner is doubted, and kept only if it pays, when it turns less, or is nearer to another, than this.
 DOUBTFUL_TURN = math.radians(45.0)
@@ -64,15 +66,23 @@ class _Runs:
 
     def __init__(self, points: np.ndarray, weights: np.ndarray, price: float) -> None:
         self.points, self.weights, self.price = points, weights, price
+        self._tree = cKDTree(points)
         self._known: dict[tuple[int, int], Division] = {}
 
     def weights_of(self, corners: Corners) -> np.ndarray:
         """The weights with the points next to the corners left out."""
         weights = self.weights.copy()
-        for at, turn in zip(corners.positions, corners.turns, strict=True):
-            reach = TIP_WIDTH / max(math.sin(0.5 * (math.pi - abs(turn))), 0.12)
-            away = np.hypot(*(self.points - at).T) / max(CORNER_REACH, reach)
-            weights *= np.clip(away - 1.0, 0.0, 1.0) ** 2
+        reaches = _reaches(corners)
+        near = self._tree.query_ball_point(corners.positions, 2.0 * reaches) if len(reaches) else []
+        for some, at, reach in zip(near, corners.positions, reaches, strict=True):
+            weights[some] *= _clear(self.points[some], at, reach)
+        return weights
+
+    def _between_two(self, corners: Corners, run: np.ndarray) -> np.ndarray:
+        """The weights of the points of a run with those next to its two corners left out."""
+        weights = self.weights[run]
+        for at, reach in zip(corners.positions, _reaches(corners), strict=True):
+            weights *= _clear(self.points[run], at, reach)
         return weights
 
     def between(self, corners: Corners, i: int, j: int) -> np.ndarray:
@@ -88,7 +98,7 @@ class _Runs:
         key = (int(corners.indices[pair[0]]), int(corners.indices[pair[1]]))
         if key not in self._known:
             run = self.between(corners, i, j)
-            weights = self.weights_of(corners.taken(pair))[run]
+            weights = self._between_two(corners.taken(pair), run)
             self._known[key] = divide(_section(self.points[run], weights, corners.positions[pair]), self.price)
         return self._known[key]
 
@@ -97,12 +107,23 @@ class _Runs:
         return _divided_loop(self.points, self.weights, self.price)[1].cost
 
 
+def _reaches(corners: Corners) -> np.ndarray:
+    """(C,) px around each corner in which points are biased."""
+    sine = np.sin(0.5 * (np.pi - np.abs(corners.turns)))
+    return np.maximum(TIP_WIDTH / np.maximum(sine, SHARPEST_TIP), CORNER_REACH)
+
+
+def _clear(points: np.ndarray, corner: np.ndarray, reach: float) -> np.ndarray:
+    """(n,) by how much points (n, 2) are clear of a corner: 0 within its reach, px, 1 from twice that on."""
+    return np.asarray(np.clip(np.hypot(*(points - corner).T) / reach - 1.0, 0.0, 1.0) ** 2)
+
+
 def _without_doubtful(runs: _Runs, corners: Corners) -> Corners:
     """The corners less those that cost more than doing without: first groups in a row, then each, faintest first."""
     for group in _groups(corners):
         corners = _if_cheaper(runs, corners, group)
     for index in corners.indices[np.argsort(np.abs(corners.turns), kind="stable")]:
-        if _doubtful(corners)[corners.indices == index].any():
+        if _doubtful(corners, int(np.searchsorted(corners.indices, index))):
             corners = _if_cheaper(runs, corners, np.array([index]))
     return corners
 
@@ -136,12 +157,13 @@ def _if_cheaper(runs: _Runs, corners: Corners, group: np.ndarray) -> Corners:
     return corners.taken(~np.isin(corners.indices, group)) if without <= with_them + bonus else corners
 
 
-def _doubtful(corners: Corners) -> np.ndarray:
-    """(C,) bool: corners that turn little or have another near."""
-    gaps = np.hypot(*np.moveaxis(corners.positions[:, None] - corners.positions, -1, 0))
-    np.fill_diagonal(gaps, np.inf)
-    faint = (np.abs(corners.turns) < DOUBTFUL_TURN) | (gaps.min(axis=1, initial=np.inf) <= DOUBTFUL_SPACING)
-    return faint & ~corners.sure
+def _doubtful(corners: Corners, k: int) -> bool:
+    """Whether a corner turns little or has another near."""
+    if corners.sure[k]:
+        return False
+    gaps = np.hypot(*(corners.positions - corners.positions[k]).T)
+    gaps[k] = np.inf
+    return bool(abs(corners.turns[k]) < DOUBTFUL_TURN or gaps.min() <= DOUBTFUL_SPACING)
 
 
 def _section(points: np.ndarray, weights: np.ndarray, ends: np.ndarray) -> Section:

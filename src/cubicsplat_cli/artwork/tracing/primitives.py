@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle
-from cubicsplat_cli.artwork.robust import OUTLYING, huber_weights, outlying_loss
+from cubicsplat_cli.artwork.robust import outlying_loss
+from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, Form, fitted_values
 
 ROUNDS = 10
 WORST_MISFIT = 9.0  # mean squared residual, in sigmas, above which a primitive is out of the question
@@ -29,8 +30,10 @@ Signed = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A kind of primitive: signed distance of points (n, 2) from it, a start, and the outline of its values."""
+    """A kind of primitive: its form for the fit, the signed distance of points (n, 2) from it, a start, and the outline
+    of its values."""
 
+    form: Form
     distance: Signed
     start: np.ndarray
     outline: Callable[[np.ndarray], Outline | None]
@@ -104,9 +107,9 @@ def _candidates(p: np.ndarray, w: np.ndarray, middle: np.ndarray, spread: np.nda
         return Ellipse(*map(float, v)) if (v[2:4] > 0.0).all() else None
 
     return [
-        _Candidate(_circle_distance, np.array([*middle, size.mean()]), lambda v: Circle(*map(float, v))),
-        _Candidate(lambda v, x: _ellipse_distance(np.append(v, 0.0), x), np.array(box), ellipse),
-        _Candidate(_ellipse_distance, np.array([*middle, *size, turn]), ellipse),
+        _Candidate(Form(CIRCLE), _circle_distance, np.array([*middle, size.mean()]), lambda v: Circle(*map(float, v))),
+        _Candidate(Form(ELLIPSE), lambda v, x: _ellipse_distance(np.append(v, 0.0), x), np.array(box), ellipse),
+        _Candidate(Form(ELLIPSE, turned=True), _ellipse_distance, np.array([*middle, *size, turn]), ellipse),
         _box(box, (0.0, 0.0), ""),
         _box(box, (_first_radius(box, 0.0, p[few], w[few]), 0.0), "r"),
         _box(tilted, (0.0, tilt), "a"),
@@ -146,7 +149,9 @@ def _box(start: list[float], rest: tuple[float, float], free: str) -> _Candidate
         return np.hypot(*q.T) < SHARP_REACH
 
     begin = np.array([*start, *([rest[0]] if "r" in free else []), *([rest[1]] if "a" in free else [])])
-    return _Candidate(lambda v, p: _box_distance(full(v), p), begin, outline, None if "r" in free else near_corner)
+    form = Form(BOX, "r" in free, "a" in free)
+    sharp = None if "r" in free else near_corner
+    return _Candidate(form, lambda v, p: _box_distance(full(v), p), begin, outline, sharp)
 
 
 def _fitted(candidate: _Candidate, p: np.ndarray, w: np.ndarray) -> tuple[Outline, float, float] | None:
@@ -155,12 +160,12 @@ def _fitted(candidate: _Candidate, p: np.ndarray, w: np.ndarray) -> tuple[Outlin
     if candidate.sharp is not None:
         w = np.where(candidate.sharp(candidate.start, p), np.minimum(sure, SHARP_SIGMA**-2), sure)
     few = _few(p)
-    value, misfit = _least_squares(candidate.distance, candidate.start, p[few], w[few])
+    value, misfit = fitted_values(candidate.form, candidate.start, p[few], w[few], ROUNDS)
     if misfit > 2.0 * WORST_MISFIT * len(few):
         return None
     if candidate.sharp is not None:
         w = np.where(candidate.sharp(value, p), np.minimum(sure, SHARP_SIGMA**-2), sure)
-    value, misfit = _least_squares(candidate.distance, value, p, w)
+    value, misfit = fitted_values(candidate.form, value, p, w, ROUNDS)
     mean = misfit / max(int((w > 0.0).sum()), 1)
     outline = candidate.outline(value)
     # A round or slanted end of a thin bar is all corner, and hardly a point among those of its sides. What is known no
@@ -224,27 +229,3 @@ def _solid(p: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
 def _turned(p: np.ndarray, angle: float) -> np.ndarray:
     cos, sin = math.cos(angle), math.sin(angle)
     return p @ np.array([[cos, sin], [-sin, cos]])
-
-
-def _least_squares(distance: Signed, start: np.ndarray, p: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
-    """Levenberg-Marquardt with Huber weights and differences for the derivatives; the values and chi^2."""
-    value, damping = start.astype(float), 1e-3
-    rest = distance(value, p)
-    best = outlying_loss(rest, w)
-    for _ in range(ROUNDS):
-        shifts = 1e-4 * np.eye(len(value))
-        jacobian = np.stack([(distance(value + shift, p) - rest) / 1e-4 for shift in shifts], axis=1)
-        weighted = jacobian * (w * huber_weights(np.abs(rest) * np.sqrt(w), OUTLYING))[:, None]
-        gram = weighted.T @ jacobian
-        system = gram + damping * np.diag(np.diag(gram)) + 1e-9 * np.eye(len(value))
-        trial = value - np.linalg.solve(system, weighted.T @ rest)
-        trial_rest = distance(trial, p)
-        misfit = outlying_loss(trial_rest, w)
-        if misfit < best:
-            gain, best, value, rest = best - misfit, misfit, trial, trial_rest
-            damping = max(damping / 10.0, 1e-8)
-            if gain < 1e-3 * best + 1e-2:
-                break
-        else:
-            damping *= 10.0
-    return value, best

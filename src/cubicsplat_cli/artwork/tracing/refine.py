@@ -12,10 +12,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
 from cubicsplat_cli.artwork.robust import OUTLYING, huber_weights, outlying_loss
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
-from cubicsplat_cli.raster.cubics import newton_steps
+from cubicsplat_cli.raster.cubics import piece_equations, settled
 
 ROUNDS = 8
 ENOUGH = 0.01  # relative gain of a round below which the fit has converged
@@ -31,27 +30,13 @@ class Feet:
     u: np.ndarray
 
 
-def settle(pieces: Pieces, points: np.ndarray, feet: Feet, rounds: int = 2) -> Feet:
-    """The feet of the points, moved on to the neighbouring piece where they left their own."""
-    count, ends = len(pieces.lines), pieces.ends
-    cubics, piece, u = pieces.cubics, feet.piece, feet.u
-    for _ in range(rounds):
-        u = newton_steps(cubics[piece], points[:, None], u[:, None])[:, 0]
-        on = (u > 1.0) & pieces.smooth[ends[piece]]
-        back = (u < 0.0) & pieces.smooth[piece]
-        piece = (piece + on.astype(int) - back) % count
-        u = np.clip(np.where(on, 0.0, np.where(back, 1.0, u)), 0.0, 1.0)
-    return Feet(piece, u)
-
-
-def residuals(pieces: Pieces, points: np.ndarray, feet: Feet) -> tuple[np.ndarray, np.ndarray]:
-    """((n,) signed distances along the normal, px, (n, 2) unit normals)."""
-    own = pieces.cubics[feet.piece]
-    first, _ = derivatives(own, feet.u[:, None])
-    speed = np.maximum(np.hypot(first[:, 0, 0], first[:, 0, 1]), 1e-9)
-    normals = np.stack([-first[:, 0, 1], first[:, 0, 0]], axis=1) / speed[:, None]
-    rest = points_at(own, feet.u[:, None])[:, 0] - points
-    return (rest * normals).sum(1), normals
+def settle(
+    pieces: Pieces, points: np.ndarray, feet: Feet, rounds: int = 2
+) -> tuple[Feet, tuple[np.ndarray, np.ndarray]]:
+    """The feet of the points, moved on to the neighbouring piece where they left their own, and the signed distances
+    (n,) along the normal, px, with the unit normals (n, 2)."""
+    piece, u, rest, normals = settled(pieces.cubics, pieces.ends, pieces.smooth, points, feet.piece, feet.u, rounds)
+    return Feet(piece, u), (rest, normals)
 
 
 def refine(pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet) -> tuple[Pieces, Feet, float]:
@@ -60,8 +45,7 @@ def refine(pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet) 
     points: (n, 2) px; weights: (n,) 1/px^2.
     """
     pieces = joined_smoothly(pieces)
-    feet = settle(pieces, points, feet)
-    rest, normals = residuals(pieces, points, feet)
+    feet, (rest, normals) = settle(pieces, points, feet)
     best = outlying_loss(rest, weights)
     damping = 1e-3
     for _ in range(ROUNDS):
@@ -70,8 +54,7 @@ def refine(pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet) 
         improved = False
         for _ in range(4):
             trial = variables.moved(_step(system, slope, damping))
-            trial_feet = settle(trial, points, feet)
-            trial_rest, trial_normals = residuals(trial, points, trial_feet)
+            trial_feet, (trial_rest, trial_normals) = settle(trial, points, feet)
             value = outlying_loss(trial_rest, weights)
             if value < best:
                 improved = True
@@ -98,13 +81,7 @@ def _normal_equations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gram matrices (S, 8, 8) and gradients (S, 8) over the 8 coordinates of each piece's control points."""
     w = weights * huber_weights(np.abs(rest) * np.sqrt(weights), OUTLYING)
-    rows = (bernstein(feet.u)[:, :, None] * normals[:, None, :]).reshape(-1, 8)
-    count = len(pieces.lines)
-    gram = np.zeros((count, 8, 8))
-    np.add.at(gram, feet.piece, w[:, None, None] * rows[:, :, None] * rows[:, None, :])
-    slope = np.zeros((count, 8))
-    np.add.at(slope, feet.piece, (w * rest)[:, None] * rows)
-    return gram, slope
+    return piece_equations(len(pieces.lines), feet.piece, feet.u, rest, normals, w)
 
 
 def _reduced(

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.raster.outlines import parabolas
+
 HALF_WINDOWS = (2, 4, 7, 12, 20)
 # A point whose standard error is larger tells nothing (it is hidden or unknown).
 HIDDEN_SIGMA = 3.0
@@ -66,46 +68,9 @@ def local_fits(points: np.ndarray, weights: np.ndarray, closed: bool) -> LocalFi
 
 def _open_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, ...]:
     s = arc_lengths(points)
-    growing = np.arange(len(points))
-    terms, errors, _ = _parabolas(points, weights, s, growing, HALF_WINDOWS[0])
-    windows = np.full(len(points), HALF_WINDOWS[0])
-    for half in HALF_WINDOWS[1:]:
-        wider, wider_errors, misfit = _parabolas(points, weights, s, growing, half)
-        believed = misfit <= most_misfit(2 * half - 2)
-        growing = growing[believed]
-        terms[growing], errors[growing], windows[growing] = wider[believed], wider_errors[believed], half
+    kinds = [(half, most_misfit(2 * half - 2)) for half in HALF_WINDOWS]
+    terms, errors, windows = parabolas(points, weights, s, kinds)
     positions, first, second = terms[:, 0], terms[:, 1], 2.0 * terms[:, 2]
     speed = np.maximum(np.hypot(*first.T), 1e-9)
     curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
     return positions, first / speed[:, None], curvature, windows, errors
-
-
-def _parabolas(
-    points: np.ndarray, weights: np.ndarray, s: np.ndarray, where: np.ndarray, half: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coefficients (k, 3, 2) of 1, s and s^2 around the points `where` (k,), their errors (k, 2), and misfit (k,).
-
-    The misfit is the mean squared residual across the run, in squared sigmas.
-    """
-    index = where[:, None] + np.arange(-half, half + 1)
-    valid = (index >= 0) & (index < len(points))
-    index = np.clip(index, 0, len(points) - 1)
-    ds = (s[index] - s[where, None]) / half
-    # Hidden points decide where nothing else does.
-    w = (weights[index] + 1e-6) * valid
-    powers = ds[..., None] ** np.arange(3)
-    weighted = np.swapaxes(powers * w[..., None], 1, 2)
-    gram = weighted @ powers
-    gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    offsets = points[index] - points[where, None]
-    inverse = np.linalg.inv(gram)
-    terms = inverse @ (weighted @ offsets)
-    errors = np.sqrt(np.stack([inverse[:, 0, 0], inverse[:, 1, 1] / half**2], axis=1))
-    rest = offsets - powers @ terms
-    slope = terms[:, 1] / np.maximum(np.hypot(*terms[:, 1].T), 1e-12)[:, None]
-    across = rest[..., 0] * slope[:, None, 1] - rest[..., 1] * slope[:, None, 0]
-    count = (w > 1e-4).sum(axis=1)
-    misfit = (w * across**2).sum(axis=1) / np.maximum(count - 3, 1)
-    terms = terms / (float(half) ** np.arange(3))[None, :, None]
-    terms[:, 0] += points[where]
-    return terms, errors, misfit

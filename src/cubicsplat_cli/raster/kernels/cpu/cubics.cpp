@@ -10,6 +10,7 @@ namespace {
 constexpr int kValues = 6;    // of a cubic: see `Run`
 constexpr double kConvex = 0.3;  // of the squared speed: the least curvature of the distance that Newton's step trusts
 constexpr double kLeast = 1e-12;
+constexpr double kStill = 1e-9;  // px per parameter, below which a curve has no direction
 
 struct Point {
   double x, y;
@@ -127,6 +128,45 @@ CS_EXPORT void cs_fit_cubics(int64_t runs, int32_t count, int32_t rounds, const 
       run.cubic(own, cubic);
       for (int i = 0; i < count; i++)
         at[i] = std::clamp(nearer(cubic, points + 2 * (count * n + i), at[i]), 0.0, 1.0);
+    }
+  }
+}
+
+// Brings points (x 2) nearer to their feet on the pieces (x 8) of an outline, `rounds` times: those beyond the end of
+// their piece pass on to the next one, or before its start to the last one, where the joint is smooth. ends: pieces, the
+// joint at the end of each. piece, u: brought up to date. rest, normals (x 2): written, by how far each foot is off its
+// point along the normal, and that.
+CS_EXPORT void cs_settle(int64_t count, int64_t pieces, int32_t rounds, const double* control, const int64_t* ends,
+                         const uint8_t* smooth, const double* points, int64_t* piece, double* u, double* rest,
+                         double* normals) {
+  for (int64_t i = 0; i < count; i++) {
+    for (int round = 0; round < rounds; round++) {
+      const int64_t own = piece[i];
+      const double at = nearer(control + 8 * own, points + 2 * i, u[i]);
+      const bool on = at > 1.0 && smooth[ends[own]], back = at < 0.0 && smooth[own];
+      piece[i] = (own + on - back + pieces) % pieces;
+      u[i] = on ? 0.0 : back ? 1.0 : std::clamp(at, 0.0, 1.0);
+    }
+    const Place place(control + 8 * piece[i], u[i]);
+    const double speed = std::max(std::hypot(place.first.x, place.first.y), kStill);
+    const double x = -place.first.y / speed, y = place.first.x / speed;
+    normals[2 * i] = x, normals[2 * i + 1] = y;
+    rest[i] = (place.at.x - points[2 * i]) * x + (place.at.y - points[2 * i + 1]) * y;
+  }
+}
+
+// The normal equations of the distances `rest` of points along the normals over the control points of each piece: gram
+// (x 8 x 8) and slope (x 8), which are zero to begin with. weights: of the squares.
+CS_EXPORT void cs_piece_equations(int64_t count, const int64_t* piece, const double* u, const double* rest,
+                                  const double* normals, const double* weights, double* gram, double* slope) {
+  for (int64_t i = 0; i < count; i++) {
+    const double t = u[i], v = 1.0 - t, b[4] = {v * v * v, 3.0 * v * v * t, 3.0 * v * t * t, t * t * t};
+    double row[8];
+    for (int k = 0; k < 8; k++) row[k] = b[k / 2] * normals[2 * i + k % 2];
+    double *own = gram + 64 * piece[i], *pull = slope + 8 * piece[i];
+    for (int p = 0; p < 8; p++) {
+      pull[p] += weights[i] * rest[i] * row[p];
+      for (int q = 0; q < 8; q++) own[8 * p + q] += weights[i] * row[p] * row[q];
     }
   }
 }

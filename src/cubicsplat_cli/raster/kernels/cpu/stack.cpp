@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <utility>
 #include <vector>
 
 #include "stack_misfit.h"
@@ -18,6 +19,7 @@ namespace {
 
 constexpr double kFlatness = 0.001;  // px between a cubic and its polyline
 constexpr int kMostEdges = 256;
+constexpr float kNothing = 1e-12f;  // coverage that is only the rounding of a sum
 
 struct Point {
   double x, y;
@@ -43,11 +45,20 @@ struct Cubic {
   }
 };
 
-// Pixels from (left, top) on, and the sums along their rows that become coverages.
+// Neighbours of a row that a layer covers alike.
+struct Span {
+  int row, first, last;  // columns, the last one not included
+  float covered;         // more than nothing
+};
+
+// Pixels from (left, top) on, and what outlines add to the sums along their rows that become coverages.
 struct Window {
   int left, top, width, height;
-  std::vector<double> sums;    // height x (width + 2)
-  std::vector<float> covered;  // height x width
+  struct Step {
+    int column;
+    double change;
+  };
+  std::vector<std::pair<int, Step>> steps;  // by row, in the order of the pieces
 
   // What bounds the area from `x` on along `height` px of a row.
   void add(int row, double x, double height) {
@@ -55,21 +66,34 @@ struct Window {
     const double along = std::clamp(x - left, 0.0, double(width));
     const int column = int(along);
     const double share = x - left < 0.0 ? 0.0 : along - column;
-    double* at = &sums[size_t(row - top) * (width + 2) + column];
-    at[0] += height * (1.0 - share);
-    at[1] += height * share;
+    steps.push_back({row - top, {column, height * (1.0 - share)}});
+    steps.push_back({row - top, {column + 1, height * share}});
   }
 
-  void finish() {
-    covered.resize(size_t(width) * height);
+  // Adds the coverages to `out`, row by row from left to right. Sums are taken in the order of the pieces, so that they
+  // are the same to the last bit as those over every pixel of the window.
+  void finish(std::vector<Span>& out) const {
+    std::vector<int64_t> ends(height + 1, 0);
+    for (const auto& [row, step] : steps) ends[row + 1]++;
+    for (int j = 0; j < height; j++) ends[j + 1] += ends[j];
+    std::vector<Step> sorted(steps.size());
+    for (size_t n = steps.size(); n-- > 0;) sorted[--ends[steps[n].first + 1]] = steps[n].second;
+    const auto before = [](const Step& a, const Step& b) { return a.column < b.column; };
     for (int j = 0; j < height; j++) {
+      Step* const begin = sorted.data() + ends[j + 1];
+      Step* const end = j + 1 < height ? sorted.data() + ends[j + 2] : sorted.data() + sorted.size();
+      std::stable_sort(begin, end, before);
       double sum = 0.0;
-      for (int i = 0; i < width; i++) {
-        sum += sums[size_t(j) * (width + 2) + i];
-        covered[size_t(j) * width + i] = float(std::clamp(sum, 0.0, 1.0));
+      for (const Step* at = begin; at < end;) {
+        const int first = at->column;
+        double change = 0.0;
+        for (; at < end && at->column == first; at++) change += at->change;
+        sum += change;
+        const int last = std::min(at < end ? at->column : width, width);
+        const float covered = float(std::clamp(sum, 0.0, 1.0));
+        if (covered > kNothing && first < last) out.push_back({top + j, left + first, left + last, covered});
       }
     }
-    std::vector<double>().swap(sums);
   }
 };
 
@@ -187,23 +211,18 @@ Window window_of(const CsStack& s, int first, int last) {
   const auto bounded = [](double v, int most) { return int(std::clamp(v, 0.0, double(most))); };
   const int left = bounded(std::floor(low[0]), s.width), right = bounded(std::ceil(high[0]), s.width);
   const int top = bounded(std::floor(low[1]), s.height), bottom = bounded(std::ceil(high[1]), s.height);
-  Window w{left, top, std::max(right - left, 0), std::max(bottom - top, 0), {}, {}};
-  w.sums.assign(size_t(w.height) * (w.width + 2), 0.0);
-  return w;
+  return {left, top, std::max(right - left, 0), std::max(bottom - top, 0), {}};
 }
 
-// Lays a layer over the picture, and notes at its crossings what more of it would change.
-void lay(const Window& w, const double* ink, int width, double* image, CsCrossings* c, int64_t first, int64_t last) {
-  for (int64_t n = first; n < last; n++)
-    for (int k = 0; k < 4; k++) c->slope[4 * n + k] = ink[k] - ink[3] * image[4 * int64_t(c->pixel[n]) + k];
-  for (int j = 0; j < w.height; j++) {
-    double* pixel = image + 4 * (int64_t(w.top + j) * width + w.left);
-    const float* covered = &w.covered[size_t(j) * w.width];
-    for (int i = 0; i < w.width; i++, pixel += 4) {
-      if (covered[i] == 0.0f) continue;
-      const double share = covered[i], passes = 1.0 - ink[3] * share;
-      for (int k = 0; k < 4; k++) pixel[k] = pixel[k] * passes + share * ink[k];
-    }
+// Lays the spans of a layer over the picture.
+void lay(const Span* first, const Span* last, const double* ink, int width, double* image) {
+  for (const Span* span = first; span < last; span++) {
+    double* pixel = image + 4 * (int64_t(span->row) * width + span->first);
+    const double share = span->covered, passes = 1.0 - ink[3] * share;
+    double add[4];
+    for (int k = 0; k < 4; k++) add[k] = share * ink[k];
+    for (int i = span->first; i < span->last; i++, pixel += 4)
+      for (int k = 0; k < 4; k++) pixel[k] = pixel[k] * passes + add[k];
   }
 }
 
@@ -211,29 +230,32 @@ void draw(const CsStack& s, const CsFit& fit, double* image, double* misfit, CsC
   const int64_t pixels = int64_t(s.width) * s.height;
   std::fill(image, image + 4 * pixels, 0.0);
   Crossings crossings(out, s.width, s.height);
-  std::vector<Window> windows;
-  std::vector<int64_t> ends;
+  std::vector<Span> spans;
+  std::vector<int64_t> span_ends{0}, ends{0};
   for (int layer = 0, piece = 0; layer < s.layers; layer++) {
-    const int64_t first = out->count;
     Window w = window_of(s, piece, s.ends[layer]);
     Tracer tracer(w, crossings, s.grid);
     for (; piece < s.ends[layer]; piece++)
       tracer.piece(piece, s.cubics + 8 * int64_t(piece), s.lines[piece] != 0, s.signs[piece]);
-    w.finish();
-    lay(w, s.inks + 4 * layer, s.width, image, out, std::min(first, out->room), std::min(out->count, out->room));
-    windows.push_back(std::move(w));
+    const double* ink = s.inks + 4 * layer;
+    for (int64_t n = std::min(ends.back(), out->room); n < std::min(out->count, out->room); n++)
+      for (int k = 0; k < 4; k++) out->slope[4 * n + k] = ink[k] - ink[3] * image[4 * int64_t(out->pixel[n]) + k];
+    w.finish(spans);
+    lay(spans.data() + span_ends.back(), spans.data() + spans.size(), ink, s.width, image);
+    span_ends.push_back(int64_t(spans.size()));
     ends.push_back(out->count);
   }
   if (out->count > out->room) return;
   std::vector<float> open(pixels, 1.0f);
   for (int layer = s.layers - 1; layer >= 0; layer--) {
-    for (int64_t n = layer ? ends[layer - 1] : 0; n < ends[layer]; n++)
+    for (int64_t n = ends[layer]; n < ends[layer + 1]; n++)
       for (int k = 0; k < 4; k++) out->slope[4 * n + k] *= open[out->pixel[n]];
-    const Window& w = windows[layer];
     const float opacity = float(s.inks[4 * layer + 3]);
-    for (int j = 0; j < w.height; j++)
-      for (int i = 0; i < w.width; i++)
-        open[int64_t(w.top + j) * s.width + w.left + i] *= 1.0f - opacity * w.covered[size_t(j) * w.width + i];
+    for (int64_t n = span_ends[layer]; n < span_ends[layer + 1]; n++) {
+      float* row = open.data() + int64_t(spans[n].row) * s.width;
+      const float passes = 1.0f - opacity * spans[n].covered;
+      for (int i = spans[n].first; i < spans[n].last; i++) row[i] *= passes;
+    }
   }
   if (fit.reach > 0) blur(fit, image, s.width, s.height, false);
   double rest[4];

@@ -1,0 +1,138 @@
+"""Local fits along chains of points, and feet on outlines: the native loops against plain numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
+from cubicsplat_cli.artwork.geometry.fine import fine_ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
+from cubicsplat_cli.raster.cubics import newton_steps, piece_equations, settled
+from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, Form, fitted_values, flanks, parabolas
+
+
+def wavy_chain(count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, weights, of which some are 0, and arc lengths of a noisy chain with two corners."""
+    rng = np.random.default_rng(4)
+    t = np.arange(count, dtype=float)
+    points = np.stack([t, 8.0 * np.abs(np.sin(t / 9.0)) + 0.03 * rng.normal(size=count)], axis=1)
+    weights = np.where(rng.uniform(size=count) < 0.1, 0.0, rng.uniform(100.0, 900.0, count))
+    return points, weights, np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def fitted(
+    points: np.ndarray, weights: np.ndarray, at: np.ndarray, degree: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Coefficients, their variances, and the weighted squares across of a polynomial through one run."""
+    powers = at[:, None] ** np.arange(degree + 1)
+    gram = powers.T @ (weights[:, None] * powers)
+    inverse = np.linalg.inv(gram + 1e-9 * np.trace(gram) * np.eye(degree + 1))
+    terms = inverse @ (powers.T @ (weights[:, None] * points))
+    tangent = terms[1] / np.hypot(*terms[1])
+    rest = points - powers @ terms
+    return terms, np.diag(inverse), float((weights * (rest[:, 0] * tangent[1] - rest[:, 1] * tangent[0]) ** 2).sum())
+
+
+def test_parabolas_are_weighted_least_squares_over_the_widest_believed_window():
+    points, weights, s = wavy_chain()
+    kinds = ((2, np.inf), (4, 2.2), (9, 1.6))
+    terms, errors, windows = parabolas(points, weights, s, kinds)
+    assert set(windows.tolist()) == {2, 4, 9}
+    for i in range(len(points)):
+        for half, most in kinds:
+            run = np.arange(max(i - half, 0), min(i + half + 1, len(points)))
+            w = weights[run] + 1e-6
+            own, variance, misfit = fitted(points[run] - points[i], w, (s[run] - s[i]) / half, 2)
+            if misfit / max((w > 1e-4).sum() - 3, 1) > most:
+                break
+            expected, scale = own / half ** np.arange(3.0)[:, None], half
+            wide = np.sqrt(variance[:2]) / [1.0, scale]
+        expected[0] += points[i]
+        assert terms[i] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+        assert errors[i] == pytest.approx(wide, rel=1e-6)
+
+
+def test_flanks_are_extrapolated_from_the_longest_believed_run():
+    points, weights, s = wavy_chain()
+    weights = np.maximum(weights, 50.0)
+    places = 0.5 * (s[:-1] + s[1:])
+    kinds = ((2, 1, 4.0), (3, 1, 3.0), (8, 2, 2.0))
+    at, tangent, error, first = flanks(points, weights, s, places, np.full(len(places), 4.5), 1.0, kinds)
+    assert np.isinf(error).any() and np.isfinite(error).sum() > 30
+    for i, place in enumerate(places):
+        start = int(np.searchsorted(s, place + 1.0))
+        expected, slope, wide = points[min(start, len(s) - 1)], np.array([1.0, 0.0]), np.inf
+        for length, degree, most in kinds if start < len(s) and s[start] - place <= 4.5 else ():
+            run = np.arange(start, start + length + 1)
+            if run[-1] >= len(s) or s[run[-1]] - s[start] > 2.0 * length:
+                break
+            own, variance, misfit = fitted(points[run] - points[start], weights[run], s[run] - place, degree)
+            if misfit / (length - degree) > most:
+                break
+            expected, slope, wide = points[start] + own[0], own[1] / np.hypot(*own[1]), np.sqrt(variance[1])
+        assert first[i] == min(start, len(s) - 1)
+        assert at[i] == pytest.approx(expected, abs=1e-6) and tangent[i] == pytest.approx(slope, abs=1e-6)
+        assert error[i] == pytest.approx(wide, rel=1e-6)
+
+
+def test_feet_pass_on_at_smooth_joints_and_give_the_normal_equations_of_their_pieces():
+    rng = np.random.default_rng(2)
+    anchors = 10.0 * np.stack([np.cos(np.arange(4) * np.pi / 2), np.sin(np.arange(4) * np.pi / 2)], axis=1)
+    after = np.roll(anchors, -1, axis=0)
+    cubics = np.stack([anchors, anchors + 0.55 * after, after + 0.55 * anchors, after], axis=1)
+    ends, smooth = np.array([1, 2, 3, 0]), np.array([True, False, True, True])
+    angles = np.linspace(-3.0, 3.0, 50)
+    points = 10.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1) + 0.1 * rng.normal(size=(50, 2))
+    piece, u = rng.integers(0, 4, 50), rng.uniform(size=50)
+    own, at = piece.copy(), u.copy()
+    for _ in range(3):
+        at = newton_steps(cubics[own], points[:, None], at[:, None])[:, 0]
+        on, back = (at > 1.0) & smooth[ends[own]], (at < 0.0) & smooth[own]
+        own = (own + on.astype(int) - back) % 4
+        at = np.clip(np.where(on, 0.0, np.where(back, 1.0, at)), 0.0, 1.0)
+    slopes, _ = derivatives(cubics[own], at[:, None])
+    normals = np.stack([-slopes[:, 0, 1], slopes[:, 0, 0]], axis=1) / np.hypot(*slopes[:, 0].T)[:, None]
+    rest = ((points_at(cubics[own], at[:, None])[:, 0] - points) * normals).sum(axis=1)
+    found = settled(cubics, ends, smooth, points, piece, u, 3)
+    assert (found[0] == own).all() and (own != piece).any()
+    for one, other in zip(found[1:], (at, rest, normals), strict=True):
+        assert one == pytest.approx(other, abs=1e-9)
+    weights = rng.uniform(1.0, 9.0, 50)
+    gram, slope = piece_equations(4, own, at, rest, normals, weights)
+    rows = (bernstein(at)[:, :, None] * normals[:, None]).reshape(-1, 8)
+    for k in range(4):
+        mine = own == k
+        assert gram[k] == pytest.approx((rows[mine] * weights[mine, None]).T @ rows[mine])
+        assert slope[k] == pytest.approx(rows[mine].T @ (weights * rest)[mine])
+
+
+@pytest.mark.parametrize(
+    ("form", "truth"),
+    [
+        (Form(CIRCLE), [20.0, 15.0, 9.0]),
+        (Form(ELLIPSE), [20.0, 15.0, 9.0, 5.0]),
+        (Form(ELLIPSE, turned=True), [20.0, 15.0, 9.0, 5.0, 0.4]),
+        (Form(BOX), [20.0, 15.0, 9.0, 5.0]),
+        (Form(BOX, rounded=True), [20.0, 15.0, 9.0, 5.0, 2.0]),
+        (Form(BOX, turned=True), [20.0, 15.0, 9.0, 5.0, 0.3]),
+        (Form(BOX, rounded=True, turned=True), [20.0, 15.0, 9.0, 5.0, 2.0, 0.3]),
+    ],
+)
+def test_primitives_are_fitted_to_points_along_them_of_which_one_is_astray(form, truth):
+    if form.kind == CIRCLE:
+        shape = Circle(*truth)
+    elif form.kind == ELLIPSE:
+        shape = Ellipse(*truth[:4], truth[4] if form.turned else 0.0)
+    else:
+        x, y, a, b = truth[:4]
+        radius, angle = truth[4] if form.rounded else 0.0, truth[-1] if form.turned else 0.0
+        shape = Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, radius, angle)
+    ring = fine_ring(shape)
+    points = points_at(ring.cubics, np.tile((np.arange(20) + 0.5) / 20, (ring.pieces, 1))).reshape(-1, 2)
+    points[7] += [0.0, 4.0]
+    start = np.array(truth) + 0.1
+    values, loss = fitted_values(form, start, points, np.full(len(points), 400.0), 20)
+    assert values == pytest.approx(truth, abs=0.02)
+    # 4 px are 80 standard errors, which count 3 (2 x 80 - 3); those of points level with the shape are fewer.
+    assert 1.0 < loss < 3.0 * (2.0 * 80.0 - 3.0) + 10.0

@@ -1,0 +1,64 @@
+"""Loops of cracks around masks: the native tracer against its definition."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.regions.cracks import STEP, trace
+from cubicsplat_cli.artwork.tracing.corners import find_corners
+from cubicsplat_cli.artwork.tracing.layout import lay_out
+
+
+def blotches(seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return ndimage.gaussian_filter(rng.uniform(size=rng.integers(1, 40, 2)), 0.3 * seed) > 0.5
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_loops_are_the_cracks_of_a_mask_and_turn_right_first(seed):
+    mask = blotches(seed)
+    padded = np.pad(mask, 1)
+    expected = int((padded[1:] != padded[:-1]).sum() + (padded[:, 1:] != padded[:, :-1]).sum())
+    loops = trace(mask)
+    assert sum(len(loop.x) for loop in loops) == expected
+    assert sum(loop.area for loop in loops) == mask.sum()
+    assert [len(loop.x) for loop in loops] == sorted((len(loop.x) for loop in loops), reverse=True)
+    for loop in loops:
+        inside, outside = (padded[row + 1, column + 1] for row, column in (loop.inside, loop.outside))
+        assert inside.all() and not outside.any()
+        ends = np.stack([loop.x, loop.y], axis=1) + STEP[loop.direction]
+        assert (np.roll(ends, 1, axis=0) == np.stack([loop.x, loop.y], axis=1)).all()
+        # Where two pixels touch at a corner the loop keeps to its own: a turn to the left has its pixel ahead.
+        turn = (np.roll(loop.direction, -1) - loop.direction) % 4
+        row, column = loop.outside
+        step = STEP[loop.direction]
+        ahead = padded[row + step[:, 1] + 1, column + step[:, 0] + 1]
+        assert (ahead[turn == 3]).all() and not ahead[turn == 0].any() and (turn != 2).all()
+
+
+def test_an_empty_mask_has_no_loops():
+    assert trace(np.zeros((3, 4), dtype=bool)) == []
+
+
+def saw(teeth: int) -> np.ndarray:
+    """(n, 2) points of a bar with so many teeth, two points a px."""
+    x = np.arange(teeth * 8) / 2.0
+    upper = np.stack([x, 4.0 * np.abs((x / 4.0) % 2.0 - 1.0)], axis=1)
+    return np.concatenate([upper, np.stack([x[::-1], np.full(len(x), 40.0)], axis=1)])
+
+
+def test_the_work_for_a_jagged_loop_grows_with_its_corners_and_not_with_their_square(monkeypatch):
+    hypot, work = np.hypot, []
+    monkeypatch.setattr(np, "hypot", lambda *args, **kw: work.append(np.size(args[0])) or hypot(*args, **kw))
+    totals = []
+    for teeth in (30, 120):
+        points = saw(teeth)
+        corners = find_corners(points, np.full(len(points), 400.0))
+        layout = lay_out(points, np.full(len(points), 400.0), corners, 3.0)
+        assert len(layout.divisions) > 0.9 * teeth
+        totals.append(sum(work))
+        work.clear()
+    # Four times as many corners; with all of them compared with all it would be 12 times the numbers.
+    assert totals[1] < 6.0 * totals[0]
