@@ -1,16 +1,15 @@
-"""What a drawing's picture goes through before anybody vectorizes it, each by its name for `--input`."""
+"""Degradations of a drawing's picture before it is vectorized, by their names for `--input`."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 from PIL import Image
 
-from cubicsplat_cli.bench.artwork.document import Document
+from benchmarks.artwork.document import Document
 from cubicsplat_cli.errors import UsageError
 
 QUALITY = 80  # of JPEG and WebP
@@ -22,41 +21,46 @@ CLEAN = "clean"
 OPAQUE = ("jpeg", "webp", "noisy", "palette")
 
 
-def check_input(kind: str) -> None:
-    """Raises UsageError for the name of no input."""
-    if kind not in INPUTS:
-        raise UsageError(f"must be one of {', '.join(INPUTS)}, not {kind!r}", "input")
+def check_kind(kind: str) -> None:
+    """Raises UsageError for a name that is not in DEGRADATIONS."""
+    if kind not in DEGRADATIONS:
+        raise UsageError(f"must be one of {', '.join(DEGRADATIONS)}, not {kind!r}", "input")
 
 
-def with_ground(document: Document, kind: str) -> None:
-    """Lays the drawing over white where an input of this kind has no opacity."""
+def with_background(document: Document, kind: str) -> None:
+    """Lay the drawing over white where an input of this kind has no opacity."""
     if kind in OPAQUE:
-        (left, top), unit = document.origin, document.unit
-        box = {"x": left, "y": top, "width": (document.width + 1) * unit, "height": (document.height + 1) * unit}
-        space = document.root.tag.rpartition("}")[0] + "}"
-        document.root.insert(
-            0, ElementTree.Element(f"{space}rect", {name: f"{v:.12g}" for name, v in box.items()} | {"fill": "#fff"})
-        )
+        lay_over_white(document)
 
 
-def input_of(document: Document, kind: str) -> np.ndarray:
+def lay_over_white(document: Document) -> None:
+    """Put a white rectangle below everything else."""
+    (left, top), unit = document.origin, document.unit
+    box = {"x": left, "y": top, "width": (document.width + 1) * unit, "height": (document.height + 1) * unit}
+    space = document.root.tag.rpartition("}")[0] + "}"
+    document.root.insert(
+        0, ElementTree.Element(f"{space}rect", {name: f"{v:.12g}" for name, v in box.items()} | {"fill": "#fff"})
+    )
+
+
+def degraded(document: Document, kind: str) -> np.ndarray:
     """(H, W, 4) uint8 straight RGBA: the drawing as a tool gets it."""
-    return INPUTS[kind](document)
+    return DEGRADATIONS[kind](document)
 
 
-def _jpeg(document: Document) -> np.ndarray:
-    """Quality 80, chroma at half the size (4:2:0)."""
-    return _saved(document, "JPEG", subsampling=2)
+def jpeg(document: Document, quality: int = QUALITY) -> np.ndarray:
+    """Of a quality of 1 to 95, chroma at half the size (4:2:0)."""
+    return _saved(document, "JPEG", quality=quality, subsampling=2)
 
 
 def _webp(document: Document) -> np.ndarray:
     """Lossy, quality 80."""
-    return _saved(document, "WEBP")
+    return _saved(document, "WEBP", quality=QUALITY)
 
 
-def _saved(document: Document, kind: str, **options: Any) -> np.ndarray:
+def _saved(document: Document, kind: str, **options: int) -> np.ndarray:
     buffer = io.BytesIO()
-    Image.fromarray(document.draw()[..., :3].copy()).save(buffer, kind, quality=QUALITY, **options)
+    Image.fromarray(document.draw()[..., :3].copy()).save(buffer, kind, **options)
     return np.array(Image.open(buffer).convert("RGBA"))
 
 
@@ -100,9 +104,9 @@ def _straight(levels: np.ndarray) -> np.ndarray:
     return np.clip(np.rint(np.concatenate([colours, levels[..., 3:]], axis=2)), 0, 255).astype(np.uint8)
 
 
-INPUTS: dict[str, Callable[[Document], np.ndarray]] = {
+DEGRADATIONS: dict[str, Callable[[Document], np.ndarray]] = {
     CLEAN: Document.draw,
-    "jpeg": _jpeg,
+    "jpeg": jpeg,
     "webp": _webp,
     "blurred": _blurred,
     "enlarged": _enlarged,

@@ -1,39 +1,55 @@
-"""What shows when a file is enlarged: cusps of its outlines, and slivers, parts of a curve that are all but a line."""
+"""Cusps and slivers of SVGs of the photo style: the flaws that show when a file is enlarged.
+
+A cusp is a turn of an outline, or of a stroke's centre line, by over 150 degrees on the canvas; a sliver is a part of a
+curve thinner than a third of a pixel, whether other curves hide it or not.
+"""
 
 from __future__ import annotations
 
 import importlib
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 
+from benchmarks import main
+from cubicsplat_cli.cli.bench import Markdown, print_json
+from cubicsplat_cli.cli.options import Json
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.tiles import Tile, tiles
+from cubicsplat_cli.files.read import read_file
+from cubicsplat_cli.report import head
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.reader import read_svg
+from cubicsplat_cli.tables import mean, number, text_table
+from cubicsplat_cli.words import printable
 
-CUSP = math.radians(150.0)  # a turn of the outline by more
+CUSP = math.radians(150.0)  # radians
 EDGES = 32  # of a segment, between whose directions turns are measured
-SCALE = 12  # px a px at which slivers are looked for: their width, a third of a px, is then 4
+SCALE = 12  # enlargement at which slivers are sought: a third of a px is then 4 px
 _SHORTEST = 1e-3  # px: what is shorter has no direction, since files have two decimals
 _MARGIN = 1  # px around a curve, or around the canvas, outside of which it is not looked at
 _TILE_PIXELS = 2**22
 
 
 @dataclass(frozen=True)
-class Thorns:
-    """cusps: turns of over 150 degrees. slivers: px^2 of what is thinner than 1/3 px, times its curve's opacity."""
+class Spikes:
+    """cusps: turns by over 150 degrees. slivers: px^2 thinner than 1/3 px, each curve's times its opacity."""
 
     cusps: int
     slivers: float
 
 
-def thorns_of(scene: Scene) -> Thorns:
-    """Those of a photo's curves, in front or behind others alike, as far as they lie on the canvas."""
+def spikes_of(scene: Scene) -> Spikes:
+    """Cusps and slivers of all curves as far as they lie on the canvas; hidden ones count too."""
     scene = scene.as_numpy()
     scene.validate()
-    return Thorns(cusps_of(scene), sum(_slivers(scene, curve) for curve in range(scene.curves)))
+    return Spikes(cusps_of(scene), sum(_slivers(scene, curve) for curve in range(scene.curves)))
 
 
 def cusps_of(scene: Scene) -> int:
@@ -132,3 +148,38 @@ def _covered(fits: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         for columns in (0, 1):
             covered[rows : rows + squares.shape[0], columns : columns + squares.shape[1]] |= squares
     return covered
+
+
+def spikes(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="SVG...", help="Files that the photo style wrote, .svg or .svgz.", show_default=False),
+    ],
+    json: Json = False,
+    markdown: Markdown = False,
+) -> None:
+    """Cusps and slivers of SVGs of the photo style.
+
+    The flaws that show when a file is enlarged: turns by over 150 degrees, and parts thinner than a third of a pixel.
+    """
+    rows: list[dict[str, Any]] = []
+    for path in files:
+        try:
+            scene = read_svg(read_file(path))
+        except InputError as error:
+            shown = printable(str(path))
+            raise error if str(error).startswith(shown) else InputError(f"{shown}: {error}") from error
+        rows.append({"file": path.name, "curves": scene.curves, **asdict(spikes_of(scene))})
+    means = {name: mean(row[name] for row in rows) for name in ("curves", "cusps", "slivers")}
+    if json:
+        print_json({**head(), "bench": "spikes", "means": means, "files": rows})
+        return
+    table = [*rows, {"file": f"mean of {len(rows)}", **means}]
+    cells = [
+        [row["file"], *(number(row[n], 0) for n in ("curves", "cusps")), number(row["slivers"], 1)] for row in table
+    ]
+    typer.echo(text_table(("file", "curves", "cusps", "slivers px^2"), cells, markdown=markdown), nl=False)
+
+
+if __name__ == "__main__":
+    main(spikes)

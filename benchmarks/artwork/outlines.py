@@ -10,11 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cubicsplat_cli.bench.artwork.document import Document, local_name
-from cubicsplat_cli.bench.artwork.elements import Drawn, drawn_elements
+from benchmarks.artwork.document import Document, Drawn, drawn_elements, local_name
 from cubicsplat_cli.svg.arcs import arc_of
 from cubicsplat_cli.svg.pathparse import Piece, subpaths
-from cubicsplat_cli.svg.transforms import transform_matrix
 
 # px, and shares of its size, that an outline may be off the primitive that it is, and off one that it might be.
 OFF, OFF_SHARE, NEAR_SHARE = 0.1, 0.002, 0.004
@@ -43,8 +41,7 @@ def forms_of(document: Document) -> list[Form]:
     for number, drawn in enumerate(drawn_elements(document.root)):
         matrix = np.diag([1.0 / document.unit, 1.0 / document.unit, 1.0])
         matrix[:2, 2] = [-document.origin[0] / document.unit, -document.origin[1] / document.unit]
-        for element in (*drawn.above, drawn.element):
-            matrix = matrix @ transform_matrix(element.get("transform", ""))
+        matrix = matrix @ drawn.matrix()
         width = 0.0 if drawn.stroke == "none" else _stroke_width(drawn) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
         for points, written in _outlines(drawn):
             placed = points @ matrix[:2, :2].T + matrix[:2, 2]

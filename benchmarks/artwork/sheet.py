@@ -1,19 +1,58 @@
-"""The outlines of an SVG made visible: its curves as thin lines, with their anchors and handles."""
+"""A contact sheet: for each drawing and tool the input, the SVG and the truth enlarged, and the SVG's outlines."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from PIL import Image
 
-from cubicsplat_cli.bench.artwork.document import Document, local_name
+from benchmarks.artwork.degradations import CLEAN, degraded, with_background
+from benchmarks.artwork.document import Document, drawn_elements, local_name
+from benchmarks.artwork.scores import Scores
+from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
+from cubicsplat_cli.evaluate.colour import WHITE, over
 from cubicsplat_cli.svg.pathparse import Piece, pieces
-from cubicsplat_cli.svg.transforms import transform_matrix
 
-_PRIMITIVES = {"circle", "ellipse", "rect", "line", "polygon", "polyline"}
+CELL = 640  # px, the longer side
+_ENLARGED = 4  # times
+_PALE = 0.3  # opacity of the picture under its outlines
 _GEOMETRY = {"d", "points", "cx", "cy", "r", "rx", "ry", "x", "y", "width", "height", "x1", "y1", "x2", "y2"}
 _CURVE, _PRIMITIVE, _HANDLE, _ANCHOR = "#1747d1", "#0a8f3c", "#e08a00", "#d11717"
+
+
+def sheet_png(runs: Sequence[tuple[Scores, bytes]], paths: Mapping[str, Path], size: int, kind: str = CLEAN) -> bytes:
+    """PNG bytes, a row per drawing and tool: input | SVG at 4x | truth at 4x | outlines, all over white.
+
+    runs: scores and SVG. paths: the truth by its name. size: longer side of the input, px; kind: of the degradations.
+    """
+    return stacked([_row(scores, svg, paths[scores.picture], size, kind) for scores, svg in runs])
+
+
+def _row(scores: Scores, svg: bytes, path: Path, size: int, kind: str) -> Image.Image:
+    truth, made = (Document(data, scores.picture, size) for data in (path.read_bytes(), svg))
+    with_background(truth, kind)
+    pixels = degraded(truth, kind), made.draw(_ENLARGED), truth.draw(_ENLARGED)
+    cells = [*(cell(over(each, WHITE), CELL, enlarge=True) for each in pixels), _outlines(made)]
+    labels = (
+        f"{scores.picture}: input, {truth.width} x {truth.height}",
+        f"{scores.tool}: dE00 {scores.delta_e:.3f}, {scores.psnr_1x_db:.1f} / {scores.psnr_4x_db:.1f} dB, "
+        f"leaks {scores.leak_4x_px:.2f} px",
+        f"truth: {scores.artist_shapes} shapes, {scores.artist_coordinates} coordinates",
+        f"{scores.shapes} shapes, {scores.coordinates} coordinates, {scores.primitives} primitives",
+    )
+    return labelled_row(cells, labels, CELL)
+
+
+def _outlines(made: Document) -> Image.Image:
+    scale = CELL / max(made.width, made.height)
+    pale = cell(over(made.draw(_ENLARGED), WHITE), CELL, enlarge=True)
+    lines = Document(wireframe(made, 1 / scale), "outlines", max(made.width, made.height)).draw(scale)
+    background = Image.blend(Image.new("RGB", pale.size, "white"), pale, _PALE).convert("RGBA")
+    return Image.alpha_composite(background, Image.fromarray(lines).resize(pale.size)).convert("RGB")
 
 
 def wireframe(document: Document, pixel: float) -> bytes:
@@ -26,16 +65,11 @@ def wireframe(document: Document, pixel: float) -> bytes:
     for name in ("style", "fill", "stroke", "opacity"):
         root.attrib.pop(name, None)
     marks: list[ElementTree.Element] = []
-    waiting = [(child, np.eye(3)) for child in document.root]
-    while waiting:
-        element, matrix = waiting.pop(0)
-        matrix = matrix @ transform_matrix(element.get("transform", ""))
-        waiting = [(child, matrix) for child in element] + waiting
-        name = local_name(element)
-        if name == "path" or name in _PRIMITIVES:
-            root.append(_outline(element, matrix, unit))
-        if name == "path":
-            marks += _marks(pieces(element.get("d", "")), matrix, unit)
+    for drawn in drawn_elements(document.root):
+        matrix = drawn.matrix()
+        root.append(_outline(drawn.element, matrix, unit))
+        if local_name(drawn.element) == "path":
+            marks += _marks(pieces(drawn.element.get("d", "")), matrix, unit)
     root.extend(marks)
     return ElementTree.tostring(root)
 
@@ -43,7 +77,7 @@ def wireframe(document: Document, pixel: float) -> bytes:
 def _outline(element: ElementTree.Element, matrix: np.ndarray, unit: float) -> ElementTree.Element:
     scale = math.sqrt(abs(np.linalg.det(matrix[:2, :2]))) or 1.0
     geometry = {name: value for name, value in element.attrib.items() if name in _GEOMETRY}
-    colour = _PRIMITIVE if local_name(element) in _PRIMITIVES else _CURVE
+    colour = _CURVE if local_name(element) == "path" else _PRIMITIVE
     shown = {
         "fill": "none",
         "stroke": colour,

@@ -1,22 +1,43 @@
-"""What each part of the method is worth: the same fits with one thing changed at a time."""
+"""Ablations of the photo style: the same fits with one setting changed at a time."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import typer
+
+from benchmarks import main
 from cubicsplat_cli.bench.quality import configuration_name
 from cubicsplat_cli.bench.runs import Fit, Run, Runs
+from cubicsplat_cli.cli.bench import (
+    Cache,
+    Csv,
+    CurvesList,
+    Folder,
+    Limit,
+    Markdown,
+    ModeList,
+    counts_of,
+    end_with,
+    modes_of,
+    parts_of,
+    pictures_of,
+    print_json,
+    run_fits,
+)
+from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_fit_options, write_csv
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.report import head
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.tables import mean, number, text_table
 
 BASE = "base"
-# Name of the row -> settings that differ from the preset's. A tolerance of 0 gives every cubic exactly `samples` edges;
-# soft edges are what they were published as only without the exact finish.
+# Name of the row -> settings that differ from the preset's. A tolerance of 0 gives every cubic exactly `samples` edges,
+# at least 24 in the exact finish; soft edges are as published only without the exact finish.
 ABLATIONS: dict[str, dict[str, Any]] = {
     BASE: {},
     "no pruning": {"prune": False},
@@ -48,7 +69,7 @@ def row_configuration(row: str, mode: str, curves: int) -> str:
     return f"{configuration_name(mode, curves)}, {row}"
 
 
-def ablation_jobs(
+def jobs_of(
     pictures: Sequence[Path],
     rows: Sequence[str],
     modes: Sequence[str],
@@ -92,8 +113,8 @@ def _steps_per_minute(runs: Sequence[Run]) -> float | None:
     return 60.0 * sum(run.steps for run in runs) / seconds if seconds > 0 else None
 
 
-def ablation_report(runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Sequence[int]) -> dict[str, Any]:
-    """The JSON of `bench ablation`."""
+def report_of(runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Sequence[int]) -> dict[str, Any]:
+    """The figures as JSON."""
     return {
         **head(),
         "bench": "ablation",
@@ -104,16 +125,11 @@ def ablation_report(runs: Runs, rows: Sequence[str], modes: Sequence[str], curve
             for row in rows
         ],
         "runs": [asdict(run) for run, _ in runs.done],
-        "failed": [
-            {"picture": picture, "configuration": configuration, "error": error}
-            for picture, configuration, error in runs.failed
-        ],
+        "failed": runs.failures(),
     }
 
 
-def ablation_table(
-    runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Sequence[int], *, markdown: bool
-) -> str:
+def table_of(runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Sequence[int], *, markdown: bool) -> str:
     """One line per row; for every mode and number of curves the SVG's PSNR, its change, its gap, and steps a minute."""
     columns = [(mode, count) for mode in modes for count in curves]
     header = ["row"]
@@ -133,3 +149,41 @@ def ablation_table(
             ]
         lines.append(line)
     return text_table(header, lines, markdown=markdown)
+
+
+@takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
+def ablation(
+    folder: Folder,
+    curves: CurvesList = "256,512",
+    mode: ModeList = "closed,open",
+    limit: Limit = 4,
+    rows: Annotated[
+        str | None, typer.Option("--rows", metavar="ROW,...", help="Only these rows, and the base.  [default: all]")
+    ] = None,
+    cache: Cache = None,
+    json: Json = False,
+    csv: Csv = None,
+    markdown: Markdown = False,
+    quiet: Quiet = False,
+    **fit: Any,
+) -> None:
+    """The contribution of each part of the method.
+
+    The same fits with one setting changed at a time; every row fits every picture once more for each mode and number of
+    curves. Changes are of the PSNR of the files, over the pictures that both rows have.
+    """
+    counts, modes = counts_of(curves), modes_of(mode)
+    check_csv(csv)
+    pictures = pictures_of(folder, limit)
+    chosen = chosen_rows(None if rows is None else parts_of(rows))
+    runs = run_fits(jobs_of(pictures, chosen, modes, counts, fit), cache, Reporter(quiet=quiet))
+    if json:
+        print_json(report_of(runs, chosen, modes, counts))
+    else:
+        typer.echo(table_of(runs, chosen, modes, counts, markdown=markdown), nl=False)
+    write_csv(csv, [asdict(run) for run, _ in runs.done])
+    end_with(runs.failed)
+
+
+if __name__ == "__main__":
+    main(ablation)

@@ -1,21 +1,44 @@
-"""Photos by other people's tools and by ours at several sizes, in one run: how good for how many bytes and seconds."""
+"""Photos by other tools and by ours at several sizes: the quality of each for its bytes and seconds."""
 
 from __future__ import annotations
 
 import gzip
+import importlib.util
 import io
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import typer
+
+from benchmarks import main
+from benchmarks.tools import PEERS, Tool, chosen_tools, missing_piece, settings_of_peers
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.bench.quality import quality_jobs
 from cubicsplat_cli.bench.runs import Runs
-from cubicsplat_cli.bench.tools import Tool
+from cubicsplat_cli.cli.bench import (
+    Cache,
+    Csv,
+    CurvesList,
+    Folder,
+    Limit,
+    Markdown,
+    check_png,
+    counts_of,
+    end_with,
+    parts_of,
+    pictures_of,
+    print_json,
+    run_fits,
+)
+from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_fit_options, write_csv
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.further import straight
+from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.report import head
@@ -117,8 +140,8 @@ def means(points: Sequence[Point]) -> dict[str, float | None]:
     return {member: mean(getattr(point, member) for point in points) for member in members}
 
 
-def peers_report(points: Points) -> dict[str, Any]:
-    """The JSON of `bench peers`."""
+def report_of(points: Points) -> dict[str, Any]:
+    """The figures as JSON."""
     return {
         **head(),
         "bench": "peers",
@@ -128,7 +151,7 @@ def peers_report(points: Points) -> dict[str, Any]:
     }
 
 
-def peers_table(points: Points, *, markdown: bool) -> str:
+def table_of(points: Points, *, markdown: bool) -> str:
     """A row for each tool and setting."""
     rows = []
     for tool, setting in points.settings():
@@ -144,15 +167,10 @@ def peers_table(points: Points, *, markdown: bool) -> str:
     return text_table(_HEADER, rows, markdown=markdown)
 
 
-def plot(points: Points) -> bytes:
-    """PNG bytes: PSNR and SSIM against bytes and seconds, a line per tool through the means of its settings.
+def plotted(points: Points) -> bytes:
+    """PNG bytes: PSNR and SSIM against bytes and seconds, a line per tool through the means of its settings."""
+    from matplotlib.figure import Figure
 
-    Raises UsageError where matplotlib is not installed.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise UsageError(f"a plot needs matplotlib ({error}); pip install 'cubicsplat[plots]'") from error
     figure = Figure(figsize=(10, 7.5), layout="constrained")
     panels = figure.subplots(2, 2, sharex="col", sharey="row")
     for tool in dict.fromkeys(tool for tool, _ in points.settings()):
@@ -175,3 +193,64 @@ def plot(points: Points) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110, metadata={"Software": f"{PROGRAM} {__version__}"})
     return buffer.getvalue()
+
+
+@takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
+def peers(
+    folder: Folder,
+    curves: CurvesList = "64,256,1024,4096",
+    tools: Annotated[
+        str | None,
+        typer.Option(
+            "--tools", metavar="TOOL,...", help="Of vtracer, potrace and diffvg.  [default: those that are installed]"
+        ),
+    ] = None,
+    limit: Limit = None,
+    cache: Cache = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE", help="Also draw PSNR and SSIM against bytes and seconds, as a PNG."),
+    ] = None,
+    json: Json = False,
+    csv: Csv = None,
+    markdown: Markdown = False,
+    quiet: Quiet = False,
+    **fit: Any,
+) -> None:
+    """Other tools and ours on photos: quality, bytes, seconds.
+
+    For drawings whose truth is known, benchmarks.artwork measures the same tools.
+    """
+    counts = counts_of(curves)
+    check_csv(csv)
+    if plot is not None and importlib.util.find_spec("matplotlib") is None:
+        raise UsageError("--plot needs matplotlib; pip install 'cubicsplat[plots]'")
+    check_png(plot, "plot")
+    reporter = Reporter(quiet=quiet)
+    pictures = pictures_of(folder, limit)
+    others = settings_of_peers(_chosen(tools, reporter))
+    points = points_of(run_fits(quality_jobs(pictures, ["closed"], counts, fit), cache, reporter))
+    run_peers(pictures, others, points, reporter.summary)
+    if json:
+        print_json(report_of(points))
+    else:
+        typer.echo(table_of(points, markdown=markdown), nl=False)
+    write_csv(csv, [asdict(point) for point in points.done])
+    if plot is not None:
+        write_atomically(plot, plotted(points))
+    end_with(points.failed)
+
+
+def _chosen(tools: str | None, reporter: Reporter) -> list[str]:
+    """The tools asked for, or those that can run here, with a note on the others."""
+    if tools is not None:
+        return list(chosen_tools(parts_of(tools), PEERS))
+    missing = {name: missing_piece(name) for name in PEERS}
+    for name, piece in missing.items():
+        if piece is not None:
+            reporter.note(f"without {name}: {piece}")
+    return [name for name, piece in missing.items() if piece is None]
+
+
+if __name__ == "__main__":
+    main(peers)

@@ -1,4 +1,4 @@
-"""The tools that are compared: each makes an SVG of a picture."""
+"""The tools that are compared, ours and others: each makes an SVG of a picture."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import importlib.util
 import io
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -19,6 +21,11 @@ from cubicsplat_cli.errors import UsageError
 
 PHOTO_CURVES = 64
 DIFFVG_CURVES = 256
+DIFFVG_SEGMENTS = 4
+DIFFVG_STEPS = 500
+_SPREAD = 0.05  # share of the picture's side that a new curve spans
+_RATES = {"points": 1.0, "colours": 0.01}
+_GRID = 2  # samples along each side of a pixel
 _POTRACE_SECONDS = 600
 # Of vtracer, from few large shapes to many small ones; without any it is as its authors meant it.
 VTRACER_SETTINGS: dict[str, dict[str, Any]] = {
@@ -31,13 +38,15 @@ VTRACER_SETTINGS: dict[str, dict[str, Any]] = {
 Tool = Callable[[np.ndarray], bytes]
 
 
-def chosen_tools(names: Sequence[str]) -> dict[str, Tool]:
+def chosen_tools(names: Sequence[str], known: Sequence[str] | None = None) -> dict[str, Tool]:
     """The tools of these names, in this order; `photo` is the style for photos, `ours` the one for artwork.
 
-    Raises UsageError for a name that is none, and for a tool that is not installed.
+    known: the names to choose from, by default all. Raises UsageError for another name, and for a tool that is not
+    installed.
     """
-    if not names or not set(names) <= set(TOOLS):
-        raise UsageError(f"--tools must be of {', '.join(TOOLS)}, with commas between them, not {','.join(names)!r}")
+    known = list(TOOLS) if known is None else known
+    if not names or not set(names) <= set(known):
+        raise UsageError(f"--tools must be of {', '.join(known)}, with commas between them, not {','.join(names)!r}")
     for name in names:
         if (missing := missing_piece(name)) is not None:
             raise UsageError(f"{missing}, or leave it out of --tools")
@@ -62,7 +71,7 @@ def _ours(pixels: np.ndarray) -> bytes:
     from cubicsplat_cli.svg.drawing import write_drawing
 
     drawing = draw(as_picture(pixels).target())
-    return write_drawing(drawing, title="drawing.png", comment="bench artwork").encode()
+    return write_drawing(drawing, title="drawing.png", comment="benchmarks.artwork").encode()
 
 
 def _photo(pixels: np.ndarray) -> bytes:
@@ -93,9 +102,54 @@ def potrace_svg(pixels: np.ndarray) -> bytes:
 
 def _diffvg(pixels: np.ndarray) -> bytes:
     """By diffvg, with 256 curves."""
-    from cubicsplat_cli.bench.diffvg import diffvg_svg
-
     return diffvg_svg(pixels, DIFFVG_CURVES)
+
+
+def diffvg_svg(pixels: np.ndarray, curves: int, *, iterations: int = DIFFVG_STEPS, seed: int = 0) -> bytes:
+    """An SVG of so many closed curves. pixels: (H, W, 4) uint8, laid over white. Raises ImportError without pydiffvg.
+
+    As in the authors' example: random places, Adam on control points and RGBA, squared error.
+    """
+    diffvg = importlib.import_module("pydiffvg")
+    import torch
+
+    generator = torch.Generator().manual_seed(seed)
+    height, width = pixels.shape[:2]
+    values = torch.from_numpy(pixels.astype(np.float32) / 255.0)
+    goal = values[..., :3] * values[..., 3:] + 1.0 - values[..., 3:]
+    size = torch.tensor([width, height], dtype=torch.float32)
+    paths, groups = [], []
+    for index in range(curves):
+        steps = _SPREAD * (torch.rand((3 * DIFFVG_SEGMENTS, 2), generator=generator) - 0.5)
+        points = ((torch.rand(2, generator=generator) + steps.cumsum(0)) * size).requires_grad_()
+        counts = torch.full((DIFFVG_SEGMENTS,), 2, dtype=torch.int32)
+        paths.append(diffvg.Path(counts, points, torch.tensor(1.0), True))
+        colour = torch.rand(4, generator=generator).requires_grad_()
+        groups.append(diffvg.ShapeGroup(torch.tensor([index]), colour))
+    points_of, colours = [path.points for path in paths], [group.fill_color for group in groups]
+    optimisers = [
+        torch.optim.Adam(points_of, lr=_RATES["points"]),
+        torch.optim.Adam(colours, lr=_RATES["colours"]),
+    ]
+    for step in range(iterations):
+        for optimiser in optimisers:
+            optimiser.zero_grad()
+        image = _drawn(diffvg, width, height, paths, groups, step)
+        over_white = image[..., :3] * image[..., 3:] + 1.0 - image[..., 3:]
+        (over_white - goal).pow(2).mean().backward()
+        for optimiser in optimisers:
+            optimiser.step()
+        for colour in colours:
+            colour.data.clamp_(0.0, 1.0)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "drawing.svg"
+        diffvg.save_svg(str(path), width, height, paths, groups)
+        return path.read_bytes()
+
+
+def _drawn(diffvg: Any, width: int, height: int, paths: list[Any], groups: list[Any], seed: int) -> Any:
+    scene = diffvg.RenderFunction.serialize_scene(width, height, paths, groups)
+    return diffvg.RenderFunction.apply(width, height, _GRID, _GRID, seed, None, *scene)
 
 
 def _encoded(pixels: np.ndarray, form: str) -> bytes:
@@ -113,8 +167,8 @@ TOOLS: dict[str, Tool] = {
 }
 
 
-def peers(names: Sequence[str]) -> dict[tuple[str, str], Tool]:
-    """Those of other people, by name and setting, with every setting that they are measured at."""
+def settings_of_peers(names: Sequence[str]) -> dict[tuple[str, str], Tool]:
+    """Other people's tools by name and setting, with every setting that they are measured at."""
     found: dict[tuple[str, str], Tool] = {}
     for name in names:
         if name == "vtracer":

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.bench.artwork.document import Document
-from cubicsplat_cli.bench.artwork.elements import drawn_elements, resources
+from benchmarks.artwork.document import Document, drawn_elements, resources
 
 OPAQUE = 250  # of 255
-SAME_INK = 2  # levels
+SAME_COLOUR = 2  # levels
 LEAST_SEEN = 30  # px^2 that show of a piece that counts
-WHOLE = 0.99  # of the canvas, above which a piece is its ground
+WHOLE = 0.99  # of the canvas, above which a piece is its background
 COVERED = 0.1  # share that others hide, from which a piece counts as covered
-RESTORED = 0.9  # intersection over union
+COMPLETED = 0.9  # intersection over union
 MATCHING = 0.5  # the same of what shows, below which two pieces have nothing to do with each other
 DIFFERENT = 16  # levels of the worst channel
 MOST_ELEMENTS = 1500
@@ -33,13 +32,13 @@ class _Part:
     pixels: np.ndarray
 
     @property
-    def ink(self) -> np.ndarray:
+    def colour(self) -> np.ndarray:
         return np.median(self.pixels[self.mask], axis=0)
 
 
 class Pieces:
     """A drawing without smoothing, taken apart: the connected parts of fills and strokes, those joined that meet
-    visibly in one ink. Translucent parts are left out.
+    visibly in one colour. Translucent parts are left out.
 
     names: (parts,) the piece of each, piece k being named by one of its parts. top: (H, W) the part that shows, -1
     where none does.
@@ -58,11 +57,11 @@ class Pieces:
 
     def _joined(self) -> np.ndarray:
         names = np.arange(len(self.parts))
-        inks = np.array([part.ink for part in self.parts]).reshape(-1, 4)
+        colours = np.array([part.colour for part in self.parts]).reshape(-1, 4)
         for a, b in ((self.top[1:], self.top[:-1]), (self.top[:, 1:], self.top[:, :-1])):
             edge = (a != b) & (a >= 0) & (b >= 0)
             for i, j in np.unique(np.sort(np.stack([a[edge], b[edge]], axis=1), axis=1), axis=0):
-                if names[i] != names[j] and (np.abs(inks[i] - inks[j]) <= SAME_INK).all():
+                if names[i] != names[j] and (np.abs(colours[i] - colours[j]) <= SAME_COLOUR).all():
                     names[names == names[j]] = names[i]
         return names
 
@@ -88,7 +87,7 @@ class Pieces:
         return image
 
     def counting(self) -> Iterator[int]:
-        """The pieces that show enough to count, but for the ground that fills the canvas."""
+        """The pieces that show enough to count, but for the background that fills the canvas."""
         for name, seen in self.seen.items():
             if seen >= LEAST_SEEN and self.silhouette(name).mean() < WHOLE:
                 yield name
@@ -111,7 +110,7 @@ def _parts(document: Document) -> Iterator[_Part]:
                 yield _Part(number, box, labels[box] == k + 1, pixels[box].copy())
 
 
-def restored(truth: Pieces, made: Pieces) -> tuple[int, int]:
+def completed(truth: Pieces, made: Pieces) -> tuple[int, int]:
     """(how many of the truth's covered pieces the file has whole, how many there are).
 
     Covered: others hide a tenth or more of it. Whole: a piece of the file covers the same, hidden parts included, to an
@@ -124,11 +123,11 @@ def restored(truth: Pieces, made: Pieces) -> tuple[int, int]:
             continue
         total += 1
         rivals = np.unique(made.shown[wanted & (truth.shown == name)])
-        whole += any(_overlap(wanted, made.silhouette(int(n))) > RESTORED for n in rivals if n >= 0)
+        whole += any(_overlap(wanted, made.silhouette(int(n))) > COMPLETED for n in rivals if n >= 0)
     return whole, total
 
 
-def exposed(truth: Pieces, made: Pieces) -> float | None:
+def visible_error(truth: Pieces, made: Pieces) -> float | None:
     """The edit test: a piece is taken away in both drawings, and the share of its place where they then differ is
     measured; the mean over the truth's pieces, None without any.
 

@@ -1,30 +1,26 @@
-"""`bench artwork`: each figure against a case whose answer is known, and the command with a tool of known quality."""
+"""`benchmarks.artwork`: each score against a case of known answer, and the command with a tool of known quality."""
 
 from __future__ import annotations
 
 import csv
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from cubicsplat_cli.bench import tools
-from cubicsplat_cli.bench.artwork.counts import count, minified
-from cubicsplat_cli.bench.artwork.document import Document
-from cubicsplat_cli.bench.artwork.edges import edge_displacement
-from cubicsplat_cli.bench.artwork.figures import Truth
-from cubicsplat_cli.bench.artwork.inks import exact_inks
-from cubicsplat_cli.bench.artwork.inputs import CLEAN, INPUTS, OPAQUE, input_of, with_ground
-from cubicsplat_cli.bench.artwork.pieces import Pieces, exposed, pieces_of, restored
-from cubicsplat_cli.bench.artwork.primitives import primitive_counts
-from cubicsplat_cli.bench.artwork.seams import opaque_inside, seam_areas
-from cubicsplat_cli.bench.artwork.shapes import forms_of
-from cubicsplat_cli.bench.artwork.wireframe import wireframe
-from cubicsplat_cli.cli.app import app
-from cubicsplat_cli.errors import InputError, UsageError
+from benchmarks import tools
+from benchmarks.artwork.degradations import CLEAN, DEGRADATIONS, OPAQUE, degraded, with_background
+from benchmarks.artwork.document import Document
+from benchmarks.artwork.outlines import forms_of
+from benchmarks.artwork.pieces import Pieces, completed, pieces_of, visible_error
+from benchmarks.artwork.pixels import edge_displacement, exact_colours, leak_areas, opaque_inside
+from benchmarks.artwork.primitives import primitive_counts
+from benchmarks.artwork.scores import Truth, count, minified
+from benchmarks.artwork.sheet import wireframe
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.colour import MOST_DB, mean_delta_e, psnr
 from cubicsplat_cli.svg.pathparse import count_numbers, pieces
 
@@ -141,34 +137,34 @@ def test_edge_displacement_of_a_shifted_disc(shift):
     assert edge_displacement(blank, blank, 2) is None
 
 
-def test_inks_are_exact_or_not():
+def test_fill_colours_are_exact_or_not():
     truth = document(BOX).draw(2)
-    assert exact_inks(truth, truth) == 1.0
-    assert exact_inks(truth, document(BOX.replace("#c00", "#cc0001")).draw(2)) == 0.0
-    assert exact_inks(document("").draw(2), truth) is None
+    assert exact_colours(truth, truth) == 1.0
+    assert exact_colours(truth, document(BOX.replace("#c00", "#cc0001")).draw(2)) == 0.0
+    assert exact_colours(document("").draw(2), truth) is None
 
 
-def seams(body: str, truth: str) -> tuple[float, ...]:
+def leaks(body: str, truth: str) -> tuple[float, ...]:
     made = document(body)
-    return seam_areas(made, opaque_inside(document(truth)), {scale: made.draw(scale) for scale in (1, 4)})
+    return leak_areas(made, opaque_inside(document(truth)), {scale: made.draw(scale) for scale in (1, 4)})
 
 
-def test_seams_are_gaps_and_hairlines_and_nothing_else():
+def test_leaks_are_gaps_and_hairlines_and_nothing_else():
     truth = '<rect width="64" height="48" fill="#08f"/>'
-    assert seams(truth, truth) == (0.0, 0.0, 0.0)
+    assert leaks(truth, truth) == (0.0, 0.0, 0.0)
     # A gap of half a px, 60 px of it inside, is as large at every scale.
     gap = '<rect width="64" height="20" fill="#08f"/><rect y="20.5" width="64" height="28" fill="#08f"/>'
-    assert seams(gap, truth) == pytest.approx((30.0, 30.0, 30.0), rel=0.02)
+    assert leaks(gap, truth) == pytest.approx((30.0, 30.0, 30.0), rel=0.02)
     # Neighbours that only touch on a slanted line: the ground shows through both smoothed edges, the less the larger.
     touching = '<path d="M0 0H20L29 48H0z" fill="#08f"/><path d="M20 0H64V48H29z" fill="#08f"/>'
-    found = seams(touching, truth)
+    found = leaks(touching, truth)
     assert found[0] > found[1] > found[2] > 0
     # What lies under both closes it.
-    assert seams(truth + touching, truth) == (0.0, 0.0, 0.0)
-    # A disc that touches the canvas from within, and an outline that is a px off, are no seams.
+    assert leaks(truth + touching, truth) == (0.0, 0.0, 0.0)
+    # A disc that touches the canvas from within, and an outline that is a px off, are no leaks.
     disc = '<circle cx="24" cy="24" r="{}" fill="#08f"/>'
-    assert seams(disc.format(23.9), disc.format(24)) == (0.0, 0.0, 0.0)
-    assert seams(BOX.replace('x="8"', 'x="9"'), BOX) == (0.0, 0.0, 0.0)
+    assert leaks(disc.format(23.9), disc.format(24)) == (0.0, 0.0, 0.0)
+    assert leaks(BOX.replace('x="8"', 'x="9"'), BOX) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -289,14 +285,14 @@ BAR = '<path fill="#08f" d="M24 0h16v48H24z"/>'
 def test_pieces_that_others_hide_are_whole_or_not():
     disc = '<circle cx="32" cy="24" r="18" fill="#c00"/>'
     halves = '<path fill="#c00" d="M24 7.9A18 18 0 0 0 24 40zM40 7.9A18 18 0 0 1 40 40z"/>'
-    assert restored(*both(disc + BAR, disc + BAR)) == (1, 1)
-    assert restored(*both(disc + BAR, halves + BAR)) == (0, 1)
+    assert completed(*both(disc + BAR, disc + BAR)) == (1, 1)
+    assert completed(*both(disc + BAR, halves + BAR)) == (0, 1)
     # Of the bar a part is covered by a translucent disc, which hides nothing.
-    assert restored(*both(BAR + disc.replace("/>", ' opacity=".5"/>'), BAR)) == (0, 0)
+    assert completed(*both(BAR + disc.replace("/>", ' opacity=".5"/>'), BAR)) == (0, 0)
     # A ground that fills the canvas does not count, nor what is hidden by its own ink.
     ground = '<rect width="64" height="48" fill="#fd0"/>'
-    assert restored(*both(ground + BAR, BAR)) == (0, 0)
-    assert restored(*both(disc + disc.replace("32", "36"), disc)) == (0, 0)
+    assert completed(*both(ground + BAR, BAR)) == (0, 0)
+    assert completed(*both(disc + disc.replace("32", "36"), disc)) == (0, 0)
 
 
 def test_a_use_and_a_stroke_are_pieces_of_their_own():
@@ -310,10 +306,10 @@ def test_what_shows_where_a_piece_is_taken_away():
     ground = '<rect x="4" y="4" width="56" height="40" fill="#fd0"/>'
     holed = '<path fill="#fd0" fill-rule="evenodd" d="M4 4h56v40H4zM24 4v40h16V4z"/>'
     bar = BAR.replace("0h16v48", "4h16v40")
-    assert exposed(*both(ground + bar, ground + bar)) == 0.0
+    assert visible_error(*both(ground + bar, ground + bar)) == 0.0
     # Beneath the bar there is nothing; beneath the ground there is nothing in either.
-    assert exposed(*both(ground + bar, holed + bar)) == 0.5
-    assert exposed(*both(ground + bar, "")) == 1.0
+    assert visible_error(*both(ground + bar, holed + bar)) == 0.5
+    assert visible_error(*both(ground + bar, "")) == 1.0
 
 
 # --- the command ---------------------------------------------------------------------------------------------
@@ -340,43 +336,50 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def run(folder: Path, *arguments: object):
-    return CliRunner().invoke(app, ["bench", "artwork", str(folder), *(str(argument) for argument in arguments)])
+@pytest.fixture
+def run(run_benchmark):
+    return partial(run_benchmark, "artwork")
 
 
-def test_a_perfect_tool_has_perfect_figures(folder, tmp_path):
+def test_a_perfect_tool_has_perfect_figures(run, folder, tmp_path):
     table, sheet, kept = tmp_path / "t.csv", tmp_path / "s.png", tmp_path / "kept"
     options = ("--size", 64, "--csv", table, "--sheet", sheet, "--keep", kept, "--json")
     done = run(folder, "--tools", "exact", *options)
-    assert done.exit_code == 0, done.exception
+    assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert [figures["picture"] for figures in report["runs"]] == ["a-one", "b-two"]
     found = report["runs"][0]
     assert (found["delta_e"], found["psnr_1x_db"], found["psnr_4x_db"]) == (0.0, MOST_DB, MOST_DB)
     assert (found["shapes_ratio"], found["coordinates"], found["artist_coordinates"]) == (1.0, 9, 8)
     assert (found["primitive_recall"], found["primitive_precision"]) == (0.5, 1.0)
-    assert (found["restored"], found["exposed"]) == (None, 0.0)
-    assert (found["seam_16x_px"], found["edge_px"], found["exact_inks"]) == (0.0, 0.0, 1.0)
+    assert (found["completed"], found["visible_error"]) == (None, 0.0)
+    assert (found["leak_16x_px"], found["edge_px"], found["exact_colours"]) == (0.0, 0.0, 1.0)
     assert report["summary"]["exact"]["median"]["coordinates_ratio"] == 9 / 8
     assert [row["picture"] for row in csv.DictReader(table.open())] == ["a-one", "b-two"]
     assert Image.open(sheet).size[0] > 2000
     assert sorted(path.name for path in kept.iterdir()) == ["a-one-exact.svg", "b-two-exact.svg"]
 
 
-def test_failures_are_counted_and_the_rest_goes_on(folder):
+def test_failures_are_counted_and_the_rest_goes_on(run, folder):
     (folder / "c.svg").write_text("no drawing")
     done = run(folder, "--tools", "broken,exact", "--only", "b-*,c", "--markdown", "--size", 64)
-    assert done.exit_code == 1
-    assert "| exact, median" in done.stdout
-    assert "a-one" not in done.stdout
-    assert "cubicsplat: failed: b-two, broken: ZeroDivisionError: no such line" in done.stderr
-    assert "cubicsplat: failed: c: " in done.stderr
+    assert done.returncode == 1
+    assert b"| exact, median" in done.stdout
+    assert b"a-one" not in done.stdout
+    assert b"cubicsplat: failed: b-two, broken: ZeroDivisionError: no such line" in done.stderr
+    assert b"cubicsplat: failed: c: " in done.stderr
 
 
-def test_wrong_usage_is_said(folder):
-    assert isinstance(run(folder, "--tools", "inkscape").exception, UsageError)
-    assert isinstance(run(folder, "--only", "z*").exception, InputError)
-    assert isinstance(run(folder / "none", "--tools", "exact").exception, InputError)
+def test_wrong_usage_is_said(run, folder):
+    for arguments, code, words in (
+        ((folder, "--tools", "inkscape"), 2, b"--tools must be of ours, photo, vtracer"),
+        ((folder, "--only", "z*"), 1, b"holds no SVG that is asked for"),
+        ((folder / "none", "--tools", "exact"), 1, b"cannot be read"),
+        ((folder, "--size", 8), 2, b"size must be"),
+        ((folder, "--input", "fax"), 2, b"--input must be one of clean, jpeg"),
+    ):
+        done = run(*arguments)
+        assert (done.returncode, words in done.stderr) == (code, True), done.stderr
 
 
 def test_the_wireframe_shows_anchors_where_the_transform_puts_them():
@@ -392,17 +395,17 @@ def test_the_wireframe_shows_anchors_where_the_transform_puts_them():
 # --- inputs ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", list(INPUTS))
+@pytest.mark.parametrize("kind", list(DEGRADATIONS))
 def test_every_input_is_a_worse_picture_of_the_drawing(kind):
     clean, found = document(BOX), document(BOX)
-    with_ground(found, kind)
-    pixels = input_of(found, kind)
+    with_background(found, kind)
+    pixels = degraded(found, kind)
     assert pixels.shape == clean.draw().shape
     assert pixels.dtype == np.uint8
     level = psnr(found.draw(), pixels)
     assert level == MOST_DB if kind in (CLEAN, "palette") else 20.0 < level < 45.0
     assert (pixels[..., 3].min() == 255) == (kind in OPAQUE)
-    assert np.array_equal(pixels, input_of(found, kind))
+    assert np.array_equal(pixels, degraded(found, kind))
 
 
 def test_the_truth_lies_over_white_where_the_input_does():
@@ -412,8 +415,7 @@ def test_the_truth_lies_over_white_where_the_input_does():
     assert Truth(svg(BOX), "x", 64).drawn[1][0, 0, 3] == 0
 
 
-def test_the_kind_of_input_is_checked_and_told(folder, tmp_path):
-    assert isinstance(run(folder, "--tools", "exact", "--input", "fax").exception, UsageError)
+def test_the_kind_of_input_is_told(run, folder, tmp_path):
     sheet = tmp_path / "s.png"
     done = run(folder, "--tools", "exact", "--input", "jpeg", "--size", 64, "--limit", 1, "--json", "--sheet", sheet)
     report = json.loads(done.stdout)

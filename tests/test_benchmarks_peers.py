@@ -1,4 +1,4 @@
-"""`bench peers`: other tools beside ours, what they lack, how they fail, and the table and plot of the means."""
+"""`benchmarks.peers`: other tools beside ours, what they lack, how they fail, and the table and plot of the means."""
 
 from __future__ import annotations
 
@@ -16,9 +16,8 @@ import torch
 from conftest import smooth_pixels
 from PIL import Image
 
-from cubicsplat_cli.bench import tools
-from cubicsplat_cli.bench.diffvg import diffvg_svg
-from cubicsplat_cli.bench.peers import Point, Points, means, peers_table, plot, run_peers
+from benchmarks import peers, tools
+from benchmarks.peers import Point, Points, means, plotted, run_peers, table_of
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.files.convert import as_picture
@@ -65,7 +64,7 @@ def test_means_leave_out_what_has_no_figure():
     points = [of("t", "s", 30.0, 1000), of("t", "s", None, 3000)]
     assert means(points)["psnr_db"] == 30.0
     assert means(points)["bytes"] == 2000.0
-    table = peers_table(Points([*points, of("t", "other", None, 10)]), markdown=True).splitlines()
+    table = table_of(Points([*points, of("t", "other", None, 10)]), markdown=True).splitlines()
     assert table[2].split("|")[1:8] != table[3].split("|")[1:8]
     assert "30.00" in table[2]
 
@@ -73,7 +72,7 @@ def test_means_leave_out_what_has_no_figure():
 def test_the_plot_has_four_panels_and_a_line_for_each_tool():
     pytest.importorskip("matplotlib", reason="needs the extra plots")
     points = Points([of("one", "1", 20.0, 1000), of("one", "2", 25.0, 9000), of("two", "1", 22.0, 4000)])
-    with Image.open(io.BytesIO(plot(points))) as image:
+    with Image.open(io.BytesIO(plotted(points))) as image:
         assert image.size == (1100, 825)
         assert image.text["Software"].startswith("cubicsplat ")
         pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
@@ -82,12 +81,12 @@ def test_the_plot_has_four_panels_and_a_line_for_each_tool():
         assert (np.abs(pixels.astype(int) - colour).max(axis=1) < 3).sum() > 100
 
 
-def test_the_command_prints_draws_and_tabulates(run_cli, folder, tmp_path, monkeypatch):
+def test_the_command_prints_draws_and_tabulates(run_benchmark, folder, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib", reason="needs the extra plots")
-    monkeypatch.setattr(tools, "missing_piece", lambda name: None if name == "potrace" else f"no {name}")
+    monkeypatch.setattr(peers, "missing_piece", lambda name: None if name == "potrace" else f"no {name}")
     monkeypatch.setitem(tools.TOOLS, "potrace", lambda pixels: FLAT.encode())
     out, table = tmp_path / "p.png", tmp_path / "t.csv"
-    done = run_cli("bench", "peers", folder, *OURS, "--plot", out, "--csv", table, "--json")
+    done = run_benchmark("peers", folder, *OURS, "--plot", out, "--csv", table, "--json")
     assert done.returncode == 0, done.stderr
     assert b"note: without vtracer: no vtracer" in done.stderr
     found = json.loads(done.stdout)
@@ -96,11 +95,11 @@ def test_the_command_prints_draws_and_tabulates(run_cli, folder, tmp_path, monke
     ]  # fmt: skip
     assert len(list(csv.DictReader(table.open()))) == 6
     assert out.is_file()
-    done = run_cli("bench", "peers", folder, *OURS, "--plot", out, "--limit", 1, "-q")
+    done = run_benchmark("peers", folder, *OURS, "--plot", out, "--limit", 1, "-q")
     assert (done.returncode, done.stdout.count(b"\n"), done.stderr) == (0, 4, b"")
 
 
-def test_what_is_wrong_is_said_before_the_work(run_cli, folder, tmp_path):
+def test_what_is_wrong_is_said_before_the_work(run_benchmark, folder, tmp_path):
     Image.fromarray(smooth_pixels(8, 8)).save(tmp_path / "mine.png")
     for more, words in (
         (("--tools", "inkscape"), b"--tools must be of vtracer, potrace, diffvg"),
@@ -108,7 +107,7 @@ def test_what_is_wrong_is_said_before_the_work(run_cli, folder, tmp_path):
         (("--plot", tmp_path / "mine.png"), b"was not written by cubicsplat"),
         (("--tools", "diffvg"), b"pydiffvg cannot be imported"),
     ):
-        done = run_cli("bench", "peers", folder, *OURS, *more)
+        done = run_benchmark("peers", folder, *OURS, *more)
         assert (done.returncode, words in done.stderr) == (2, True), (more, done.stderr)
 
 
@@ -118,7 +117,7 @@ def test_vtracer_draws_more_finely_with_finer_settings():
     pixels = np.dstack([smooth_pixels(80, 60), np.full((60, 80), 255, np.uint8)])
     levels = [
         compare_with(picture, "a", make(pixels), "b", is_svg=True).quality.psnr_db
-        for make in tools.peers(["vtracer"]).values()
+        for make in tools.settings_of_peers(["vtracer"]).values()
     ]
     assert levels[0] < levels[2] <= levels[3]
 
@@ -160,7 +159,7 @@ def test_diffvg_is_used_as_its_authors_do(monkeypatch):
     monkeypatch.setitem(sys.modules, "pydiffvg", library)
     pixels = np.zeros((6, 9, 4), np.uint8)
     pixels[...] = (200, 100, 50, 255)
-    width, height, red, green, blue = map(int, diffvg_svg(pixels, 1, iterations=60).split())
+    width, height, red, green, blue = map(int, tools.diffvg_svg(pixels, 1, iterations=60).split())
     assert (width, height) == (9, 6)
     assert red > green > blue
 
