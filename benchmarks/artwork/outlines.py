@@ -161,7 +161,7 @@ def _boxes(points: np.ndarray, dense: np.ndarray, slack: float) -> Iterator[tupl
     """
     # A box lies along its longest side; where sides are steps, along that of the smallest box.
     sides = np.roll(points, -1, axis=0) - points
-    side = sides[int(np.hypot(*sides.T).argmax())] if not slack else _smallest_way(points)
+    side = sides[int(np.hypot(*sides.T).argmax())] if not slack else _smallest_box_direction(points)
     along_side = side / math.hypot(*side)
     turned = dense @ np.array([[along_side[0], -along_side[1]], [along_side[1], along_side[0]]])
     half = np.ptp(turned, axis=0) / 2.0
@@ -176,14 +176,14 @@ def _boxes(points: np.ndarray, dense: np.ndarray, slack: float) -> Iterator[tupl
             yield radius, float(np.abs(off).max())
 
 
-def _smallest_way(points: np.ndarray) -> np.ndarray:
+def _smallest_box_direction(points: np.ndarray) -> np.ndarray:
     """(2,) the direction of a side of the smallest box around points, one of the sides of their hull."""
     corners = points[ConvexHull(points).vertices]
-    ways = np.roll(corners, -1, axis=0) - corners
-    ways /= np.hypot(*ways.T)[:, None]
-    across = np.ptp(corners @ ways.T, axis=0)
-    down = np.ptp(corners @ np.stack([-ways[:, 1], ways[:, 0]]), axis=0)
-    return ways[int((across * down).argmin())]
+    directions = np.roll(corners, -1, axis=0) - corners
+    directions /= np.hypot(*directions.T)[:, None]
+    across = np.ptp(corners @ directions.T, axis=0)
+    down = np.ptp(corners @ np.stack([-directions[:, 1], directions[:, 0]]), axis=0)
+    return directions[int((across * down).argmin())]
 
 
 def _dense(points: np.ndarray) -> np.ndarray:

@@ -14,32 +14,31 @@ from benchmarks.artwork.pieces import LEAST_SEEN, Pieces
 SEEN = 0.5  # share of a primitive, and of its outline, that must show
 BESIDE = 1.0  # px to either side of an outline at which what shows must differ
 PLACE, PLACE_SHARE = 0.5, 0.01  # px, and share of its size, that each side of the box around a primitive may be off
-# Px of a side of a box that must show for it to tell where that side is, and from such a side or the canvas's border in
-# which a point lies on it; a way is level where it rises by less than this, px.
-SIDE_SEEN, ON_SIDE, CORNER, LEVEL = 2.0, 0.75, 1.5, 0.1
-# Share of a circle or an ellipse that must show, and share of what shows along which the truth must have edges, for the
-# hidden rest to be what no picture tells.
-TELLING, NEARLY_ALL = 1.0 / 3.0, 0.95
+SIDE_SEEN = 2.0  # px of a side that must show
+ON_SIDE, CORNER = 0.75, 1.5  # px from a side in which a point lies on it, if it lies farther than CORNER from others
+LEVEL = 0.1  # px by which a level side may rise
+# A circle or an ellipse whose outline shows by more than the first share, and lies on edges of the truth by the second,
+# is not judged: the picture does not show how the hidden rest goes on.
+LEAST_VISIBLE, NEARLY_ALL = 1.0 / 3.0, 0.95
 EVERY = np.ones(4, dtype=bool)  # sides
-# An even area of the truth is looked at in so many times the size, at most so many px across; its edge is known to so
-# many of those px.
-FINEST, WIDEST, STEP = 8, 2048, 0.75
-MARGIN = 3  # px around an outline in which the truth is looked at
-WITHIN = 0.5  # px from an outline at which its area is sought
+FINEST, WIDEST = 8, 2048  # most times that flat areas of the truth are enlarged, and most px across then
+STEP = 0.75  # of these px, to which their edges are known
+MARGIN = 3  # px of the truth around an outline
+WITHIN = 0.5  # px inside an outline, where its area is sampled
 
 Box = tuple[str, np.ndarray]
 
 
 def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces: Pieces) -> tuple[int, int, int, int]:
-    """(found, wanted, right, written): of the truth's primitives that show for the greater part, with most of their
-    outline, those which the file has written as such; and of the file's, of those that show at all, those which some
-    outline of the truth is, or might be, or an area of one colour that shows in it.
+    """(found, wanted, right, written): found / wanted is the recall, right / written the precision.
 
-    Primitives are circles and ellipses, rectangles, rounded rectangles; in the truth also where they are written as
-    paths. Two are the same if they are of one kind and the boxes around them agree. A side of a rectangle that shows
-    nowhere might be anywhere: such rectangles of the truth are not asked for, and of the file's only the others count;
-    those turned of which a side shows nowhere are left out, and so are circles and ellipses of which a third or more
-    shows, where the truth has edges all along what shows: how they go on no picture tells.
+    Primitives are circles and ellipses, rectangles, and rounded rectangles, in the truth also where they are written
+    as paths; two are the same if their kinds and bounding boxes agree. Wanted are those of the truth that mostly show,
+    with most of their outline; found are those that the file has as primitives. Written are the file's that show; right
+    are those that match an outline of the truth, or a flat area visible in it. A side of a rectangle that shows nowhere
+    might be anywhere: a rectangle of the truth with such a side is not wanted, and of the file's only the other sides
+    must agree; turned ones are left out. So are circles and ellipses of which a third or more shows, all on edges of
+    the truth: the picture does not show how they go on.
     """
     forms = [form for form in forms_of(truth) if form.near]
     every = [form for form in forms_of(made) if form.written and form.near]
@@ -51,46 +50,46 @@ def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces
     known = [(form.near, box) for form in forms for box in _boxes(form, size)]
     right = judged = 0
     for form in written:
-        own, told = _boxes(form, size), sides_told(form, own_pieces)
-        if not told.any():
+        own, visible = _boxes(form, size), visible_sides(form, own_pieces)
+        if not visible.any():
             continue
         view = View(truth, form.points)
-        good = _among(form.near, own, known, told) or _among(form.near, own, _areas_seen(form, view, size), told)
+        good = _among(form.near, own, known, visible) or _among(form.near, own, _areas_seen(form, view, size), visible)
         right += good
         judged += good or not _open(form, own_pieces, view)
     return found, len(wanted), right, judged
 
 
 def _shows(form: Form, pieces: Pieces) -> bool:
-    """Whether the greater part of a primitive shows, and of its outline, but for what lies on the canvas's border, and
-    whether that tells where it is."""
+    """Whether most of a primitive and of its outline on the canvas shows, and all sides of its bounding box do."""
     if _seen(form, pieces) < max(LEAST_SEEN, SEEN * _mask(form, pieces).sum()):
         return False
     _, on_canvas, _, edge = _edge(form, pieces)
-    return bool(not on_canvas.any() or edge[on_canvas].mean() >= SEEN) and bool(sides_told(form, pieces).all())
+    return bool(not on_canvas.any() or edge[on_canvas].mean() >= SEEN) and bool(visible_sides(form, pieces).all())
 
 
-def sides_told(form: Form, pieces: Pieces) -> np.ndarray:
-    """(4,) bool: whether the left, top, right and bottom side of the box around a primitive can be told: of a rectangle
-    that stands level those that show somewhere or lie on the canvas's border; all of them or none of one that is
-    turned; all where it is round, since any part tells of the others.
+def visible_sides(form: Form, pieces: Pieces) -> np.ndarray:
+    """(4,) bool: whether the picture shows where the left, top, right and bottom of a primitive's bounding box are.
+
+    Of an upright rectangle: the sides of which a part shows or lies on the canvas's border. Of a turned one: all or
+    none. Of a round one: all, since any part determines the others.
     """
     if form.near not in ("box", "rounded"):
         return np.ones(4, dtype=bool)
     points, on_canvas, own, edge = _edge(form, pieces)
     along = np.roll(form.points, -1, axis=0) - form.points
-    way = along[int(np.hypot(*along.T).argmax())]
-    level = np.abs(way).min() < LEVEL
-    way = np.array([1.0, 0.0]) if level else way / np.hypot(*way)
-    turned = points @ np.array([[way[0], -way[1]], [way[1], way[0]]])
+    direction = along[int(np.hypot(*along.T).argmax())]
+    level = np.abs(direction).min() < LEVEL
+    direction = np.array([1.0, 0.0]) if level else direction / np.hypot(*direction)
+    turned = points @ np.array([[direction[0], -direction[1]], [direction[1], direction[0]]])
     ends = np.concatenate([turned.min(axis=0), turned.max(axis=0)])
     off = np.abs(np.tile(turned, 2) - ends)
     # A corner belongs to both of its sides and tells of neither.
     near = (off <= ON_SIDE) & (np.minimum(off[:, [1, 0, 1, 0]], off[:, [3, 2, 3, 2]]) > CORNER)
     seen = near & (edge | (own & ~on_canvas))[:, None]
     # Points are half a px apart.
-    told = seen.sum(axis=0) >= np.minimum(2.0 * SIDE_SEEN, 0.5 * near.sum(axis=0))
-    return told if level else np.full(4, told.all())
+    visible = seen.sum(axis=0) >= np.minimum(2.0 * SIDE_SEEN, 0.5 * near.sum(axis=0))
+    return visible if level else np.full(4, visible.all())
 
 
 def _edge(form: Form, pieces: Pieces) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -115,10 +114,10 @@ def _evenly(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
     at = np.linspace(0.0, along[-1], max(8, int(2.0 * along[-1])), endpoint=False)
     even = np.stack([np.interp(at, along, closed[:, c]) for c in (0, 1)], axis=1)
-    way = np.roll(even, -1, axis=0) - np.roll(even, 1, axis=0)
+    direction = np.roll(even, -1, axis=0) - np.roll(even, 1, axis=0)
     x, y = even.T
     clockwise = float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) > 0.0
-    left = np.stack([-way[:, 1], way[:, 0]], axis=1) / np.maximum(np.hypot(*way.T), 1e-9)[:, None]
+    left = np.stack([-direction[:, 1], direction[:, 0]], axis=1) / np.maximum(np.hypot(*direction.T), 1e-9)[:, None]
     return even, left if clockwise else -left
 
 
@@ -156,20 +155,20 @@ def _areas_seen(form: Form, view: View, size: np.ndarray) -> list[Box]:
 def _open(form: Form, pieces: Pieces, view: View) -> bool:
     """Whether the truth has edges all along what shows of a circle or an ellipse, a third of it at least."""
     points, _, _, edge = _edge(form, pieces)
-    if form.near != "round" or edge.mean() < TELLING:
+    if form.near != "round" or edge.mean() < LEAST_VISIBLE:
         return False
     off = OFF + NEAR_SHARE * float(np.ptp(form.points, axis=0).max())
     return bool(view.edges(points[edge], _evenly(form.points)[1][edge], off).mean() >= NEARLY_ALL)
 
 
-def _among(kind: str, boxes: list[np.ndarray], others: list[Box], told: np.ndarray = EVERY) -> bool:
-    """told: (4,) bool, the sides of the boxes that must agree."""
-    return any(_same(kind, box, *other, told) for box in boxes for other in others)
+def _among(kind: str, boxes: list[np.ndarray], others: list[Box], visible: np.ndarray = EVERY) -> bool:
+    """visible: (4,) bool, the sides of the boxes that must agree."""
+    return any(_same(kind, box, *other, visible) for box in boxes for other in others)
 
 
-def _same(kind: str, box: np.ndarray, other_kind: str, other: np.ndarray, told: np.ndarray) -> bool:
+def _same(kind: str, box: np.ndarray, other_kind: str, other: np.ndarray, visible: np.ndarray) -> bool:
     allowed = PLACE + PLACE_SHARE * float((box[2:] - box[:2]).max())
-    return kind == other_kind and bool((np.abs(box - other) <= allowed)[told].all()) and bool(told.any())
+    return kind == other_kind and bool((np.abs(box - other) <= allowed)[visible].all()) and bool(visible.any())
 
 
 class View:
