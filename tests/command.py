@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO, NoReturn
@@ -42,11 +42,16 @@ def run_process(*arguments: object, data: bytes | None = None, timeout: float = 
     )
 
 
-def run_here(*arguments: object, data: bytes | None = None, stderr: IO[bytes] | None = None) -> Done:
+def run_here(
+    *arguments: object,
+    data: bytes | None = None,
+    stderr: IO[bytes] | None = None,
+    program: Callable[[], NoReturn] = main,
+) -> Done:
     """`cubicsplat` in this process: the same entry point, exit code and bytes, without starting Python and torch.
 
     What the command changes of the process is put back. An exception that users would see as a traceback is raised.
-    stderr: where standard error goes instead of into the result.
+    stderr: where standard error goes instead of into the result. program: in place of `cubicsplat`.
     """
     with ExitStack() as stack:
         stdin, stdout, errors = (stack.enter_context(tempfile.TemporaryFile()) for _ in range(3))
@@ -55,7 +60,7 @@ def run_here(*arguments: object, data: bytes | None = None, stderr: IO[bytes] | 
         command = ["cubicsplat", *map(str, arguments)]
         with _process_state(), _streams(stdin, stdout, stderr or errors), _plain_warnings():
             sys.argv = command
-            code = _exit_code()
+            code = _exit_code(program)
         return Done(command, code, _content(stdout), _content(errors))
 
 
@@ -72,16 +77,16 @@ def run_as_process(command: list[str], streams: list[int]) -> NoReturn:
     os._exit(code)
 
 
-def _exit_code() -> int:
-    """What a shell would see of the end of `main`."""
+def _exit_code(program: Callable[[], NoReturn] = main) -> int:
+    """What a shell would see of the end of a program."""
     try:
-        main()
+        program()
     except SystemExit as end:
         if end.code is None or isinstance(end.code, int):
             return end.code or 0
         print(end.code, file=sys.stderr)
         return 1
-    raise AssertionError("main() came back without SystemExit")
+    raise AssertionError("the program came back without SystemExit")
 
 
 def _content(file: IO[bytes]) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from command import Done, run_here
 from PIL import Image
 from workers import forked_from_a_warm_process
+
+import benchmarks
 
 
 def pytest_configure() -> None:
@@ -29,6 +32,18 @@ def _quick_workers() -> Iterator[None]:
 def run_cli() -> Callable[..., Done]:
     """Run `cubicsplat` with arguments, in this process; stdout and stderr are bytes."""
     return run_here
+
+
+@pytest.fixture(scope="session")
+def run_benchmark() -> Callable[..., Done]:
+    """Run `python -m benchmarks.NAME` with arguments, in this process; stdout and stderr are bytes."""
+    return lambda name, *arguments: run_here(*arguments, program=lambda: benchmarks.main(command_of(name)))
+
+
+def command_of(name: str) -> Callable[..., None]:
+    """The function of a benchmark, which a module or the program of a package of its name holds."""
+    folder = Path(benchmarks.__file__).parent / name
+    return getattr(import_module(f"benchmarks.{name}.__main__" if folder.is_dir() else f"benchmarks.{name}"), name)
 
 
 def smooth_pixels(width: int, height: int, *, alpha: bool = False) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.details.shares import ink_shares
 from cubicsplat_cli.artwork.details.spots import with_spots
@@ -17,7 +18,6 @@ from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.evaluate.colour import mean_delta_e
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.svg.drawing import write_drawing

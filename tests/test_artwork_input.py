@@ -10,6 +10,8 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
+from benchmarks.artwork.degradations import degraded, with_background
+from benchmarks.artwork.document import Document
 from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
@@ -21,8 +23,6 @@ from cubicsplat_cli.artwork.input.palette import noisy_inks
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.bench.artwork.document import Document
-from cubicsplat_cli.bench.artwork.inputs import input_of, with_ground
 from cubicsplat_cli.files.convert import as_picture
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"
@@ -39,8 +39,8 @@ def pixels(kind: str, body: str = FACE) -> np.ndarray:
     """What tools get of a drawing."""
     text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIDE} {SIDE}">{body}</svg>'
     document = Document(text.encode(), "x", SIDE)
-    with_ground(document, kind)
-    return input_of(document, kind)
+    with_background(document, kind)
+    return degraded(document, kind)
 
 
 def target(kind: str, body: str = FACE) -> np.ndarray:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.artwork.degradations import degraded
+from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.regions.inks import picture_inks
 from cubicsplat_cli.artwork.regions.regions import find_regions
 from cubicsplat_cli.artwork.regions.rules import with_rules
 from cubicsplat_cli.artwork.vectorize import draw
-from cubicsplat_cli.bench.artwork.document import Document
-from cubicsplat_cli.bench.artwork.inputs import input_of
 from cubicsplat_cli.files.convert import as_picture
 
 WHITE, BLACK = (255, 255, 255, 255), (0, 0, 0, 255)
@@ -26,7 +26,7 @@ def page(grey: int, inside: str = "#fff") -> np.ndarray:
         '<circle cx="30.3" cy="30.6" r="8.2"/><circle cx="55.6" cy="30.2" r="8.5"/><path d="M72 22l14 3-5 15z"/>'
     )
     text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 120 80">{body}</svg>'
-    return input_of(Document(text.encode(), "x", 120), "clean")
+    return degraded(Document(text.encode(), "x", 120), "clean")
 
 
 def inks_of_regions(pixels: np.ndarray) -> set[tuple[int, ...]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cubicsplat_cli.bench.artwork.seams import SCALES
+from benchmarks.artwork.pixels import SCALES
 
 SAMPLES = Path(__file__).parent.parent / "samples" / "artwork"
 SIZE = 256
@@ -25,13 +25,13 @@ BOUNDS = {
 
 
 @pytest.mark.parametrize("name", BOUNDS)
-def test_a_drawing_comes_as_near_in_as_much(run_cli, name):
+def test_a_drawing_comes_as_near_in_as_much(run_benchmark, name):
     most, least, coordinates = BOUNDS[name]
-    done = run_cli("bench", "artwork", SAMPLES, "--size", SIZE, "--only", name, "--json")
+    done = run_benchmark("artwork", SAMPLES, "--size", SIZE, "--only", name, "--json")
     assert done.returncode == 0, done.stderr
     (run,) = json.loads(done.stdout)["runs"]
     assert run["delta_e"] <= most
     assert run["psnr_4x_db"] >= least
     assert run["coordinates"] <= coordinates
     # No ground shows where the drawing is opaque.
-    assert [run[f"seam_{scale}x_px"] for scale in SCALES] == [0.0] * len(SCALES)
+    assert [run[f"leak_{scale}x_px"] for scale in SCALES] == [0.0] * len(SCALES)

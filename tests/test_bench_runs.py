@@ -1,9 +1,8 @@
-"""`bench quality` and `bench ablation`: figures, cache, failures, sheet, tables and documentation."""
+"""`bench quality`: figures, cache, failures, sheet and tables."""
 
 from __future__ import annotations
 
 import csv
-import io
 import json
 import re
 from contextlib import nullcontext
@@ -11,21 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 from conftest import smooth_pixels
 from PIL import Image
 from typer.testing import CliRunner
 
-from cubicsplat_cli.bench import ablation, runs
+from cubicsplat_cli.bench import runs
 from cubicsplat_cli.bench.quality import means, quality_jobs
 from cubicsplat_cli.bench.runs import CacheEntry, run_all
 from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate import compare, rerender
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.settings import FitSettings
 
-DOCS = Path(__file__).resolve().parents[1] / "docs" / "bench.md"
 SHORT = ("--steps", 12, "--threads", 1)
 
 
@@ -238,72 +234,6 @@ def test_a_picture_of_the_users_is_never_replaced_by_a_sheet(folder):
     assert (folder / "a.png").read_bytes() == before
 
 
-# --- ablation ----------------------------------------------------------------------------------------------
-
-
-def test_ablation_rows_are_settings_that_exist_and_that_change_something():
-    base = FitSettings.from_preset("standard", mode="closed")
-    for row, changes in ablation.ABLATIONS.items():
-        settings = FitSettings.from_preset("standard", mode="closed", **changes)
-        assert (settings == base) == (row == ablation.BASE), row
-        for name, value in changes.items():
-            assert getattr(settings if hasattr(settings, name) else settings.recipe, name) == value
-    text = DOCS.read_text(encoding="utf-8").rpartition("| Row |")[2]
-    for row in ablation.ABLATIONS:
-        last = row.split()[-1] if row.startswith("samples") else row
-        assert f"`{last}`" in text or f"`{row}`" in text, f"{row} is not documented"
-
-
-def test_ablation_table_and_json_agree(folder, tmp_path):
-    options = ("--curves", "4,6", "--mode", "closed,open", "--rows", "opaque,no pruning", "--cache", tmp_path / "c")
-    done = run("ablation", folder, *options, *SHORT, "--json")
-    assert done.exit_code == 0, done.exception
-    found = strict(done.stdout)
-    rows = found["rows"]
-    assert [row["row"] for row in rows[:3]] == ["base", "no pruning", "opaque"], "in the order of the table"
-    assert len(rows) == 12
-    levels = {(row["row"], row["mode"], row["curves"]): row["psnr_db"] for row in rows}
-    for row in rows:
-        change = row["psnr_db"] - levels["base", row["mode"], row["curves"]]
-        assert row["change_db"] == pytest.approx(change, abs=1e-3)
-        assert row["steps_per_minute"] > 100
-    assert any(abs(row["change_db"]) > 0.01 for row in rows)
-    table = run("ablation", folder, *options, *SHORT, "--markdown", "-q").stdout.splitlines()
-    assert [cell.strip() for cell in table[0].split("|")[1:6]] == [
-        "row", "closed 4 dB", "change", "own - SVG", "steps/min",
-    ]  # fmt: skip
-    assert len(table) == 2 + 3
-    opaque = [cell.strip() for cell in table[-1].split("|")[1:-1]]
-    assert opaque[0] == "opaque"
-    assert float(opaque[1]) == pytest.approx(levels["opaque", "closed", 4], abs=0.006)
-
-
-def test_change_is_over_the_pictures_that_both_have(folder, monkeypatch):
-    original = runs.vectorize_picture
-
-    def fail_one(picture, request, **options):
-        if request.settings.recipe.opaque and picture.source.endswith("b.png"):
-            raise EngineError("broke")
-        return original(picture, request, **options)
-
-    monkeypatch.setattr(runs, "vectorize_picture", fail_one)
-    done = run("ablation", folder, "--curves", 4, "--mode", "closed", "--rows", "opaque", *SHORT, "--json")
-    assert done.exit_code == 1
-    found = strict(done.stdout)
-    base, opaque = found["rows"]
-    levels = {(run["picture"], run["configuration"]): run["psnr_db"] for run in found["runs"]}
-    want = levels["a.png", "closed 4, opaque"] - levels["a.png", "closed 4, base"]
-    assert opaque["change_db"] == pytest.approx(want, abs=1e-6)
-    assert (base["pictures"], opaque["pictures"]) == (2, 1)
-
-
-def test_all_rows_without_a_choice_and_unknown_ones_are_refused():
-    assert ablation.chosen_rows(None) == list(ablation.ABLATIONS)
-    assert ablation.chosen_rows(["base"]) == ["base"]
-    with pytest.raises(UsageError, match="nonsense"):
-        ablation.chosen_rows(["nonsense"])
-
-
 # --- options -----------------------------------------------------------------------------------------------
 
 
@@ -322,33 +252,3 @@ def test_wrong_values_are_refused_before_any_work(folder, arguments, monkeypatch
 def test_missing_and_empty_folders_are_one_clear_error(tmp_path):
     for path in (tmp_path / "none", tmp_path):
         assert isinstance(run("quality", path).exception, InputError)
-    assert isinstance(run("ablation", tmp_path).exception, InputError)
-
-
-def test_every_option_is_documented_with_its_default():
-    commands = typer.main.get_command(bench).commands
-    parts = re.split(r"^## cubicsplat bench (\w+).*$", DOCS.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
-    assert set(sections) == set(commands)
-    for name, command in commands.items():
-        table = sections[name].partition("| Option |")[2].partition("\n\n")[0]
-        rows = {}
-        for line in table.splitlines():
-            cells = [cell.strip() for cell in line.replace(r"\|", "/").split("|")[1:-1]]
-            for option in re.findall(r"(?<![\w-])(--?[a-z][a-z-]*)", cells[0]) if cells else ():
-                rows[option] = cells
-        declared = {opt for p in command.params for opt in [*p.opts, *p.secondary_opts] if opt[0] == "-"}
-        assert declared | {"--help", "-h"} == set(rows), name
-        for parameter in command.params:
-            if parameter.opts[0] in rows and parameter.default not in (None, False):
-                default = getattr(parameter.default, "value", parameter.default)
-                assert rows[parameter.opts[0]][1] == str(default), (name, parameter.opts[0])
-
-
-def test_presets_in_the_documentation_are_all():
-    from cubicsplat_cli.settings import PRESETS
-
-    found = re.findall(r"`--preset ([^`]*)`", DOCS.read_text(encoding="utf-8"))
-    assert len(found) >= 4
-    for choices in found:
-        assert set(io.StringIO(choices).read().split(r"\|")) == set(PRESETS)

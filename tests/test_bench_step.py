@@ -13,8 +13,7 @@ from typer.testing import CliRunner
 
 from cubicsplat_cli.bench import memory as memory_module
 from cubicsplat_cli.bench.memory import Memory, from_status, memory
-from cubicsplat_cli.bench.step import measure_step, step_lines, total_steps
-from cubicsplat_cli.bench.synthetic import synthetic_picture
+from cubicsplat_cli.bench.step import measure_step, step_lines, synthetic_picture, total_steps
 from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.settings import FitSettings

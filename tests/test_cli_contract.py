@@ -30,6 +30,7 @@ except ImportError:  # Windows
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 COMMANDS = dict(typer.main.get_command(app_module.app).commands)
+COMMANDS |= {f"bench {name}": command for name, command in COMMANDS.pop("bench").commands.items()}
 HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "svgwrite", "PIL", "scipy")
 OPTION = re.compile(r"(?<![\w-])(--?[a-z][a-z-]*)")
 
@@ -37,7 +38,7 @@ OPTION = re.compile(r"(?<![\w-])(--?[a-z][a-z-]*)")
 def section(command: str) -> str:
     """The part of docs/cli.md about one command."""
     text = (DOCS / "cli.md").read_text(encoding="utf-8")
-    parts = re.split(r"^## cubicsplat (\w+).*$", text, flags=re.MULTILINE)
+    parts = re.split(r"^## cubicsplat ([a-z]+(?: [a-z]+)?).*$", text, flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))[command]
 
 
@@ -49,7 +50,7 @@ def test_version():
 
 @pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
-    done = run_cli(command, "--help")
+    done = run_cli(*command.split(), "--help")
     assert done.returncode == 0
     in_help = set()
     for line in done.stdout.decode().splitlines():
@@ -100,16 +101,21 @@ def test_the_readme_names_options_and_defaults_as_the_full_table_does():
     assert short.items() <= option_rows(section("vectorize")).items()
 
 
-def test_documented_defaults_and_choices_are_the_real_ones():
-    rows = option_rows(section("vectorize"))
+@pytest.mark.parametrize("command", ["vectorize", "bench step", "bench quality"])
+def test_documented_defaults_are_the_real_ones(command):
+    rows = option_rows(section(command))
     checked = 0
-    for parameter in COMMANDS["vectorize"].params:
+    for parameter in COMMANDS[command].params:
         name = parameter.opts[0]
         if name in rows and parameter.default not in (None, False, True, ""):
             default = getattr(parameter.default, "value", parameter.default)
             assert rows[name][1] == str(default), name
             checked += 1
-    assert checked >= 5
+    assert checked >= 4
+
+
+def test_documented_choices_are_the_real_ones():
+    rows = option_rows(section("vectorize"))
     for owner in (FitSettings, Recipe):
         for field, known in settings_of(owner):
             if known.choices:
@@ -165,11 +171,11 @@ def test_drawing_and_measuring_an_svg_import_no_torch(photo, tmp_path):
         assert (code, "torch" in heavy) == (0, False)
 
 
-@pytest.mark.parametrize("arguments", [[], ["bench"]])
-def test_commands_are_described_within_80_columns(arguments, run_cli, monkeypatch):
+@pytest.mark.parametrize(("arguments", "count"), [([], 5), (["bench"], 2)])
+def test_commands_are_described_within_80_columns(arguments, count, run_cli, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     listed = run_cli(*arguments, "--help").stdout.decode().partition("Commands:\n")[2].splitlines()
-    assert len(listed) >= 5
+    assert len(listed) >= count
     assert not [line for line in listed if line.endswith("...") or len(line) > 80]
 
 
@@ -311,3 +317,17 @@ def test_every_setting_of_a_fit_has_one_option_and_the_library_takes_it():
     for name, value in {**chosen, "background": "#008080"}.items():
         holder = settings if hasattr(settings, name) else settings.recipe
         assert getattr(holder, name) == value, name
+
+
+@pytest.mark.parametrize(("moved", "module"), [("artwork", "artwork"), ("paper", "paper"), ("thorns", "spikes")])
+def test_a_benchmark_that_moved_says_where_to(moved, module, run_cli):
+    done = run_cli("bench", moved, "DIR", "--json")
+    assert done.returncode == 2
+    assert done.stderr.decode() == (
+        f"cubicsplat: error: bench {moved} is now `python -m benchmarks.{module}`, to be run in a checkout\n"
+    )
+
+
+def test_an_unknown_command_of_a_group_is_told_its_commands(run_cli):
+    assert run_cli("bench", "speed").stderr.decode().endswith("the commands are step, quality\n")
+    assert run_cli("bench", "qualty").stderr.decode().endswith("did you mean quality?\n")

@@ -9,7 +9,7 @@ import pytest
 import torch
 from test_fit import settings
 
-from cubicsplat_cli.evaluate.thorns import thorns_of
+from benchmarks.spikes import spikes_of
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.geometric import HELD, Regulariser, crossing_gradient, crossing_penalty, thorn_gradient
 from cubicsplat_cli.photo.slivers import gradient_by_arrays, sliver_gradient
@@ -165,4 +165,4 @@ def test_a_fit_with_the_penalty_has_fewer_slivers():
     small = np.random.default_rng(6).random((14, 20, 3), np.float32)
     target = small.repeat(4, 0).repeat(4, 1)
     plain, smooth = (fit(target, settings(curves=60, steps=150, thorn_reg=w)).scene for w in (0.0, 1.0))
-    assert thorns_of(smooth).slivers < 0.6 * thorns_of(plain).slivers
+    assert spikes_of(smooth).slivers < 0.6 * spikes_of(plain).slivers

@@ -30,7 +30,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from cubicsplat_cli.bench.synthetic import synthetic_picture
+from cubicsplat_cli.bench.step import synthetic_picture
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres

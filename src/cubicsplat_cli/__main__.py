@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Callable
+from typing import NoReturn
 
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.progress import COMMAND_BEGAN
@@ -15,28 +17,41 @@ MAX_MESSAGE = 1000
 EXIT_USAGE, EXIT_INTERRUPTED = 2, 130
 
 
-def main() -> None:
-    """Run the command line; never returns (SystemExit carries the exit code: 0, 1, 2 or 130)."""
+def main() -> NoReturn:
+    """Run the command line; SystemExit carries the exit code: 0, 1, 2 or 130."""
+    run(_command)
+
+
+def run(program: Callable[[list[str]], int | None]) -> NoReturn:
+    """Run a program with this process's arguments; raises SystemExit with its exit code, 0 for None.
+
+    Our errors become one line on stderr; bugs keep their traceback.
+    """
     began = COMMAND_BEGAN.set(time.perf_counter())
     try:
         _open_streams()
-        _end(_run(sys.argv[1:]))
+        _end(_exit_code(program, sys.argv[1:]))
     finally:
         COMMAND_BEGAN.reset(began)
 
 
-def _run(arguments: list[str]) -> int:
+def _command(arguments: list[str]) -> int | None:
+    if arguments == ["--version"]:
+        # Scripts ask for it often: answered before the command line is built.
+        from cubicsplat_cli._version import __version__
+
+        print(f"cubicsplat {__version__}", flush=True)
+        return 0
+    from cubicsplat_cli.cli.app import app, meant
+
+    # Typer returns the code of an Exit, and None where a command just ended.
+    code: int | None = app(args=meant(arguments), prog_name="cubicsplat", standalone_mode=False)
+    return code
+
+
+def _exit_code(program: Callable[[list[str]], int | None], arguments: list[str]) -> int:
     try:
-        if arguments == ["--version"]:
-            # Scripts ask for it often: answered before the command line is built.
-            from cubicsplat_cli._version import __version__
-
-            print(f"cubicsplat {__version__}", flush=True)
-            return 0
-        from cubicsplat_cli.cli.app import app, meant
-
-        # Typer returns the code of an Exit, and None where a command just ended.
-        return app(args=meant(arguments), prog_name="cubicsplat", standalone_mode=False) or 0
+        return program(arguments) or 0
     except CubicSplatError as error:
         _say(error.as_option() if isinstance(error, UsageError) else str(error))
         return error.exit_code
@@ -74,7 +89,7 @@ def _open_streams() -> None:
             setattr(sys, f"__{name}__", stream)
 
 
-def _end(code: int) -> None:
+def _end(code: int) -> NoReturn:
     """Flush, and exit: where that fails, what was printed is not there, which is a failure too."""
     try:
         sys.stdout.flush()

@@ -41,6 +41,11 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], *, markdown
     return "".join("| " + " | ".join(line) + " |\n" for line in (lines[0], rule, *lines[1:]))
 
 
+def titled(title: str, table: str, *, markdown: bool = False) -> str:
+    """A table below its title."""
+    return f"### {title}\n\n{table}" if markdown else f"{title}\n{table}"
+
+
 def number(value: float | None, decimals: int, *, sign: bool = False) -> str:
     """A figure with so many decimals, or a dash where there is none."""
     if value is None:

@@ -1,4 +1,4 @@
-"""Quality over a folder of pictures: the tables of `bench quality`."""
+"""Quality over a folder of pictures: the tables and the contact sheet of `cubicsplat bench quality`."""
 
 from __future__ import annotations
 
@@ -7,10 +7,22 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from PIL import Image
+
+from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
 from cubicsplat_cli.bench.runs import Fit, Run, Runs
+from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.colour import WHITE, over
+from cubicsplat_cli.evaluate.further import straight
+from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.report import head
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.tables import mean, number, text_table
+from cubicsplat_cli.tables import mean, number, text_table, titled
+
+ERROR_GAIN = 4
+MAX_CELL = 768  # px, the longer side
+_LEAST_COLUMN = 240  # px, so that labels have room
 
 _HEADER = ("picture", "SVG dB", "SSIM", "own dB", "gap dB", "agreement dB", "s", "kB", "paths")
 
@@ -59,10 +71,7 @@ def quality_report(runs: Runs, configurations: Sequence[str]) -> dict[str, Any]:
         "bench": "quality",
         "means": {name: means(runs.of(name)) for name in configurations},
         "runs": [asdict(run) for run, _ in runs.done],
-        "failed": [
-            {"picture": picture, "configuration": configuration, "error": error}
-            for picture, configuration, error in runs.failed
-        ],
+        "failed": runs.failures(),
     }
 
 
@@ -73,15 +82,12 @@ def quality_tables(runs: Runs, configurations: Sequence[str], *, markdown: bool)
         found = runs.of(name)
         rows = [_row(run.picture, asdict(run)) for run in found]
         rows.append(_row(f"mean of {len(found)}", means(found)))
-        parts.append(_titled(name, text_table(_HEADER, rows, markdown=markdown), markdown))
+        parts.append(titled(name, text_table(_HEADER, rows, markdown=markdown), markdown=markdown))
     if len(configurations) > 1:
         rows = [_row(name, means(runs.of(name))) for name in configurations]
-        parts.append(_titled("means", text_table(("configuration", *_HEADER[1:]), rows, markdown=markdown), markdown))
+        table = text_table(("configuration", *_HEADER[1:]), rows, markdown=markdown)
+        parts.append(titled("means", table, markdown=markdown))
     return "\n".join(parts)
-
-
-def _titled(title: str, table: str, markdown: bool) -> str:
-    return f"### {title}\n\n{table}" if markdown else f"{title}\n{table}"
 
 
 def _row(name: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
@@ -97,3 +103,22 @@ def _row(name: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
         number(None if size is None else size / 1000, 1),
         number(figures["paths"], 0),
     )
+
+
+def sheet_png(runs: Sequence[tuple[Run, bytes]], paths: Mapping[str, Path]) -> bytes:
+    """PNG bytes: one row per run, original | SVG | difference x 4; longer sides over 768 px are scaled down.
+
+    runs: figures and SVG. paths: of the originals by the run's picture name. Transparency is shown over white.
+    """
+    return stacked([_sheet_row(run, svg, paths[run.picture]) for run, svg in runs])
+
+
+def _sheet_row(run: Run, svg: bytes, path: Path) -> Image.Image:
+    picture = load_picture(path)
+    original = over(straight(picture), WHITE)
+    drawn = over(rerender(svg, picture.width, picture.height).pixels, WHITE)
+    error = np.minimum(ERROR_GAIN * np.abs(original.astype(int) - drawn), 255).astype(np.uint8)
+    level = "identical" if run.psnr_db is None else f"{run.psnr_db:.2f} dB"
+    labels = (run.picture, f"{run.configuration}: SVG {level}, {run.bytes / 1000:.0f} kB", f"error x {ERROR_GAIN}")
+    cells = [cell(pixels, MAX_CELL) for pixels in (original, drawn, error)]
+    return labelled_row(cells, labels, max(cells[0].width, _LEAST_COLUMN))

@@ -75,6 +75,10 @@ class Runs:
         """The figures of one configuration, in the order of the pictures."""
         return [run for run, _ in self.done if run.configuration == configuration]
 
+    def failures(self) -> list[dict[str, str]]:
+        """The failures as members of a JSON report."""
+        return [dict(zip(("picture", "configuration", "error"), failure, strict=True)) for failure in self.failed]
+
 
 def run_all(fits: Iterable[Fit], cache: Path | None, watch: Watch, tell: Callable[[str], None]) -> Runs:
     """Every fit, from the cache where it was done before.

@@ -26,6 +26,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 COMMANDS = ("vectorize", "eval", "render", "doctor", "bench")
+# Commands of `bench` that are now programs of a checkout, with the names of their modules.
+_MOVED = {name: name for name in ("ablation", "artwork", "paper", "peers")} | {"thorns": "spikes"}
 # All that the parser raises for wrong usage derives from what BadParameter derives from.
 _ParserError = typer.BadParameter.__mro__[2]
 
@@ -78,8 +80,12 @@ def parser_error(error: Exception) -> str | None:
         name, reason = match[1].split(" / ")[-1].strip("'[]. "), match[2]
         return f"{name} {_reason(reason, error.__cause__)}"
     if match := re.match(r"No such command '(.*?)'", text):
-        close = difflib.get_close_matches(match[1], COMMANDS, 1)
-        hint = f"did you mean {close[0]}?" if close else f"the commands are {', '.join(COMMANDS)}"
+        group = error.ctx  # type: ignore[attr-defined]
+        known = list(group.command.commands)
+        if group.info_name == "bench" and match[1] in _MOVED:
+            return f"bench {match[1]} is now `python -m benchmarks.{_MOVED[match[1]]}`, to be run in a checkout"
+        close = difflib.get_close_matches(match[1], known, 1)
+        hint = f"did you mean {close[0]}?" if close else f"the commands are {', '.join(known)}"
         return f"there is no command {match[1]!r}; {hint}"
     if match := re.match(r"Missing argument '(.*?)'", text):
         return f"{match[1]} is missing; see --help"

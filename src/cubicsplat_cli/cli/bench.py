@@ -1,53 +1,43 @@
-"""`cubicsplat bench`: measurements that anyone can repeat."""
+"""`cubicsplat bench`: the cost of a training step, and the quality of the fits of a folder.
+
+The programs in `benchmarks/`, which are not part of the package, share these options.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cubicsplat_cli.cli.bench_artwork import artwork
-from cubicsplat_cli.cli.bench_options import (
-    Cache,
-    Csv,
-    CurvesList,
-    Folder,
-    Limit,
-    Markdown,
-    check_csv,
-    check_sheet,
-    counts_of,
-    end_with,
-    parts_of,
-    pictures_of,
-    run_fits,
-    write_csv,
-)
-from cubicsplat_cli.cli.bench_paper import paper
-from cubicsplat_cli.cli.bench_peers import peers
-from cubicsplat_cli.cli.bench_thorns import thorns
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.help import Command
-from cubicsplat_cli.cli.options import Json, Quiet, fit_settings, takes_fit_options
-from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.settings import Mode, listed
+from cubicsplat_cli.cli.options import Json, Quiet, check_csv, fit_settings, takes_fit_options, write_csv
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.settings import FitSettings, Mode, Setting, listed
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.bench.runs import Runs
+    from cubicsplat_cli.bench.runs import Fit, Runs
 
-bench = typer.Typer(help="Measure speed, quality and the parts of the method.")
-bench.command("artwork", cls=Command)(artwork)
-bench.command("peers", cls=Command)(peers)
-bench.command("paper", cls=Command)(paper)
-bench.command("thorns", cls=Command)(thorns)
+bench = typer.Typer(help="Measure the speed of a training step, and quality.")
 
 _MOST_SIDE = 16_384
 _SHEET_PICTURES = 4
+_LIMIT = Setting("count", "", least=1, optional=True)
 
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of pictures.", show_default=False)]
+CurvesList = Annotated[str, typer.Option("--curves", metavar="N,...", help="Numbers of curves.")]
 ModeList = Annotated[str, typer.Option("--mode", metavar="MODE,...", help="closed, open or both.")]
+Cache = Annotated[
+    Path | None,
+    typer.Option("--cache", metavar="DIR", help="Keep each result here, and take it from here the next time."),
+]
+Limit = Annotated[int | None, typer.Option("--limit", metavar="N", help="Take the first so many pictures only.")]
+Csv = Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Also write one row per fit as a table.")]
+Markdown = Annotated[bool, typer.Option("--markdown", help="Print the tables as Markdown.")]
 
 
 @bench.command("step", cls=Command)
@@ -75,19 +65,19 @@ def step(
     from cubicsplat_cli.bench.memory import memory
 
     baseline = memory()
-    from cubicsplat_cli.bench.step import measure_step, step_lines
-    from cubicsplat_cli.report import to_json
+    from cubicsplat_cli.bench.step import measure_step, step_lines, synthetic_picture
 
     if image is None:
-        from cubicsplat_cli.bench.synthetic import synthetic_picture
-
         target, name = synthetic_picture(int(match[1]), int(match[2])), "synthetic"
     else:
         from cubicsplat_cli.files.load import load_picture
 
         target, name = load_picture(image).target(), str(image)
     report = measure_step(target, name, settings, warmup=warmup_steps, steps=steps, baseline=baseline)
-    typer.echo(to_json(report) if json else step_lines(report), nl=False)
+    if json:
+        print_json(report)
+    else:
+        typer.echo(step_lines(report), nl=False)
 
 
 @bench.command("quality", cls=Command)
@@ -116,9 +106,9 @@ def quality(
 
     PSNR, SSIM, the agreement of engine and renderer, and their means.
     """
-    counts, modes = counts_of(curves), _modes(mode)
+    counts, modes = counts_of(curves), modes_of(mode)
     check_csv(csv)
-    check_sheet(sheet)
+    check_png(sheet, "sheet")
     pictures = pictures_of(folder, limit)
     from cubicsplat_cli.bench import quality as benchmark
 
@@ -126,7 +116,7 @@ def quality(
     runs = run_fits(jobs, cache, Reporter(quiet=quiet))
     names = [benchmark.configuration_name(m, c) for m in modes for c in counts]
     if json:
-        _print_json(benchmark.quality_report(runs, names))
+        print_json(benchmark.quality_report(runs, names))
     else:
         typer.echo(benchmark.quality_tables(runs, names, markdown=markdown), nl=False)
     write_csv(csv, [asdict(run) for run, _ in runs.done])
@@ -135,62 +125,84 @@ def quality(
     end_with(runs.failed)
 
 
-@bench.command("ablation", cls=Command)
-@takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
-def ablation(
-    folder: Folder,
-    curves: CurvesList = "256,512",
-    mode: ModeList = "closed,open",
-    limit: Limit = 4,
-    rows: Annotated[
-        str | None, typer.Option("--rows", metavar="ROW,...", help="Only these rows, and the base.  [default: all]")
-    ] = None,
-    cache: Cache = None,
-    json: Json = False,
-    csv: Csv = None,
-    markdown: Markdown = False,
-    quiet: Quiet = False,
-    **fit: Any,
-) -> None:
-    """What each part of the method is worth.
-
-    The same fits with one thing changed at a time.
-    """
-    counts, modes = counts_of(curves), _modes(mode)
-    check_csv(csv)
-    pictures = pictures_of(folder, limit)
-    from cubicsplat_cli.bench import ablation as benchmark
-
-    chosen = benchmark.chosen_rows(None if rows is None else parts_of(rows))
-    jobs = benchmark.ablation_jobs(pictures, chosen, modes, counts, fit)
-    runs = run_fits(jobs, cache, Reporter(quiet=quiet))
-    if json:
-        _print_json(benchmark.ablation_report(runs, chosen, modes, counts))
-    else:
-        typer.echo(benchmark.ablation_table(runs, chosen, modes, counts, markdown=markdown), nl=False)
-    write_csv(csv, [asdict(run) for run, _ in runs.done])
-    end_with(runs.failed)
-
-
-def _modes(text: str) -> list[str]:
-    modes = list(dict.fromkeys(parts_of(text)))
-    known = [mode.value for mode in Mode]
-    if not modes or not all(mode in known for mode in modes):
-        raise UsageError(f"must be {listed(known)}, or both with a comma, not {text!r}", "mode")
-    return modes
-
-
-def _print_json(report: dict[str, Any]) -> None:
-    from cubicsplat_cli.report import to_json
-
-    typer.echo(to_json(report), nl=False)
-
-
 def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
     """Of the first pictures, each with all its configurations below one another."""
-    from cubicsplat_cli.bench.sheet import sheet_png
+    from cubicsplat_cli.bench.quality import sheet_png
     from cubicsplat_cli.files.atomic import write_atomically
 
     shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
     rows = [(run, svg) for picture in shown[:_SHEET_PICTURES] for run, svg in runs.done if run.picture == picture.name]
     write_atomically(path, sheet_png(rows, {picture.name: picture for picture in pictures}))
+
+
+def parts_of(text: str) -> list[str]:
+    """The parts of a value with commas in it, each once."""
+    return list(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+
+
+def counts_of(text: str) -> list[int]:
+    """The value of --curves: whole numbers with commas between them."""
+    parts = parts_of(text)
+    if not parts or not all(part.isdecimal() for part in parts):
+        raise UsageError(f"must be whole numbers with commas between them, not {text!r}", "curves")
+    counts = [int(part) for part in parts]
+    for count in counts:
+        FitSettings(curves=count)
+    return counts
+
+
+def modes_of(text: str) -> list[str]:
+    """The value of --mode: closed, open, or both with a comma between them."""
+    modes, known = parts_of(text), [mode.value for mode in Mode]
+    if not modes or not set(modes) <= set(known):
+        raise UsageError(f"must be {listed(known)}, or both with a comma, not {text!r}", "mode")
+    return modes
+
+
+def check_limit(limit: int | None) -> None:
+    """Raises UsageError for a --limit below 1."""
+    _LIMIT.check("limit", limit)
+
+
+def check_png(path: Path | None, option: str) -> None:
+    """A picture that a benchmark draws may replace an older one of ours, never a picture of the user's."""
+    if path is None:
+        return
+    if path.suffix.lower() != ".png":
+        raise UsageError(f"the {option} must end in .png, but --{option} is {path}")
+    from cubicsplat_cli.files.ownership import check_outputs
+
+    check_outputs([path], force=False)
+
+
+def pictures_of(folder: Path, limit: int | None) -> list[Path]:
+    """The pictures of a folder, the first so many of them. Raises what finding them raises."""
+    from cubicsplat_cli.evaluate.folders import pictures_in
+
+    check_limit(limit)
+    return pictures_in(folder)[:limit]
+
+
+def run_fits(jobs: Sequence[Fit], cache: Path | None, reporter: Reporter) -> Runs:
+    """Carries out the fits and reports each on stderr. Raises InputError where all of them failed."""
+    from cubicsplat_cli.bench.runs import run_all
+
+    runs = run_all(jobs, cache, reporter.progress, reporter.summary)
+    if not runs.done:
+        raise InputError(f"no picture could be fitted: {runs.failed[0][0]}: {runs.failed[0][2]}")
+    return runs
+
+
+def print_json(report: dict[str, Any]) -> None:
+    """Print a report to stdout."""
+    from cubicsplat_cli.report import to_json
+
+    typer.echo(to_json(report), nl=False)
+
+
+def end_with(failed: Sequence[tuple[str, str, str]]) -> None:
+    """Failures, as (picture, what was made of it or "", error), come last, and make the exit code 1."""
+    for picture, made, error in failed:
+        typer.echo(f"cubicsplat: failed: {picture}{', ' if made else ''}{made}: {error}", err=True)
+    if failed:
+        raise typer.Exit(1)

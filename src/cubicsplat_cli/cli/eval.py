@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cubicsplat_cli.cli.bench_options import check_csv, write_csv
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.eval_pages import planned_pages, write_pages
-from cubicsplat_cli.cli.options import MaxPixels, Renderer, wanted_renderer
+from cubicsplat_cli.cli.options import MaxPixels, Renderer, check_csv, wanted_renderer, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO
 from cubicsplat_cli.measures import USUAL, chosen_measures, figures_text

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import Enum
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
 from typer import Argument, Option
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.cli.help import FILES
+from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.settings import FitSettings, Recipe, Setting, settings_of
+from cubicsplat_cli.tables import csv_text
 
 Renderer = Annotated[
     Literal["auto", "cairosvg", "resvg"],
@@ -95,3 +98,22 @@ def _annotation(name: str, known: Setting, default: Any, *, from_preset: bool) -
 def wanted_renderer(chosen: str) -> str | None:
     """The name that `rerender` takes: None for auto."""
     return None if chosen == "auto" else chosen
+
+
+def check_csv(path: Path | None) -> None:
+    """Raises UsageError where --csv has another suffix, InputError where it cannot be written."""
+    if path is None:
+        return
+    if path.suffix.lower() != ".csv":
+        raise UsageError(f"the table must end in .csv, but --csv is {path}")
+    from cubicsplat_cli.files.atomic import check_writable
+
+    check_writable(path)
+
+
+def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write the rows, where a table was asked for."""
+    if path is not None:
+        from cubicsplat_cli.files.atomic import write_atomically
+
+        write_atomically(path, csv_text(rows).encode())

@@ -1,0 +1,198 @@
+"""An SVG document that can be drawn at any scale, in parts, with or without anti-aliasing, and by its elements."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Annotated
+from xml.etree import ElementTree
+
+import numpy as np
+import typer
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.evaluate.untrusted import check_untrusted
+from cubicsplat_cli.svg.transforms import transform_matrix
+
+Only = Annotated[
+    str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")
+]
+Skip = Annotated[str | None, typer.Option("--skip", metavar="PATTERN,...", help="None of these names.")]
+
+# Numbers that describe each primitive; a rect has one more where its corners are round.
+PRIMITIVES = {"circle": 3, "ellipse": 4, "rect": 4, "line": 4}
+SHAPES = {*PRIMITIVES, "path", "polygon", "polyline"}
+NOT_DRAWN = {"defs", "clipPath", "mask", "symbol", "marker", "pattern", "linearGradient", "radialGradient", "metadata"}
+HREF = "{http://www.w3.org/1999/xlink}href"
+_MOST_USES = 100_000
+_DEEPEST_USE = 8
+
+ElementTree.register_namespace("", "http://www.w3.org/2000/svg")
+ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
+
+
+class Document:
+    """An SVG on a canvas of width x height whole px; one px is `unit` of the document's own units.
+
+    Raises InputError where the text is no SVG that may be drawn, or says no size.
+    """
+
+    def __init__(self, data: bytes, source: str, longest: int | None = None) -> None:
+        """data: the file. source: its name in messages. longest: px of the longer side, by default as the file says.
+
+        The canvas loses the fraction of a px that the shorter side may have: everything keeps its shape, and no edge of
+        the canvas runs through the middle of a px.
+        """
+        size = check_untrusted(data, source)
+        self.root = ElementTree.fromstring(data)
+        left, top, across, down = self._view_box(size.width, size.height)
+        self.origin = (left, top)
+        self.unit = across / size.width if longest is None else max(across, down) / longest
+        self.width = max(1, math.floor(across / self.unit + 1e-6))
+        self.height = max(1, math.floor(down / self.unit + 1e-6))
+
+    def _view_box(self, width: float, height: float) -> tuple[float, float, float, float]:
+        numbers = self.root.get("viewBox", "").replace(",", " ").split()
+        if len(numbers) != 4:
+            return 0.0, 0.0, width, height
+        left, top, across, down = (float(number) for number in numbers)
+        return left, top, across, down
+
+    def draw(
+        self,
+        scale: float = 1.0,
+        *,
+        window: tuple[int, int, int, int] | None = None,
+        smooth: bool = True,
+        renderer: str = "resvg",
+        content: Sequence[ElementTree.Element] | None = None,
+    ) -> np.ndarray:
+        """(H, W, 4) uint8 straight RGBA of the canvas, or of a window (left, top, width, height in px).
+
+        scale: of the canvas's px. smooth: whether edges are anti-aliased; else a px has the colour at its centre.
+        content: drawn in place of the document's own elements.
+        """
+        left, top, width, height = window or (0, 0, self.width, self.height)
+        pixels = (round(width * scale), round(height * scale))
+        corner = (self.origin[0] + left * self.unit, self.origin[1] + top * self.unit)
+        box = (*corner, width * self.unit, height * self.unit)
+        view = {"width": str(pixels[0]), "height": str(pixels[1]), "viewBox": " ".join(f"{n:.12g}" for n in box)}
+        if not smooth:
+            view["shape-rendering"] = "crispEdges"
+        root = ElementTree.Element(self.root.tag, {**self.root.attrib, **view})
+        root.attrib.pop("preserveAspectRatio", None)
+        root.extend(self.root if content is None else content)
+        return rerender(ElementTree.tostring(root), *pixels, renderer=renderer).pixels
+
+
+def drawings_in(folder: Path, only: str | None, skip: str | None, limit: int | None) -> list[Path]:
+    """The SVG files right in a folder by name, those whose stem matches `only` and not `skip` (shell patterns, several
+    with commas between them). Raises InputError where there is none, or the folder cannot be read.
+    """
+    try:
+        found = sorted(path for path in folder.iterdir() if path.suffix.lower() == ".svg" and path.is_file())
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror}); check the path") from error
+    chosen = [p for p in found if (only is None or _matches(p, only)) and not (skip is not None and _matches(p, skip))]
+    if not chosen:
+        raise InputError(f"{folder}: holds no SVG that is asked for; give a folder of drawings")
+    return chosen[:limit]
+
+
+def _matches(path: Path, patterns: str) -> bool:
+    return any(fnmatch(path.stem, pattern.strip()) for pattern in patterns.split(","))
+
+
+def local_name(element: ElementTree.Element) -> str:
+    """The element's name without its namespace; empty for comments."""
+    return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A drawn shape. element: as written. above: its ancestors without the root, the outermost first; a `use` becomes a
+    group. fill, stroke: its paints as written, "none" where there is none.
+    """
+
+    element: ElementTree.Element
+    above: tuple[ElementTree.Element, ...]
+    fill: str
+    stroke: str
+
+    def matrix(self) -> np.ndarray:
+        """(3, 3) from the shape's own units to those of the document."""
+        matrix = np.eye(3)
+        for element in (*self.above, self.element):
+            matrix = matrix @ transform_matrix(element.get("transform", ""))
+        return matrix
+
+    def alone(self, part: str) -> ElementTree.Element:
+        """The element with nothing but its groups around it, and only its "fill" or its "stroke" drawn."""
+        other = {"fill": "stroke", "stroke": "fill"}[part]
+        found = ElementTree.Element(self.element.tag, dict(self.element.attrib))
+        style = self.element.get("style", "").rstrip("; ")
+        found.set("style", f"{style};{other}:none".lstrip(";"))
+        for group in reversed(self.above):
+            shell = ElementTree.Element(group.tag, dict(group.attrib))
+            shell.append(found)
+            found = shell
+        return found
+
+
+def drawn_elements(root: ElementTree.Element) -> Iterator[Drawn]:
+    """Every shape that is drawn, in the order of drawing; those of a `use` once for each time."""
+    named = {element.get("id"): element for element in root.iter() if element.get("id")}
+    waiting: list[tuple[ElementTree.Element, tuple[ElementTree.Element, ...], dict[str, str], int]]
+    waiting = [(root, (), {"fill": "black", "stroke": "none"}, 0)]
+    budget = _MOST_USES
+    while waiting and budget:
+        element, above, paint, depth = waiting.pop()
+        name = local_name(element)
+        if name in NOT_DRAWN and (depth == 0 or name != "symbol"):
+            continue
+        paint = _paint(element, paint)
+        if name in SHAPES:
+            if set(paint.values()) != {"none"}:
+                budget -= 1
+                yield Drawn(element, above, paint["fill"], paint["stroke"])
+            continue
+        if name == "use":
+            target = named.get((element.get(HREF) or element.get("href") or "").removeprefix("#"))
+            if target is not None and depth < _DEEPEST_USE:
+                waiting.append((target, (*above, _place(element)), paint, depth + 1))
+            continue
+        inner = above if element is root else (*above, element)
+        waiting += [(child, inner, paint, depth) for child in reversed(element)]
+
+
+def resources(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """What shapes may refer to: definitions, clips, gradients, styles."""
+    found, waiting = [], list(root)
+    while waiting:
+        element = waiting.pop(0)
+        if local_name(element) in (*NOT_DRAWN, "style", "filter"):
+            found.append(element)
+        else:
+            waiting += list(element)
+    return found
+
+
+def _place(use: ElementTree.Element) -> ElementTree.Element:
+    """A group in the place of a `use`."""
+    kept = {k: v for k, v in use.attrib.items() if k not in (HREF, "href", "x", "y", "width", "height", "id")}
+    move = f"translate({use.get('x', '0')} {use.get('y', '0')})"
+    return ElementTree.Element(use.tag.replace("use", "g"), kept | {"transform": f"{use.get('transform', '')}{move}"})
+
+
+def _paint(element: ElementTree.Element, inherited: dict[str, str]) -> dict[str, str]:
+    """Fill and stroke as attributes and the style attribute give them, else as inherited."""
+    paint = {name: element.get(name, value) for name, value in inherited.items()}
+    for declaration in element.get("style", "").split(";"):
+        name, _, value = (part.strip() for part in declaration.partition(":"))
+        if name in paint:
+            paint[name] = value
+    return paint

@@ -1,0 +1,206 @@
+"""Which outlines of a drawing are circles, ellipses, rectangles or rounded rectangles, however they are written."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from benchmarks.artwork.document import Document, Drawn, drawn_elements, local_name
+from cubicsplat_cli.svg.arcs import arc_of
+from cubicsplat_cli.svg.pathparse import Piece, subpaths
+
+# px, and shares of its size, that an outline may be off the primitive that it is, and off one that it might be.
+OFF, OFF_SHARE, NEAR_SHARE = 0.1, 0.002, 0.004
+LEAST_RADIUS = 0.5  # px of round corners
+_STEPS = np.linspace(0.0, 1.0, 17)[1:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """A closed outline. element: number of its element; kind: "round", "box", "rounded", or "" for any other; near: the
+    same, of what might be one; written: whether as a primitive, in path data by its arcs or, among other outlines, by
+    its level and upright lines; points: (n, 2) px of the canvas; width: px of its stroke, 0 without one.
+    """
+
+    element: int
+    kind: str
+    near: str
+    written: bool
+    points: np.ndarray
+    width: float
+
+
+def forms_of(document: Document) -> list[Form]:
+    """Every closed outline of a drawing."""
+    found = []
+    for number, drawn in enumerate(drawn_elements(document.root)):
+        matrix = np.diag([1.0 / document.unit, 1.0 / document.unit, 1.0])
+        matrix[:2, 2] = [-document.origin[0] / document.unit, -document.origin[1] / document.unit]
+        matrix = matrix @ drawn.matrix()
+        width = 0.0 if drawn.stroke == "none" else _stroke_width(drawn) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+        for points, written in _outlines(drawn):
+            placed = points @ matrix[:2, :2].T + matrix[:2, 2]
+            if len(placed) >= 3 and np.ptp(placed, axis=0).min() > 0.0:
+                near = kind_of(placed, NEAR_SHARE)
+                found.append(Form(number, near and kind_of(placed), near, written, placed, width))
+    return found
+
+
+def _stroke_width(drawn: Drawn) -> float:
+    for element in (drawn.element, *reversed(drawn.above)):
+        text = element.get("stroke-width")
+        if text is not None and text.replace(".", "", 1).isdigit():
+            return float(text)
+    return 1.0
+
+
+def _outlines(drawn: Drawn) -> Iterator[tuple[np.ndarray, bool]]:
+    """(n, 2) points of each closed outline, in the element's own units, and whether it is written as a primitive."""
+    element, name = drawn.element, local_name(drawn.element)
+    number = {k: float(v) for k, v in element.attrib.items() if k in _LENGTHS and _is_number(v)}
+    if name in ("circle", "ellipse"):
+        radii = [number.get("rx", number.get("r", 0.0)), number.get("ry", number.get("r", 0.0))]
+        angle = np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False)
+        middle = [number.get("cx", 0.0), number.get("cy", 0.0)]
+        yield np.array(middle) + radii * np.stack([np.cos(angle), np.sin(angle)], axis=1), True
+    elif name == "rect":
+        across, down = number.get("width", 0.0), number.get("height", 0.0)
+        rx, ry = number.get("rx", number.get("ry", 0.0)), number.get("ry", number.get("rx", 0.0))
+        corner = np.array([number.get("x", 0.0), number.get("y", 0.0)])
+        yield corner + _box(across, down, min(rx, across / 2.0), min(ry, down / 2.0)), True
+    elif name == "polygon":
+        values = np.array(element.get("points", "").replace(",", " ").split(), dtype=float)
+        yield values[: len(values) // 2 * 2].reshape(-1, 2), False
+    elif name == "path":
+        found = subpaths(element.get("d", ""))
+        for pieces in found:
+            points = [point for piece in pieces for point in along(piece)]
+            letters = "".join(piece.command for piece in pieces)
+            written = bool(_ARCS.fullmatch(letters) or (len(found) > 1 and _LEVEL.fullmatch(letters)))
+            if points:
+                yield without_repeats(np.array(points)), written
+
+
+# Path data of ellipses and rounded rectangles, and of rectangles.
+_ARCS, _LEVEL = re.compile(r"A{2,4}Z|([HV]A){2,4}Z"), re.compile(r"HVHV?Z|VHVH?Z")
+_LENGTHS = {"cx", "cy", "r", "rx", "ry", "x", "y", "width", "height"}
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _box(across: float, down: float, rx: float, ry: float) -> np.ndarray:
+    if min(rx, ry) <= 0.0:
+        return np.array([[0.0, 0.0], [across, 0.0], [across, down], [0.0, down]])
+    turn = np.linspace(0.0, math.pi / 2.0, 17)
+    corners = [(across - rx, down - ry, 0), (rx, down - ry, 1), (rx, ry, 2), (across - rx, ry, 3)]
+    parts = []
+    for x, y, quarter in corners:
+        angle = turn + quarter * math.pi / 2.0
+        parts.append(np.stack([x + rx * np.cos(angle), y + ry * np.sin(angle)], axis=1))
+    return np.concatenate(parts)
+
+
+def without_repeats(points: np.ndarray) -> np.ndarray:
+    """The points (n, 2) of a closed outline but for those where the one before lies."""
+    moved = np.abs(points - np.roll(points, 1, axis=0)).max(axis=1) > 1e-9
+    return points[moved] if moved.any() else points[:1]
+
+
+def along(piece: Piece) -> list[tuple[float, float]]:
+    """Points of a piece of a path, its start left out, its end included."""
+    start, end = np.array(piece.start), np.array(piece.end)
+    t = _STEPS
+    if piece.command == "A" and min(piece.numbers[:2]) > 0.0:
+        found = _arc(piece, start, end)
+    elif len(piece.handles) == 2:
+        a, b = np.array(piece.handles)
+        found = (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * a + 3 * (1 - t) * t**2 * b + t**3 * end
+    elif len(piece.handles) == 1:
+        found = (1 - t) ** 2 * start + 2 * (1 - t) * t * np.array(piece.handles[0]) + t**2 * end
+    else:
+        found = end[None]
+    return [(float(x), float(y)) for x, y in found]
+
+
+def _arc(piece: Piece, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Points along an elliptical arc."""
+    arc = arc_of(piece, start, end)
+    angle = arc.first + arc.span * _STEPS[:, 0]
+    return arc.placed(np.stack([np.cos(angle), np.sin(angle)], axis=1))
+
+
+def kind_of(points: np.ndarray, share: float = OFF_SHARE, slack: float = 0.0) -> str:
+    """Whether a closed outline of points (n, 2), px, is "round" (circle, ellipse), a "box", or a "rounded" box.
+
+    share: of its size that it may be off. slack: px that the points themselves may be off.
+    """
+    allowed = slack + OFF + share * float(np.ptp(points, axis=0).max())
+    dense = _dense(points)
+    if len(points) >= 8 and _off_ellipse(dense) <= allowed:
+        return "round"
+    radius, off = min(_boxes(points, dense, slack), key=lambda found: found[1])
+    if off > allowed:
+        return ""
+    return "rounded" if radius else "box"
+
+
+def _boxes(points: np.ndarray, dense: np.ndarray, slack: float) -> Iterator[tuple[float, float]]:
+    """The radius of the corners of the box around points, with sharp corners and with round ones by its area, and how
+    far the farthest point is off it.
+    """
+    # A box lies along its longest side; where sides are steps, along that of the smallest box.
+    sides = np.roll(points, -1, axis=0) - points
+    side = sides[int(np.hypot(*sides.T).argmax())] if not slack else _smallest_box_direction(points)
+    along_side = side / math.hypot(*side)
+    turned = dense @ np.array([[along_side[0], -along_side[1]], [along_side[1], along_side[0]]])
+    half = np.ptp(turned, axis=0) / 2.0
+    middle = turned.min(axis=0) + half
+    x, y = points.T
+    area = 0.5 * abs(float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()))
+    round_corner = math.sqrt(max(4.0 * half[0] * half[1] - area, 0.0) / (4.0 - math.pi))
+    for radius in {0.0, min(round_corner, float(half.min()))}:
+        if radius == 0.0 or LEAST_RADIUS < round_corner <= half.min() + OFF + slack:
+            q = np.abs(turned - middle) - half + radius
+            off = np.hypot(*np.maximum(q, 0.0).T) + np.minimum(q.max(axis=1), 0.0) - radius
+            yield radius, float(np.abs(off).max())
+
+
+def _smallest_box_direction(points: np.ndarray) -> np.ndarray:
+    """(2,) the direction of a side of the smallest box around points, one of the sides of their hull."""
+    corners = points[ConvexHull(points).vertices]
+    directions = np.roll(corners, -1, axis=0) - corners
+    directions /= np.hypot(*directions.T)[:, None]
+    across = np.ptp(corners @ directions.T, axis=0)
+    down = np.ptp(corners @ np.stack([-directions[:, 1], directions[:, 0]]), axis=0)
+    return directions[int((across * down).argmin())]
+
+
+def _dense(points: np.ndarray) -> np.ndarray:
+    """The points and those at the eighths of the way to the next ones."""
+    after = np.roll(points, -1, axis=0)
+    t = np.arange(8)[None, :, None] / 8.0
+    return (points[:, None] * (1.0 - t) + after[:, None] * t).reshape(-1, 2)
+
+
+def _off_ellipse(points: np.ndarray) -> float:
+    """How far the farthest point is off the ellipse of the least squares, to first order; infinite without one."""
+    origin, size = points.mean(axis=0), float(np.ptp(points, axis=0).max())
+    x, y = ((points - origin) / size).T
+    terms = np.stack([x * x, x * y, y * y, x, y], axis=1)
+    values, *_ = np.linalg.lstsq(terms, np.ones(len(x)), rcond=None)
+    a, b, c, d, e = values
+    if 4.0 * a * c - b * b <= 0.0:
+        return math.inf
+    slope = np.hypot(2.0 * a * x + b * y + d, b * x + 2.0 * c * y + e)
+    return float(np.abs((terms @ values - 1.0) / np.maximum(slope, 1e-9)).max() * size)

@@ -1,0 +1,131 @@
+"""Scores from pixels: displaced edges, exact fill colours, and the background that leaks between shapes.
+
+A leak is the background's share 1 - alpha of the drawing, so it holds for every background at once. It is summed over
+the area at least two px inside the canvas and the truth's opaque shapes (drawn without anti-aliasing, which has no
+hairlines of its own): neither a displaced outline nor a smoothed edge shows the background there, only a gap does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
+
+from benchmarks.artwork.document import Document
+from cubicsplat_cli.evaluate.colour import BLACK, WHITE, over
+
+_LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+_LEAST_CONTRAST = 8.0  # levels; less is no edge
+_NEAR = 5  # px, the square whose range of levels is an edge's contrast
+LEAST_SHARE = 5e-4  # of the picture's px, from which a colour counts as a fill
+SCALES = (1, 4, 16)
+INSIDE = 2  # px
+_TILE = 64  # px of the canvas: 1024 at the largest scale
+
+
+def edge_displacement(truth: np.ndarray, candidate: np.ndarray, scale: float) -> float | None:
+    """Mean distance in px at 1x between both pictures' edges, worse of white and black ground; None without an edge.
+
+    truth, candidate: straight RGBA at `scale` times the size. Along an edge of contrast c that lies d px away the
+    difference of the pictures sums up to c d, and the truth's gradient to c, for each px of its length: the quotient of
+    both sums, each divided by the contrast around its px, is the mean distance.
+    """
+    found = [_displacement(over(truth, ground) @ _LUMA, over(candidate, ground) @ _LUMA) for ground in (WHITE, BLACK)]
+    return max((distance / scale for distance in found if distance is not None), default=None)
+
+
+def _displacement(truth: np.ndarray, candidate: np.ndarray) -> float | None:
+    contrast = maximum_filter(truth, _NEAR) - minimum_filter(truth, _NEAR)
+    edge = contrast > _LEAST_CONTRAST
+    if min(truth.shape) < 2 or not edge.any():
+        return None
+    down, across = np.gradient(truth)
+    length = (np.hypot(down, across)[edge] / contrast[edge]).sum(dtype=np.float64)
+    moved = (np.abs(truth - candidate)[edge] / contrast[edge]).sum(dtype=np.float64)
+    return float(moved / length)
+
+
+def exact_colours(truth: np.ndarray, candidate: np.ndarray) -> float | None:
+    """Share of the truth's fill colours that the candidate has to the last level, on at least half of their area.
+
+    Both straight RGBA (H, W, 4) uint8. A fill colour is one that fills 3 x 3 px somewhere, which blends along edges do
+    not, and in such places at least 0.05 % of the px; None where the truth has none. Levels of a gradient count too.
+    """
+    flat = _packed(truth)[_interior(_packed(truth))]
+    colours, areas = np.unique(flat, return_counts=True)
+    fills = {
+        c: area for c, area in zip(colours, areas, strict=True) if area >= LEAST_SHARE * truth[..., 0].size and c & 255
+    }
+    if not fills:
+        return None
+    found = dict(zip(*np.unique(_packed(candidate), return_counts=True), strict=True))
+    return sum(bool(found.get(colour, 0) >= 0.5 * area) for colour, area in fills.items()) / len(fills)
+
+
+def _interior(colours: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the px that are the middle of 3 x 3 px of one colour."""
+    across = np.zeros(colours.shape, dtype=bool)
+    across[:, 1:-1] = (colours[:, 1:-1] == colours[:, :-2]) & (colours[:, 1:-1] == colours[:, 2:])
+    inside = np.zeros(colours.shape, dtype=bool)
+    inside[1:-1] = across[1:-1] & across[:-2] & across[2:]
+    inside[1:-1] &= (colours[1:-1] == colours[:-2]) & (colours[1:-1] == colours[2:])
+    return inside
+
+
+def _packed(pixels: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(pixels).view(">u4")[..., 0]
+
+
+@dataclass(frozen=True)
+class Opaque:
+    """Where the truth is opaque: (H, W) bool at 4 times its size, without what is within two px of the edge."""
+
+    mask: np.ndarray
+
+    def at(self, scale: int) -> np.ndarray:
+        """The mask at 1, 4 or 16 times the size; at 1 a px counts where all of it does."""
+        if scale >= 4:
+            return self.mask.repeat(scale // 4, axis=0).repeat(scale // 4, axis=1)
+        height, width = (side // 4 * 4 for side in self.mask.shape)
+        blocks = self.mask[:height, :width].reshape(height // 4, 4, width // 4, 4)
+        return np.logical_and.reduce(blocks, axis=(1, 3))
+
+
+def opaque_inside(truth: Document) -> Opaque:
+    """The region in which nothing may leak."""
+    mask = truth.draw(4, smooth=False)[..., 3] == 255
+    # Row by row and column by column is a square. The canvas's edge counts too: a circle may touch it from within.
+    for shape in ((1, 2 * 4 * INSIDE + 1), (2 * 4 * INSIDE + 1, 1)):
+        mask = binary_erosion(mask, np.ones(shape, dtype=bool))
+    return Opaque(mask)
+
+
+def leak_areas(document: Document, opaque: Opaque, drawn: dict[int, np.ndarray]) -> tuple[float, ...]:
+    """Area in px of the background that leaks through, at 1, 4 and 16 times the size.
+
+    drawn: the pictures at 1 and 4 times the size.
+
+    At 16 times the size only those parts are drawn that leak at 4 times: an edge that runs along px at 16 times
+    the size and not at 4 does not exist, and what is narrower than a px still shows in its share of it.
+    """
+    shown = {scale: _shown(drawn[scale], opaque.at(scale)) for scale in SCALES[:2]}
+    areas = [float(shown[scale].sum()) / scale**2 for scale in SCALES[:2]]
+    return (*areas, _largest_scale(document, opaque, shown[4]))
+
+
+def _shown(pixels: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    return np.where(inside, (255.0 - pixels[..., 3]) / 255.0, 0.0)
+
+
+def _largest_scale(document: Document, opaque: Opaque, shown: np.ndarray) -> float:
+    total = 0.0
+    for top in range(0, document.height, _TILE):
+        for left in range(0, document.width, _TILE):
+            width, height = min(_TILE, document.width - left), min(_TILE, document.height - top)
+            part = slice(4 * top, 4 * (top + height)), slice(4 * left, 4 * (left + width))
+            if not shown[part].any():
+                continue
+            tile = document.draw(16, window=(left, top, width, height))
+            total += float(_shown(tile, Opaque(opaque.mask[part]).at(16)).sum()) / 16**2
+    return total

@@ -1,0 +1,206 @@
+"""The scores of one drawing by one tool: sizes and differences, against the truth."""
+
+from __future__ import annotations
+
+import copy
+import gzip
+import re
+import time
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+
+from benchmarks.artwork.degradations import CLEAN, degraded, with_background
+from benchmarks.artwork.document import HREF, PRIMITIVES, Document, drawn_elements, local_name
+from benchmarks.artwork.pieces import Pieces, completed, pieces_of, visible_error
+from benchmarks.artwork.pixels import Opaque, edge_displacement, exact_colours, leak_areas, opaque_inside
+from benchmarks.artwork.primitives import primitive_counts
+from benchmarks.tools import Tool
+from cubicsplat_cli.evaluate.colour import mean_delta_e, psnr
+from cubicsplat_cli.svg.pathparse import count_numbers
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_REFERENCE = re.compile(r"#([^\s'\")]+)")
+_INVISIBLE = {"title", "desc", "metadata"}
+
+
+@dataclass(frozen=True)
+class Counts:
+    """shapes: elements that are drawn, those of a `use` each time. coordinates: numbers as written: of path data and
+    points (an arc has 5), 3 of a circle, 4 of an ellipse, line or rect (5 with round corners), 2 of a `use`.
+    primitives: circles, ellipses, rects and lines among the shapes. bytes: gzipped, of `minified`.
+    """
+
+    shapes: int
+    coordinates: int
+    primitives: int
+    bytes: int
+
+
+def count(document: Document) -> Counts:
+    """Counts of a document; InputError where its path data cannot be read."""
+    names = [local_name(drawn.element) for drawn in drawn_elements(document.root)]
+    return Counts(
+        shapes=len(names),
+        coordinates=sum(_coordinates(element) for element in document.root.iter()),
+        primitives=sum(name in PRIMITIVES for name in names),
+        bytes=len(gzip.compress(minified(document.root), 9, mtime=0)),
+    )
+
+
+def minified(root: ElementTree.Element) -> bytes:
+    """The document without comments, titles, descriptions, metadata, the space between elements, the ids that nothing
+    refers to, and attributes of other namespaces. Numbers and paths stay as they are.
+    """
+    root = copy.deepcopy(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    wanted = set(_REFERENCE.findall(text))
+    for element in root.iter():
+        for child in list(element):
+            if local_name(child) in (*_INVISIBLE, ""):
+                element.remove(child)
+        if element.get("id") not in wanted:
+            element.attrib.pop("id", None)
+        for name in [name for name in element.attrib if name.startswith("{") and name != HREF]:
+            del element.attrib[name]
+        if local_name(element) != "style":
+            element.text = None
+        element.tail = None
+    return ElementTree.tostring(root).replace(b" />", b"/>")
+
+
+def _coordinates(element: ElementTree.Element) -> int:
+    name = local_name(element)
+    if name == "path":
+        return count_numbers(element.get("d", ""))
+    if name in ("polygon", "polyline"):
+        return len(_NUMBER.findall(element.get("points", "")))
+    if name == "use":
+        return 2
+    return PRIMITIVES.get(name, 0) + (name == "rect" and (element.get("rx") or element.get("ry")) is not None)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """One SVG against the truth. delta_e: mean CIEDE2000 at twice the size. psnr_1x_db, psnr_4x_db: at the input's
+    size and four times it. The ratios are to the artist's own file. seconds: wall clock; cpu_seconds: of all threads.
+    leak_*: px of the background that leak through, at 1, 4 and 16 times the size. edge_px: mean displacement of the
+    edges. exact_colours: share of the truth's fill colours that are exact. primitive_recall, primitive_precision:
+    shares of the truth's and of the file's primitives. completed: share of the truth's partly hidden pieces that the
+    file has whole; visible_error: mean share of a removed piece's place that then shows a wrong colour. The last four
+    are None without any such element, or with too many.
+    """
+
+    picture: str
+    tool: str
+    delta_e: float
+    psnr_1x_db: float
+    psnr_4x_db: float
+    shapes_ratio: float
+    coordinates_ratio: float
+    bytes_ratio: float
+    seconds: float
+    cpu_seconds: float
+    leak_1x_px: float
+    leak_4x_px: float
+    leak_16x_px: float
+    edge_px: float | None
+    exact_colours: float | None
+    primitive_recall: float | None
+    primitive_precision: float | None
+    completed: float | None
+    visible_error: float | None
+    shapes: int
+    coordinates: int
+    primitives: int
+    gzipped_bytes: int
+    artist_shapes: int
+    artist_coordinates: int
+    artist_primitives: int
+    artist_gzipped_bytes: int
+
+
+class Truth:
+    """A drawing as its artist made it, its pictures, and the input of the tools."""
+
+    def __init__(self, data: bytes, name: str, size: int, kind: str = CLEAN) -> None:
+        """size: px of the longer side of the input; kind: a name in DEGRADATIONS. Raises InputError for a file that
+        cannot be drawn or counted.
+        """
+        self.name = name
+        self.document = Document(data, name, size)
+        self.counts: Counts = count(self.document)
+        with_background(self.document, kind)
+        self.input: np.ndarray = degraded(self.document, kind)
+        self.drawn: dict[int, np.ndarray] = {scale: self.document.draw(scale) for scale in (1, 2, 4)}
+        self.opaque: Opaque = opaque_inside(self.document)
+        self.pieces: Pieces | None = pieces_of(self.document)
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """The SVG of a tool, and the seconds it took: wall clock, and of the processor, all threads together."""
+
+    svg: bytes
+    seconds: float
+    cpu_seconds: float
+
+
+def run_tool(tool: Tool, truth: Truth) -> Made:
+    """Vectorize the input of `truth`; raises whatever the tool raises."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    svg = tool(truth.input)
+    return Made(svg, time.perf_counter() - wall, time.process_time() - cpu)
+
+
+def measure(truth: Truth, name: str, made: Made) -> Scores:
+    """The scores of the SVG that the tool `name` made; InputError where it cannot be drawn or counted."""
+    document = Document(made.svg, f"{truth.name} by {name}", max(truth.document.width, truth.document.height))
+    drawn = {scale: document.draw(scale) for scale in (1, 2, 4)}
+    counts, artist = count(document), truth.counts
+    leaks = leak_areas(document, truth.opaque, drawn)
+    structure = _structure(truth, document)
+    return Scores(
+        picture=truth.name,
+        tool=name,
+        delta_e=mean_delta_e(truth.drawn[2], drawn[2]),
+        psnr_1x_db=psnr(truth.drawn[1], drawn[1]),
+        psnr_4x_db=psnr(truth.drawn[4], drawn[4]),
+        shapes_ratio=counts.shapes / max(1, artist.shapes),
+        coordinates_ratio=counts.coordinates / max(1, artist.coordinates),
+        bytes_ratio=counts.bytes / artist.bytes,
+        seconds=made.seconds,
+        cpu_seconds=made.cpu_seconds,
+        leak_1x_px=leaks[0],
+        leak_4x_px=leaks[1],
+        leak_16x_px=leaks[2],
+        edge_px=edge_displacement(truth.drawn[2], drawn[2], 2),
+        exact_colours=exact_colours(truth.drawn[2], drawn[2]),
+        primitive_recall=structure[0],
+        primitive_precision=structure[1],
+        completed=structure[2],
+        visible_error=structure[3],
+        shapes=counts.shapes,
+        coordinates=counts.coordinates,
+        primitives=counts.primitives,
+        gzipped_bytes=counts.bytes,
+        artist_shapes=artist.shapes,
+        artist_coordinates=artist.coordinates,
+        artist_primitives=artist.primitives,
+        artist_gzipped_bytes=artist.bytes,
+    )
+
+
+def _structure(truth: Truth, document: Document) -> tuple[float | None, float | None, float | None, float | None]:
+    """Recall and precision of primitives, share of completed pieces, visible error."""
+    pieces = pieces_of(document)
+    if truth.pieces is None or pieces is None:
+        return None, None, None, None
+    found, wanted, right, written = primitive_counts(truth.document, truth.pieces, document, pieces)
+    whole, covered = completed(truth.pieces, pieces)
+    return _share(found, wanted), _share(right, written), _share(whole, covered), visible_error(truth.pieces, pieces)
+
+
+def _share(part: int, whole: int) -> float | None:
+    return part / whole if whole else None

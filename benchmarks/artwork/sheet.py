@@ -1,0 +1,117 @@
+"""A contact sheet: for each drawing and tool the input, the SVG and the truth enlarged, and the SVG's outlines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.artwork.degradations import CLEAN, degraded, with_background
+from benchmarks.artwork.document import Document, drawn_elements, local_name
+from benchmarks.artwork.scores import Scores
+from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
+from cubicsplat_cli.evaluate.colour import WHITE, over
+from cubicsplat_cli.svg.pathparse import Piece, pieces
+
+CELL = 640  # px, the longer side
+_ENLARGED = 4  # times
+_PALE = 0.3  # opacity of the picture under its outlines
+_GEOMETRY = {"d", "points", "cx", "cy", "r", "rx", "ry", "x", "y", "width", "height", "x1", "y1", "x2", "y2"}
+_CURVE, _PRIMITIVE, _HANDLE, _ANCHOR = "#1747d1", "#0a8f3c", "#e08a00", "#d11717"
+
+
+def sheet_png(runs: Sequence[tuple[Scores, bytes]], paths: Mapping[str, Path], size: int, kind: str = CLEAN) -> bytes:
+    """PNG bytes, a row per drawing and tool: input | SVG at 4x | truth at 4x | outlines, all over white.
+
+    runs: scores and SVG. paths: the truth by its name. size: longer side of the input, px; kind: of the degradations.
+    """
+    return stacked([_row(scores, svg, paths[scores.picture], size, kind) for scores, svg in runs])
+
+
+def _row(scores: Scores, svg: bytes, path: Path, size: int, kind: str) -> Image.Image:
+    truth, made = (Document(data, scores.picture, size) for data in (path.read_bytes(), svg))
+    with_background(truth, kind)
+    pixels = degraded(truth, kind), made.draw(_ENLARGED), truth.draw(_ENLARGED)
+    cells = [*(cell(over(each, WHITE), CELL, enlarge=True) for each in pixels), _outlines(made)]
+    labels = (
+        f"{scores.picture}: input, {truth.width} x {truth.height}",
+        f"{scores.tool}: dE00 {scores.delta_e:.3f}, {scores.psnr_1x_db:.1f} / {scores.psnr_4x_db:.1f} dB, "
+        f"leaks {scores.leak_4x_px:.2f} px",
+        f"truth: {scores.artist_shapes} shapes, {scores.artist_coordinates} coordinates",
+        f"{scores.shapes} shapes, {scores.coordinates} coordinates, {scores.primitives} primitives",
+    )
+    return labelled_row(cells, labels, CELL)
+
+
+def _outlines(made: Document) -> Image.Image:
+    scale = CELL / max(made.width, made.height)
+    pale = cell(over(made.draw(_ENLARGED), WHITE), CELL, enlarge=True)
+    lines = Document(wireframe(made, 1 / scale), "outlines", max(made.width, made.height)).draw(scale)
+    background = Image.blend(Image.new("RGB", pale.size, "white"), pale, _PALE).convert("RGBA")
+    return Image.alpha_composite(background, Image.fromarray(lines).resize(pale.size)).convert("RGB")
+
+
+def wireframe(document: Document, pixel: float) -> bytes:
+    """An SVG of the document's size with all its outlines; primitives in green, handles in orange, anchors in red.
+
+    pixel: length of one px of the picture that will be drawn, in px of the document's canvas.
+    """
+    unit = document.unit * pixel
+    root = ElementTree.Element(document.root.tag, dict(document.root.attrib))
+    for name in ("style", "fill", "stroke", "opacity"):
+        root.attrib.pop(name, None)
+    marks: list[ElementTree.Element] = []
+    for drawn in drawn_elements(document.root):
+        matrix = drawn.matrix()
+        root.append(_outline(drawn.element, matrix, unit))
+        if local_name(drawn.element) == "path":
+            marks += _marks(pieces(drawn.element.get("d", "")), matrix, unit)
+    root.extend(marks)
+    return ElementTree.tostring(root)
+
+
+def _outline(element: ElementTree.Element, matrix: np.ndarray, unit: float) -> ElementTree.Element:
+    scale = math.sqrt(abs(np.linalg.det(matrix[:2, :2]))) or 1.0
+    geometry = {name: value for name, value in element.attrib.items() if name in _GEOMETRY}
+    colour = _CURVE if local_name(element) == "path" else _PRIMITIVE
+    shown = {
+        "fill": "none",
+        "stroke": colour,
+        "stroke-width": f"{unit / scale:.6g}",
+        "transform": "matrix({})".format(" ".join(f"{value:.9g}" for value in matrix[:2].T.ravel())),
+    }
+    return ElementTree.Element(element.tag, geometry | shown)
+
+
+def _marks(found: list[Piece], matrix: np.ndarray, unit: float) -> list[ElementTree.Element]:
+    """Lines to the handles with a dot each, and a square at every anchor."""
+    lines, dots, squares = [], [], []
+    for piece in found:
+        start, end, *handles = (_mapped(matrix, point) for point in (piece.start, piece.end, *piece.handles))
+        squares.append(_square(end, 1.8 * unit))
+        for handle, anchor in zip(handles, (start, end) if len(handles) == 2 else (start,), strict=False):
+            lines.append(f"M{anchor[0]:.6g} {anchor[1]:.6g}L{handle[0]:.6g} {handle[1]:.6g}")
+            dots.append(_square(handle, unit))
+    return [
+        _path("".join(lines), fill="none", stroke=_HANDLE, **{"stroke-width": f"{0.6 * unit:.6g}"}),
+        _path("".join(dots), fill=_HANDLE),
+        _path("".join(squares), fill=_ANCHOR),
+    ]
+
+
+def _square(middle: tuple[float, float], half: float) -> str:
+    x, y = middle
+    return f"M{x - half:.6g} {y - half:.6g}h{2 * half:.6g}v{2 * half:.6g}h{-2 * half:.6g}z"
+
+
+def _path(d: str, **attributes: str) -> ElementTree.Element:
+    return ElementTree.Element("{http://www.w3.org/2000/svg}path", {"d": d, **attributes})
+
+
+def _mapped(matrix: np.ndarray, point: tuple[float, float]) -> tuple[float, float]:
+    x, y, _ = matrix @ (*point, 1.0)
+    return float(x), float(y)

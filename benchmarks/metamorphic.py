@@ -1,0 +1,199 @@
+"""Metamorphic pairs: a drawing and the same drawing in a way that must not matter, vectorized and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from benchmarks import main
+from benchmarks.artwork.degradations import jpeg, lay_over_white
+from benchmarks.artwork.document import Document, Only, Skip, drawings_in
+from benchmarks.artwork.scores import count
+from benchmarks.tools import TOOLS
+from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, end_with, parts_of, print_json
+from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.options import Json, Quiet
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.evaluate.colour import mean_delta_e
+from cubicsplat_cli.report import head
+from cubicsplat_cli.settings import Setting
+from cubicsplat_cli.tables import number, text_table
+from cubicsplat_cli.words import one_line
+
+SHAPES = 0.10  # share by which the number of shapes may differ
+DELTA_E, ROUGH_DELTA_E = 0.05, 0.25  # by which the difference to the truth may differ; of aliased and JPEG pictures
+CROP, MARGIN = (3, 5), 0.25  # px from the left and the top; share of the longer side, on each side
+FINE = 16  # samples along each side of a pixel
+_STRIP = 64  # px, rows that are drawn finely at a time
+_SIZE = Setting("count", "", least=16, most=2048)
+
+_LEVELS = np.arange(256, dtype=np.float32) / 255
+_LINEAR = np.where(_LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4).astype(
+    np.float32
+)  # of sRGB
+
+
+def _with_margin(pixels: np.ndarray, scale: int) -> np.ndarray:
+    border = scale * round(MARGIN * max(pixels.shape[:2]) / scale)
+    return np.pad(pixels, ((border, border), (border, border), (0, 0)), constant_values=255)
+
+
+def _cropped(pixels: np.ndarray, scale: int) -> np.ndarray:
+    return pixels[scale * CROP[1] :, scale * CROP[0] :]
+
+
+def _with_colours(change: Callable[[np.ndarray], np.ndarray], pixels: np.ndarray, _scale: int) -> np.ndarray:
+    return np.dstack([change(pixels[..., :3]), pixels[..., 3]])
+
+
+def _finely(document: Document, *, linear: bool) -> np.ndarray:
+    """Drawn from 16 x 16 samples a pixel, averaged as sRGB values or in linear light."""
+    strips = []
+    for top in range(0, document.height, _STRIP):
+        rows, values = min(_STRIP, document.height - top), _LINEAR if linear else _LEVELS
+        fine = document.draw(FINE, window=(0, top, document.width, rows), smooth=False)[..., :3]
+        strips.append(values[fine].reshape(rows, FINE, document.width, FINE, 3).mean(axis=(1, 3)))
+    mean = np.concatenate(strips)
+    if linear:
+        mean = np.where(mean <= 0.0031308, 12.92 * mean, 1.055 * mean ** (1 / 2.4) - 0.055)
+    return np.dstack([np.rint(255 * mean).astype(np.uint8), np.full(mean.shape[:2], 255, np.uint8)])
+
+
+@dataclass(frozen=True)
+class Way:
+    """draw: the input of a document. change: of pixels (H, W, 4), at so many times the input's size, of input and truth
+    alike. tolerance: by which the difference to the truth may differ from the plain drawing's.
+    """
+
+    draw: Callable[[Document], np.ndarray] = Document.draw
+    change: Callable[[np.ndarray, int], np.ndarray] = lambda pixels, _scale: pixels
+    tolerance: float = DELTA_E
+
+
+PLAIN = Way()
+WAYS = {
+    "margin": Way(change=_with_margin),
+    "crop": Way(change=_cropped),
+    "flip": Way(change=lambda pixels, _: pixels[:, ::-1]),
+    "turn": Way(change=lambda pixels, _: np.rot90(pixels)),
+    "hue": Way(change=partial(_with_colours, lambda colours: np.roll(colours, 1, axis=2))),
+    "inverted": Way(change=partial(_with_colours, lambda colours: 255 - colours)),
+    "level": Way(change=partial(_with_colours, lambda colours: np.minimum(colours, 254) + 1)),
+    "cairo": Way(partial(Document.draw, renderer="cairosvg")),
+    "area": Way(partial(_finely, linear=False)),
+    "linear": Way(partial(_finely, linear=True)),
+    "larger": Way(partial(Document.draw, scale=1.5)),
+    "aliased": Way(partial(Document.draw, smooth=False), tolerance=ROUGH_DELTA_E),
+    **{f"jpeg{q}": Way(partial(jpeg, quality=q), tolerance=ROUGH_DELTA_E) for q in (70, 80, 90, 95)},
+}
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A drawing in one way beside the plain one: its shapes, and mean CIEDE2000 to the truth at twice the size."""
+
+    drawing: str
+    way: str
+    shapes: int
+    delta_e: float
+    plain_shapes: int
+    plain_delta_e: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the way made no difference."""
+        few = abs(self.shapes - self.plain_shapes) <= SHAPES * self.plain_shapes
+        return few and abs(self.delta_e - self.plain_delta_e) <= WAYS[self.way].tolerance
+
+
+def scored(document: Document, way: Way) -> tuple[int, float]:
+    """Shapes of the vectorized drawing, and its mean CIEDE2000 to the truth."""
+    pixels = np.ascontiguousarray(way.change(way.draw(document), 1))
+    truth = np.ascontiguousarray(way.change(document.draw(2), 2))
+    made = Document(TOOLS["ours"](pixels), "the result", max(truth.shape[:2]) // 2)
+    return count(made).shapes, mean_delta_e(truth, made.draw(2))
+
+
+def pairs_of(path: Path, ways: Sequence[str], size: int, failed: list[tuple[str, str, str]]) -> Iterator[Pair]:
+    """The pairs of one drawing, whose longer side has `size` px; failures are added to `failed`."""
+    document = Document(path.read_bytes(), path.stem, size)
+    # Even sides stay whole when they are made larger by half.
+    document.width, document.height = (max(2, side - side % 2) for side in (document.width, document.height))
+    lay_over_white(document)
+    plain: tuple[int, float] | None = None
+    for name in ("plain", *ways):
+        try:
+            found = scored(document, WAYS.get(name, PLAIN))
+        except Exception as error:
+            # Whatever it raises, a way that fails does not agree.
+            failed.append((path.stem, name, one_line(error) or type(error).__name__))
+            if plain is None:
+                return
+            continue
+        if plain is None:
+            plain = found
+        else:
+            yield Pair(path.stem, name, *found, *plain)
+
+
+def table_of(
+    pairs: Sequence[Pair], failed: Sequence[tuple[str, str, str]], ways: Sequence[str], *, markdown: bool
+) -> str:
+    """A row per drawing and way, one per way with the number that agree, and one of all; failures do not agree."""
+    rows = [
+        (
+            f"{p.drawing}, {p.way}", str(p.plain_shapes), str(p.shapes), number(p.plain_delta_e, 3),
+            number(p.delta_e, 3), "agrees" if p.agrees else "differs",
+        )
+        for p in pairs
+    ]  # fmt: skip
+    for name in (*ways, "all ways"):
+        of = [pair.agrees for pair in pairs if name in (pair.way, "all ways")]
+        of += [False for _, way, _ in failed if name in (way, "all ways")]
+        rows.append((name, "", "", "", "", f"{sum(of)} of {len(of)}"))
+    return text_table(("", "shapes", "this way", "dE00", "this way", ""), rows, markdown=markdown)
+
+
+def metamorphic(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)],
+    ways: Annotated[str, typer.Option("--ways", metavar="WAY,...", help="Only these.")] = ",".join(WAYS),
+    size: Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")] = 512,
+    only: Only = None,
+    skip: Skip = None,
+    limit: Limit = None,
+    json: Json = False,
+    markdown: Markdown = False,
+    quiet: Quiet = False,
+) -> None:
+    """Drawings in ways that must not matter, and which of the results agree.
+
+    A pair agrees where the shapes are within 10 % and the dE00 to the truth within 0.05 (aliased and JPEG: 0.25) of the
+    plain drawing's. All lie over white.
+    """
+    chosen = parts_of(ways)
+    if not chosen or not set(chosen) <= set(WAYS):
+        raise UsageError(f"--ways must be of {', '.join(WAYS)}, with commas between them, not {ways!r}")
+    _SIZE.check("size", size)
+    check_limit(limit)
+    reporter = Reporter(quiet=quiet)
+    pairs: list[Pair] = []
+    failed: list[tuple[str, str, str]] = []
+    for path in drawings_in(folder, only, skip, limit):
+        for pair in pairs_of(path, chosen, size, failed):
+            pairs.append(pair)
+            reporter.summary(f"{pair.drawing}, {pair.way}: {'agrees' if pair.agrees else 'differs'}")
+    if json:
+        print_json({**head(), "bench": "metamorphic", "pairs": [asdict(p) | {"agrees": p.agrees} for p in pairs]})
+    else:
+        typer.echo(table_of(pairs, failed, chosen, markdown=markdown), nl=False)
+    end_with(failed)
+
+
+if __name__ == "__main__":
+    main(metamorphic)

@@ -1,0 +1,182 @@
+"""The tools that are compared, ours and others: each makes an SVG of a picture."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import io
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from cubicsplat_cli.errors import UsageError
+
+PHOTO_CURVES = 64
+DIFFVG_CURVES = 256
+DIFFVG_SEGMENTS = 4
+DIFFVG_STEPS = 500
+_SPREAD = 0.05  # share of the picture's side that a new curve spans
+_RATES = {"points": 1.0, "colours": 0.01}
+_GRID = 2  # samples along each side of a pixel
+_POTRACE_SECONDS = 600
+# Of vtracer, from few large shapes to many small ones; without any it is as its authors meant it.
+VTRACER_SETTINGS: dict[str, dict[str, Any]] = {
+    "coarse": {"filter_speckle": 16, "color_precision": 4, "layer_difference": 48},
+    "usual": {},
+    "fine": {"filter_speckle": 2, "color_precision": 8, "layer_difference": 8},
+    "finest": {"filter_speckle": 1, "color_precision": 8, "layer_difference": 2},
+}
+
+Tool = Callable[[np.ndarray], bytes]
+
+
+def chosen_tools(names: Sequence[str], known: Sequence[str] | None = None) -> dict[str, Tool]:
+    """The tools of these names, in this order; `photo` is the style for photos, `ours` the one for artwork.
+
+    known: the names to choose from, by default all. Raises UsageError for another name, and for a tool that is not
+    installed.
+    """
+    known = list(TOOLS) if known is None else known
+    if not names or not set(names) <= set(known):
+        raise UsageError(f"--tools must be of {', '.join(known)}, with commas between them, not {','.join(names)!r}")
+    for name in names:
+        if (missing := missing_piece(name)) is not None:
+            raise UsageError(f"{missing}, or leave it out of --tools")
+    return {name: TOOLS[name] for name in dict.fromkeys(names)}
+
+
+def missing_piece(name: str) -> str | None:
+    """What a tool lacks here, and how to get it; None where it can run."""
+    if name == "vtracer" and importlib.util.find_spec("vtracer") is None:
+        return "vtracer cannot be imported; pip install vtracer"
+    if name == "potrace" and shutil.which("potrace") is None:
+        return "there is no potrace; apt-get install potrace"
+    if name == "diffvg" and importlib.util.find_spec("pydiffvg") is None:
+        return "pydiffvg cannot be imported; build it from its authors' repository"
+    return None
+
+
+def _ours(pixels: np.ndarray) -> bytes:
+    """The artwork style as it is without options."""
+    from cubicsplat_cli.artwork.vectorize import draw
+    from cubicsplat_cli.files.convert import as_picture
+    from cubicsplat_cli.svg.drawing import write_drawing
+
+    drawing = draw(as_picture(pixels).target())
+    return write_drawing(drawing, title="drawing.png", comment="benchmarks.artwork").encode()
+
+
+def _photo(pixels: np.ndarray) -> bytes:
+    """The photo style with 64 curves."""
+    from cubicsplat_cli.api import vectorize
+
+    return vectorize(pixels, style="photo", curves=PHOTO_CURVES, measure=False).svg.encode()
+
+
+def vtracer_svg(pixels: np.ndarray, **settings: Any) -> bytes:
+    """By VTracer. pixels: (H, W, 4) uint8, straight. settings: as its function takes them."""
+    vtracer: ModuleType = importlib.import_module("vtracer")
+    svg: str = vtracer.convert_raw_image_to_svg(_encoded(pixels, "PNG"), img_format="png", **settings)
+    return svg.encode()
+
+
+def potrace_svg(pixels: np.ndarray) -> bytes:
+    """By potrace, which knows black and white alone: what is darker than the middle, over white, is black."""
+    alpha = pixels[..., 3:] / 255.0
+    grey = (pixels[..., :3] * alpha + 255.0 * (1.0 - alpha)) @ np.array([0.2126, 0.7152, 0.0722])
+    bitmap = _encoded(grey >= 127.5, "PPM")
+    command = ["potrace", "--svg", "--output", "-", "-"]
+    svg = subprocess.run(command, input=bitmap, capture_output=True, check=True, timeout=_POTRACE_SECONDS).stdout
+    # It draws the black alone.
+    opaque = bool((alpha == 1.0).all())
+    return svg.replace(b"<g ", b'<rect width="100%" height="100%" fill="#fff"/><g ', 1) if opaque else svg
+
+
+def _diffvg(pixels: np.ndarray) -> bytes:
+    """By diffvg, with 256 curves."""
+    return diffvg_svg(pixels, DIFFVG_CURVES)
+
+
+def diffvg_svg(pixels: np.ndarray, curves: int, *, iterations: int = DIFFVG_STEPS, seed: int = 0) -> bytes:
+    """An SVG of so many closed curves. pixels: (H, W, 4) uint8, laid over white. Raises ImportError without pydiffvg.
+
+    As in the authors' example: random places, Adam on control points and RGBA, squared error.
+    """
+    diffvg = importlib.import_module("pydiffvg")
+    import torch
+
+    generator = torch.Generator().manual_seed(seed)
+    height, width = pixels.shape[:2]
+    values = torch.from_numpy(pixels.astype(np.float32) / 255.0)
+    goal = values[..., :3] * values[..., 3:] + 1.0 - values[..., 3:]
+    size = torch.tensor([width, height], dtype=torch.float32)
+    paths, groups = [], []
+    for index in range(curves):
+        steps = _SPREAD * (torch.rand((3 * DIFFVG_SEGMENTS, 2), generator=generator) - 0.5)
+        points = ((torch.rand(2, generator=generator) + steps.cumsum(0)) * size).requires_grad_()
+        counts = torch.full((DIFFVG_SEGMENTS,), 2, dtype=torch.int32)
+        paths.append(diffvg.Path(counts, points, torch.tensor(1.0), True))
+        colour = torch.rand(4, generator=generator).requires_grad_()
+        groups.append(diffvg.ShapeGroup(torch.tensor([index]), colour))
+    points_of, colours = [path.points for path in paths], [group.fill_color for group in groups]
+    optimisers = [
+        torch.optim.Adam(points_of, lr=_RATES["points"]),
+        torch.optim.Adam(colours, lr=_RATES["colours"]),
+    ]
+    for step in range(iterations):
+        for optimiser in optimisers:
+            optimiser.zero_grad()
+        image = _drawn(diffvg, width, height, paths, groups, step)
+        over_white = image[..., :3] * image[..., 3:] + 1.0 - image[..., 3:]
+        (over_white - goal).pow(2).mean().backward()
+        for optimiser in optimisers:
+            optimiser.step()
+        for colour in colours:
+            colour.data.clamp_(0.0, 1.0)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "drawing.svg"
+        diffvg.save_svg(str(path), width, height, paths, groups)
+        return path.read_bytes()
+
+
+def _drawn(diffvg: Any, width: int, height: int, paths: list[Any], groups: list[Any], seed: int) -> Any:
+    scene = diffvg.RenderFunction.serialize_scene(width, height, paths, groups)
+    return diffvg.RenderFunction.apply(width, height, _GRID, _GRID, seed, None, *scene)
+
+
+def _encoded(pixels: np.ndarray, form: str) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, form)
+    return buffer.getvalue()
+
+
+TOOLS: dict[str, Tool] = {
+    "ours": _ours,
+    "photo": _photo,
+    "vtracer": vtracer_svg,
+    "potrace": potrace_svg,
+    "diffvg": _diffvg,
+}
+
+
+def settings_of_peers(names: Sequence[str]) -> dict[tuple[str, str], Tool]:
+    """Other people's tools by name and setting, with every setting that they are measured at."""
+    found: dict[tuple[str, str], Tool] = {}
+    for name in names:
+        if name == "vtracer":
+            found |= {(name, setting): partial(vtracer_svg, **given) for setting, given in VTRACER_SETTINGS.items()}
+        else:
+            setting = "black and white" if name == "potrace" else f"{DIFFVG_CURVES} curves"
+            found[name, setting] = TOOLS[name]
+    return found
+
+
+PEERS = ("vtracer", "potrace", "diffvg")
