@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from cubicsplat_cli.artwork.plain import only_ink
-from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.evaluate.layers import of_scene
 from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
 from cubicsplat_cli.files.marks import sha256_of, with_checksum
 from cubicsplat_cli.film import Film
-from cubicsplat_cli.pipeline.artwork import drawn_artwork, plain
+from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
 from cubicsplat_cli.pipeline.measure import measured, timed
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Result, Task
@@ -22,7 +22,7 @@ from cubicsplat_cli.report import Input, Output, Report, Timing
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import listed
 
-_STYLES = {PHOTO: fitted_photo, ARTWORK: drawn_artwork}
+_STYLES = {PHOTO: fitted_photo, ARTWORK: drawn_artwork, PIXEL: drawn_pixels}
 
 
 def vectorize_picture(
@@ -49,7 +49,7 @@ def vectorize_picture(
     task = Task(wanted, target, request, stages, on_progress, film, title or picture.source)
     with stages("fit"):
         style, made = _styled(task)
-        if film is not None and made.scene is not None and (style.name == ARTWORK or made.paths == 0):
+        if film is not None and made.scene is not None and (style.name != PHOTO or made.paths == 0):
             from cubicsplat_cli.artwork.film import film_shapes
 
             film_shapes(film, made.scene, target, request.settings.threads)
@@ -75,7 +75,12 @@ def _styled(task: Task) -> tuple[Style, Made]:
     if request.style != "auto":
         return Style(request.style, "asked for"), _STYLES[request.style](task)
     style = choose_style(target.target())
-    made = _STYLES[style.name](task)
+    if style.cells is not None and not request.artwork.min_area:
+        return style, drawn_cells(task, style.cells)
+    if style.name != PHOTO:
+        style, made = Style(ARTWORK, style.reason), drawn_outlines(task)
+    else:
+        made = fitted_photo(task)
     if style.name == PHOTO:
         return style, made
     threads = request.settings.threads
