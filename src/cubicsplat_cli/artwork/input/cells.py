@@ -29,6 +29,9 @@ SOFT, MOST_SOFT_PIXELS, MOST_SOFT = 24.0, 0.2, 0.5
 # Corners where cells of different colours meet, over all cells, and of larger cells at least: with less it is a few
 # shapes on a grid. In a picture of so few px each counts.
 LEAST_SHARE, LEAST_CORNERS, FEW_PIXELS = 1.0 / 64.0, 16, 64
+# More corners than that are the dots that stand for a photo's greys (0.65 to 0.79 by error diffusion), unless so much of
+# the borders repeats every PERIOD px, as ordered dithering does (0.84 and more, error diffusion 0.22).
+MOST_SHARE, PERIOD, REPEATS = 0.62, 4, 0.5
 # A pixel is a blend where it lies between those to either side, so many levels off the line between their colours; a
 # colour where so much of it is; a picture is smoothed where so many of the pixels at edges have such a colour.
 OFF, BLENDING, SMOOTHED = 6.0, 2.0 / 3.0, 0.05
@@ -187,12 +190,16 @@ def _are_meant(cells: Cells) -> bool:
     """Whether cells are what a picture is made of: pixel art, and no photo or drawing that has them by chance."""
     numbers, count = cells.numbers, len(cells.colours)
     small = max(numbers.shape) <= SMALL
+    if count == 1:
+        return False
     if numbers.size * cells.side**2 <= FEW_PIXELS:
         return True
     larger = cells.side > 1.0
     if _corners(numbers) < max(LEAST_SHARE * numbers.size, LEAST_CORNERS if larger else 1):
         return False
     if not larger and _alone(numbers) < (LEAST_ALONE_SMALL if small else LEAST_ALONE):
+        return False
+    if not larger and not small and _corners(numbers) > MOST_SHARE * numbers.size and _repeated(numbers) < REPEATS:
         return False
     levels = cells.colours[numbers]
     if larger or small:
@@ -213,6 +220,21 @@ def _alone(numbers: np.ndarray) -> float:
     inner = like[1:-1, 1:-1]
     borders = int((inner < 4).sum())
     return float((inner <= 1).sum()) / borders if borders else 0.0
+
+
+def _repeated(numbers: np.ndarray) -> float:
+    """The share of the cells unlike a neighbour that are like those PERIOD cells to all four sides."""
+    inner = numbers[PERIOD:-PERIOD, PERIOD:-PERIOD]
+    if not inner.size:
+        return 0.0
+
+    def at(down: int, across: int) -> np.ndarray:
+        rows, columns = numbers.shape
+        return numbers[PERIOD + down : rows - PERIOD + down, PERIOD + across : columns - PERIOD + across] == inner
+
+    border = ~(at(-1, 0) & at(1, 0) & at(0, -1) & at(0, 1))
+    like = at(-PERIOD, 0) & at(PERIOD, 0) & at(0, -PERIOD) & at(0, PERIOD)
+    return float(like[border].mean()) if border.any() else 0.0
 
 
 def _step(cells: np.ndarray) -> float:
