@@ -90,11 +90,12 @@ def fails(*_) -> None:
 
 @pytest.mark.parametrize(("broken", "other"), [("artwork", "photo"), ("photo", "artwork")])
 def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, monkeypatch):
-    monkeypatch.setattr(pipeline, {"artwork": "drawn_artwork", "photo": "fitted_photo"}[broken], fails)
+    monkeypatch.setattr(pipeline, {"artwork": "drawn_outlines", "photo": "fitted_photo"}[broken], fails)
     monkeypatch.setattr(pipeline, "choose_style", lambda _target: Style(broken, "measured"))
     report = vectorize(flat_picture(), threads=1, steps=5).report
     assert (report.style, report.style_reason) == (other, f"measured, but as {broken} it failed")
     assert f"made as {other}, since {broken} failed: it is broken" in report.notes
+    monkeypatch.setattr(pipeline, "drawn_artwork", fails)
     with pytest.raises(EngineError, match="it is broken"):
         vectorize(flat_picture(), style=broken)
 

@@ -44,7 +44,8 @@ def vectorize(
 ) -> Result:
     """Turn a picture into an SVG of Bezier shapes.
 
-    style: "photo" (curves that blend), "artwork" (few opaque shapes) or "auto", which measures what the picture is.
+    style: "photo" (curves that blend), "artwork" (few opaque shapes), "pixel" (square cells, exactly) or "auto", which
+    measures what the picture is.
 
     picture: a path, the bytes of a file, an array (H, W), (H, W, 3) or (H, W, 4) of uint8 or of floats in [0, 1]
     (straight alpha), or a Pillow image. curves: how many, of artwork at most so many (None: as many as the picture asks

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 STYLE = Setting(
     "choice",
-    "What to make: curves that blend (photo), few opaque shapes (artwork), or what the picture is.",
-    choices=("auto", "photo", "artwork"),
+    "What to make: curves that blend (photo), few opaque shapes (artwork), square cells (pixel), or what suits it.",
+    choices=("auto", "photo", "artwork", "pixel"),
 )
 PHOTO_PRECISION = 2
 _CHECKS = {
@@ -38,8 +38,8 @@ _CHECKS = {
 class Request:
     """What the options ask for, the same for every input. Raises UsageError for values that make no sense.
 
-    settings: of a photo; artwork: of flat artwork; style: "auto", "photo" or "artwork". precision: decimals of the
-    coordinates (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side.
+    settings: of a photo; artwork: of flat artwork; style: "auto", "photo", "artwork" or "pixel". precision: decimals of
+    the coordinates (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side.
     max_pixels: larger pictures are refused. frame: of files with several, from 1. png, report, page, animation (a file,
     or None), compress, force: of the files. suffix: what names made of the picture's get at their end. skip_existing:
     leave pictures alone that have an SVG, whatever made it. measure: whether the SVG is drawn by an independent
@@ -78,8 +78,14 @@ class Request:
         for name, known in _CHECKS.items():
             if name != "precision" or self.precision is not None:
                 known.check(name, getattr(self, name))
-        if self.style == "artwork" and self.of_photos():
-            raise UsageError("is for photos; use style photo, or leave it out for artwork", self.of_photos()[0])
+        if self.style in ("artwork", "pixel") and self.of_photos():
+            raise UsageError(f"is for photos; use style photo, or leave it out for {self.style}", self.of_photos()[0])
+        if self.style == "pixel" and self.artwork.min_area:
+            raise UsageError(
+                "joins small regions, which pixel art keeps; use style artwork, or leave it out", "min_area"
+            )
+        if self.style == "pixel" and self.settings.mode is Mode.OPEN:
+            raise UsageError("open is for strokes, which pixel art has none of; leave it out", "mode")
         if self.style == "photo" and self.of_artwork():
             raise UsageError("is for artwork; use style artwork, or leave it out for photos", self.of_artwork()[0])
         if self.of_photos() and self.of_artwork():

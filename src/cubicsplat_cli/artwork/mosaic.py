@@ -1,65 +1,204 @@
-"""The drawing of a picture of cells: along the cells' edges, exactly.
+"""The drawing of a picture of cells: along the cells' edges, exactly, one path for each colour.
 
-An ink reaches one cell beneath the opaque inks above it, so that no ground shines through where they meet.
+A colour reaches one cell beneath the opaque colours above it, so that no ground shines through where they meet.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, polygon
 from cubicsplat_cli.artwork.input.cells import Cells
-from cubicsplat_cli.artwork.names import shape_name
-from cubicsplat_cli.artwork.regions.cracks import Loop, trace
 from cubicsplat_cli.artwork.regions.inks import eight_bit
-from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.settings import Mode
 
 OPAQUE = 255.0  # levels
-MANY = 3  # regions of one ink
-_AROUND = np.ones((3, 3), dtype=bool)
+# Of a curve of a scene: the engines take 65,535 edges at most, 48 of each line.
+MOST_CORNERS = 65_535 // 48
 
 
-def mosaic(cells: Cells, *, abutting: bool = False) -> Drawing:
-    """The drawing of cells, the ink of most cells at the back. abutting: nothing lies beneath anything else."""
-    width, height = int(cells.x[-1]), int(cells.y[-1])
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """The cells of one colour. ink: of 8 bits, not premultiplied. mask: (R, C) bool, which cells it covers. x: (C + 1,)
+    and y: (R + 1,) float64, px, where their columns and rows begin and end.
+    """
+
+    ink: Ink
+    mask: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+
+    @cached_property
+    def loops(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 2) float64 px, the corners of one loop after the other, and (m,) int where each ends; see `outlines`."""
+        corners, ends = outlines(self.mask)
+        return np.stack([self.x[corners[:, 0]], self.y[corners[:, 1]]], axis=1), ends
+
+    def parts(self) -> list[Layer]:
+        """The same in parts of at most MOST_CORNERS corners; opaque ones overlap by a row or column of cells."""
+        if len(self.loops[0]) <= MOST_CORNERS or self.mask.size == 1:
+            return [self] if len(self.loops[0]) else []
+        rows, columns = self.mask.shape
+        lap = int(self.ink[3] == OPAQUE)
+        if rows >= columns:
+            half = rows // 2
+            top = replace(self, mask=self.mask[: half + lap], y=self.y[: half + lap + 1])
+            return top.parts() + replace(self, mask=self.mask[half:], y=self.y[half:]).parts()
+        half = columns // 2
+        left = replace(self, mask=self.mask[:, : half + lap], x=self.x[: half + lap + 1])
+        return left.parts() + replace(self, mask=self.mask[:, half:], x=self.x[half:]).parts()
+
+    def rings(self) -> list[np.ndarray]:
+        """(3k, 2) float32 the control points of each loop as cubics."""
+        corners, ends = self.loops
+        after = np.arange(1, len(corners) + 1)
+        after[ends - 1] = np.concatenate([[0], ends[:-1]])
+        steps = (corners[after] - corners) / 3.0
+        points = np.stack([corners, corners + steps, corners + 2.0 * steps], axis=1)
+        return np.split(points.reshape(-1, 2).astype(np.float32), 3 * ends[:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Mosaic:
+    """Layers back to front on a canvas of width x height px."""
+
+    width: int
+    height: int
+    layers: tuple[Layer, ...]
+
+    @property
+    def corners(self) -> int:
+        """How many corners all loops have, which is how many lines."""
+        return sum(len(layer.loops[0]) for layer in self.layers)
+
+    @property
+    def inks(self) -> tuple[Ink, ...]:
+        """The different inks, in the order of their first use."""
+        return tuple(dict.fromkeys(layer.ink for layer in self.layers))
+
+    def scene(self) -> Scene | None:
+        """The layers as closed curves, front to back, without a background, those of many corners as several; None
+        where there is none.
+        """
+        parts = [part for layer in reversed(self.layers) for part in layer.parts()]
+        if not parts:
+            return None
+        points, ring_ends = pack_rings(Mode.CLOSED, [part.rings() for part in parts])
+        colours = np.array([part.ink for part in parts], np.float32) / np.float32(255.0)
+        return Scene(
+            mode=Mode.CLOSED,
+            width=self.width,
+            height=self.height,
+            points=points,
+            colours=np.ascontiguousarray(colours[:, :3]),
+            opacities=np.ascontiguousarray(colours[:, 3]),
+            half_widths=np.zeros(len(parts), np.float32),
+            ring_ends=ring_ends,
+        )
+
+
+def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> Mosaic:
+    """The drawing of cells on a canvas of width x height px, the colour of most cells at the back. abutting: nothing
+    lies beneath anything else.
+    """
+    x, y = cells.x * (width / cells.x[-1]), cells.y * (height / cells.y[-1])
     order = np.argsort(-np.bincount(cells.numbers.ravel(), minlength=len(cells.colours)), kind="stable")
-    # Later inks have higher ranks; of those that are not opaque what lies beneath would show.
+    # Later colours have higher ranks; of those that are not opaque what lies beneath would show.
     rank = np.argsort(order)[cells.numbers]
-    opaque = (cells.colours[:, 3] >= OPAQUE)[cells.numbers]
-    shapes: list[Shape] = []
-    for place, number in enumerate(order):
-        ink = eight_bit(cells.colours[number])
-        if ink[3] == 0:
+    above = np.where((cells.colours[:, 3] >= OPAQUE)[cells.numbers], rank, -1)
+    layers = []
+    for place, box in enumerate(ndimage.find_objects(rank + 1)):
+        ink = eight_bit(cells.colours[order[place]])
+        if box is None or ink[3] == 0:
             continue
-        mask = rank == place
+        limits = zip(box, rank.shape, strict=True)
+        box = tuple(slice(max(0, side.start - 1), min(side.stop + 1, size)) for side, size in limits)
+        mask = rank[box] == place
         if not abutting:
-            near = ndimage.binary_dilation(mask, _AROUND) if shapes else True
-            mask = mask | (near & opaque & (rank > place))
-        found = [*_regions(mask, cells)]
-        # So many are one path in the file, where they need no names of their own.
-        if len(found) >= MANY and not abutting:
-            found = [tuple(outline.ring() for outline in outlines) for outlines in found]
-        for outlines in found:
-            shapes.append(Shape(ink, outlines, shape_name(ink, outlines, width, height)))
-    return Drawing(width, height, tuple(shapes), abutting)
+            mask = mask | (_widened(mask) & (above[box] > place))
+        ends = (slice(side.start, side.stop + 1) for side in box)
+        down, across = (where[side] for where, side in zip((y, x), ends, strict=True))
+        layers.append(Layer(ink, mask, across, down))
+    return Mosaic(width, height, tuple(layers))
 
 
-def _regions(mask: np.ndarray, cells: Cells) -> Iterator[tuple[Outline, ...]]:
-    """The outlines of every connected part of a mask of cells (R, C), the outer one and its holes."""
-    parts, _ = ndimage.label(mask)
-    for number, place in enumerate(ndimage.find_objects(parts), start=1):
-        loops = sorted(trace(parts[place] == number), key=lambda loop: -loop.area)
-        yield tuple(_outline(loop, place, cells) for loop in loops)
+def _widened(mask: np.ndarray) -> np.ndarray:
+    """A mask (H, W) with the 8 neighbours of all that it has."""
+    for axis in (0, 1):
+        along = np.moveaxis(mask, axis, 0)
+        wide = along.copy()
+        wide[1:] |= along[:-1]
+        wide[:-1] |= along[1:]
+        mask = np.moveaxis(wide, 0, axis)
+    return mask
 
 
-def _outline(loop: Loop, place: tuple[slice, slice], cells: Cells) -> Outline:
-    """The outline along a loop of cracks between cells, counted from a place on."""
-    corners = loop.direction != np.roll(loop.direction, 1)
-    points = np.stack([cells.x[loop.x[corners] + place[1].start], cells.y[loop.y[corners] + place[0].start]], axis=1)
-    if len(points) == 4:
-        low, high = points.min(axis=0), points.max(axis=0)
-        return Rectangle(*low.tolist(), *(high - low).tolist())
-    return polygon(points)
+def outlines(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The loops around a mask (H, W) bool, whose cells connect along edges and not at corners.
+
+    Returns (n, 2) int the x and y of their corners, one loop after the other, each beginning with a level side; outer
+    loops run clockwise as seen, holes the other way; and (m,) int where each loop ends.
+    """
+    filled = np.pad(mask, 1).astype(np.int8)
+    # Sides run with the mask on their right: east along its tops, south along its right ends.
+    level = _sides(np.diff(filled, axis=0)[:, 1:-1])
+    upright = _sides(-np.diff(filled, axis=1)[1:-1].T)[:, [1, 0, 3, 2, 4]]
+    if not len(level):
+        return np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)
+    sides = np.concatenate([level, upright])
+    count, wide = len(level), mask.shape[1] + 1
+    forward = sides[:, 4] > 0
+    begins = np.full((2, 2, wide * (mask.shape[0] + 1)), -1, dtype=np.int64)
+    kind = np.arange(len(sides)) >= count
+    begins[kind.astype(int), forward.astype(int), sides[:, 1] * wide + sides[:, 0]] = np.arange(len(sides))
+    ends = sides[:, 3] * wide + sides[:, 2]
+    # Where two cells touch at a corner only, a loop goes on around its own: to the right.
+    other = (~kind).astype(int)
+    right = np.where(kind, ~forward, forward).astype(int)
+    turned = begins[other, right, ends]
+    following = np.where(turned >= 0, turned, begins[other, 1 - right, ends])
+    order, lengths = _in_loops(following)
+    return sides[order, :2], np.cumsum(lengths)
+
+
+def _sides(steps: np.ndarray) -> np.ndarray:
+    """(n, 5) from, along and across, to, along and across, and direction of the longest runs of 1 and of -1 along the
+    rows of steps (H, W).
+    """
+    padded = np.pad(steps, ((0, 0), (1, 1)))
+    row, at = np.nonzero(np.diff(padded, axis=1))
+    # Each change ends a run, begins one, or both.
+    after, before = padded[row, at + 1], padded[row, at]
+    start, end = after != 0, before != 0
+    low, high, row, direction = at[start], at[end], row[start], after[start].astype(np.int64)
+    first, last = np.where(direction > 0, low, high), np.where(direction > 0, high, low)
+    return np.stack([first, row, last, row, direction], axis=1)
+
+
+def _in_loops(following: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The elements of a permutation (n,) by cycles, each from its least one on, and (m,) how long each cycle is.
+
+    By pointer jumping: after k rounds each knows the least of the next 2^k.
+    """
+    count = len(following)
+    least, jump = np.arange(count), following.copy()
+    while True:
+        smaller = np.minimum(least, least[jump])
+        if (smaller == least).all() and (least == least[following]).all():
+            break
+        least, jump = smaller, jump[jump]
+    backward = np.empty(count, dtype=np.int64)
+    backward[following] = np.arange(count)
+    heads = least == np.arange(count)
+    backward[heads] = np.flatnonzero(heads)
+    place = (~heads).astype(np.int64)
+    while not heads[backward].all():
+        place += place[backward]
+        backward = backward[backward]
+    order = np.lexsort((place, least))
+    return order, np.bincount(least)[np.flatnonzero(heads)]

@@ -1,4 +1,6 @@
-"""Whether a picture is a photo or flat artwork: by how even it is, or by how much of it inks and gradients explain."""
+"""Whether a picture is pixel art, flat artwork or a photo: by its cells, by how even it is, or by how much of it inks
+and gradients explain.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +10,11 @@ from functools import reduce
 
 import numpy as np
 
-from cubicsplat_cli.artwork.input.cells import cells_of, without_repeats
+from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.contrasts import APART, contrasts
 from cubicsplat_cli.artwork.input.evenness import SMALL, even, in_blocks
 
-PHOTO, ARTWORK = "photo", "artwork"
+PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,
 # which edges, three pixels wide, never fill.
 FLAT_LEVELS = 3.0  # of 255
@@ -29,17 +31,18 @@ _MOST_PIXELS = 2**20  # looked at
 
 @dataclass(frozen=True)
 class Style:
-    """The style that suits a picture, and the measurement that says so."""
+    """The style that suits a picture, and the measurement that says so. cells: of pixel art, None of all else."""
 
     name: str
     reason: str
+    cells: Cells | None = None
 
 
 def choose_style(target: np.ndarray) -> Style:
     """The style for a picture, (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]. Large ones are sampled."""
     cells = cells_of(target)
     if cells is not None:
-        return Style(ARTWORK, f"cells of {len(cells.colours)} colours")
+        return Style(PIXEL, f"cells of {len(cells.colours)} colours", cells)
     target = without_repeats(target)
     levels = np.rint(255.0 * _sampled(target)).astype(np.float32)
     drawn = levels[..., 3] > 0 if levels.shape[2] == 4 else np.ones(levels.shape[:2], dtype=bool)

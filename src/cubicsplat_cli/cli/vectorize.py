@@ -57,7 +57,7 @@ Cluster = Annotated[
     ),
 ]
 Style = Annotated[
-    Literal["auto", "photo", "artwork"],
+    Literal["auto", "photo", "artwork", "pixel"],
     typer.Option("--style", case_sensitive=False, help=STYLE.help, rich_help_panel=COMMON),
 ]
 Palette = Annotated[

@@ -1,16 +1,18 @@
-"""The artwork style: few clean shapes; and pictures of one colour."""
+"""The artwork style: few clean shapes; the pixel style: cells; and pictures of one colour."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
+from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.plain import plain_drawing
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.style import ARTWORK, Style
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way
 from cubicsplat_cli.request import Request
@@ -21,30 +23,53 @@ from cubicsplat_cli.svg import write_drawing
 SAMPLES = 48  # edges per cubic of the engine's own picture
 
 
-def drawn_artwork(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
-    """Few opaque shapes with exact outlines; cells where the picture is made of such.
-
-    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
-    """
+def drawn_artwork(task: Task) -> Made:
+    """Few opaque shapes with exact outlines; cells where the picture is made of such."""
     from cubicsplat_cli.artwork.input.cells import cells_of
+
+    # Small regions are joined to their neighbours by outlines only.
+    cells = None if task.request.artwork.min_area else cells_of(task.target.target())
+    return drawn_outlines(task) if cells is None else drawn_cells(task, cells)
+
+
+def drawn_pixels(task: Task) -> Made:
+    """The cells that a picture is made of, single pixels where it has none; InputError where these are too many."""
+    from cubicsplat_cli.artwork.input.cells import cells_of, forced_cells
 
     cells = cells_of(task.target.target())
     if cells is not None:
-        from cubicsplat_cli.artwork.mosaic import mosaic
-        from cubicsplat_cli.artwork.shapes import scaled_drawing
-        from cubicsplat_cli.artwork.vectorize import in_palette
-
-        chosen, most = task.request.artwork, task.request.settings.curves
-        drawing = mosaic(cells, abutting=chosen.stacking == CUTOUT)
-        few = len(drawing.inks) <= (chosen.colors or len(drawing.inks)) and not chosen.min_area
-        if few and (most is None or len(drawing.shapes) <= most):
-            drawing = scaled_drawing(in_palette(drawing, chosen.palette), *task.picture.size)
-            return replace(_drawn(drawing, task.request), notes=cells.notes)
-    return _outlined(task, on_sketch)
+        return drawn_cells(task, cells)
+    made = drawn_cells(task, cells := forced_cells(task.target.target()))
+    if cells.side > 1:
+        return made
+    return replace(made, notes=["drawn pixel by pixel: it is not made of larger cells", *made.notes])
 
 
-def _outlined(task: Task, on_sketch: Callable[[Made], None]) -> Made:
-    """The drawing of regions with smooth outlines."""
+def drawn_cells(task: Task, cells: Cells) -> Made:
+    """The cells of a picture, exactly, in no more colours than are asked for."""
+    from cubicsplat_cli.artwork.mosaic import mosaic
+    from cubicsplat_cli.svg import write_mosaic
+
+    request = task.request
+    chosen, most = request.artwork, [n for n in (request.artwork.colors, request.settings.curves) if n is not None]
+    cells = cells.limited(min(most, default=None)).in_palette(chosen.palette)
+    drawing = mosaic(cells, *task.picture.size, abutting=chosen.stacking == CUTOUT)
+    facts = _facts(len(drawing.layers), drawing.corners, drawing.inks)
+    return Made(
+        drawing.scene(),
+        lambda title, comment: write_mosaic(drawing, precision=request.precision, title=title, comment=comment),
+        1,
+        len(drawing.layers),
+        notes=cells.notes,
+        facts=facts,
+    )
+
+
+def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
+    """The drawing of regions with smooth outlines.
+
+    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
+    """
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import draw, prepared
 
@@ -75,7 +100,7 @@ def plain(ink: Ink, task: Task) -> Made:
     request = task.request
     drawing = plain_drawing(ink, *task.picture.size)
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
-    if style.name == ARTWORK:
+    if style.name != PHOTO:
         if request.artwork.palette:
             from cubicsplat_cli.artwork.vectorize import in_palette
 
@@ -90,13 +115,10 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
     from cubicsplat_cli.artwork.scene import scene_of
 
     outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
-    facts = {
-        "shapes": len(drawing.shapes),
-        "segments": drawing.segments,
+    facts = _facts(len(drawing.shapes), drawing.segments, drawing.inks) | {
         "primitives": sum(not isinstance(outline, (Ring, Chain)) for outline in outlines),
         "gradients": len(drawing.gradients),
         "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
-        "inks": ["#{:02x}{:02x}{:02x}{:02x}".format(*ink) for ink in drawing.inks],
     }
     return Made(
         scene_of(drawing) if drawing.shapes else None,
@@ -105,3 +127,9 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
         len(drawing.shapes),
         facts=facts,
     )
+
+
+def _facts(shapes: int, segments: int, inks: tuple[Ink, ...]) -> dict[str, Any]:
+    """The members of the report that tell of shapes, none of which is anything but a path of one colour."""
+    colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*ink) for ink in inks]
+    return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": colours}

@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from cubicsplat_cli.artwork.plain import only_ink
-from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
 from cubicsplat_cli.film import Film
-from cubicsplat_cli.pipeline.artwork import drawn_artwork, plain
+from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
 from cubicsplat_cli.pipeline.measure import measured, timed
 from cubicsplat_cli.pipeline.nearer import PhotoIsNearer, check_worth_finishing, photo_is_nearer
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Result, Task
-from cubicsplat_cli.progress import Progress, Stages, nothing
+from cubicsplat_cli.progress import Progress, Stages
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import listed
 from cubicsplat_cli.words import one_line
@@ -88,7 +88,7 @@ def _first(task: Task) -> Made:
         return replace(_made(task, asked), may_be_photo=False)
     style = choose_style(task.target.target())
     try:
-        return _made(task, style, lambda sketch: check_worth_finishing(task, sketch))
+        return _suiting(task, style)
     except PhotoIsNearer as nearer:
         return _photo_instead(task, style, str(nearer))
     except UsageError:
@@ -135,9 +135,19 @@ def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
     return replace(photo, notes=[*photo.notes, f"made as photo: {reason}"])
 
 
-def _made(task: Task, style: Style, on_sketch: Callable[[Made], None] = nothing) -> Made:
-    made = fitted_photo(task) if style.name == PHOTO else drawn_artwork(task, on_sketch)
-    return replace(made, style=style)
+def _made(task: Task, style: Style) -> Made:
+    """What a style makes of the picture."""
+    make = {PHOTO: fitted_photo, ARTWORK: drawn_artwork, PIXEL: drawn_pixels}[style.name]
+    return replace(make(task), style=style)
+
+
+def _suiting(task: Task, style: Style) -> Made:
+    """The same of the style that was measured. Raises PhotoIsNearer where a drawing is not worth finishing."""
+    if style.cells is not None:
+        return replace(drawn_cells(task, style.cells), style=style)
+    if style.name == PHOTO:
+        return _made(task, style)
+    return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
 
 
 def _failure(style: str, error: Exception) -> str:

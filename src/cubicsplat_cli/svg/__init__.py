@@ -2,8 +2,9 @@
 
 from cubicsplat_cli.svg.drawing import write_drawing
 from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.mosaics import write_mosaic
 from cubicsplat_cli.svg.quantise import quantise_scene
 from cubicsplat_cli.svg.reader import read_svg
 from cubicsplat_cli.svg.writer import write_svg
 
-__all__ = ["quantise_scene", "read_drawing", "read_svg", "write_drawing", "write_svg"]
+__all__ = ["quantise_scene", "read_drawing", "read_svg", "write_drawing", "write_mosaic", "write_svg"]

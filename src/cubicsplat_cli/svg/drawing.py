@@ -21,7 +21,7 @@ from cubicsplat_cli.artwork.geometry.stroke import Chain
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.gradients import Gradients
-from cubicsplat_cli.svg.markup import Identifiers, comment_text, in_short, short_colour, xml_text
+from cubicsplat_cli.svg.markup import OPAQUE, Identifiers, document, empty_document, paint, short_colour
 from cubicsplat_cli.svg.pathdata import format_number
 from cubicsplat_cli.svg.quantise import check_precision
 from cubicsplat_cli.svg.ringgrid import GridRing, grid_ring
@@ -29,7 +29,6 @@ from cubicsplat_cli.svg.ringpath import PathText, add_ring
 from cubicsplat_cli.svg.rounded import MOST_ON_RECT, add_rounded
 from cubicsplat_cli.svg.strokes import add_stroke, pen
 
-_OPAQUE = 255
 _ANGLE_DECIMALS = 3  # degrees
 
 
@@ -44,11 +43,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     if precision is None:
         precision = suggested_precision(drawing.width, drawing.height)
     check_precision(precision)
-    size = {"width": str(drawing.width), "height": str(drawing.height)}
-    box = f"0 0 {drawing.width} {drawing.height}"
-    root = ElementTree.Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **size, "viewBox": box})
-    root.append(ElementTree.Comment(comment_text(comment)))
-    ElementTree.SubElement(root, "title").text = xml_text(title)
+    root = empty_document(drawing.width, drawing.height, title, comment)
     names = Identifiers()
     gradients = Gradients(names, precision)
     groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
@@ -57,11 +52,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
         element = _element(group, precision, drawing.abutting, repeated)
         if element is not None:
             root.extend(_finished(element, group[0], names, gradients, precision))
-    root.text = "\n"
-    for child in root:
-        child.tail = "\n"
-    text = in_short(ElementTree.tostring(root, encoding="unicode"))
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
+    return document(root)
 
 
 def _finished(
@@ -73,15 +64,13 @@ def _finished(
     before = None
     if shape.stroke is not None:
         attributes |= {"fill": "none", "stroke": short_colour(red, green, blue)}
-        if alpha != _OPAQUE:
-            attributes["stroke-opacity"] = format_number(round(1000 * alpha / _OPAQUE), 3)
+        if alpha != OPAQUE:
+            attributes["stroke-opacity"] = format_number(round(1000 * alpha / OPAQUE), 3)
         attributes |= pen(shape.stroke, precision)
     elif shape.gradient is not None:
         attributes["fill"], before = gradients.fill(shape.gradient)
     else:
-        attributes["fill"] = short_colour(red, green, blue)
-        if alpha != _OPAQUE:
-            attributes["fill-opacity"] = format_number(round(1000 * alpha / _OPAQUE), 3)
+        attributes |= paint(shape.ink)
     element.attrib.clear()
     element.attrib.update(attributes)
     return [element] if before is None else [before, element]

@@ -1,8 +1,14 @@
-"""Text and colours as XML and SVG take them."""
+"""Documents, text and colours as XML and SVG take them."""
 
 from __future__ import annotations
 
 import re
+from xml.etree import ElementTree
+
+from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.svg.pathdata import format_number
+
+OPAQUE = 255
 
 # XML 1.0 allows tab, newline, carriage return and these ranges; a file name may hold anything.
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -47,3 +53,27 @@ def short_colour(red: int, green: int, blue: int) -> str:
 def in_short(text: str) -> str:
     """A document without the space that ElementTree puts before "/>"; a ">" in the title is escaped: no match."""
     return _SPACE.sub("/>", text)
+
+
+def empty_document(width: int, height: int, title: str, comment: str) -> ElementTree.Element:
+    """The root of a picture of width x height px, with its comment and title."""
+    size = {"width": str(width), "height": str(height), "viewBox": f"0 0 {width} {height}"}
+    root = ElementTree.Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **size})
+    root.append(ElementTree.Comment(comment_text(comment)))
+    ElementTree.SubElement(root, "title").text = xml_text(title)
+    return root
+
+
+def document(root: ElementTree.Element) -> str:
+    """The text of a document, with an element of the root on each line."""
+    root.text = "\n"
+    for child in root:
+        child.tail = "\n"
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{in_short(ElementTree.tostring(root, encoding="unicode"))}\n'
+
+
+def paint(ink: Ink) -> dict[str, str]:
+    """The attributes that fill a shape with a colour."""
+    red, green, blue, alpha = ink
+    opacity = {} if alpha == OPAQUE else {"fill-opacity": format_number(round(1000 * alpha / OPAQUE), 3)}
+    return {"fill": short_colour(red, green, blue), **opacity}

@@ -1,127 +1,266 @@
-"""Pixel art, QR codes and checkers: pictures of square cells of one colour each, whose corners are the drawing itself.
+"""Pixel art, QR codes and checkers: pictures of cells of one colour each, whose corners are the drawing itself.
 
 Their steps are meant, so nothing is smoothed. What tells them from a smoothed drawing that was made larger is that no
-colour is there only to blend two others.
+colour is there only to blend two others; what tells single pixels from a drawing without smoothing, whose steps are not
+meant, is how many of them stand alone or at the end of a line one pixel wide.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-# Along a side: cells of two px and more, and single pixels. Larger pictures of those without smoothing are drawings,
-# whose staircases are not meant.
-MOST_CELLS, MOST_PIXELS = 256, 64
-MANY = 32  # with fewer each way, steps are those of shapes on a grid
-# Colours that any picture may have, and cells for each where there are more.
-FEW_COLOURS, CELLS_EACH, MOST_COLOURS = 16, 64, 64
-# With more than those few most steps between cells of different colours are greater than this, levels: those of a photo
-# in few colours, each pixel made larger, are not.
-SOFT, MOST_SOFT = 24.0, 0.5
-# Corners where cells of different colours meet, over all cells, and of cells of two px and more at least: with less
-# it is a few shapes on a grid. In a picture of so few px each counts.
+from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
+from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
+from cubicsplat_cli.errors import InputError
+
+# Colours that any picture may have; larger ones as many as the square root of their cells. Chosen on drawn sprites and
+# scenes (K <= 0.6 sqrt(N)) against unsmoothed flags and emoji (1.1 sqrt(N) and more).
+FEW_COLOURS = 16
+# Share of the pixels at borders with at most one like neighbour of four: 0.20 to 0.55 in drawn sprites and scenes,
+# below 0.2 in drawings without smoothing of 48 px and more. In pictures of up to SMALL px a side, where hardly anybody
+# leaves smoothing out but on purpose: 0.04 and more in sprites, below 0.03 in plain symbols.
+LEAST_ALONE, SMALL, LEAST_ALONE_SMALL = 0.2, 32, 0.03
+# Share of the steps between cells of different colours that are soft, of up to SOFT levels: at most so many of single
+# pixels, and of larger cells in more than FEW_COLOURS. Photos reduced to 16 colours have 0.24 and more.
+SOFT, MOST_SOFT_PIXELS, MOST_SOFT = 24.0, 0.2, 0.5
+# Corners where cells of different colours meet, over all cells, and of larger cells at least: with less it is a few
+# shapes on a grid. In a picture of so few px each counts.
 LEAST_SHARE, LEAST_CORNERS, FEW_PIXELS = 1.0 / 64.0, 16, 64
+# More corners than that are the dots that stand for a photo's greys (0.65 to 0.79 by error diffusion), unless so much of
+# the borders repeats every PERIOD px, as ordered dithering does (0.84 and more, error diffusion 0.22).
+MOST_SHARE, PERIOD, REPEATS = 0.62, 4, 0.5
 # A pixel is a blend where it lies between those to either side, so many levels off the line between their colours; a
 # colour where so much of it is; a picture is smoothed where so many of the pixels at edges have such a colour.
 OFF, BLENDING, SMOOTHED = 6.0, 2.0 / 3.0, 0.05
-_ROWS = 64
+MANY = 32  # cells each way, from which on the style is measured on one pixel of each
+MOST_CELLS = 2**20  # drawn; of a picture of that many different ones the file has tens of megabytes
+# Colours of cells that are asked for, and the product with their number: each colour is sought among all cells.
+MOST_COLOURS, MOST_WORK = 4096, 2**28
+# A noisy picture is made of cells where its pixels inside these differ from their middles by so much of the steps
+# between cells at most, rms. Colours within so many units of CIELAB are one, and those of few cells within that many
+# times the noise.
+MOST_NOISE, SAME, SAME_NOISE = 0.22, 5.0, 4.0
+_ROWS, _SAMPLE = 64, 2**16
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
     """numbers: (R, C) int, which of the colours each cell has. colours: (K, 4) float64 premultiplied RGBA in levels of
-    0..255. x: (C + 1,) and y: (R + 1,) float64, px, where columns and rows of cells begin and end. side: of a whole
-    cell, px.
+    0..255. x: (C + 1,) and y: (R + 1,) float64, px, where columns and rows of cells begin and end. side: of a cell, px,
+    on average. merged: how many colours there were before the likest were merged, 0 where none were.
     """
 
     numbers: np.ndarray
     colours: np.ndarray
     x: np.ndarray
     y: np.ndarray
-    side: int
+    side: float
+    merged: int = 0
 
     @property
     def notes(self) -> list[str]:
         """What the user should know of it, a sentence each."""
         rows, columns = self.numbers.shape
-        return [f"drawn as the {columns} x {rows} pixels that it is made of"] if self.side > 1 else []
+        found = [f"drawn as the {columns} x {rows} pixels that it is made of"] if self.side > 1 else []
+        if self.merged:
+            found.append(f"drawn in {len(self.colours)} colours for {self.merged}, the likest of which were merged")
+        return found
+
+    def limited(self, most: int | None) -> Cells:
+        """The same in at most so many visible colours, the likest merged."""
+        visible = int((np.rint(self.colours[:, 3]) > 0).sum())
+        if most is None or visible <= most:
+            return self
+        areas = np.bincount(self.numbers.ravel(), minlength=len(self.colours))
+        return self._merged(*fewer_colours(self.colours, areas, most), self.merged or visible)
+
+    def in_palette(self, palette: tuple[tuple[int, int, int], ...]) -> Cells:
+        """The same in the nearest colours of a palette; as it is where that is empty."""
+        return self._merged(*nearest_colours(self.colours, palette), self.merged) if palette else self
+
+    def _merged(self, colours: np.ndarray, owner: np.ndarray, merged: int) -> Cells:
+        return replace(self, numbers=owner[self.numbers], colours=colours, merged=merged)
 
 
 def cells_of(target: np.ndarray) -> Cells | None:
     """The cells of a picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]; None for all others."""
-    height, width = target.shape[:2]
-    changes = _changes(target)
-    if changes is None:
-        return None
-    side, x, y = _grid(*changes, width, height)
-    rows, columns = len(y) - 1, len(x) - 1
-    if max(rows, columns) > (MOST_CELLS if side > 1 else MOST_PIXELS):
-        return None
-    small = 255.0 * target[np.ix_(y[:-1].astype(int), x[:-1].astype(int))].astype(np.float64)
-    if small.shape[2] == 3:
-        small = np.concatenate([small, np.full_like(small[..., :1], 255.0)], axis=2)
-    colours, numbers = np.unique(small.reshape(-1, 4), axis=0, return_inverse=True)
-    numbers = numbers.reshape(rows, columns)
-    if len(colours) > min(MOST_COLOURS, max(FEW_COLOURS, numbers.size // CELLS_EACH)):
-        return None
-    if len(colours) > FEW_COLOURS and _soft(small) > MOST_SOFT:
-        return None
-    if height * width > FEW_PIXELS:
-        least = max(LEAST_SHARE * numbers.size, LEAST_CORNERS if side > 1 else 1)
-        if _corners(numbers) < least or _smoothed(small, numbers, len(colours)):
-            return None
-    return Cells(numbers, colours, x, y, side)
+    return _exact_cells(target) or _noisy_cells(target)
+
+
+def forced_cells(target: np.ndarray) -> Cells:
+    """The cells that a picture is made of, whatever else it is; single pixels where it has none larger.
+
+    In at most MOST_COLOURS colours, fewer of very many cells. Raises InputError where there are more than MOST_CELLS.
+    """
+    grid = exact_grid(target)
+    rows, columns = len(grid.y) - 1, len(grid.x) - 1
+    if rows * columns > MOST_CELLS:
+        raise InputError(
+            f"{columns} x {rows} cells are too many for the style pixel, which draws {MOST_CELLS:,} at most; "
+            "give --max-size, or --style photo"
+        )
+    return _cells_on(target, grid).limited(min(MOST_COLOURS, MOST_WORK // (rows * columns)))
 
 
 def without_repeats(target: np.ndarray) -> np.ndarray:
-    """A picture (H, W, C) with one pixel for each of its cells, where these are of two px and more, and MANY or more
+    """A picture (H, W, C) with one pixel for each of its cells, where these are larger than that, and MANY or more
     each way; others as they are.
     """
-    changes = _changes(target)
-    if changes is None:
-        return target
-    side, x, y = _grid(*changes, target.shape[1], target.shape[0])
-    if side < 2 or min(len(x), len(y)) <= MANY:
-        return target
-    return target[np.ix_(y[:-1].astype(int), x[:-1].astype(int))]
+    grid = exact_grid(target)
+    return target if grid.side == 1.0 or min(len(grid.x), len(grid.y)) <= MANY else _sampled(target, grid)
 
 
-def _changes(target: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """The columns (n,) and rows (m,) that differ from the one before; None as soon as they are those of no cells."""
+def _exact_cells(target: np.ndarray) -> Cells | None:
     height, width = target.shape[:2]
-    columns, rows = np.zeros(max(0, width - 1), dtype=bool), np.zeros(max(0, height - 1), dtype=bool)
-    for top in range(0, height, _ROWS):
-        part = target[top : top + _ROWS]
-        columns |= (part[:, 1:] != part[:, :-1]).any(axis=(0, 2))
-        down = target[max(0, top - 1) : top + _ROWS]
-        rows[max(0, top - 1) : max(0, top - 1) + len(down) - 1] = (down[1:] != down[:-1]).any(axis=(1, 2))
-        if max(height, width) > MOST_PIXELS and _step(columns, rows) == 1:
-            return None
-    return np.flatnonzero(columns) + 1, np.flatnonzero(rows) + 1
+    # Most photos have more colours in a few of their rows than any cells may have.
+    if _colour_count(target[:_ROWS, : _SAMPLE // _ROWS]) > _most_colours(height * width):
+        return None
+    grid = exact_grid(target)
+    count = (len(grid.x) - 1) * (len(grid.y) - 1)
+    if count > MOST_CELLS:
+        return None
+    cells = _cells_on(target, grid)
+    if len(cells.colours) > _most_colours(count):
+        return None
+    return cells if _are_meant(cells) else None
 
 
-def _step(columns: np.ndarray, rows: np.ndarray) -> int:
-    """The largest number of px that all distances between changes (bool) are whole times of, 0 where there are none."""
-    gaps = np.concatenate([np.diff(np.flatnonzero(columns)), np.diff(np.flatnonzero(rows))])
-    return int(np.gcd.reduce(gaps)) if len(gaps) else 0
+def _noisy_cells(target: np.ndarray) -> Cells | None:
+    """The cells of a picture with noise, or a JPEG's artefacts; None where it is not made of cells."""
+    levels = _levels(target)
+    if levels.shape[2] == 4 and levels[..., 3].min() < 255.0:
+        return None
+    grid = noisy_grid(levels[..., :3])
+    if grid is None or (len(grid.x) - 1) * (len(grid.y) - 1) > MOST_CELLS:
+        return None
+    middle = _medians(levels[..., :3], grid)
+    off = np.abs(levels[..., :3] - grid.enlarged(middle)).max(axis=2)
+    inner = _inner(grid)
+    noise = float(np.sqrt(np.mean(off[inner] ** 2)))
+    if not 0.0 < noise <= MOST_NOISE * _step(middle):
+        return None
+    colours, numbers = _distinct(np.concatenate([middle, np.full_like(middle[..., :1], 255.0)], axis=2))
+    areas = np.bincount(numbers.ravel())
+    colours, owner = fewer_colours(colours, areas, None, SAME, (SAME_NOISE * noise) ** 2)
+    cells = Cells(owner[numbers], colours, grid.x.astype(float), grid.y.astype(float), grid.side)
+    return cells if len(colours) <= _most_colours(numbers.size) and _are_meant(cells) else None
 
 
-def _grid(columns: np.ndarray, rows: np.ndarray, width: int, height: int) -> tuple[int, np.ndarray, np.ndarray]:
-    """The side of the cells between changes in columns (n,) and rows (m,), and the ends of all cells across (C + 1,)
-    and down (R + 1,).
-    """
-    gaps = np.concatenate([np.diff(columns), np.diff(rows)])
-    # Without two changes along a side the canvas's border is as good as one.
-    side = int(np.gcd.reduce(gaps)) if len(gaps) else math.gcd(*columns.tolist(), *rows.tolist(), width, height)
-    return side, _ends(columns, side, width), _ends(rows, side, height)
+def _cells_on(target: np.ndarray, grid: Grid) -> Cells:
+    colours, numbers = _distinct(_levels(_sampled(target, grid)).astype(np.float64))
+    return Cells(numbers, colours, grid.x.astype(float), grid.y.astype(float), grid.side)
 
 
-def _ends(changes: np.ndarray, side: int, length: int) -> np.ndarray:
-    first = int(changes[0]) % side if len(changes) else 0
-    inner = np.arange(first or side, length, side)
-    return np.concatenate([[0], inner, [length]]).astype(float)
+def _sampled(target: np.ndarray, grid: Grid) -> np.ndarray:
+    """(R, C, ...) the first pixel of every cell."""
+    return target[grid.y[:-1]][:, grid.x[:-1]]
+
+
+def _levels(target: np.ndarray) -> np.ndarray:
+    return np.asarray(target, dtype=np.float32) * np.float32(255.0)
+
+
+def _keys(levels: np.ndarray) -> np.ndarray:
+    """(...) uint64 a number for each colour (..., 3 or 4) in levels."""
+    parts = np.rint(levels * 257.0).astype(np.uint64)
+    return (parts << np.array([0, 16, 32, 48], np.uint64)[: parts.shape[-1]]).sum(axis=-1, dtype=np.uint64)
+
+
+def _distinct(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The different colours (K, 4) of cells (R, C, 3 or 4) in levels, and (R, C) which of them each has."""
+    _, first, numbers = np.unique(_keys(levels), return_index=True, return_inverse=True)
+    colours = levels.reshape(-1, levels.shape[2])[first].astype(np.float64)
+    if colours.shape[1] == 3:
+        colours = np.concatenate([colours, np.full((len(colours), 1), 255.0)], axis=1)
+    return colours, numbers.reshape(levels.shape[:2])
+
+
+def _colour_count(part: np.ndarray) -> int:
+    return len(np.unique(_keys(_levels(part))))
+
+
+def _most_colours(cells: int) -> int:
+    return max(FEW_COLOURS, math.isqrt(cells))
+
+
+def _are_meant(cells: Cells) -> bool:
+    """Whether cells are what a picture is made of: pixel art, and no photo or drawing that has them by chance."""
+    numbers, count = cells.numbers, len(cells.colours)
+    small = max(numbers.shape) <= SMALL
+    if count == 1:
+        return False
+    if numbers.size * cells.side**2 <= FEW_PIXELS:
+        return True
+    larger = cells.side > 1.0
+    if _corners(numbers) < max(LEAST_SHARE * numbers.size, LEAST_CORNERS if larger else 1):
+        return False
+    if not larger and _alone(numbers) < (LEAST_ALONE_SMALL if small else LEAST_ALONE):
+        return False
+    if not larger and not small and _corners(numbers) > MOST_SHARE * numbers.size and _repeated(numbers) < REPEATS:
+        return False
+    levels = cells.colours[numbers]
+    if larger or small:
+        too_soft = count > FEW_COLOURS and _soft(levels) > MOST_SOFT
+    else:
+        too_soft = _soft(levels) > MOST_SOFT_PIXELS
+    return not too_soft and not _smoothed(levels, numbers, count)
+
+
+def _alone(numbers: np.ndarray) -> float:
+    """The share of the pixels at borders, but for those of the picture, with at most one like neighbour of four."""
+    like = np.zeros(numbers.shape, dtype=np.uint8)
+    for axis in (0, 1):
+        same = np.moveaxis(np.diff(numbers, axis=axis) == 0, axis, 0)
+        counts = np.moveaxis(like, axis, 0)
+        counts[:-1] += same
+        counts[1:] += same
+    inner = like[1:-1, 1:-1]
+    borders = int((inner < 4).sum())
+    return float((inner <= 1).sum()) / borders if borders else 0.0
+
+
+def _repeated(numbers: np.ndarray) -> float:
+    """The share of the cells unlike a neighbour that are like those PERIOD cells to all four sides."""
+    inner = numbers[PERIOD:-PERIOD, PERIOD:-PERIOD]
+    if not inner.size:
+        return 0.0
+
+    def at(down: int, across: int) -> np.ndarray:
+        rows, columns = numbers.shape
+        return numbers[PERIOD + down : rows - PERIOD + down, PERIOD + across : columns - PERIOD + across] == inner
+
+    border = ~(at(-1, 0) & at(1, 0) & at(0, -1) & at(0, 1))
+    like = at(-PERIOD, 0) & at(PERIOD, 0) & at(0, -PERIOD) & at(0, PERIOD)
+    return float(like[border].mean()) if border.any() else 0.0
+
+
+def _step(cells: np.ndarray) -> float:
+    """Levels between neighbouring cells (R, C, 3) in the channel with most, rms."""
+    return math.sqrt(np.mean(np.concatenate([np.diff(cells, axis=axis).ravel() ** 2 for axis in (0, 1)])))
+
+
+def _medians(levels: np.ndarray, grid: Grid) -> np.ndarray:
+    """(R, C, 3) the median of each cell of (H, W, 3), leaving out its rim where it is wide enough."""
+    reach = max(1, int(grid.side / 4.0))
+    rows, columns = (0.5 * (ends[1:] + ends[:-1] - 1) for ends in (grid.y, grid.x))
+    offsets = np.arange(-reach, reach + 1) * 0.999
+    at = [np.rint(np.add.outer(middles, offsets)).astype(int) for middles in (rows, columns)]
+    at = [np.clip(each, 0, length - 1) for each, length in zip(at, levels.shape[:2], strict=True)]
+    blocks = levels[at[0][:, None, :, None], at[1][None, :, None, :]]
+    return np.median(blocks, axis=(2, 3))
+
+
+def _inner(grid: Grid) -> np.ndarray:
+    """(H, W) bool: the pixels that are not beside a border of cells."""
+    inside = []
+    for ends in (grid.y, grid.x):
+        line = np.ones(int(ends[-1]), dtype=bool)
+        line[ends[1:-1]] = line[ends[1:-1] - 1] = False
+        inside.append(line)
+    return inside[0][:, None] & inside[1][None]
 
 
 def _soft(levels: np.ndarray) -> float:

@@ -1,0 +1,111 @@
+"""Fewer colours for a picture: the likest are merged, by how far people see them apart and by how much area they have.
+
+Merging two colours of areas a and b at a distance d in CIELAB costs a b / (a + b) d^2, the squared error that their
+mean makes (Ward's criterion): thin black lines stay, and two hues of a large area become one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# More colours are gathered in bins before they are compared in pairs.
+MOST_COMPARED = 512
+_TO_XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.072175], [0.0193339, 0.119192, 0.9503041]]
+)
+_WHITE = _TO_XYZ.sum(axis=1)
+_CLEAR = 0.5  # levels of opacity below which nothing is visible
+
+
+def fewer_colours(
+    colours: np.ndarray, areas: np.ndarray, most: int | None, apart: float = 0.0, free: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """At most so many visible colours for those of a picture, the likest merged, and all that are nearer than `apart`
+    or cost no more than `free` to merge.
+
+    colours: (K, 4) premultiplied RGBA in levels. areas: (K,) > 0. apart: in units of CIELAB, opacity counting as
+    lightness; free: in squared ones times areas. Returns (k, 4) colours, each that of the largest area merged into it,
+    and (K,) int which of them each becomes. What is transparent stays so, and does not count.
+    """
+    visible = colours[:, 3] > _CLEAR
+    owner = np.zeros(len(colours), dtype=np.int64)
+    bins = _binned(colours[visible]) if visible.sum() > MOST_COMPARED else np.arange(visible.sum())
+    groups = _merged(*_means(colours[visible], areas[visible].astype(float), bins), most, apart, free)[bins]
+    owner[visible] = groups
+    owner[~visible] = groups.max(initial=-1) + 1
+    largest = np.lexsort((np.arange(len(colours)), -areas, owner))
+    first = largest[np.unique(owner[largest], return_index=True)[1]]
+    return colours[first], owner
+
+
+def nearest_colours(colours: np.ndarray, palette: tuple[tuple[int, int, int], ...]) -> tuple[np.ndarray, np.ndarray]:
+    """The colours of a palette, 8-bit sRGB, nearest to those of a picture (K, 4), premultiplied RGBA in levels.
+
+    Returns (k, 4), no two alike, with the opacities that there were, and (K,) int which of them each becomes.
+    """
+    chosen = np.array([(*colour, 255) for colour in palette], dtype=float)
+    opaque = np.concatenate(
+        [colours[:, :3] * 255.0 / np.maximum(colours[:, 3:], 1e-6), np.full((len(colours), 1), 255.0)], axis=1
+    )
+    nearest = ((to_lab(opaque)[:, None] - to_lab(chosen)[None]) ** 2).sum(axis=2).argmin(axis=1)
+    opacity = np.rint(colours[:, 3:]) / 255.0
+    return np.unique(
+        np.concatenate([chosen[nearest, :3] * opacity, 255.0 * opacity], axis=1), axis=0, return_inverse=True
+    )
+
+
+def to_lab(colours: np.ndarray) -> np.ndarray:
+    """(K, 4) what is seen of colours (K, 4), premultiplied RGBA in levels: CIELAB, and opacity from 0 to 100."""
+    opacity = colours[:, 3:] / 255.0
+    straight = np.clip(colours[:, :3] / np.maximum(colours[:, 3:], 1e-6), 0.0, 1.0)
+    linear = np.where(straight <= 0.04045, straight / 12.92, ((straight + 0.055) / 1.055) ** 2.4)
+    xyz = linear @ _TO_XYZ.T / _WHITE
+    f = np.where(xyz > 216.0 / 24389.0, np.cbrt(xyz), (24389.0 / 27.0 * xyz + 16.0) / 116.0)
+    lab = np.stack([116.0 * f[:, 1] - 16.0, 500.0 * (f[:, 0] - f[:, 1]), 200.0 * (f[:, 1] - f[:, 2])], axis=1)
+    return np.concatenate([lab, 100.0 * opacity], axis=1)
+
+
+def _binned(colours: np.ndarray) -> np.ndarray:
+    """(K,) int the bin of each colour, at most MOST_COMPARED of them, of as few levels as that takes."""
+    for bits in range(1, 9):
+        shifted = np.rint(colours).astype(np.int64) >> bits
+        keys = shifted @ (512 ** np.arange(4))
+        _, bins = np.unique(keys, return_inverse=True)
+        if bins.max() < MOST_COMPARED:
+            break
+    return bins
+
+
+def _means(colours: np.ndarray, areas: np.ndarray, bins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(k, 4) the mean colour of each bin, and (k,) its area."""
+    total = np.bincount(bins, areas)
+    sums = np.stack([np.bincount(bins, areas * channel) for channel in colours.T], axis=1)
+    return sums.reshape(-1, 4) / total[:, None], total
+
+
+def _merged(colours: np.ndarray, areas: np.ndarray, most: int | None, apart: float, free: float) -> np.ndarray:
+    """(K,) int the group of each colour (K, 4), numbered from 0."""
+    count = len(colours)
+    owner = np.arange(count)
+    if not count:
+        return owner
+    seen, areas, left = to_lab(colours), areas.copy(), count
+    squared = ((seen[:, None] - seen[None]) ** 2).sum(axis=2)
+    squared[np.diag_indices(count)] = np.inf
+    cost = squared * areas[:, None] * areas[None] / (areas[:, None] + areas[None])
+    while left > 1:
+        a, b = divmod(int(cost.argmin()), count)
+        if left <= (most or count) and cost[a, b] > free:
+            a, b = divmod(int(squared.argmin()), count)
+            if squared[a, b] >= apart**2:
+                break
+        seen[a] = (areas[a] * seen[a] + areas[b] * seen[b]) / (areas[a] + areas[b])
+        areas[a] += areas[b]
+        owner[owner == b] = a
+        distance = np.where(np.isinf(squared[a]), np.inf, ((seen - seen[a]) ** 2).sum(axis=1))
+        distance[[a, b]] = np.inf
+        squared[a], squared[:, a] = distance, distance
+        cost[a] = cost[:, a] = distance * areas * areas[a] / (areas + areas[a])
+        squared[b] = squared[:, b] = cost[b] = cost[:, b] = np.inf
+        left -= 1
+    return np.unique(owner, return_inverse=True)[1]
