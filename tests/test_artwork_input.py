@@ -255,6 +255,17 @@ def test_an_ink_of_thin_lines_alone_is_found_and_drawn():
 # --- blur -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("ground", "fill", "outline"),
+    [("none", "#ffcc4d", "#222"), ("none", "#fff", "#000"), ("#fff", "#222", "#888")],
+)
+def test_an_outline_between_two_areas_is_no_wide_edge(ground, fill, outline):
+    # Its colour is no blend of those beside it; or it is one, and the steps to either side of it are two edges.
+    body = f'<path d="M0 0H160V160H0z" fill="{ground}"/>'
+    body += f'<rect x="20.3" y="30.4" width="110" height="90" fill="{fill}" stroke="{outline}" stroke-width="3"/>'
+    assert condition_of(as_levels(target("clean", body))) == CLEAN
+
+
 def blurred(body: str, blur: float = 1.2) -> tuple[np.ndarray, np.ndarray]:
     """(SIDE, SIDE, 4) float32 levels of a drawing, and of it blurred."""
     clean = as_levels(target("clean", f'<path d="M0 0H{SIDE}V{SIDE}H0z" fill="#fff"/>' + body))

@@ -40,6 +40,7 @@ LUMA = np.array([0.299, 0.587, 0.114, 0.7], dtype=np.float32)
 # Edges whose width is measured: px to either side, levels of contrast, levels that count as even beside them.
 REACH, CONTRAST = 8, 60.0
 FEWEST, MOST = 40, 6000
+OFF_LINE = 0.1  # of an edge's contrast, by which its pixels may be off the line between the colours that they blend
 JPEG_EDGES = 8.0  # times the noise elsewhere
 # Times the noise that pixels count as off by where it is alike over 1.5 px: so many of them tell as much as one.
 COARSE = 5.0
@@ -198,16 +199,17 @@ def _blocks(values: np.ndarray, start: int, side: int) -> np.ndarray:
 
 def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
     """px that the edges of a picture are wider than by their pixels, None where too few are fit to measure it."""
-    luma, even = levels @ LUMA, max(2.0, 3.0 * noise)
-    found = np.concatenate([_variances(luma, even), _variances(luma.T, even)])
+    even = max(2.0, 3.0 * noise)
+    found = np.concatenate([_variances(levels, even), _variances(levels.swapaxes(0, 1), even)])
     if len(found) < FEWEST:
         return None
     least, usual = np.sqrt(np.maximum(np.quantile(found, [0.25, 0.5]), 0.0))
     return float(usual) if least >= SHARPER * usual else 0.0
 
 
-def _variances(luma: np.ndarray, even: float) -> np.ndarray:
-    """Variances, px^2, of the blur of single edges between two even places along rows."""
+def _variances(levels: np.ndarray, even: float) -> np.ndarray:
+    """Variances, px^2, of the blur of single edges between two even places along rows of a picture (H, W, 4)."""
+    luma = levels @ LUMA
     height, width = luma.shape
     if width < 2 * REACH + 4:
         return np.zeros(0)
@@ -225,7 +227,9 @@ def _variances(luma: np.ndarray, even: float) -> np.ndarray:
     # Of one sign but for noise, and even at both ends.
     against = np.where(total[:, None] > 0.0, -steps, steps).max(axis=1)
     fit = (np.abs(total) > CONTRAST) & (outer <= even) & (against <= even)
-    y, x, steps, total = y[fit], x[fit], steps[fit], total[fit]
+    y, x, steps = y[fit], x[fit], steps[fit]
+    fit = _single(steps, even) & _blended(levels[y[:, None], x[:, None] + np.arange(-REACH, REACH + 2)], even)
+    y, x, steps = y[fit], x[fit], steps[fit]
     share = np.where(np.abs(steps) > 0.5 * even, steps, 0.0)
     share = share / share.sum(axis=1, keepdims=True)
     at = np.arange(-REACH, REACH + 1)
@@ -237,3 +241,20 @@ def _variances(luma: np.ndarray, even: float) -> np.ndarray:
     level = slant < 0.1
     # Pixels are squares, and steps between them are as wide again.
     return ((variance - 1.0 / 12.0) / (1.0 + slant) - 1.0 / 12.0)[level]
+
+
+def _single(steps: np.ndarray, even: float) -> np.ndarray:
+    """(n,) bool: steps (n, 2 REACH + 1) grow up to the middle one, and fall from there, but for so many levels."""
+    size = np.abs(steps)
+    halves = size[:, : REACH + 1], size[:, : REACH - 1 : -1]
+    return np.all([(np.maximum.accumulate(half, axis=1) - half <= even).all(axis=1) for half in halves], axis=0)
+
+
+def _blended(colours: np.ndarray, even: float) -> np.ndarray:
+    """(n,) bool: rows of pixels (n, w, 4) are blends of those at either end, as no line between two areas is."""
+    before = colours[:, :2].mean(axis=1, keepdims=True)
+    span = colours[:, -2:].mean(axis=1, keepdims=True) - before
+    square = (span * span).sum(axis=2, keepdims=True)
+    rest = colours - before
+    rest -= (rest * span).sum(axis=2, keepdims=True) / np.maximum(square, 1e-6) * span
+    return np.sqrt((rest * rest).sum(axis=2)).max(axis=1) <= OFF_LINE * np.sqrt(square[:, 0, 0]) + even
