@@ -15,6 +15,7 @@ from cubicsplat_cli.cli.eval import evaluate
 from cubicsplat_cli.cli.help import Command, GroupedCommand
 from cubicsplat_cli.cli.render import render
 from cubicsplat_cli.cli.vectorize import vectorize
+from cubicsplat_cli.files.names import STDIO
 
 app = typer.Typer(
     name="cubicsplat",
@@ -62,6 +63,8 @@ def meant(arguments: list[str]) -> list[str]:
         return [*arguments[1:], "--help"]
     if arguments == ["bench"]:
         return ["bench", "--help"]
+    if first == STDIO:
+        return ["vectorize", *arguments]
     if first in COMMANDS or first.startswith("-") or difflib.get_close_matches(first, COMMANDS):
         return arguments
     return ["vectorize", *arguments] if re.search(r"[./\\*?]", first) else arguments

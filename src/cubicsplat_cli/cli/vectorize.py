@@ -283,6 +283,7 @@ def vectorize(
         target_psnr=target_psnr,
     )
     from cubicsplat_cli.cli.run import Run, check_stdout
+    from cubicsplat_cli.files.read import read_stdin
     from cubicsplat_cli.jobs.execute import Means
     from cubicsplat_cli.jobs.masks import with_masks
 
@@ -291,7 +292,7 @@ def vectorize(
         planned = with_masks(planned, request.masks)
     check_stdout(planned, json=json, cluster=cluster is not None)
     if planned.jobs and planned.jobs[0].path is None:
-        planned = replace(planned, jobs=[replace(planned.jobs[0], data=sys.stdin.buffer.read())])
+        planned = replace(planned, jobs=[replace(planned.jobs[0], data=read_stdin(max_pixels))])
     means = Means(workers=jobs, cluster=cluster, inline=cluster is None and planned.pictures == 1)
     reporter = Reporter(quiet=quiet, verbose=verbose, bars=not (json and sys.stdout.isatty()))
     code = Run(planned, request, means, reporter, json=json, dry_run=dry_run).go()
