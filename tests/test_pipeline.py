@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import gzip
 import time
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
-from cubicsplat_cli import vectorize
+from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.evaluate import measurable
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture
@@ -33,6 +35,23 @@ def test_a_flat_picture_is_drawn_and_the_report_says_why():
     assert (report.style, report.shapes, report.primitives) == ("artwork", 2, 2)
     assert report.inks == ["#f0f0f0ff", "#145aa0ff"]
     assert "edges between" in report.style_reason
+
+
+def test_a_result_is_saved_as_an_svg_and_never_over_a_picture(tmp_path):
+    result = vectorize(np.full((8, 8, 3), 200, np.uint8), measure=False)
+    pictures = [tmp_path / name for name in ("a.png", "b.svg", "c", "d.jpg")]
+    for path in pictures:
+        Image.new("RGB", (3, 3)).save(path, "JPEG")
+    for path in (*pictures, tmp_path / "new.png", tmp_path / "new.txt"):
+        before = path.read_bytes() if path.exists() else None
+        with pytest.raises(UsageError, match="must end in .svg|is a picture"):
+            result.save(path)
+        assert (path.read_bytes() if path.exists() else None) == before
+    for name in ("x.svg", "X.SVG", "none", "x.svg"):
+        result.save(str(tmp_path / name))
+        assert (tmp_path / name).read_text() == result.svg
+    result.save(tmp_path / "x.svgz")
+    assert gzip.decompress((tmp_path / "x.svgz").read_bytes()).decode() == result.svg
 
 
 def test_a_drawing_too_far_from_its_picture_gives_way_to_a_photo(monkeypatch):
