@@ -164,8 +164,22 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["vectorize", "x.png", "--curves", "0"], "--curves must be a whole number from 1 to 1000000, not 0"),
-        (["vectorize", "x.png", "--curves", "many"], "--curves must be a whole number, not 'many'"),
+        (["vectorize", "x.png", "--curves", "0"], "--curves must be a whole number from 1 to 1000000, or auto, not 0"),
+        (["vectorize", "x.png", "--curves", "many"], "--curves must be a whole number from 1 to 1000000, or auto, not"),
+        (["vectorize", "x.png", "--steps", "many"], "--steps must be a whole number, not 'many'"),
+        (
+            ["vectorize", "x.png", "--preset", "hihg"],
+            "--preset must be draft, standard, high or paper, not 'hihg'; did",
+        ),
+        (
+            ["vectorize", "x.png", "--background", "wite"],
+            "--background must be auto, none, a colour name or #rrggbb, n",
+        ),
+        (["vectorize", "x.png", "--colors", "4", "--style", "photo"], "--colors is for artwork, not for photos; leave"),
+        (
+            ["vectorize", "x.png", "--colors", "4", "--max-bytes", "9k"],
+            "--colors is for artwork, --max-bytes for photo",
+        ),
         (["vectorize", "x.png", "--time-limit", "soon"], "--time-limit must be a number, not 'soon'"),
         (["vectorize", "x.png", "--time-limit", "-1"], "--time-limit must be a number from"),
         (["vectorize", "x.png", "--mode", "round"], "--mode must be closed or open, not 'round'"),
@@ -196,6 +210,7 @@ def test_a_picture_in_place_of_a_command_and_choices_in_any_case(photo, run_cli)
     assert done.returncode == 0, done.stderr
     found = strict_json(photo.with_suffix(".json").read_bytes())["settings"]
     assert (found["mode"], found["background"]) == ("open", "none")
+    assert not re.search(rb"None|False", run_cli(photo, "--curves", "Auto", "--style", "artwork", "-v").stderr)
     assert run_cli("-", *SHORT, data=photo.read_bytes()).stdout.rstrip().endswith(b"</svg>")
     assert b"vectorize" in run_cli("help").stdout
     assert b"--scale" in run_cli("help", "eval").stdout

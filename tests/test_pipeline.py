@@ -44,7 +44,7 @@ def test_a_result_is_saved_as_an_svg_and_never_over_a_picture(tmp_path):
         Image.new("RGB", (3, 3)).save(path, "JPEG")
     for path in (*pictures, tmp_path / "new.png", tmp_path / "new.txt"):
         before = path.read_bytes() if path.exists() else None
-        with pytest.raises(UsageError, match="must end in .svg|is a picture"):
+        with pytest.raises(UsageError, match=r"must end in \.svg|is a picture"):
             result.save(path)
         assert (path.read_bytes() if path.exists() else None) == before
     for name in ("x.svg", "X.SVG", "none", "x.svg"):

@@ -16,6 +16,8 @@ from cubicsplat_cli.cli.help import Command, GroupedCommand
 from cubicsplat_cli.cli.render import render
 from cubicsplat_cli.cli.vectorize import vectorize
 from cubicsplat_cli.files.names import STDIO
+from cubicsplat_cli.settings import listed
+from cubicsplat_cli.words import did_you_mean
 
 app = typer.Typer(
     name="cubicsplat",
@@ -81,9 +83,8 @@ def parser_error(error: Exception) -> str | None:
         name, reason = match[1].split(" / ")[-1].strip("'[]. "), match[2]
         return f"{name} {_reason(reason, error.__cause__)}"
     if match := re.match(r"No such command '(.*?)'", text):
-        close = difflib.get_close_matches(match[1], COMMANDS, 1)
-        hint = f"did you mean {close[0]}?" if close else f"the commands are {', '.join(COMMANDS)}"
-        return f"there is no command {match[1]!r}; {hint}"
+        hint = did_you_mean(match[1], COMMANDS) or f"; the commands are {', '.join(COMMANDS)}"
+        return f"there is no command {match[1]!r}{hint}"
     if match := re.match(r"Missing argument '(.*?)'", text):
         return f"{match[1]} is missing; see --help"
     if match := re.match(r"No such option: (\S+)(?:.*\boptions?: (.*?)\)?$)?", text):
@@ -103,7 +104,7 @@ def _reason(text: str, cause: BaseException | None) -> str:
         return f"must be a number{given}"
     if match := re.match(r"(?:Value error, )?'(.*)' is not one of (.*?)\.?$", text, re.DOTALL):
         choices = match[2].replace("'", "").split(", ")
-        return f"must be {', '.join(choices[:-1])} or {choices[-1]}, not {match[1]!r}"
+        return f"must be {listed(choices)}, not {match[1]!r}{did_you_mean(match[1], choices)}"
     return _lowered(text).rstrip(".")
 
 
