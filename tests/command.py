@@ -45,20 +45,22 @@ def run_process(*arguments: object, data: bytes | None = None, timeout: float = 
 def run_here(
     *arguments: object,
     data: bytes | None = None,
+    stdin: IO[bytes] | None = None,
     stderr: IO[bytes] | None = None,
     program: Callable[[], NoReturn] = main,
 ) -> Done:
     """`cubicsplat` in this process: the same entry point, exit code and bytes, without starting Python and torch.
 
     What the command changes of the process is put back. An exception that users would see as a traceback is raised.
-    stderr: where standard error goes instead of into the result. program: in place of `cubicsplat`.
+    data, stdin: what standard input holds, or is. stderr: where standard error goes instead of into the result.
+    program: in place of `cubicsplat`.
     """
     with ExitStack() as stack:
-        stdin, stdout, errors = (stack.enter_context(tempfile.TemporaryFile()) for _ in range(3))
-        stdin.write(data or b"")
-        stdin.seek(0)
+        given, stdout, errors = (stack.enter_context(tempfile.TemporaryFile()) for _ in range(3))
+        given.write(data or b"")
+        given.seek(0)
         command = ["cubicsplat", *map(str, arguments)]
-        with _process_state(), _streams(stdin, stdout, stderr or errors), _plain_warnings():
+        with _process_state(), _streams(stdin or given, stdout, stderr or errors), _plain_warnings():
             sys.argv = command
             code = _exit_code(program)
         return Done(command, code, _content(stdout), _content(errors))

@@ -12,10 +12,14 @@ from PIL import Image
 from scipy import ndimage
 from skimage import data
 
+from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.artwork import style
 from cubicsplat_cli.artwork.input.evenness import evenness, in_blocks
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.settings import FitSettings
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 
@@ -151,3 +155,19 @@ def test_texture_is_what_scipy_calls_the_opening_of_uneven_places(shape):
     rough = spread.max(-1) > style.FLAT_LEVELS
     assert style._texture(rough, np.ones(shape, dtype=bool)) == pytest.approx(want, abs=1e-12)
     assert want > 0 or max(shape) == 1
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [{"colors": 3}, {"palette": "red,white"}, {"min_area": 9.0}, {"detail": 2.0}, {"completion": "off"}],
+)
+def test_options_of_drawings_imply_a_drawing(asked):
+    rng = np.random.default_rng(3)
+    pixels = rng.integers(0, 256, (12, 14, 3), dtype=np.uint8)
+    assert choose_style(pixels / np.float32(255)).name == "photo"
+    made = vectorize(pixels, measure=False, threads=1, **asked)
+    assert (made.report.style, made.report.style_reason) == ("artwork", f"asked for by {next(iter(asked))}")
+    with pytest.raises(UsageError, match=f"^{next(iter(asked))} is for artwork"):
+        vectorize(pixels, style="photo", **asked)
+    artwork = ArtworkSettings(**asked)
+    assert Request(FitSettings(mode="open"), artwork).of_artwork() == [*asked]

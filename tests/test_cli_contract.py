@@ -20,6 +20,7 @@ from cubicsplat_cli._version import __version__
 from cubicsplat_cli.cli import app as app_module
 from cubicsplat_cli.cli import doctor as doctor_module
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.request import ARTWORK_OPTIONS, PHOTO_OPTIONS
 from cubicsplat_cli.settings import FitSettings, Recipe, settings_of
 
 try:
@@ -69,9 +70,15 @@ def test_the_help_of_vectorize_is_in_groups_and_in_the_words_of_people(run_cli, 
         monkeypatch.setenv("COLUMNS", columns)
         text = run_cli("vectorize", "--help").stdout.decode()
         groups = re.findall(r"^(\w[\w ]*):$", text, re.MULTILINE)
-        assert groups == ["Arguments", "Most used", "Quality", "Files and output", "Expert"]
-        common = text.split("Most used:")[1].split("Quality:")[0]
-        assert {"--output", "--curves", "--style", "--preset", "--force", "--help"} <= set(OPTION.findall(common))
+        assert groups == ["Arguments", "Most used", "Photos and drawings", "Photos", "Drawings", "Files", "Experts"]
+        options = [set(OPTION.findall(part)) for part in re.split(r"^\w[\w ]*:$", text, flags=re.MULTILINE)[1:]]
+        assert {"--output", "--curves", "--style", "--preset", "--force", "--help"} <= options[1]
+        assert {"--max-bytes", "--loss", "--init"} <= options[3] and {"--colors", "--palette"} <= options[4]
+        said = " ".join(text.split())
+        for style, names in (("photo", PHOTO_OPTIONS), ("artwork", ARTWORK_OPTIONS)):
+            for name in names:
+                help_of = said.split(f" --{name.replace('_', '-')} ")[1].partition(" --style ")
+                assert help_of[0].endswith("[implies") and help_of[2].startswith(f"{style}]"), name
         assert re.search(r"^  --mode closed\|open", text, re.MULTILINE)
         assert "--time-limit SECONDS" in text
         assert not re.search(r"[<{]", text), "the parser's names of types"

@@ -164,8 +164,22 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["vectorize", "x.png", "--curves", "0"], "--curves must be a whole number from 1 to 1000000, not 0"),
-        (["vectorize", "x.png", "--curves", "many"], "--curves must be a whole number, not 'many'"),
+        (["vectorize", "x.png", "--curves", "0"], "--curves must be a whole number from 1 to 1000000, or auto, not 0"),
+        (["vectorize", "x.png", "--curves", "many"], "--curves must be a whole number from 1 to 1000000, or auto, not"),
+        (["vectorize", "x.png", "--steps", "many"], "--steps must be a whole number, not 'many'"),
+        (
+            ["vectorize", "x.png", "--preset", "hihg"],
+            "--preset must be draft, standard, high or paper, not 'hihg'; did",
+        ),
+        (
+            ["vectorize", "x.png", "--background", "wite"],
+            "--background must be auto, none, a colour name or #rrggbb, n",
+        ),
+        (["vectorize", "x.png", "--colors", "4", "--style", "photo"], "--colors is for artwork, not for photos; leave"),
+        (
+            ["vectorize", "x.png", "--colors", "4", "--max-bytes", "9k"],
+            "--colors is for artwork, --max-bytes for photo",
+        ),
         (["vectorize", "x.png", "--time-limit", "soon"], "--time-limit must be a number, not 'soon'"),
         (["vectorize", "x.png", "--time-limit", "-1"], "--time-limit must be a number from"),
         (["vectorize", "x.png", "--mode", "round"], "--mode must be closed or open, not 'round'"),
@@ -196,6 +210,8 @@ def test_a_picture_in_place_of_a_command_and_choices_in_any_case(photo, run_cli)
     assert done.returncode == 0, done.stderr
     found = strict_json(photo.with_suffix(".json").read_bytes())["settings"]
     assert (found["mode"], found["background"]) == ("open", "none")
+    assert not re.search(rb"None|False", run_cli(photo, "--curves", "Auto", "--style", "artwork", "-v").stderr)
+    assert run_cli("-", *SHORT, data=photo.read_bytes()).stdout.rstrip().endswith(b"</svg>")
     assert b"vectorize" in run_cli("help").stdout
     assert b"--scale" in run_cli("help", "eval").stdout
 
@@ -217,6 +233,50 @@ def test_links_to_folders_are_not_followed_by_patterns_either(tmp_path, run_cli)
     (tmp_path / "link").symlink_to(tmp_path / "real", target_is_directory=True)
     done = run_cli("vectorize", str(tmp_path / "**" / "*.png"), "-o", tmp_path / "out", "--dry-run", *SHORT)
     assert done.stdout.count(b"to do") == 1
+
+
+def test_a_pattern_ends_where_links_lead_back_to_their_own_folder(tmp_path, run_cli):
+    (tmp_path / "real").mkdir()
+    Image.fromarray(smooth_pixels(20, 16)).save(tmp_path / "real" / "a.png")
+    for name in ("one", "two"):
+        (tmp_path / "real" / name).symlink_to(tmp_path, target_is_directory=True)
+    (tmp_path / "named").symlink_to(tmp_path / "real", target_is_directory=True)
+    for pattern in ("**/*.png", "**/**/*.png", "**/*/a.png", "real/**", "named/**/*.png"):
+        done = run_cli("vectorize", str(tmp_path / pattern), "-o", tmp_path / "out", "--dry-run", *SHORT)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.count(b"to do") == 1, pattern
+
+
+def test_an_empty_picture_in_a_folder_fails_as_it_does_alone(tmp_path, run_cli):
+    (tmp_path / "a.png").write_bytes(b"")
+    for source in (tmp_path, tmp_path / "*.png", tmp_path / "a.png"):
+        done = run_cli("vectorize", source, "-o", tmp_path / "out/", *SHORT)
+        assert done.returncode == 1
+        assert done.stderr.endswith(b"a.png: is empty (0 bytes); give a picture\n")
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no endless file on this system")
+@pytest.mark.parametrize("arguments", [["-"], ["vectorize", "-"], ["render", "-"], ["eval", "PHOTO", "-"]])
+def test_endless_standard_input_is_one_line(arguments, photo, run_cli, monkeypatch):
+    monkeypatch.setattr("cubicsplat_cli.files.read.MAX_SVG_BYTES", 1 << 20)
+    arguments = [str(photo) if word == "PHOTO" else word for word in arguments]
+    if "render" not in arguments:
+        arguments += ["--max-pixels", "70000"]
+    with Path("/dev/zero").open("rb") as zeros:
+        done = run_cli(*arguments, stdin=zeros)
+    limit = b"1 MiB, the limit" if "render" in arguments else b"2 MiB, what --max-pixels 70000 needs"
+    assert done.returncode == 1
+    assert done.stderr == b"cubicsplat: error: stdin: is larger than " + limit + b"; give a smaller file\n"
+
+
+def test_a_completion_that_cannot_be_installed_is_one_line(tmp_path, run_cli, monkeypatch):
+    (tmp_path / "file").write_bytes(b"")
+    (tmp_path / ".bashrc").write_bytes(b"# caf\xe9\n")
+    for home, said in ((tmp_path / "file", "/file cannot be written ("), (tmp_path, "is not UTF-8")):
+        monkeypatch.setenv("HOME", str(home))
+        done = run_cli("--install-completion", "bash")
+        assert done.returncode == 1
+        assert re.fullmatch(rf"cubicsplat: error: --install-completion: .*{re.escape(said)}.*\n", done.stderr.decode())
 
 
 def test_no_measure_writes_the_svg_and_says_so(photo, run_cli):

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import fields
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.photo.schedule import Schedule
 from cubicsplat_cli.settings import PRESETS, FitSettings, Mode, Recipe
@@ -212,3 +216,19 @@ def test_a_clock_that_overtakes_the_last_step_does_no_harm(finish):
     phase = Schedule(recipe, 100).phase(1.001)
     assert phase.exact is (finish > 0.0)
     assert 0.0 < phase.rate <= 1.0
+
+
+def test_names_that_are_wrong_are_told_apart_from_those_that_were_meant():
+    for asked, said in (
+        ({"colour": 3}, "unknown setting 'colour'; did you mean colors?"),
+        ({"time_limits": 3}, "unknown setting 'time_limits'; did you mean time_limit?"),
+        ({"style": "artwrk"}, "style must be auto, photo or artwork, not 'artwrk'; did you mean artwork?"),
+        ({"mode": "opn"}, "mode must be closed or open, not 'opn'; did you mean open?"),
+        ({"background": "wite"}, "#rrggbb, not 'wite'; did you mean white?"),
+        ({"palette": ["red", "whte"]}, "not 'whte'; did you mean white?"),
+        ({"curves": "many"}, "curves must be a whole number from 1 to 1000000, or auto, not 'many'"),
+    ):
+        with pytest.raises(UsageError, match=re.escape(said)):
+            vectorize(np.zeros((4, 4, 3), np.uint8), **asked)
+    assert FitSettings(curves="auto") == FitSettings()
+    assert ArtworkSettings(palette="red, #fff") == ArtworkSettings(palette=[(255, 0, 0), "white"])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import gzip
 import time
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
-from cubicsplat_cli import vectorize
+from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.artwork import vectorize as drawing
 from cubicsplat_cli.artwork.style import Style
 from cubicsplat_cli.errors import EngineError
@@ -141,6 +143,23 @@ def test_a_drawing_tells_how_far_it_is():
     vectorize(flat_picture(), style="artwork", threads=1, measure=False, on_progress=said.append)
     assert {"looking at the picture", "finding regions", "fitting outlines", "regularising"} <= {s.stage for s in said}
     assert all(0.0 <= at.share < 1.0 and at.psnr_db is None for at in said)
+
+
+def test_a_result_is_saved_as_an_svg_and_never_over_a_picture(tmp_path):
+    result = vectorize(np.full((8, 8, 3), 200, np.uint8), measure=False)
+    pictures = [tmp_path / name for name in ("a.png", "b.svg", "c", "d.jpg")]
+    for path in pictures:
+        Image.new("RGB", (3, 3)).save(path, "JPEG")
+    for path in (*pictures, tmp_path / "new.png", tmp_path / "new.txt"):
+        before = path.read_bytes() if path.exists() else None
+        with pytest.raises(UsageError, match=r"must end in \.svg|is a picture"):
+            result.save(path)
+        assert (path.read_bytes() if path.exists() else None) == before
+    for name in ("x.svg", "X.SVG", "none", "x.svg"):
+        result.save(str(tmp_path / name))
+        assert (tmp_path / name).read_text() == result.svg
+    result.save(tmp_path / "x.svgz")
+    assert gzip.decompress((tmp_path / "x.svgz").read_bytes()).decode() == result.svg
 
 
 @pytest.mark.parametrize("style", ["photo", "artwork"])

@@ -10,7 +10,7 @@ from typing import NoReturn
 
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.progress import COMMAND_BEGAN
-from cubicsplat_cli.words import one_line
+from cubicsplat_cli.words import one_line, printable
 
 # Messages quote names from files, which may be of any length.
 MAX_MESSAGE = 1000
@@ -57,8 +57,11 @@ def _exit_code(program: Callable[[list[str]], int | None], arguments: list[str])
         return error.exit_code
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
-    except OSError as error:
-        if error.filename is not None:
+    except (OSError, UnicodeError) as error:
+        if "--install-completion" in arguments:
+            _say(_not_installed(error))
+            return 1
+        if isinstance(error, UnicodeError) or error.filename is not None:
             raise
         # Printing failed: a full disk, or a reader that has gone, which is no news to whoever cut the pipe.
         if isinstance(error, BrokenPipeError):
@@ -74,6 +77,14 @@ def _exit_code(program: Callable[[list[str]], int | None], arguments: list[str])
         if text:
             _say(text)
         return EXIT_USAGE if text else EXIT_INTERRUPTED
+
+
+def _not_installed(error: OSError | UnicodeError) -> str:
+    """Why the completion of the shell could not be installed, and what to do."""
+    if isinstance(error, UnicodeError):
+        return "--install-completion: the shell's start-up file is not UTF-8; add what --show-completion prints to it"
+    where = printable(str(error.filename or "a file"))
+    return f"--install-completion: {where} cannot be written ({error.strerror}); set HOME to your own folder"
 
 
 def _say(text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,14 +20,14 @@ from cubicsplat_cli.pipeline import Result, vectorize_picture
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.report import Quality
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.settings import FitSettings, Mode
+from cubicsplat_cli.settings import FitSettings, Mode, unknown_setting
 
 
 def vectorize(
     picture: PictureLike,
     *,
     style: str = "auto",
-    curves: int | None = None,
+    curves: int | str | None = None,
     mode: str = "closed",
     preset: str = "standard",
     precision: int | None = None,
@@ -48,10 +49,10 @@ def vectorize(
     measures what the picture is.
 
     picture: a path, the bytes of a file, an array (H, W), (H, W, 3) or (H, W, 4) of uint8 or of floats in [0, 1]
-    (straight alpha), or a Pillow image. curves: how many, of artwork at most so many (None: as many as the picture asks
-    for). mode ("closed" or "open"), preset ("draft", "standard", "high", "paper") and `settings`: fields of
-    `FitSettings` and of its recipe, such as seed, time_limit, background or opaque; for artwork colors, palette (8-bit
-    triples), min_area, detail, stacking ("stacked" or "cutout") and completion
+    (straight alpha), or a Pillow image. curves: how many, of artwork at most so many ("auto" or None: as many
+    as the picture asks for). mode ("closed" or "open"), preset ("draft", "standard", "high", "paper") and `settings`:
+    fields of `FitSettings` and of its recipe, such as seed, time_limit, background or opaque; for artwork colors,
+    palette (8-bit triples or colour names), min_area, detail, stacking ("stacked" or "cutout") and completion
     ("on" or "off"), see `ArtworkSettings`. precision: decimals of the
     coordinates, 0..6 (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side; the
     SVG keeps the picture's size.
@@ -65,6 +66,10 @@ def vectorize(
 
     Raises InputError for what is no picture, UsageError for senseless settings, EngineError where no engine runs.
     """
+    known = {*inspect.signature(vectorize).parameters, *FitSettings.names(), *ArtworkSettings.__dataclass_fields__}
+    for name in settings:
+        if name not in known:
+            raise unknown_setting(name, known)
     artwork = {name: settings.pop(name) for name in [*settings] if name in ArtworkSettings.__dataclass_fields__}
     request = Request(
         settings=FitSettings.from_preset(preset, mode, curves=curves, **with_segments(settings, max_bytes)),

@@ -19,9 +19,13 @@ if TYPE_CHECKING:
 
 STYLE = Setting(
     "choice",
-    "What to make: curves that blend (photo), few opaque shapes (artwork), square cells (pixel), or what suits it.",
+    "What to make: blended curves (photo), few opaque shapes (artwork), square cells (pixel), or what suits it.",
     choices=("auto", "photo", "artwork", "pixel"),
 )
+# Values other than the defaults imply a style: the photo's are of `Request` and of its `settings`.
+PHOTO_SETTINGS = ("loss", "fill")
+PHOTO_OPTIONS = ("weights", "focus", "init", "max_bytes", "target_psnr", *PHOTO_SETTINGS)
+ARTWORK_OPTIONS = ("colors", "palette", "min_area", "detail", "stacking", "completion")
 PHOTO_PRECISION = 2
 _CHECKS = {
     "style": STYLE,
@@ -46,8 +50,7 @@ class Request:
     renderer and measured. weights, focus: how much the pixels matter to the fit of a photo; masks: a folder in
     which each picture has weights of its own. init: the drawing that it
     begins with; freeze: whose curves stay as they are. max_bytes, target_psnr: of the file; the number of curves is
-    found for it. Where any of these is given, or a loss or fill other than usual, the style is "photo";
-    where artwork is to be cut out, it is "artwork".
+    found for it. The style "auto" is "photo" where any of PHOTO_OPTIONS is given, "artwork" for ARTWORK_OPTIONS.
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -79,7 +82,9 @@ class Request:
             if name != "precision" or self.precision is not None:
                 known.check(name, getattr(self, name))
         if self.style in ("artwork", "pixel") and self.of_photos():
-            raise UsageError(f"is for photos; use style photo, or leave it out for {self.style}", self.of_photos()[0])
+            raise UsageError(
+                f"is for photos, not for {self.style}; leave it out, or use style photo", self.of_photos()[0]
+            )
         if self.style == "pixel" and self.artwork.min_area:
             raise UsageError(
                 "joins small regions, which pixel art keeps; use style artwork, or leave it out", "min_area"
@@ -87,11 +92,11 @@ class Request:
         if self.style == "pixel" and self.settings.mode is Mode.OPEN:
             raise UsageError("open is for strokes, which pixel art has none of; leave it out", "mode")
         if self.style == "photo" and self.of_artwork():
-            raise UsageError("is for artwork; use style artwork, or leave it out for photos", self.of_artwork()[0])
+            raise UsageError("is for artwork, not for photos; leave it out, or use style artwork", self.of_artwork()[0])
         if self.of_photos() and self.of_artwork():
             other = self.of_photos()[0].replace("_", "-")
             raise UsageError(f"is for artwork, --{other} for photos; give one of them", self.of_artwork()[0])
-        if self.of_artwork() and self.settings.mode is Mode.OPEN:
+        if self.artwork.stacking == CUTOUT and self.settings.mode is Mode.OPEN:
             raise UsageError("cutout has shapes only; leave out --mode open, which is for strokes", "stacking")
         if self.freeze and self.init is None:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
@@ -109,16 +114,15 @@ class Request:
 
     def of_photos(self) -> list[str]:
         """What is asked for that only the fit of a photo can do."""
-        asked = [
-            name for name in ("weights", "focus", "init", "max_bytes", "target_psnr") if getattr(self, name) is not None
-        ]
-        if self.masks is not None:
-            asked.insert(0, "weights")
-        return asked + [name for name in ("loss", "fill") if getattr(self.settings, name) != getattr(FitSettings, name)]
+        asked = {name: getattr(self, name) for name in PHOTO_OPTIONS if hasattr(self, name)}
+        asked["weights"] = self.masks or self.weights
+        found = [name for name, value in asked.items() if value is not None]
+        return found + [name for name in PHOTO_SETTINGS if getattr(self.settings, name) != getattr(FitSettings, name)]
 
     def of_artwork(self) -> list[str]:
         """What is asked for that only a drawing can have."""
-        return ["stacking"] if self.artwork.stacking == CUTOUT else []
+        usual = ArtworkSettings()
+        return [name for name in ARTWORK_OPTIONS if getattr(self.artwork, name) != getattr(usual, name)]
 
     def with_threads(self, threads: int | None) -> Request:
         """The same with so many threads; None: as asked for."""
@@ -144,7 +148,7 @@ class Request:
     def describe(self) -> str:
         """The settings as a line; the recipe's numbers are in the JSON."""
         chosen = {"style": self.style, **self.settings.public()}
-        return ", ".join(f"{name} {value}" for name, value in chosen.items() if name != "recipe")
+        return ", ".join(f"{name} {value}" for name, value in chosen.items() if name != "recipe" and value is not None)
 
     def digest(self) -> str:
         """The settings hash that the files will carry."""

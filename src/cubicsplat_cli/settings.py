@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import Field, asdict, dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, Literal
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.losses import loss_text, parse_loss
+from cubicsplat_cli.words import did_you_mean
 
 Kind = Literal["count", "number", "choice", "flag", "colour", "text"]
 # The default of a field whose value the preset says, or the picture. Resolved before anybody computes with it, hence
@@ -37,8 +38,8 @@ class Setting:
     """What the command line shows of a field, and the values it may have.
 
     kind: a whole number in [least, most], a number in [least, most], one of `choices`, a yes or no, a background or
-    a text. metavar: how the help calls the value. optional: None is a value too, and means that there is none. group:
-    where the help shows it, "Most used", "Quality" or "Expert".
+    a text. metavar: how the help calls the value. optional: None is a value too, and means that there is none. auto:
+    so does the word "auto". group: where the help shows it, one of those in `cli/help.py`.
     """
 
     kind: Kind
@@ -48,20 +49,21 @@ class Setting:
     choices: tuple[str, ...] = ()
     metavar: str = "N"
     optional: bool = False
-    group: str = "Expert"
+    auto: bool = False
+    group: str = "Experts"
 
     def check(self, name: str, value: Any) -> None:
         """Raise UsageError, naming the setting, for a value that makes no sense."""
         if value is None and self.optional:
             return
         if self.kind == "choice" and value not in self.choices:
-            raise UsageError(f"must be {listed(self.choices)}, not {value!r}", name)
+            raise UsageError(f"must be {listed(self.choices)}, not {value!r}{did_you_mean(value, self.choices)}", name)
         if self.kind == "flag" and not isinstance(value, bool):
             raise UsageError(f"must be true or false, not {value!r}", name)
         if self.kind in ("count", "number") and not self._in_range(value):
             what = "a whole number" if self.kind == "count" else "a number"
             span = f"of at least {self.least:g}" if self.most == math.inf else f"from {self.least:g} to {self.most:.0f}"
-            raise UsageError(f"must be {what} {span}, not {value!r}", name)
+            raise UsageError(f"must be {what} {span}{', or auto' if self.auto else ''}, not {value!r}", name)
 
     def _in_range(self, value: Any) -> bool:
         allowed = int if self.kind == "count" else (int, float)
@@ -125,14 +127,14 @@ class Recipe:
     # start
     opacity_logit: float = 0.0
     shared_opacity: float = 0.0  # one for all curves, for files that say it once, and where it starts; 0: each its own
-    opaque: bool = setting(False, "flag", "Curves without transparency.", group="Quality")
+    opaque: bool = setting(False, "flag", "Make all curves opaque.", group="Photos")
     start_size: float = 0.14  # radius
     # capacity
-    prune: bool = setting(True, "flag", "Replace curves of little use.")
+    prune: bool = setting(True, "flag", "Move curves of little use to where the error is largest.")
     importance: str = setting(
         "loo",
         "choice",
-        "A curve's use: the loss without it (loo), or what is seen of it.",
+        "How use is measured: the loss without the curve (loo), or how much of it is visible.",
         choices=("loo", "visibility"),
     )
     prune_rule: str = "decay"  # prune_fraction falls linearly to 0; or "gini": as published, by the inequality
@@ -151,14 +153,17 @@ class Recipe:
     )
     # weight of the penalties on joins that turn back, in shares of the loss a join, and on slivers: photo/geometric.py
     thorn_reg: float = setting(
-        0.0, "number", "Penalty on thorns: joins that turn back, and slivers.", most=1e6, metavar="WEIGHT"
+        0.0, "number", "Penalty on spikes: joins that turn back, and slivers.", most=1e6, metavar="WEIGHT"
     )
     # polyline: by uniform parameters, or adaptive subdivision to flatness 0.5 px
     flatten: str = setting("uniform", "choice", "How curves become polylines.", choices=("uniform", "de-casteljau"))
     tolerance: float = 0.05  # px; 0: always `samples` edges per cubic
     # soft: every curve learns its edge width
     edges: str = setting(
-        "crisp", "choice", "Crisp as in an SVG, or soft as published, which no SVG can show.", choices=("crisp", "soft")
+        "crisp",
+        "choice",
+        "Edges during the fit: crisp as in an SVG, or soft as published, which no SVG can show.",
+        choices=("crisp", "soft"),
     )
     soft_edge: float = 2.7  # px, at the start
 
@@ -217,23 +222,30 @@ class FitSettings:
     """
 
     curves: int = setting(
-        AUTO, "count", "Number of curves.  [default: auto]", least=1, most=1_000_000, optional=True, group="Most used"
+        AUTO,
+        "count",
+        "Number of curves of a photo; of a drawing, the most shapes.  [default: auto]",
+        least=1,
+        most=1_000_000,
+        optional=True,
+        auto=True,
+        group="Most used",
     )
     mode: Mode = setting(
         Mode.CLOSED,
         "choice",
         "Filled shapes (closed) or strokes (open).",
         choices=tuple(m.value for m in Mode),
-        group="Quality",
+        group="Photos and drawings",
     )
     preset: str = setting(
         "standard",
         "choice",
-        "Effort of the fit; options given explicitly win over it, in any order.",
+        "Effort spent on a photo; options given explicitly take precedence, in any order.",
         choices=tuple(PRESETS),
         group="Most used",
     )
-    steps: int = setting(FROM_PRESET, "count", "Optimisation steps.", least=1, most=10_000_000, group="Quality")
+    steps: int = setting(FROM_PRESET, "count", "Optimisation steps.", least=1, most=10_000_000, group="Photos")
     time_limit: float | None = setting(
         None,
         "number",
@@ -242,34 +254,48 @@ class FitSettings:
         most=1e7,
         metavar="SECONDS",
         optional=True,
-        group="Quality",
+        group="Photos and drawings",
     )
-    segments: int = setting(FROM_PRESET, "count", "Cubic segments of a curve.", least=1, most=16)
-    samples: int = setting(FROM_PRESET, "count", "Most edges of a segment during the fit.", least=4, most=64)
+    segments: int = setting(FROM_PRESET, "count", "Cubic segments per curve.", least=1, most=16)
+    samples: int = setting(FROM_PRESET, "count", "Most straight edges per segment during the fit.", least=4, most=64)
     finish_samples: int = FROM_PRESET
     loss: str = setting(
         "l2",
         "text",
         "What to minimise: l2, l1, huber, ms-ssim, or a mixture such as l2:0.7,ms-ssim:0.3.",
         metavar="LOSS",
-        group="Quality",
+        group="Photos",
     )
     fill: str = setting(
         "flat",
         "choice",
-        "Of a curve: one colour (flat), or two and a gradient between them (linear).",
+        "Fill of each curve: one colour (flat), or a gradient between two (linear).",
         choices=("flat", "linear"),
-        group="Quality",
+        group="Photos",
     )
     device: str = setting(
-        "auto", "choice", "Where to compute; auto takes a GPU that works.", choices=("auto", "cpu", "cuda")
+        "auto",
+        "choice",
+        "Where to compute; auto takes a GPU that works.",
+        choices=("auto", "cpu", "cuda"),
+        group="Photos",
     )
     threads: int | None = setting(
-        None, "count", "CPU threads in all.  [default: one per core]", least=1, most=1024, optional=True
+        None,
+        "count",
+        "CPU threads in all.  [default: one per core]",
+        least=1,
+        most=1024,
+        optional=True,
+        group="Photos and drawings",
     )
-    seed: int = setting(0, "count", "Seed of all random choices.", most=2**31 - 1)
+    seed: int = setting(0, "count", "Seed of all random choices.", most=2**31 - 1, group="Photos")
     background: str = setting(
-        FROM_PRESET, "colour", "auto, none (transparent), #rrggbb or a name.", metavar="COLOUR", group="Quality"
+        FROM_PRESET,
+        "colour",
+        "Colour behind everything: auto, none (transparent), #rrggbb or a name.",
+        metavar="COLOUR",
+        group="Photos and drawings",
     )
     recipe: Recipe = FROM_PRESET
 
@@ -284,6 +310,8 @@ class FitSettings:
         for name in ("steps", "segments", "samples"):
             if getattr(self, name) is None:
                 self._set(name, base[name])
+        if str(self.curves).lower() == "auto":
+            self._set("curves", AUTO)
         self._set("loss", loss_text(parse_loss(self.loss)))
         given = self.background
         self._set("background", parse_background(base.get("background", "auto") if given is None else given))
@@ -298,12 +326,17 @@ class FitSettings:
         object.__setattr__(self, name, value)
 
     @classmethod
+    def names(cls) -> set[str]:
+        """Of the settings that `from_preset` takes."""
+        return {*cls.__dataclass_fields__, *_RECIPE}
+
+    @classmethod
     def from_preset(cls, preset: str = "standard", mode: Mode | str = Mode.CLOSED, **overrides: Any) -> FitSettings:
         """Settings with numbers of the recipe among them; a value of None means the preset's."""
         given = {name: value for name, value in overrides.items() if value is not None}
-        unknown = [name for name in given if name not in _RECIPE and name not in cls.__dataclass_fields__]
-        if unknown:
-            raise UsageError(f"unknown setting {unknown[0]!r}")
+        for name in given:
+            if name not in cls.names():
+                raise unknown_setting(name, cls.names())
         settings = cls(preset=preset, mode=_mode(mode), **{n: v for n, v in given.items() if n not in _RECIPE})
         numbers = {name: value for name, value in given.items() if name in _RECIPE}
         return settings.with_(recipe=replace(settings.recipe, **numbers)) if numbers else settings
@@ -338,12 +371,17 @@ def _mode(mode: Mode | str) -> Mode:
     try:
         return Mode(mode)
     except ValueError:
-        raise UsageError(f"must be closed or open, not {mode!r}", "mode") from None
+        _choice("mode", mode, *(each.value for each in Mode))
+        raise
 
 
 def _choice(name: str, value: str, *allowed: str) -> None:
-    if value not in allowed:
-        raise UsageError(f"must be {listed(allowed)}, not {value!r}", name)
+    Setting("choice", "", choices=allowed).check(name, value)
+
+
+def unknown_setting(name: str, known: Iterable[str]) -> UsageError:
+    """The error for a name that is none of the settings, with the one that was probably meant."""
+    return UsageError(f"unknown setting {name!r}{did_you_mean(name, known)}")
 
 
 def parse_background(text: str) -> str:
@@ -353,11 +391,21 @@ def parse_background(text: str) -> str:
         return lowered
     if lowered == "transparent":
         return "none"
+    return "#{:02x}{:02x}{:02x}".format(
+        *parse_colour(text, "background", "must be auto, none, a colour name or #rrggbb")
+    )
+
+
+def parse_colour(text: str, name: str, form: str) -> tuple[int, int, int]:
+    """8-bit sRGB of #rgb, #rrggbb or a CSS colour name. Raises UsageError for the setting `name`, which begins with
+    `form`, for anything else.
+    """
     from PIL import ImageColor
 
+    lowered = text.strip().lower() if isinstance(text, str) else ""
     colour: tuple[int, ...] = ()
     with contextlib.suppress(ValueError):
         colour = ImageColor.getrgb(lowered)
     if len(colour) != 3:
-        raise UsageError(f"must be auto, none, a colour name or #rrggbb, not {text!r}", "background")
-    return "#{:02x}{:02x}{:02x}".format(*colour)
+        raise UsageError(f"{form}, not {text!r}{did_you_mean(lowered, ImageColor.colormap)}", name)
+    return colour[0], colour[1], colour[2]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 def printable(text: str) -> str:
     """`text` with control characters, line ends and undecodable bytes escaped: a file name may hold any."""
@@ -11,6 +13,14 @@ def printable(text: str) -> str:
 def one_line(text: object) -> str:
     """`str(text)`, such as an error's, with its line ends and runs of spaces as single spaces."""
     return " ".join(str(text).split())
+
+
+def did_you_mean(given: object, known: Iterable[str]) -> str:
+    """`; did you mean white?`, the nearest of the known names; empty where none is near."""
+    import difflib
+
+    close = difflib.get_close_matches(str(given), known, 1)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def duration(seconds: float) -> str:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.settings import setting, settings_of
+from cubicsplat_cli.settings import parse_colour, setting, settings_of
 
 MOST_COLORS = 256
 # Upper shapes lie on lower ones, or all abut and share their edges.
@@ -19,52 +19,52 @@ ON, OFF = "on", "off"
 class ArtworkSettings:
     """How a flat picture is drawn. Raises UsageError on values that make no sense.
 
-    colors: at most so many inks, 1..256, or None for as many as the picture has. palette: the inks to use, 8-bit sRGB
-    or empty for the picture's own. min_area: px^2, smaller regions join a neighbour. detail: 1 weighs outlines as
-    the picture supports them, more follows it more closely, less draws with fewer pieces; 0.01..100. stacking:
-    "stacked" or "cutout". completion: "on" or "off", whether outlines go on beneath what hides them as what shows
-    suggests, and pieces of one ink are one shape there. curves: at most so many shapes, or None.
+    colors: at most so many inks, 1..256, or None for as many as the picture has. palette: the inks to use, each
+    8-bit sRGB or a colour's name, or text with commas between names; empty for the picture's own. min_area: px^2,
+    smaller regions join a neighbour. detail: 1 weighs outlines as the picture supports them, more follows it more
+    closely, less draws with fewer pieces; 0.01..100. stacking: "stacked" or "cutout". completion: "on" or "off",
+    whether outlines go on beneath what hides them as what shows suggests, and pieces of one ink are one shape there.
+    curves: at most so many shapes, or None.
     """
 
     colors: int | None = setting(
-        None, "count", "Artwork: at most so many inks.", least=1, most=MOST_COLORS, optional=True, group="Quality"
+        None, "count", "Use at most this many colours.", least=1, most=MOST_COLORS, optional=True, group="Drawings"
     )
     palette: tuple[tuple[int, int, int], ...] = ()
     min_area: float = setting(
-        0.0, "number", "Artwork: regions smaller than this join a neighbour.", most=1e9, metavar="PX", group="Quality"
+        0.0, "number", "Merge regions of fewer px with a neighbour.", most=1e9, metavar="PX", group="Drawings"
     )
     detail: float = setting(
         1.0,
         "number",
-        "Artwork: more follows the picture more closely, less has fewer pieces.",
+        "Above 1 follows the picture more closely, below 1 draws fewer pieces.",
         least=0.01,
         most=100.0,
-        group="Quality",
+        group="Drawings",
     )
     stacking: str = setting(
         STACKED,
         "choice",
-        "Artwork: shapes that reach beneath others (stacked), or abut (cutout), for cutters.",
+        "Let shapes reach beneath others (stacked), or abut without overlap (cutout), for cutters.",
         choices=(STACKED, CUTOUT),
-        group="Quality",
+        group="Drawings",
     )
     completion: str = setting(
         ON,
         "choice",
-        "Artwork: hidden parts go on as what shows of them suggests (on), or end shortly (off).",
+        "Continue hidden parts as their visible ones suggest (on), or end them at once (off).",
         choices=(ON, OFF),
-        group="Quality",
+        group="Drawings",
     )
     curves: int | None = None
 
     def __post_init__(self) -> None:
         for each, known in settings_of(ArtworkSettings):
             known.check(each.name, getattr(self, each.name))
+        given = self.palette.split(",") if isinstance(self.palette, str) else self.palette
+        object.__setattr__(self, "palette", tuple(_triple(colour) for colour in given))
         if len(self.palette) > MOST_COLORS:
             raise UsageError(f"takes at most {MOST_COLORS} colours, not {len(self.palette)}", "palette")
-        for color in self.palette:
-            if len(color) != 3 or not all(isinstance(v, int) and 0 <= v <= 255 for v in color):
-                raise UsageError(f"takes colours of three values from 0 to 255, not {color!r}", "palette")
 
     @property
     def free_inks(self) -> bool:
@@ -76,18 +76,10 @@ class ArtworkSettings:
         return asdict(self) | {"palette": ["#{:02x}{:02x}{:02x}".format(*color) for color in self.palette]}
 
 
-def parse_palette(text: str) -> tuple[tuple[int, int, int], ...]:
-    """Colours with commas between them, #rgb, #rrggbb or CSS names; UsageError for anything else."""
-    from PIL import ImageColor
-
-    colours: list[tuple[int, int, int]] = []
-    for part in text.split(","):
-        colour: tuple[int, ...]
-        try:
-            colour = ImageColor.getrgb(part.strip().lower())
-        except ValueError:
-            colour = ()
-        if len(colour) != 3:
-            raise UsageError(f"must be colours such as #ffcc00 with commas between them, not {text!r}", "palette")
-        colours.append((colour[0], colour[1], colour[2]))
-    return tuple(colours)
+def _triple(colour: Any) -> tuple[int, int, int]:
+    """8-bit sRGB of a colour's name, or of three numbers; UsageError for what is no colour."""
+    if isinstance(colour, str):
+        return parse_colour(colour, "palette", "must be colours such as #ffcc00 or teal, with commas between them")
+    if not isinstance(colour, (tuple, list)) or len(colour) != 3 or not all(v in range(256) for v in colour):
+        raise UsageError(f"takes colours of three values from 0 to 255, not {colour!r}", "palette")
+    return int(colour[0]), int(colour[1]), int(colour[2])

@@ -15,6 +15,9 @@ from cubicsplat_cli.cli.eval import evaluate
 from cubicsplat_cli.cli.help import Command, GroupedCommand
 from cubicsplat_cli.cli.render import render
 from cubicsplat_cli.cli.vectorize import vectorize
+from cubicsplat_cli.files.names import STDIO
+from cubicsplat_cli.settings import listed
+from cubicsplat_cli.words import did_you_mean
 
 app = typer.Typer(
     name="cubicsplat",
@@ -64,6 +67,8 @@ def meant(arguments: list[str]) -> list[str]:
         return [*arguments[1:], "--help"]
     if arguments == ["bench"]:
         return ["bench", "--help"]
+    if first == STDIO:
+        return ["vectorize", *arguments]
     if first in COMMANDS or first.startswith("-") or difflib.get_close_matches(first, COMMANDS):
         return arguments
     return ["vectorize", *arguments] if re.search(r"[./\\*?]", first) else arguments
@@ -84,9 +89,8 @@ def parser_error(error: Exception) -> str | None:
         known = list(group.command.commands)
         if group.info_name == "bench" and match[1] in _MOVED:
             return f"bench {match[1]} is now `python -m benchmarks.{_MOVED[match[1]]}`, to be run in a checkout"
-        close = difflib.get_close_matches(match[1], known, 1)
-        hint = f"did you mean {close[0]}?" if close else f"the commands are {', '.join(known)}"
-        return f"there is no command {match[1]!r}; {hint}"
+        hint = did_you_mean(match[1], known) or f"; the commands are {', '.join(known)}"
+        return f"there is no command {match[1]!r}{hint}"
     if match := re.match(r"Missing argument '(.*?)'", text):
         return f"{match[1]} is missing; see --help"
     if match := re.match(r"No such option: (\S+)(?:.*\boptions?: (.*?)\)?$)?", text):
@@ -106,7 +110,7 @@ def _reason(text: str, cause: BaseException | None) -> str:
         return f"must be a number{given}"
     if match := re.match(r"(?:Value error, )?'(.*)' is not one of (.*?)\.?$", text, re.DOTALL):
         choices = match[2].replace("'", "").split(", ")
-        return f"must be {', '.join(choices[:-1])} or {choices[-1]}, not {match[1]!r}"
+        return f"must be {listed(choices)}, not {match[1]!r}{did_you_mean(match[1], choices)}"
     return _lowered(text).rstrip(".")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -115,10 +114,10 @@ def evaluate(
 def _compare(reference: Path, candidate: Path, options: Options, reporter: Reporter) -> Comparison:
     from cubicsplat_cli.evaluate.comparison import compare_with
     from cubicsplat_cli.files.load import load_picture
-    from cubicsplat_cli.files.read import looks_like_svg, read_file, unpacked
+    from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
 
     target = load_picture(reference, max_pixels=options.max_pixels, smaller="compare smaller copies")
-    data = unpacked(sys.stdin.buffer.read(), "stdin") if str(candidate) == STDIO else read_file(candidate)
+    data = unpacked(read_stdin(options.max_pixels), "stdin") if str(candidate) == STDIO else read_file(candidate)
     comparison = compare_with(
         target,
         str(reference),

@@ -7,9 +7,12 @@ from typing import Any
 
 from typer.core import TyperCommand
 
+from cubicsplat_cli.request import ARTWORK_OPTIONS, PHOTO_OPTIONS
+
 # The groups of options, in the order of the help; an option says its own by `rich_help_panel`, `Setting.group`.
-COMMON, QUALITY, FILES, EXPERT = "Most used", "Quality", "Files and output", "Expert"
-_GROUPS = (COMMON, QUALITY, FILES, EXPERT)
+COMMON, BOTH, PHOTOS, DRAWINGS, FILES = "Most used", "Photos and drawings", "Photos", "Drawings", "Files"
+_GROUPS = (COMMON, BOTH, PHOTOS, DRAWINGS, FILES, "Experts")
+_IMPLIED = dict.fromkeys(PHOTO_OPTIONS, "photo") | dict.fromkeys(ARTWORK_OPTIONS, "artwork")
 
 
 class Command(TyperCommand):
@@ -32,6 +35,8 @@ class Command(TyperCommand):
             if record is None:
                 continue
             shown, text = record
+            if self.grouped and parameter.name in _IMPLIED:
+                text += f"  [implies --style {_IMPLIED[parameter.name]}]"
             if parameter.param_type_name == "argument":
                 groups["Arguments"].append((str(parameter.metavar), text.replace("  [required]", "")))
             else:

@@ -35,7 +35,7 @@ Pictures = Annotated[
     ),
 ]
 
-ARTWORK_OPTIONS = tuple(field.name for field, _ in settings_of(ArtworkSettings))
+DRAWING_OPTIONS = tuple(field.name for field, _ in settings_of(ArtworkSettings))
 _KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "colour": str, "text": str}
 
 
@@ -87,12 +87,22 @@ def _annotation(name: str, known: Setting, default: Any, *, from_preset: bool) -
     if known.kind == "choice":
         kind: Any = Literal[known.choices]
         extra: dict[str, Any] = {"case_sensitive": False}
+    elif known.auto:
+        kind, extra = str, {"metavar": known.metavar, "parser": _number_or_word}
     else:
         kind, extra = _KINDS[known.kind], {} if known.kind == "flag" else {"metavar": known.metavar}
     declared = f"{option}/--no-{option[2:]}" if known.kind == "flag" else option
     return Annotated[
         kind | None if default is None else kind, Option(declared, help=text, rich_help_panel=known.group, **extra)
     ]
+
+
+def _number_or_word(text: str) -> Any:
+    """A whole number as such, and anything else as it is: `Setting.check` says what is wrong with it."""
+    try:
+        return int(text)
+    except ValueError:
+        return text.lower()
 
 
 def wanted_renderer(chosen: str) -> str | None:

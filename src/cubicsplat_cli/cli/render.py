@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -156,9 +155,9 @@ def _draw(
     from cubicsplat_cli.evaluate import rerender_untrusted
     from cubicsplat_cli.files.atomic import write_atomically
     from cubicsplat_cli.files.png import encode_png
-    from cubicsplat_cli.files.read import read_file, unpacked
+    from cubicsplat_cli.files.read import read_file, read_stdin, unpacked
 
-    svg = unpacked(sys.stdin.buffer.read(), "stdin") if source is None else read_file(source)
+    svg = unpacked(read_stdin(), "stdin") if source is None else read_file(source)
     rendered, _ = rerender_untrusted(
         svg,
         source="stdin" if source is None else str(source),

@@ -10,18 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from cubicsplat_cli.amounts import parse_bytes, with_segments
-from cubicsplat_cli.artwork.settings import ArtworkSettings, parse_palette
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.help import COMMON, EXPERT, FILES, QUALITY
-from cubicsplat_cli.cli.options import ARTWORK_OPTIONS, MaxPixels, Pictures, fit_settings, takes_fit_options
+from cubicsplat_cli.cli.help import BOTH, COMMON, DRAWINGS, FILES, PHOTOS
+from cubicsplat_cli.cli.options import DRAWING_OPTIONS, MaxPixels, Pictures, fit_settings, takes_fit_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.focus import parse_focus
 from cubicsplat_cli.jobs.plan import plan
 from cubicsplat_cli.request import STYLE, Request
 from cubicsplat_cli.settings import MAX_PIXELS, Mode, Setting
-
-if TYPE_CHECKING:
-    pass
 
 if TYPE_CHECKING:
     from cubicsplat_cli.beginning import Beginning
@@ -35,7 +32,7 @@ Output = Annotated[
         "--output",
         "-o",
         metavar="OUT",
-        help="SVG to write, a folder for it, or - for standard output; PNG and JSON lie beside it."
+        help="SVG to write, a folder for it, or - for standard output; PNG and JSON are written beside it."
         "  [default: the input's name with .svg]",
         show_default=False,
         rich_help_panel=COMMON,
@@ -47,13 +44,13 @@ Recursive = Annotated[
 Jobs = Annotated[
     int | None,
     typer.Option(
-        "--jobs", "-j", metavar="N", help="Pictures at once, each in a process.  [default: 1]", rich_help_panel=COMMON
+        "--jobs", "-j", metavar="N", help="How many pictures to work on at once.  [default: 1]", rich_help_panel=COMMON
     ),
 ]
 Cluster = Annotated[
     str | None,
     typer.Option(
-        "--cluster", metavar="ADDRESS", help="Run on the Ray cluster there: host:port, or auto.", rich_help_panel=EXPERT
+        "--cluster", metavar="ADDRESS", help="Run on the Ray cluster there: host:port, or auto.", rich_help_panel=BOTH
     ),
 ]
 Style = Annotated[
@@ -63,7 +60,10 @@ Style = Annotated[
 Palette = Annotated[
     str | None,
     typer.Option(
-        "--palette", metavar="COLOUR,...", help="Artwork: the inks to use, and no others.", rich_help_panel=QUALITY
+        "--palette",
+        metavar="COLOUR,...",
+        help="Use these colours and no others: names or #rrggbb.",
+        rich_help_panel=DRAWINGS,
     ),
 ]
 Precision = Annotated[
@@ -71,14 +71,14 @@ Precision = Annotated[
     typer.Option(
         "--precision",
         metavar="N",
-        help="Decimals of the coordinates in px.  [default: 2; of artwork by its size]",
-        rich_help_panel=QUALITY,
+        help="Decimals of the coordinates in px.  [default: 2; for drawings, by their size]",
+        rich_help_panel=BOTH,
     ),
 ]
 MaxSize = Annotated[
     int | None,
     typer.Option(
-        "--max-size", metavar="PX", help="Fit a copy scaled down to this longer side.", rich_help_panel=QUALITY
+        "--max-size", metavar="PX", help="Work on a copy scaled down to this longer side.", rich_help_panel=BOTH
     ),
 ]
 Frame = Annotated[
@@ -97,7 +97,7 @@ Measure = Annotated[
     bool,
     typer.Option(
         "--measure/--no-measure",
-        help="Draw and measure the SVG; without, there is no PNG either.",
+        help="Render the SVG and measure it; --no-measure implies --no-png.",
         rich_help_panel=FILES,
     ),
 ]
@@ -105,14 +105,17 @@ Page = Annotated[
     bool,
     typer.Option(
         "--report",
-        help="Also write OUT.html, a page that shows the SVG; of several pictures an index too.",
+        help="Also write OUT.html, a page that shows the result; for several pictures, an index too.",
         rich_help_panel=COMMON,
     ),
 ]
 Animation = Annotated[
     Path | None,
     typer.Option(
-        "--animation", metavar="FILE", help="Also write the fit as it develops: .webp or .gif.", rich_help_panel=FILES
+        "--animation",
+        metavar="FILE",
+        help="Also write how the result develops, as .webp or .gif.",
+        rich_help_panel=FILES,
     ),
 ]
 Weights = Annotated[
@@ -120,8 +123,8 @@ Weights = Annotated[
     typer.Option(
         "--weights",
         metavar="MASK",
-        help="A picture of what matters, black not at all, white fully; or a folder of such.",
-        rich_help_panel=QUALITY,
+        help="A picture that is white where detail matters and black where not; or a folder of such pictures.",
+        rich_help_panel=PHOTOS,
     ),
 ]
 FocusOn = Annotated[
@@ -129,20 +132,21 @@ FocusOn = Annotated[
     typer.Option(
         "--focus",
         metavar="X,Y,W,H",
-        help="A rectangle in px that matters 4 times as much as the rest, or X,Y,W,H,FACTOR.",
-        rich_help_panel=QUALITY,
+        help="A rectangle in px that matters 4 times as much as the rest; X,Y,W,H,FACTOR: another factor.",
+        rich_help_panel=PHOTOS,
     ),
 ]
 NoJson = Annotated[bool, typer.Option("--no-json", help="Write no OUT.json.", rich_help_panel=FILES)]
 SvgOnly = Annotated[
-    bool, typer.Option("--svg-only", help="Write the SVG and nothing else: --no-png --no-json.", rich_help_panel=FILES)
+    bool,
+    typer.Option("--svg-only", help="Write nothing but the SVG.  [implies --no-png --no-json]", rich_help_panel=FILES),
 ]
 Suffix = Annotated[
     str,
     typer.Option(
         "--suffix",
         metavar="TEXT",
-        help="Add this to names made of the picture's: -small gives photo-small.svg.",
+        help="Add this to the names of the results: -small gives photo-small.svg.",
         show_default=False,
         rich_help_panel=FILES,
     ),
@@ -150,44 +154,42 @@ Suffix = Annotated[
 SkipExisting = Annotated[
     bool,
     typer.Option(
-        "--skip-existing", help="Leave pictures alone that have an SVG, whatever made it.", rich_help_panel=FILES
+        "--skip-existing", help="Skip pictures that have an SVG already, whatever made it.", rich_help_panel=FILES
     ),
 ]
 Init = Annotated[
     str | None,
     typer.Option(
-        "--init", metavar="SVG", help="Begin with this drawing, to refine, grow or shrink it.", rich_help_panel=QUALITY
+        "--init", metavar="SVG", help="Start from this SVG, to refine, grow or shrink it.", rich_help_panel=PHOTOS
     ),
 ]
 Freeze = Annotated[
     bool,
-    typer.Option("--freeze", help="Keep the curves of --init, and add to them.", rich_help_panel=QUALITY),
+    typer.Option("--freeze", help="Keep the curves of --init as they are, and add to them.", rich_help_panel=PHOTOS),
 ]
 MaxBytes = Annotated[
     str | None,
     typer.Option(
-        "--max-bytes", metavar="N", help="As many curves as fit into a file of so many bytes, 20k say.",
-        rich_help_panel=COMMON,
+        "--max-bytes", metavar="N", help="Use as many curves as fit into a file of this size, such as 20k.",
+        rich_help_panel=PHOTOS,
     ),
 ]  # fmt: skip
 TargetPsnr = Annotated[
     float | None,
-    typer.Option(
-        "--target-psnr", metavar="DB", help="As few curves as give a file of so many dB.", rich_help_panel=COMMON
-    ),
+    typer.Option("--target-psnr", metavar="DB", help="Use as few curves as reach this PSNR.", rich_help_panel=PHOTOS),
 ]
 Svgz = Annotated[bool, typer.Option("--svgz", help="Write the SVG compressed, as OUT.svgz.", rich_help_panel=FILES)]
 Force = Annotated[
     bool,
     typer.Option(
-        "--force", help="Make everything anew, and replace files that cubicsplat did not write.", rich_help_panel=COMMON
+        "--force", help="Redo everything, and replace files that cubicsplat did not write.", rich_help_panel=COMMON
     ),
 ]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Only say what would be made.", rich_help_panel=FILES)]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Only list what would be made.", rich_help_panel=FILES)]
 Json = Annotated[
     bool,
     typer.Option(
-        "--json", help="Print the figures on standard output, one JSON line a picture.", rich_help_panel=FILES
+        "--json", help="Print the figures on standard output, one line of JSON per picture.", rich_help_panel=FILES
     ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=FILES)]
@@ -255,10 +257,11 @@ def vectorize(
     _JOBS.check("jobs", jobs)
     request = Request(
         settings=fit_settings(
-            with_segments({name: value for name, value in fit.items() if name not in ARTWORK_OPTIONS}, max_bytes)
+            with_segments({name: value for name, value in fit.items() if name not in DRAWING_OPTIONS}, max_bytes)
         ),
         artwork=ArtworkSettings(
-            palette=parse_palette(palette) if palette else (), **{name: fit[name] for name in ARTWORK_OPTIONS}
+            palette=() if palette is None else palette,  # type: ignore[arg-type]
+            **{name: fit[name] for name in DRAWING_OPTIONS},
         ),
         style=style,
         precision=precision,
@@ -283,6 +286,7 @@ def vectorize(
         target_psnr=target_psnr,
     )
     from cubicsplat_cli.cli.run import Run, check_stdout
+    from cubicsplat_cli.files.read import read_stdin
     from cubicsplat_cli.jobs.execute import Means
     from cubicsplat_cli.jobs.masks import with_masks
 
@@ -291,7 +295,7 @@ def vectorize(
         planned = with_masks(planned, request.masks)
     check_stdout(planned, json=json, cluster=cluster is not None)
     if planned.jobs and planned.jobs[0].path is None:
-        planned = replace(planned, jobs=[replace(planned.jobs[0], data=sys.stdin.buffer.read())])
+        planned = replace(planned, jobs=[replace(planned.jobs[0], data=read_stdin(max_pixels))])
     means = Means(workers=jobs, cluster=cluster, inline=cluster is None and planned.pictures == 1)
     reporter = Reporter(quiet=quiet, verbose=verbose, bars=not (json and sys.stdout.isatty()))
     code = Run(planned, request, means, reporter, json=json, dry_run=dry_run).go()

@@ -13,8 +13,8 @@ from xml.parsers import expat
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
+from cubicsplat_cli.files.read import MAX_SVG_BYTES
 
-MAX_SVG_BYTES = 64 * 1024 * 1024
 MAX_ELEMENTS = 2_000_000
 MAX_DEPTH = 256
 

@@ -3,16 +3,32 @@
 from __future__ import annotations
 
 import importlib
+from pathlib import Path
 
 from PIL import Image
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.names import reads_heic
+from cubicsplat_cli.files.ownership import read_head
+from cubicsplat_cli.files.paths import is_file
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
 FORMATS_TEXT = ", ".join((*FORMATS, "AVIF"))
 _AVIF = {b"avif", b"avis"}
 _HEIC = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"}
+
+
+def holds_picture(path: Path) -> bool:
+    """Whether an existing regular file begins as a raster picture does, whatever its name."""
+    try:
+        if not is_file(path) or _brands(read_head(path)) & (_AVIF | _HEIC):
+            return is_file(path)
+        Image.open(path, formats=FORMATS).close()
+    except OSError:
+        return False
+    except Image.DecompressionBombError:
+        pass
+    return True
 
 
 def formats_of(data: bytes, shown: str) -> tuple[str, ...]:

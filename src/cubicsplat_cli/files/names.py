@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.ownership import is_ours, picture_of
+from cubicsplat_cli.files.ownership import is_replaceable, picture_of
 from cubicsplat_cli.files.paths import is_folder, is_there, same_file
 
 STDIO = "-"
@@ -142,7 +142,7 @@ def beside(svg: Path, *, png: bool, report: bool = True, source: Path | None = N
 def drawn_name(svg: Path) -> Path:
     """Where the drawing of an SVG goes by default: never over a picture that we did not draw."""
     picture = svg.with_suffix(".png")
-    return svg.with_suffix(_RENDERED) if is_there(picture) and not is_ours(picture) else picture
+    return picture if is_replaceable(picture) else svg.with_suffix(_RENDERED)
 
 
 def names_a_folder(output: str) -> bool:

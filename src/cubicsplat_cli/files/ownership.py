@@ -32,21 +32,25 @@ def check_outputs(paths: list[Path], *, force: bool) -> None:
 def check_ownership(paths: list[Path], *, force: bool) -> None:
     """Raise UsageError where a file exists that cubicsplat did not write and `force` is not given."""
     for path in paths:
-        if not force and is_there(path) and not is_ours(path):
+        if not force and not is_replaceable(path):
             raise UsageError(f"{path} exists and was not written by cubicsplat; use --force or choose another output")
+
+
+def is_replaceable(path: Path) -> bool:
+    """Whether writing `path` destroys nobody's work: there is nothing, a file of ours, or a file of 0 bytes, as a
+    crashed disk leaves them.
+    """
+    return not is_there(path) or is_ours(path) or (is_file(path) and path.stat().st_size == 0)
 
 
 def is_ours(path: Path) -> bool:
     """Whether an existing regular file carries the mark that cubicsplat leaves in what it writes.
 
-    A file that cannot be read is not ours, as far as we can tell. One without a single byte holds nothing of anybody's:
-    a crashed disk leaves such files.
+    A file that cannot be read is not ours, as far as we can tell.
     """
     if not is_file(path):
         return False
     try:
-        if path.stat().st_size == 0:
-            return True
         head = read_head(path)
     except OSError:
         return False
@@ -56,7 +60,7 @@ def is_ours(path: Path) -> bool:
         return f"{PROGRAM} ".encode() in read_ends(path)
     if path.suffix.lower() == ".json":
         # A report that was cut short is ours too.
-        return f'"program": "{PROGRAM}"'.encode() in head or _REPORT.startswith(head)
+        return f'"program": "{PROGRAM}"'.encode() in head or (head != b"" and _REPORT.startswith(head))
     return svg_is_ours(head)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import io
 import stat
+import sys
 import zlib
 from pathlib import Path
 
@@ -13,6 +15,9 @@ from cubicsplat_cli.words import printable
 
 MAX_FILE_BYTES = 1 << 30
 MAX_UNPACKED_BYTES = 1 << 28
+MAX_SVG_BYTES = 1 << 26  # that is drawn or measured
+_PIXEL_BYTES = 16  # of the largest a pixel can be in a file: four channels of 32 bits, not compressed
+_CHUNK_BYTES = 1 << 20
 
 
 def read_whole(path: Path, name: str | None = None) -> bytes:
@@ -36,6 +41,28 @@ def read_whole(path: Path, name: str | None = None) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{shown}: cannot be read ({reason}); check the path and the disk") from error
+
+
+def read_stdin(max_pixels: int = 0) -> bytes:
+    """Standard input, which may be endless: as many bytes as an SVG has at most, or a picture of `max_pixels` pixels,
+    whose metadata may take what an SVG may. Raises InputError where there are more, or where it cannot be read.
+    """
+    limit, gathered = min(MAX_SVG_BYTES + _PIXEL_BYTES * max_pixels, MAX_FILE_BYTES), io.BytesIO()
+    try:
+        while chunk := sys.stdin.buffer.read(_CHUNK_BYTES):
+            gathered.write(chunk)
+            if gathered.tell() > limit:
+                reason = (
+                    "the limit"
+                    if limit == MAX_FILE_BYTES or not max_pixels
+                    else f"what --max-pixels {max_pixels} needs"
+                )
+                raise InputError(f"stdin: is larger than {limit >> 20} MiB, {reason}; give a smaller file")
+    except OSError as error:
+        raise InputError(f"stdin: cannot be read ({error.strerror}); give a file") from error
+    except MemoryError as error:
+        raise InputError("stdin: is larger than the memory that there is; give a smaller file") from error
+    return gathered.getvalue()
 
 
 def check_size(size: int, shown: str) -> None:

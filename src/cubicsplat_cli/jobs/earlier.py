@@ -7,7 +7,7 @@ from pathlib import Path
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import hashes_in, is_edited, sha256_of
 from cubicsplat_cli.files.names import beside
-from cubicsplat_cli.files.ownership import check_outputs, check_ownership, head_of, is_ours, read_ends
+from cubicsplat_cli.files.ownership import check_outputs, check_ownership, head_of, is_replaceable, read_ends
 from cubicsplat_cli.files.paths import is_file, same_file
 from cubicsplat_cli.files.read import unpacked
 from cubicsplat_cli.jobs.plan import Job, make_folders
@@ -70,7 +70,7 @@ def _is_whole(path: Path, data: bytes) -> bool:
 def forget(job: Job) -> None:
     """Remove the report of an earlier run, which says what the files were: they are about to become others."""
     path = _report_of(job)
-    if path is not None and is_ours(path):
+    if path is not None and is_replaceable(path):
         path.unlink(missing_ok=True)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,9 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, is_heic_name, is_picture_name, reads_heic
 from cubicsplat_cli.files.ownership import is_ours
 from cubicsplat_cli.files.paths import is_folder
+
+_SEPARATORS = re.escape(os.sep + (os.altsep or ""))
+_ANY_DEPTH = re.compile(rf"(?:(?<![^{_SEPARATORS}])\*\*(?:[{_SEPARATORS}]+|$))+")  # `**`, or several, in a pattern
 
 
 @dataclass(frozen=True)
@@ -75,18 +79,28 @@ def _take_file(source: Source, found: Found) -> None:
 
 
 def _take_pattern(pattern: str, found: Found) -> None:
-    # Path.glob takes no absolute patterns.
-    matches = sorted(Path(name) for name in glob.glob(pattern, recursive=True))  # noqa: PTH207
-    # As when folders are searched, links to folders are not followed.
-    matches = [path for path in matches if not is_folder(path) and not ("**" in pattern and _through_link(path))]
+    matches = sorted({path for path in _matching(pattern) if not is_folder(path)})
     if not matches:
         found.problems.append((pattern, InputError(f"{pattern}: no file matches; check the pattern")))
     for path in matches:
         _take_file(Source(path), found)
 
 
-def _through_link(path: Path) -> bool:
-    return any(parent.is_symlink() for parent in path.parents)
+def _matching(pattern: str) -> Iterator[Path]:
+    """What matches a pattern. `**` is any number of folders, none of them hidden and none a link: `glob` follows links,
+    without end where two lead to their own folder.
+    """
+    before, *after = _ANY_DEPTH.split(pattern, maxsplit=1)
+    if not after:
+        yield from map(Path, glob.glob(pattern))  # noqa: PTH207 (Path.glob takes no absolute patterns)
+        return
+    for top in glob.glob(before) if before else [os.curdir]:  # noqa: PTH207
+        for place, folders, _ in os.walk(top):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            for path in _matching(os.path.join(glob.escape(place), after[0] or "*")):  # noqa: PTH118
+                inside = list(path.relative_to(top).parents)[:-1]
+                if not any(Path(top, folder).is_symlink() for folder in inside):
+                    yield path
 
 
 def _take_folder(folder: Path, recursive: bool, found: Found) -> None:

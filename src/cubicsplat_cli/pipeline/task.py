@@ -12,11 +12,13 @@ import numpy as np
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.style import PHOTO, Style
+from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.measurable import seconds_to_measure
 from cubicsplat_cli.files.atomic import write_atomically
+from cubicsplat_cli.files.formats import holds_picture
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import provenance_comment, sha256_of, with_checksum
-from cubicsplat_cli.files.names import is_compressed_name
+from cubicsplat_cli.files.names import SVG_SUFFIXES, is_compressed_name
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.files.weights import pixel_weights
 from cubicsplat_cli.film import Film
@@ -26,6 +28,7 @@ from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.words import printable
 
 UNDECIDED = Style(PHOTO, "")
 LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
@@ -45,11 +48,17 @@ class Result:
     pixels: np.ndarray | None = None
 
     def save(self, path: str | Path) -> None:
-        """Write the SVG, whole or not at all; compressed where the name ends in .svgz.
+        """Write the SVG, whole or not at all, to a name that ends in .svg, in .svgz (compressed), or has no suffix.
 
-        Raises InputError where the file cannot be written.
+        Raises InputError where the file cannot be written, UsageError for another suffix, and where the file is a
+        raster picture, which an SVG shall not replace.
         """
-        write_atomically(Path(path), packed(self.svg, compressed=is_compressed_name(Path(path))))
+        path = Path(path)
+        if path.suffix.lower() not in (*SVG_SUFFIXES, ""):
+            raise UsageError(f"{printable(str(path))}: an SVG's name must end in .svg or .svgz; choose another")
+        if holds_picture(path):
+            raise UsageError(f"{printable(str(path))}: is a picture, which the SVG would replace; choose another name")
+        write_atomically(path, packed(self.svg, compressed=is_compressed_name(path)))
 
 
 @dataclass(frozen=True, eq=False)
