@@ -39,14 +39,18 @@ def reduced(levels: np.ndarray, factor: int) -> np.ndarray:
     return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 
-def bounded_regions(levels: np.ndarray, palette: np.ndarray, min_area: float, most: int | None = None) -> Regions:
-    """The regions of a picture, at most 600: where there are more, the smallest join their neighbours. most: inks."""
-    regions = find_regions(levels, palette, min_area, most)
+def bounded_regions(
+    levels: np.ndarray, palette: np.ndarray, min_area: float, most: int | None, known: np.ndarray | None
+) -> Regions:
+    """The regions of a picture, at most 600: where there are more, the smallest join their neighbours; otherwise as
+    `find_regions`.
+    """
+    regions = find_regions(levels, palette, min_area, most, known)
     found = regions.count
     while regions.count > MOST_REGIONS:
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[MOST_REGIONS]) + 1.0, 4.0)
-        regions = find_regions(levels, palette, min_area, most)
+        regions = find_regions(levels, palette, min_area, most, known)
         if min_area > levels.shape[0] * levels.shape[1]:
             break
     if regions.count < found:

@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.limits import MOST_POLISHED, enlarged
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.inks import eight_bit
+from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
@@ -74,9 +75,9 @@ def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawi
     condition = intake.condition
     error = condition.edge_error
     flat = without_gradients(intake, settings)
-    even, inks = _even(flat.levels, intake, settings)
+    even = _even(flat.levels, intake, settings)
     standing = flat.inks if _may_shine_through(intake, settings) else None
-    plan = planned(even, settings, intake.scale, condition.restored_error, standing, inks)
+    plan = planned(even, settings, intake.scale, condition.restored_error, standing)
     height, width = plan.levels.shape[:2]
     shapes = _traced(plan.parts, (height, width), settings, flat)
     if any(part.extent.layer == SHEET for part in plan.parts):
@@ -109,11 +110,11 @@ def _may_shine_through(intake: Intake, settings: ArtworkSettings) -> bool:
     return intake.condition.clean and settings.free_inks and settings.stacking != CUTOUT
 
 
-def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> tuple[np.ndarray, np.ndarray | None]:
-    """A picture without gradients as if it were clean, and its inks (k, 4) where they are known."""
+def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> FlatPicture:
+    """A picture without gradients as if it were clean."""
     if intake.pens is not None:
-        return sharpened(levels, intake.pens)
-    return levels if intake.condition.clean else restored(levels, intake.condition, settings.colors), None
+        return FlatPicture(*sharpened(levels, intake.pens))
+    return FlatPicture(levels) if intake.condition.clean else restored(levels, intake.condition, settings.colors)
 
 
 def _traced(

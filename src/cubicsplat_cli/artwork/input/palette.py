@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.channels import largest
+
 # Levels: what differs less is one ink, or times the noise.
 SAME, SAME_NOISE = 8.0, 4.0
 CALM = 1.5  # times the noise that 3 x 3 px may deviate, and a level for rounding
@@ -13,6 +15,11 @@ MOST = 64
 # Near edges, px, where 3 x 3 px span so many levels, an ink is only what differs so many times as much from those found
 # farther away.
 NEAR, EDGE, FAR = 8, 24.0, 2.5
+# A fill colour is missing where the mean residual of WINDOW x WINDOW px is over UNLIKE in luma or chroma, about 3 to 4
+# in CIEDE2000, and makes up most of the squares: a thin line's does not. A JPEG leaves up to a share of the range of
+# colours that a block of its chroma has, on either side; and px that show a missing colour.
+WINDOW, UNLIKE, EXPLAINED = 5, 6.0, 0.5
+RINGING, CHROMA_BLOCK, LEAST_MISSING = 0.125, 16, 60
 
 
 def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -53,6 +60,34 @@ def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float, most: int | N
     if not inks:
         return np.median(levels.reshape(-1, 4), axis=0).astype(float)[None]
     return np.array(inks, dtype=float)[np.argsort(-np.array(sizes), kind="stable")]
+
+
+def missing_colours(
+    levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray, space: np.ndarray, noise: float, *, jpeg: bool
+) -> np.ndarray:
+    """(k, 4) fill colours in levels that areas of a picture (H, W, 4) have and its palette (P, 4) lacks.
+
+    nearest: (H, W) the colour of the palette nearest to each pixel. space: (4, 4) what rows of RGBA are multiplied by
+    for luma and chroma.
+    """
+    seen = (levels @ space).astype(np.float32)
+    inner = ndimage.maximum_filter(nearest, 3) == ndimage.minimum_filter(nearest, 3)
+    residual = np.where(inner[..., None], seen - (palette @ space).astype(np.float32)[nearest], np.float32(0.0))
+    share = np.maximum(ndimage.uniform_filter(inner.astype(np.float32), WINDOW), 1e-3)[..., None]
+    mean = ndimage.uniform_filter(residual, (WINDOW, WINDOW, 1)) / share
+    square = ndimage.uniform_filter(residual * residual, (WINDOW, WINDOW, 1)) / share
+    unlike = np.abs(mean) - UNLIKE
+    if jpeg:
+        block = (2 * CHROMA_BLOCK + 1, 2 * CHROMA_BLOCK + 1, 1)
+        unlike -= RINGING * (ndimage.maximum_filter(seen, block) - ndimage.minimum_filter(seen, block))
+    calm, _ = calm_pixels(seen, noise)
+    off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > EXPLAINED * square.sum(axis=-1))
+    values = ndimage.uniform_filter(levels, (3, 3, 1))[off]
+    found = [
+        np.median(levels[off][np.abs(values - place).max(axis=-1) <= SAME], axis=0)
+        for place in _modes(values, SAME, LEAST_MISSING, np.zeros((0, 4)))
+    ]
+    return np.array(found, dtype=float).reshape(-1, 4)
 
 
 def _modes(values: np.ndarray, reach: float, least: float, known: np.ndarray) -> np.ndarray:

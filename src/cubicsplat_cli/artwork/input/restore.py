@@ -11,11 +11,11 @@ from scipy import ndimage
 from scipy.special import ndtri
 
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.lines import line_inks, overshoots
-from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, noisy_inks
+from cubicsplat_cli.artwork.input.lines import line_inks, overshoots, with_lines
+from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, missing_colours, noisy_inks
 from cubicsplat_cli.artwork.input.squares import square_inks
 from cubicsplat_cli.artwork.regions.inks import picture_inks
-from cubicsplat_cli.artwork.regions.regions import near_inks
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, near_inks
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
 # JPEG; residuals count up to MOST standard deviations.
@@ -48,14 +48,18 @@ def seen_as(condition: Condition) -> np.ndarray:
     return (_TO_YCC * np.array([1.0, CHROMA, CHROMA, 1.0])[:, None]).T
 
 
-def restored(levels: np.ndarray, condition: Condition, most: int | None = None) -> np.ndarray:
-    """The picture (H, W, 4) in levels as a clean one, float32, of at most so many inks."""
+def restored(levels: np.ndarray, condition: Condition, most: int | None = None) -> FlatPicture:
+    """The picture (H, W, 4) in levels as a clean one, of at most so many fill colours."""
     if condition.only_blurred:
-        return _sharpened(levels, condition.blur, most)
+        return FlatPicture(_sharpened(levels, condition.blur, most))
     space = seen_as(condition)
     seen = (levels @ space).astype(np.float32)
     palette = noisy_inks(levels, seen, condition.noise, most)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
+    if most is None:
+        nearest, _ = _nearest(seen, palette @ space)
+        new = missing_colours(levels, palette, nearest, _TO_YCC.T, condition.noise, jpeg=condition.jpeg)
+        palette = np.vstack([palette, new])
     thick = len(palette)
     if most is None and thick <= MOST_THICK:
         _, gap = _nearest(seen, palette @ space)
@@ -67,7 +71,10 @@ def restored(levels: np.ndarray, condition: Condition, most: int | None = None) 
         palette = np.vstack([palette, line_inks(levels[far], seen[far], palette, space, sigma)])
     labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
-    return _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+    drawn = _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+    labels = with_lines(seen, palette @ space, labels, _solid(labels), drawn @ space, sigma)
+    out = _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+    return FlatPicture(out, palette, labels)
 
 
 def _sharpened(levels: np.ndarray, blur: float, most: int | None) -> np.ndarray:

@@ -118,15 +118,16 @@ def missing_inks(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
     return np.array(found).reshape(-1, 4)
 
 
-def line_inks(
+def nearest_line_inks(
     values: np.ndarray,
     place: tuple[np.ndarray, np.ndarray],
-    size: tuple[int, int],
+    size: tuple[int, ...],
     palette: np.ndarray,
     near: np.ndarray,
+    close: float = CLOSE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(n,) the ink of the line that each strange value (n, 4), at rows and columns (n,), belongs to, -1 for none; and
-    whether it is mostly or by its place the line's (n,).
+    whether it is mostly or by its place the line's (n,). close: levels by which pixels are off that are.
     """
     first = palette[near[:, 0]]
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
@@ -142,7 +143,7 @@ def line_inks(
         mean = ndimage.uniform_filter(cost, WINDOW, mode="constant")[place] / around + 0.1 * c
         better = mean < best
         best[better], ink[better], share[better], gap[better] = mean[better], c, s[better], rest[better]
-    ink = np.where(gap <= CLOSE, ink, -1)
+    ink = np.where(gap <= close, ink, -1)
     shares = np.zeros(size)
     shares[place] = np.where(ink >= 0, share, 0.0)
     return ink, (ink >= 0) & ((share >= SHARE) | ((share >= LESS) & _ridge(shares)[place]))

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.hairlines import level_lines, line_inks, missing_inks, strangers
+from cubicsplat_cli.artwork.regions.hairlines import level_lines, missing_inks, nearest_line_inks, strangers
 from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blends
 from cubicsplat_cli.artwork.regions.inks import SAME, flat_pixels
 from cubicsplat_cli.artwork.regions.line_blends import line_blends
@@ -27,6 +27,19 @@ MOST_SEEN, STRANGE_INK, ONE_COLOUR, FEWEST, LEAST_STRANGE = 24, 40.0, 24.0, 4, 0
 CHUNK = 4096  # colours at a time
 # A region below SPECK px must have a pixel that is its ink by MOSTLY.
 SPECK, MOSTLY = 9, 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class FlatPicture:
+    """A picture without gradients, noise or blur, and what is known of it.
+
+    levels: (H, W, 4) premultiplied RGBA. palette: (P, 4) levels, its fill colours, or None. labels: (H, W) int32 which
+    of them every pixel has most of, or None.
+    """
+
+    levels: np.ndarray
+    palette: np.ndarray | None = None
+    labels: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -47,12 +60,24 @@ class Regions:
         return np.bincount(self.labels.ravel(), minlength=self.count)
 
 
-def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0, most: int | None = None) -> Regions:
+def find_regions(
+    levels: np.ndarray,
+    palette: np.ndarray,
+    min_area: float = 0.0,
+    most: int | None = None,
+    known: np.ndarray | None = None,
+) -> Regions:
     """Regions of a picture (H, W, 4) in levels, in the inks of a palette (P, 4), and those that only thin lines and
     small details have: with these no more than `most`, where that is not None.
+
+    known: (H, W) int32 the ink of every pixel, where that is known already; the palette then has them all.
     """
-    palette, pure = with_rules(levels, *_with_inks_of_lines(levels, palette, most), most)
-    inks = joined_at_corners(_blends_shared_out(levels, palette, pure), levels, palette)
+    if known is None:
+        palette, pure = with_rules(levels, *_with_inks_of_lines(levels, palette, most), most)
+        inks = _blends_shared_out(levels, palette, pure)
+    else:
+        inks, pure = known, np.where(largest(np.abs(levels - palette[known])) <= PURE, known, -1)
+    inks = joined_at_corners(inks, levels, palette)
     labels = _components(inks)
     sure = _sure(levels, palette, labels, inks, pure)
     labels = _without_specks(labels, sure, max(min_area, 3.0))
@@ -210,7 +235,7 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
     if not strange.any():
         return out
     y, x, near = y[strange], x[strange], near[strange]
-    ink, own = line_inks(levels[y, x], (y, x), pure.shape, palette, near)
+    ink, own = nearest_line_inks(levels[y, x], (y, x), pure.shape, palette, near)
     out[y, x] = np.where(own, ink, np.where(ink >= 0, winner[strange], out[y, x]))
     return out
 
