@@ -1,49 +1,16 @@
-"""Lines too thin to be calm anywhere: their colours, which no blend of the others explains, and where they run."""
+"""Inks that only lines too thin to be calm anywhere have: colours that no blend of the others explains."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
-from cubicsplat_cli.artwork.regions.hairlines import CLOSE, nearest_line_inks
 from cubicsplat_cli.artwork.regions.hidden_inks import distance_to_blends
-from cubicsplat_cli.artwork.regions.regions import near_inks
 
 # Of the distance between two inks: steps by which the sharpening of an edge between them goes beyond either, and levels
 # by which what it makes is off that.
 BEYOND, BEYOND_OFF = np.linspace(0.02, 0.25, 12), 8.0
 STRANGE = 6.0  # times the misfit from every blend of two inks
 CELL, FEWEST, MOST = 16.0, 24, 4  # levels of what is one colour, pixels that show an ink, and inks
-
-# Px along which pixels hang together that are off by so many times the misfit, for a line to be there.
-LENGTH, OFF = 8, 3.0
-
-
-def with_lines(
-    seen: np.ndarray, inks: np.ndarray, labels: np.ndarray, solid: np.ndarray, drawn: np.ndarray, sigma: float
-) -> np.ndarray:
-    """(H, W) int32 the labels of a picture with those of the thin lines that they lack.
-
-    seen: (H, W, 4) the picture, inks: (P, 4) the colours of the labels, drawn: (H, W, 4) what the labels make of the
-    picture, all in coordinates whose distances tell colours apart; solid: (H, W) the labels that are not thin, else -1;
-    sigma: levels by which pixels are off there.
-    """
-    off = ((seen - drawn) ** 2).sum(axis=-1) > (OFF * sigma) ** 2
-    square = np.ones((3, 3), dtype=bool)
-    parts, _ = ndimage.label(ndimage.binary_dilation(off, square) | (solid < 0), square)
-    count = np.bincount(parts[off], minlength=int(parts.max()) + 1)
-    boxes = ndimage.find_objects(parts)
-    long = [False] + [max(s.stop - s.start for s in box) >= LENGTH for box in boxes]
-    y, x = np.nonzero((np.array(long) & (count > 0))[parts])
-    near = near_inks(solid, y, x)
-    y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
-    if not len(y):
-        return labels
-    ink, own = nearest_line_inks(seen[y, x], (y, x), labels.shape, inks, near, max(CLOSE, OFF * sigma))
-    own &= (near == labels[y, x][:, None]).any(axis=1)
-    out = labels.copy()
-    out[y[own], x[own]] = ink[own]
-    return out
 
 
 def line_inks(levels: np.ndarray, seen: np.ndarray, palette: np.ndarray, space: np.ndarray, sigma: float) -> np.ndarray:
