@@ -53,7 +53,7 @@ def test_each_gradient_becomes_one_ink_up_to_its_edges_and_tips():
     soft, place = drawing()
     flat = without_blurred_gradients(soft, BLUR)
     assert len(flat.gradients) == 2
-    done = restored(flat.levels, Condition(0.0, False, BLUR))
+    done = restored(flat.levels, Condition(0.0, False, BLUR)).levels
     middle = ndimage.minimum_filter(place, 3) == ndimage.maximum_filter(place, 3)
     for k in range(4):
         own = done[middle & (place == k)]

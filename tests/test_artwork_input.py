@@ -121,7 +121,7 @@ def test_noise_gives_no_inks_and_hides_none(kind):
 def test_a_restored_picture_is_nearer_to_the_clean_one(kind, least):
     ground = f'<path d="M0 0H{SIDE}V{SIDE}H0z" fill="#fff"/>'
     clean, spoilt = as_levels(target("clean", ground + FACE)), as_levels(target(kind))
-    done = restored(spoilt, condition_of(spoilt))
+    done = restored(spoilt, condition_of(spoilt)).levels
     before, after = (float(np.sqrt(((p - clean) ** 2).mean())) for p in (spoilt, done))
     assert before > least * after
     # Interiors are even again.
@@ -245,7 +245,7 @@ def test_an_ink_of_thin_lines_alone_is_found_and_drawn():
     condition = condition_of(levels)
     palette = noisy_inks(levels, levels, condition.noise)
     assert np.abs(palette[:, :3]).max(axis=1).min() > 100.0
-    done = restored(levels, condition)
+    done = restored(levels, condition).levels
     clean = as_levels(target("clean", body))
     black = (clean[..., :3] < 8.0).all(axis=-1)
     assert black.sum() > 300
@@ -281,7 +281,7 @@ def even(levels: np.ndarray) -> np.ndarray:
 def test_inks_that_are_nearly_alike_stay_apart_in_a_blurred_picture():
     """They differ by eight levels, as those that noise would make of one ink do."""
     clean, soft = blurred('<path d="M10 10H80V150H10z" fill="#eaeaea"/><path d="M80 10H150V150H80z" fill="#e2dfe4"/>')
-    done = restored(soft, Condition(0.0, False, 1.2))
+    done = restored(soft, Condition(0.0, False, 1.2)).levels
     for y, x in ((80, 40), (80, 120), (80, 5)):
         assert (done[y, x] == clean[y, x]).all()
     assert len(np.unique(np.rint(done[60:100, 20:140]).reshape(-1, 4), axis=0)) <= 3
@@ -294,7 +294,7 @@ def test_no_ink_is_made_up_where_three_meet_in_a_blurred_picture():
         for a, ink in zip(np.arange(7) * 0.9, ["#c33", "#fc4", "#28a", "#3a5", "#a4c", "#f84", "#234"], strict=True)
     )
     clean, soft = blurred(sectors)
-    done = restored(soft, Condition(0.0, False, 1.2))
+    done = restored(soft, Condition(0.0, False, 1.2)).levels
     before, after = (float(np.sqrt(((p - clean) ** 2).mean())) for p in (soft, done))
     assert after < 0.35 * before
     inks, found = ({tuple(ink) for ink in picture[even(picture)].tolist()} for picture in (clean, done))

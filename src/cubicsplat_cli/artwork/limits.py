@@ -48,16 +48,22 @@ def blocks_of(levels: np.ndarray, factor: int) -> np.ndarray:
 
 
 def bounded_regions(
-    levels: np.ndarray, palette: np.ndarray, min_area: float, most: int | None = None, limit: int = MOST_COMPLETED
+    levels: np.ndarray,
+    palette: np.ndarray,
+    min_area: float,
+    most: int | None = None,
+    known: np.ndarray | None = None,
+    limit: int = MOST_COMPLETED,
 ) -> Regions:
-    """The regions of a picture in at most `most` inks; where there are more than `limit`, the smallest join their
-    neighbours, which is logged."""
-    regions = find_regions(levels, palette, min_area, most)
+    """The regions of a picture, as `find_regions`; where there are more than `limit`, the smallest join their
+    neighbours, which is logged.
+    """
+    regions = find_regions(levels, palette, min_area, most, known)
     found = regions.count
     while regions.count > limit:
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[limit]) + 1.0, 4.0)
-        regions = find_regions(levels, palette, min_area, most)
+        regions = find_regions(levels, palette, min_area, most, known)
         if min_area > levels.shape[0] * levels.shape[1]:
             break
     if regions.count < found:

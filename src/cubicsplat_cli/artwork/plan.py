@@ -10,7 +10,7 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.inks import LEAST_FLAT, flat_pixels, picture_inks
-from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, Crossings, crossings
 from cubicsplat_cli.artwork.translucent.parts import Part, parts_of
@@ -33,23 +33,18 @@ class Plan:
 
 
 def planned(
-    levels: np.ndarray,
-    settings: ArtworkSettings,
-    factor: int,
-    error: float,
-    standing: np.ndarray | None,
-    inks: np.ndarray | None,
+    picture: FlatPicture, settings: ArtworkSettings, factor: int, error: float, standing: np.ndarray | None
 ) -> Plan:
-    """What is drawn of a flat picture (H, W, 4), premultiplied levels: at most settings.curves parts.
+    """What is drawn of a picture: at most settings.curves parts.
 
     factor: by which the drawing is enlarged at last. error: in levels, of pixels on edges beyond that of a clean
     picture. standing: (G, 4) inks that stand for gradients, of which no translucent shape makes others; None where no
-    such shapes are sought. inks: (k, 4) those of the picture, None where they are not known.
+    such shapes are sought.
     """
     min_area = settings.min_area / factor**2
     while True:
         work().at("finding regions", 0.15)
-        soft, regions = _regions(levels, settings, min_area, inks, MOST_COMPLETED if error else MOST_REGIONS)
+        soft, regions = _regions(picture, settings, min_area, MOST_COMPLETED if error else MOST_REGIONS)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
         found = crossings(soft, regions, ROUNDING + error)
@@ -58,7 +53,7 @@ def planned(
             fixed = (np.rint(regions.inks)[:, None] == standing[None]).all(axis=2).any(axis=1)
         whole = regions.count <= MOST_COMPLETED
         parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)
-        if settings.curves is None or len(parts) <= settings.curves or min_area > levels[..., 0].size:
+        if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
             return Plan(soft, regions, found, parts)
         # The regions beyond as many as may be drawn join their neighbours.
         areas = np.sort(regions.areas())[::-1]
@@ -66,10 +61,11 @@ def planned(
 
 
 def _regions(
-    levels: np.ndarray, settings: ArtworkSettings, min_area: float, inks: np.ndarray | None, limit: int
+    picture: FlatPicture, settings: ArtworkSettings, min_area: float, limit: int
 ) -> tuple[np.ndarray, Regions]:
     """The regions of a picture, `limit` at most, and the picture they are of: blurred where there would be as many as
     px."""
+    levels, inks = picture.levels, picture.palette
     many = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
     soft = levels
     for blur in BLURS:
@@ -80,7 +76,8 @@ def _regions(
             continue
         most = settings.colors if inks is None else min(len(inks), settings.colors or len(inks))
         palette = picture_inks(soft, most) if inks is None else inks[:most]
-        regions = bounded_regions(soft, palette, min_area, most, MOST_COMPLETED if blur else limit)
+        known = None if blur else picture.labels
+        regions = bounded_regions(soft, palette, min_area, most, known, MOST_COMPLETED if blur else limit)
         if regions.count <= many:
             break
     return soft, regions

@@ -24,6 +24,7 @@ from cubicsplat_cli.artwork.limits import MOST_POLISHED, blocks_of, enlarged, is
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.inks import eight_bit
+from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
@@ -89,7 +90,7 @@ def _small(target: np.ndarray) -> Intake:
 def _sketch(intake: Intake, settings: ArtworkSettings) -> Drawing:
     """The regions of a small picture as polygons."""
     with under_way(Work()):
-        plan = planned(intake.levels, settings, intake.scale, 0.0, None, None)
+        plan = planned(FlatPicture(intake.levels), settings, intake.scale, 0.0, None)
     height, width = plan.levels.shape[:2]
     flat = Flattened(intake.levels, np.zeros((0, 4)), ())
     return Drawing(width, height, _polygons(plan.parts, (height, width), flat))
@@ -119,9 +120,9 @@ def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_sketch: 
     work().at("finding gradients", 0.05)
     flat = without_gradients(intake, settings)
     work().at("finding colours", 0.1)
-    even, inks = _even(flat.levels, intake, settings)
+    even = _even(flat.levels, intake, settings)
     standing = flat.inks if _may_shine_through(intake, settings) else None
-    plan = planned(even, settings, intake.scale, condition.restored_error, standing, inks)
+    plan = planned(even, settings, intake.scale, condition.restored_error, standing)
     height, width = plan.levels.shape[:2]
     if len(plan.parts) > MANY:
         sketch = Drawing(width, height, _polygons(plan.parts, (height, width), flat))
@@ -161,11 +162,11 @@ def _may_shine_through(intake: Intake, settings: ArtworkSettings) -> bool:
     return intake.condition.clean and settings.free_inks and settings.stacking != CUTOUT
 
 
-def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> tuple[np.ndarray, np.ndarray | None]:
-    """A picture without gradients as if it were clean, and its inks (k, 4) where they are known."""
+def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> FlatPicture:
+    """A picture without gradients as if it were clean."""
     if intake.pens is not None:
-        return sharpened(levels, intake.pens)
-    return levels if intake.condition.clean else restored(levels, intake.condition, settings.colors), None
+        return FlatPicture(*sharpened(levels, intake.pens))
+    return FlatPicture(levels) if intake.condition.clean else restored(levels, intake.condition, settings.colors)
 
 
 def _traced(

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.regions.regions import has_square
+
 # Levels: what differs less is one ink, or times the noise.
 SAME, SAME_NOISE = 8.0, 4.0
 CALM = 1.5  # times the noise that 3 x 3 px may deviate, and a level for rounding
@@ -13,6 +16,14 @@ MOST = 64
 # Near edges, px, where 3 x 3 px span so many levels, an ink is only what differs so many times as much from those found
 # farther away.
 NEAR, EDGE, FAR = 8, 24.0, 2.5
+# A fill colour is missing where the mean residual of WINDOW x WINDOW px is over UNLIKE in luma or chroma, about 3 to 4
+# in CIEDE2000, and makes up most of the squares: a thin line's does not. Px that show it.
+WINDOW, UNLIKE, EXPLAINED, LEAST_MISSING = 5, 6.0, 0.5, 60
+# Levels by which a line is no blend of its colour with the ground, and px that show another one.
+UNBLENDED, LEAST_OF_LINES = 32.0, 24
+# What a JPEG leaves of edges, as a share of the range of values in the block around, px: of luma, and of chroma of half
+# the size.
+RINGING, BLOCKS = 0.05, ((8, slice(0, 1)), (16, slice(1, 3)))
 
 
 def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -53,6 +64,53 @@ def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float, most: int | N
     if not inks:
         return np.median(levels.reshape(-1, 4), axis=0).astype(float)[None]
     return np.array(inks, dtype=float)[np.argsort(-np.array(sizes), kind="stable")]
+
+
+def missing_colours(
+    levels: np.ndarray, palette: np.ndarray, nearest: np.ndarray, space: np.ndarray, noise: float, *, jpeg: bool
+) -> np.ndarray:
+    """(k, 4) fill colours in levels that areas of a picture (H, W, 4) have and its palette (P, 4) lacks.
+
+    nearest: (H, W) the colour of the palette nearest to each pixel. space: (4, 4) what rows of RGBA are multiplied by
+    for luma and chroma.
+    """
+    seen = (levels @ space).astype(np.float32)
+    inner = ndimage.maximum_filter(nearest, 3) == ndimage.minimum_filter(nearest, 3)
+    residual = np.where(inner[..., None], seen - (palette @ space).astype(np.float32)[nearest], np.float32(0.0))
+    share = np.maximum(ndimage.uniform_filter(inner.astype(np.float32), WINDOW), 1e-3)[..., None]
+    mean = ndimage.uniform_filter(residual, (WINDOW, WINDOW, 1)) / share
+    square = ndimage.uniform_filter(residual * residual, (WINDOW, WINDOW, 1)) / share
+    unlike = np.abs(mean) - UNLIKE
+    if jpeg:
+        for block, channels in BLOCKS:
+            size, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
+            spread = ndimage.maximum_filter(values, size) - ndimage.minimum_filter(values, size)
+            unlike[..., channels] -= RINGING * spread
+    calm, _ = calm_pixels(seen, noise)
+    off = calm & inner & (largest(unlike) > 0.0) & ((mean * mean).sum(axis=-1) > EXPLAINED * square.sum(axis=-1))
+    values = ndimage.uniform_filter(levels, (3, 3, 1))[off]
+    found = [
+        np.median(levels[off][np.abs(values - place).max(axis=-1) <= SAME], axis=0)
+        for place in _modes(values, SAME, LEAST_MISSING, np.zeros((0, 4)))
+    ]
+    return np.array(found, dtype=float).reshape(-1, 4)
+
+
+def colours_of_lines(levels: np.ndarray, palette: np.ndarray, before: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """(k, 4) colours in levels of lines two px wide that were drawn in a colour which does not blend to theirs.
+
+    before, labels: (H, W) the colours of a picture (H, W, 4) without those lines and with them. Of lines of one px a
+    JPEG's chroma tells nothing.
+    """
+    wide = has_square(np.where(labels != before, labels, -1))
+    value, ground = levels[wide], palette[before[wide]]
+    span = palette[labels[wide]] - ground
+    share = ((value - ground) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
+    unlike = np.abs(value - ground - np.clip(share, 0.0, 1.0)[:, None] * span).max(axis=1) > UNBLENDED
+    value = value[unlike]
+    places = _modes(value, 2.0 * SAME, LEAST_OF_LINES, np.zeros((0, 4)))
+    found = [np.median(value[np.abs(value - place).max(axis=1) <= 2.0 * SAME], axis=0) for place in places]
+    return np.array(found, dtype=float).reshape(-1, 4)
 
 
 def _modes(values: np.ndarray, reach: float, least: float, known: np.ndarray) -> np.ndarray:

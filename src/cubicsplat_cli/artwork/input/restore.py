@@ -12,10 +12,11 @@ from scipy.special import ndtri
 
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.lines import line_inks, overshoots
-from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, noisy_inks
+from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, colours_of_lines, missing_colours, noisy_inks
 from cubicsplat_cli.artwork.input.squares import square_inks
+from cubicsplat_cli.artwork.regions.hairlines import near_inks, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.inks import picture_inks
-from cubicsplat_cli.artwork.regions.regions import near_inks
+from cubicsplat_cli.artwork.regions.regions import FlatPicture
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
 # JPEG; residuals count up to MOST standard deviations.
@@ -30,6 +31,8 @@ SNAP = 0.08  # shares this near to 0 or 1 are
 # Rounds in which a blurred picture is made sharp again, and levels by which it is off its inks then; standard
 # deviations beyond which nothing is left of a blur.
 SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
+# Times the misfit that pixels are off which the labels do not explain; the least share of a thin line in its pixels.
+OFF, THIN = 3.0, 0.2
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two inks to be told
 _TO_YCC = np.array(
     [
@@ -48,14 +51,18 @@ def seen_as(condition: Condition) -> np.ndarray:
     return (_TO_YCC * np.array([1.0, CHROMA, CHROMA, 1.0])[:, None]).T
 
 
-def restored(levels: np.ndarray, condition: Condition, most: int | None = None) -> np.ndarray:
-    """The picture (H, W, 4) in levels as a clean one, float32, of at most so many inks."""
+def restored(levels: np.ndarray, condition: Condition, most: int | None = None) -> FlatPicture:
+    """The picture (H, W, 4) in levels as a clean one, of at most so many fill colours."""
     if condition.only_blurred:
-        return _sharpened(levels, condition.blur, most)
+        return FlatPicture(_sharpened(levels, condition.blur, most))
     space = seen_as(condition)
     seen = (levels @ space).astype(np.float32)
     palette = noisy_inks(levels, seen, condition.noise, most)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
+    if most is None:
+        nearest, _ = _nearest(seen, palette @ space)
+        new = missing_colours(levels, palette, nearest, _TO_YCC.T, condition.noise, jpeg=condition.jpeg)
+        palette = np.vstack([palette, new])
     thick = len(palette)
     if most is None and thick <= MOST_THICK:
         _, gap = _nearest(seen, palette @ space)
@@ -67,7 +74,14 @@ def restored(levels: np.ndarray, condition: Condition, most: int | None = None) 
         palette = np.vstack([palette, line_inks(levels[far], seen[far], palette, space, sigma)])
     labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
-    return _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+    lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
+    new = colours_of_lines(levels, palette, labels, lined)[: 0 if most else None]
+    if len(new):
+        palette = np.vstack([palette, new])
+        lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
+    labels = lined
+    out = _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+    return FlatPicture(out, palette, labels)
 
 
 def _sharpened(levels: np.ndarray, blur: float, most: int | None) -> np.ndarray:
@@ -97,7 +111,7 @@ def _labels(seen: np.ndarray, inks: np.ndarray, sigma: float, thick: int) -> np.
     """(H, W) int32 the ink that each pixel has most of; of inks from `thick` on there are only thin lines."""
     nearest, gap = _nearest(seen, inks)
     pure = np.where(gap <= MOST * sigma, nearest, -1).astype(np.int32)
-    solid = np.where(pure >= thick, pure, _solid(pure))
+    solid = np.where(pure >= thick, pure, solid_labels(pure))
     y, x = np.nonzero(solid < 0)
     labels = np.where(solid >= 0, solid, nearest).astype(np.int32)
     if not len(y):
@@ -133,13 +147,6 @@ def _nearest(seen: np.ndarray, inks: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return index, best
 
 
-def _solid(pure: np.ndarray) -> np.ndarray:
-    """(H, W) the ink of pixels that belong to 3 x 3 px of it, else -1."""
-    high, low = ndimage.maximum_filter(pure, 3), ndimage.minimum_filter(pure, 3)
-    middle = np.where((high == low) & (pure >= 0), pure, -1)
-    return np.where(pure >= 0, ndimage.maximum_filter(middle, 3), -1) * (pure >= 0) - (pure < 0)
-
-
 def _costs(values: np.ndarray, inks: np.ndarray, candidates: np.ndarray) -> np.ndarray:
     """(n, k) the least squared residual of values (n, 4) as blends of each candidate, by half or more, with another."""
     out = np.full(candidates.shape, np.inf)
@@ -168,7 +175,7 @@ def _settled_inks(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -
             continue
         own = labels[box] == k
         deep = depth[box][own]
-        far = deep >= min(8, np.quantile(deep, 0.75))
+        far = deep >= max(1, min(8, np.quantile(deep, 0.75)))
         if deep.max() > 1:
             out[k] = np.median(levels[box][own][far], axis=0)
     return np.rint(out)

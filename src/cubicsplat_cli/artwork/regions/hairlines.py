@@ -6,6 +6,8 @@ along the line the same one.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import ndimage
 
@@ -24,6 +26,23 @@ SHARE, LESS = 0.5, 0.3
 # An ink that no flat pixel has is that of LEAST_PIXELS pixels and more, of such inks at most MOST_NEW are taken.
 LEAST_PIXELS, MOST_NEW = 24, 8
 SOLID = 254.0  # levels of opacity: a translucent line is a seam where two shapes meet within a pixel
+
+# Inks are sought up to so many px around a blend; so many different ones at most.
+REACH, CANDIDATES = 3, 4
+LENGTH = 8  # px along which pixels hang together that the labels do not explain, for a line to be there
+FAINT = 8.0  # levels by which an ink must explain a line better, of which it would have hardly anything
+
+
+@dataclass(frozen=True)
+class LineSearch:
+    """close: levels by which the pixels of a line are off. less: share from which a pixel on its middle is the line's.
+    window: px in which it keeps its ink. faint: levels that it costs an ink to have no share in its pixels.
+    """
+
+    close: float = CLOSE
+    less: float = LESS
+    window: int = WINDOW
+    faint: float = 0.0
 
 
 def blend_with(values: np.ndarray, ink: np.ndarray, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -118,42 +137,136 @@ def missing_inks(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
     return np.array(found).reshape(-1, 4)
 
 
-def line_inks(
+def nearest_line_inks(
     values: np.ndarray,
     place: tuple[np.ndarray, np.ndarray],
-    size: tuple[int, int],
+    size: tuple[int, ...],
     palette: np.ndarray,
     near: np.ndarray,
+    search: LineSearch | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(n,) the ink of the line that each strange value (n, 4), at rows and columns (n,), belongs to, -1 for none; and
     whether it is mostly or by its place the line's (n,).
     """
+    search = search or LineSearch()
     first = palette[near[:, 0]]
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
     here = np.zeros(size, dtype=np.float32)
     here[place] = 1.0
-    around = np.maximum(ndimage.uniform_filter(here, WINDOW, mode="constant")[place], 1e-6)
+    around = np.maximum(ndimage.uniform_filter(here, search.window, mode="constant")[place], 1e-6)
     best = np.full(len(values), np.inf)
     ink, share, gap = np.full(len(values), -1), np.zeros(len(values)), np.zeros(len(values))
     for c in range(min(len(palette), MOST_INKS)):
         s, rest = blend_with(values, palette[c], first, second)
         cost = np.zeros(size, dtype=np.float32)
-        cost[place] = np.minimum(rest, 40.0)
-        mean = ndimage.uniform_filter(cost, WINDOW, mode="constant")[place] / around + 0.1 * c
+        cost[place] = np.minimum(rest, 40.0) + search.faint * (1.0 - s)
+        mean = ndimage.uniform_filter(cost, search.window, mode="constant")[place] / around + 0.1 * c
         better = mean < best
         best[better], ink[better], share[better], gap[better] = mean[better], c, s[better], rest[better]
-    ink = np.where(gap <= CLOSE, ink, -1)
+    ink = np.where(gap <= search.close, ink, -1)
     shares = np.zeros(size)
     shares[place] = np.where(ink >= 0, share, 0.0)
-    return ink, (ink >= 0) & ((share >= SHARE) | ((share >= LESS) & _ridge(shares)[place]))
+    return ink, (ink >= 0) & ((share >= SHARE) | ((share >= search.less) & _ridge(shares)[place]))
 
 
 def _ridge(shares: np.ndarray) -> np.ndarray:
-    """(H, W) bool: no neighbour to either side has more, and those two px away have less than half as much."""
+    """(H, W) bool: no neighbour to either side has more, and of those up to two px away one has less than half."""
     out = np.zeros(shares.shape, dtype=bool)
     padded = np.pad(shares, 2)
     height, width = shares.shape
     for dy, dx in ((0, 1), (1, 0)):
         beside = [padded[2 + k * dy : 2 + k * dy + height, 2 + k * dx : 2 + k * dx + width] for k in (-2, -1, 1, 2)]
-        out |= (np.maximum(beside[1], beside[2]) <= shares + 0.05) & (np.maximum(beside[0], beside[3]) < 0.5 * shares)
+        least = np.maximum(np.minimum(beside[0], beside[1]), np.minimum(beside[2], beside[3]))
+        out |= (np.maximum(beside[1], beside[2]) <= shares + 0.05) & (least < 0.5 * shares)
     return out
+
+
+def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off: float, less: float) -> np.ndarray:
+    """(H, W) int32 the labels of a picture (H, W, 4) with those of the thin lines that they lack.
+
+    palette: (P, 4) the colours of the labels. off: levels beyond which the labels within a px do not explain a pixel.
+    less: the share from which a pixel on the middle of a line is the line's. A line is what they do not explain along
+    LENGTH px, together with what is thin already.
+    """
+    solid = solid_labels(labels)
+    away = largest(np.abs(levels - palette[labels])) > off
+    y, x = np.nonzero(away)
+    far = away.copy()
+    far[y, x] = best_blend(levels[y, x], palette, near_inks(labels, y, x, 1))[1] > off
+    square = np.ones((3, 3), dtype=bool)
+    place = _long_parts(ndimage.binary_dilation(far, square) | (solid < 0), far)
+    y, x = np.nonzero(place)
+    near = near_inks(solid, y, x)
+    y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
+    if not len(y):
+        return labels
+    search = LineSearch(max(CLOSE, off), less, 3 * LENGTH, FAINT)
+    ink, own = nearest_line_inks(levels[y, x], (y, x), labels.shape, palette, near, search)
+    # What lies beside an area of the line's colour is its edge.
+    own &= away[y, x] | (solid[y, x] < 0)
+    own &= ~(near_inks(solid, y, x, 1) == ink[:, None]).any(axis=1)
+    out = labels.copy()
+    out[y[own], x[own]] = ink[own]
+    new = _long_parts((solid < 0) | (out != labels), out != labels)
+    return np.where(new, out, labels)
+
+
+def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the connected parts of `where` that have a pixel of `some` and go over LENGTH px."""
+    parts, count = ndimage.label(where, np.ones((3, 3)))
+    long = np.zeros(count + 1, dtype=bool)
+    long[1:] = [max(s.stop - s.start for s in box) >= LENGTH for box in ndimage.find_objects(parts)]
+    return (long & (np.bincount(parts[some & where], minlength=count + 1) > 0))[parts]
+
+
+def near_inks(inks: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int = REACH) -> np.ndarray:
+    """(n, CANDIDATES) the different inks >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px away; -1
+    where there are fewer.
+    """
+    offsets = [(dy, dx) for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1)]
+    offsets.sort(key=lambda o: (o[0] ** 2 + o[1] ** 2, o))
+    padded = np.pad(inks, reach, constant_values=-1)
+    slots = np.full((len(y), CANDIDATES), -1, dtype=np.int32)
+    used = np.zeros(len(y), dtype=np.int32)
+    for dy, dx in offsets:
+        found = padded[y + dy + reach, x + dx + reach]
+        new = (found >= 0) & (used < CANDIDATES) & ~(slots == found[:, None]).any(axis=1)
+        rows = np.nonzero(new)[0]
+        slots[rows, used[rows]] = found[rows]
+        used[rows] += 1
+    return slots
+
+
+def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The pair of near inks (n, CANDIDATES) that blends best to values (n, 4).
+
+    Returns the ink with the greater share (n,), the residual in levels (n,), and the pair (n, 2); -1 and infinity
+    where there is no ink near. Inks farther away must explain clearly better than nearer ones.
+    """
+    count = len(values)
+    score = np.full(count, np.inf)
+    residual = np.full(count, np.inf)
+    winner = np.full(count, -1, dtype=np.int32)
+    pair = np.full((count, 2), -1, dtype=np.int32)
+    colours = np.vstack([palette, np.zeros(4)])
+    slots = near.shape[1]
+    for i in range(slots):
+        for j in range(i, slots):
+            a, b = colours[near[:, i]], colours[near[:, j]]
+            span = a - b
+            length = (span * span).sum(axis=1)
+            t = np.clip(((values - b) * span).sum(axis=1) / np.maximum(length, 1e-9), 0.0, 1.0)
+            gap = np.abs(values - b - t[:, None] * span).max(axis=1)
+            cost = np.where((near[:, i] >= 0) & (near[:, j] >= 0), gap + 1.5 * (i + j), np.inf)
+            better = cost < score
+            score[better], residual[better] = cost[better], gap[better]
+            winner[better] = np.where(t >= 0.5, near[:, i], near[:, j])[better]
+            pair[better] = near[better][:, [i, j]]
+    return winner, residual, pair
+
+
+def solid_labels(labels: np.ndarray) -> np.ndarray:
+    """(H, W) the labels of pixels that belong to 3 x 3 px of it, else -1."""
+    high, low = ndimage.maximum_filter(labels, 3), ndimage.minimum_filter(labels, 3)
+    middle = np.where((high == low) & (labels >= 0), labels, -1)
+    return np.where(labels >= 0, ndimage.maximum_filter(middle, 3), -1) * (labels >= 0) - (labels < 0)

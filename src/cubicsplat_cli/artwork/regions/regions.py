@@ -9,7 +9,17 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.hairlines import level_lines, line_inks, missing_inks, strangers
+from cubicsplat_cli.artwork.regions.hairlines import (
+    LESS,
+    STRANGE,
+    best_blend,
+    level_lines,
+    missing_inks,
+    near_inks,
+    nearest_line_inks,
+    strangers,
+    with_lines,
+)
 from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blends
 from cubicsplat_cli.artwork.regions.inks import SAME, flat_pixels
 from cubicsplat_cli.artwork.regions.line_blends import line_blends
@@ -17,9 +27,6 @@ from cubicsplat_cli.artwork.regions.rules import with_rules
 
 # A pixel within so many levels of an ink is that ink.
 PURE = 2.5
-# Inks are sought in a window of this reach, px, around a blend; so many different ones at most.
-REACH = 3
-CANDIDATES = 4
 MOST_PALETTE = 64  # inks, beyond which a picture has gradients and textures rather than lines in more inks
 # Inks beyond which those that no pixel shows pure are not sought; levels by which these differ from all blends of two
 # others; levels that are one colour; and the pixels that show it, also as a share of those that no blend explains.
@@ -27,6 +34,19 @@ MOST_SEEN, STRANGE_INK, ONE_COLOUR, FEWEST, LEAST_STRANGE = 24, 40.0, 24.0, 4, 0
 CHUNK = 4096  # colours at a time
 # A region below SPECK px must have a pixel that is its ink by MOSTLY.
 SPECK, MOSTLY = 9, 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class FlatPicture:
+    """A picture without gradients, noise or blur, and what is known of it.
+
+    levels: (H, W, 4) premultiplied RGBA. palette: (P, 4) levels, its fill colours, or None. labels: (H, W) int32 which
+    of them every pixel has most of, or None.
+    """
+
+    levels: np.ndarray
+    palette: np.ndarray | None = None
+    labels: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -47,12 +67,25 @@ class Regions:
         return np.bincount(self.labels.ravel(), minlength=self.count)
 
 
-def find_regions(levels: np.ndarray, palette: np.ndarray, min_area: float = 0.0, most: int | None = None) -> Regions:
+def find_regions(
+    levels: np.ndarray,
+    palette: np.ndarray,
+    min_area: float = 0.0,
+    most: int | None = None,
+    known: np.ndarray | None = None,
+) -> Regions:
     """Regions of a picture (H, W, 4) in levels, in the inks of a palette (P, 4), and those that only thin lines and
     small details have: with these no more than `most`, where that is not None.
+
+    known: (H, W) int32 the ink of every pixel, where that is known already; the palette then has them all.
     """
-    palette, pure = with_rules(levels, *_with_inks_of_lines(levels, palette, most), most)
-    inks = joined_at_corners(_blends_shared_out(levels, palette, pure), levels, palette)
+    if known is None:
+        palette, pure = with_rules(levels, *_with_inks_of_lines(levels, palette, most), most)
+        inks = _blends_shared_out(levels, palette, pure)
+        inks = with_lines(levels, palette, inks, STRANGE, LESS)
+    else:
+        inks, pure = known, np.where(largest(np.abs(levels - palette[known])) <= PURE, known, -1)
+    inks = joined_at_corners(inks, levels, palette)
     labels = _components(inks)
     sure = _sure(levels, palette, labels, inks, pure)
     labels = _without_specks(labels, sure, max(min_area, 3.0))
@@ -100,7 +133,7 @@ def _pure_inks(levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
     nearest, gap = nearest_inks(levels, palette)
     pure = np.where(gap <= PURE, nearest, -1).astype(np.int32)
     flat = flat_pixels(levels, SAME)
-    solid = _has_square(pure)
+    solid = has_square(pure)
     # Whole components count that somewhere are flat or two pixels thick; thin ones are often edges between others.
     parts = _components(pure)
     good = np.zeros(parts.max() + 1, dtype=bool)
@@ -140,7 +173,7 @@ def nearest_inks(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, n
     return index[inverse].reshape(shape), gap[inverse].reshape(shape)
 
 
-def _has_square(pure: np.ndarray) -> np.ndarray:
+def has_square(pure: np.ndarray) -> np.ndarray:
     """(H, W) bool: belongs to a 2x2 square of one ink."""
     same = (pure[:-1, :-1] == pure[1:, :-1]) & (pure[:-1, :-1] == pure[:-1, 1:]) & (pure[:-1, :-1] == pure[1:, 1:])
     out = np.zeros(pure.shape, dtype=bool)
@@ -148,50 +181,6 @@ def _has_square(pure: np.ndarray) -> np.ndarray:
         for dx in (0, 1):
             out[dy : dy + same.shape[0], dx : dx + same.shape[1]] |= same
     return out & (pure >= 0)
-
-
-def near_inks(inks: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(n, CANDIDATES) the different inks >= 0 nearest to the pixels y, x of a map (H, W); -1 where there are fewer."""
-    offsets = [(dy, dx) for dy in range(-REACH, REACH + 1) for dx in range(-REACH, REACH + 1)]
-    offsets.sort(key=lambda o: (o[0] ** 2 + o[1] ** 2, o))
-    padded = np.pad(inks, REACH, constant_values=-1)
-    slots = np.full((len(y), CANDIDATES), -1, dtype=np.int32)
-    used = np.zeros(len(y), dtype=np.int32)
-    for dy, dx in offsets:
-        found = padded[y + dy + REACH, x + dx + REACH]
-        new = (found >= 0) & (used < CANDIDATES) & ~(slots == found[:, None]).any(axis=1)
-        rows = np.nonzero(new)[0]
-        slots[rows, used[rows]] = found[rows]
-        used[rows] += 1
-    return slots
-
-
-def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The pair of near inks (n, CANDIDATES) that blends best to values (n, 4).
-
-    Returns the ink with the greater share (n,), the residual in levels (n,), and the pair (n, 2); -1 and infinity
-    where there is no ink near. Inks farther away must explain clearly better than nearer ones.
-    """
-    count = len(values)
-    score = np.full(count, np.inf)
-    residual = np.full(count, np.inf)
-    winner = np.full(count, -1, dtype=np.int32)
-    pair = np.full((count, 2), -1, dtype=np.int32)
-    colours = np.vstack([palette, np.zeros(4)])
-    slots = near.shape[1]
-    for i in range(slots):
-        for j in range(i, slots):
-            a, b = colours[near[:, i]], colours[near[:, j]]
-            span = a - b
-            length = (span * span).sum(axis=1)
-            t = np.clip(((values - b) * span).sum(axis=1) / np.maximum(length, 1e-9), 0.0, 1.0)
-            gap = np.abs(values - b - t[:, None] * span).max(axis=1)
-            cost = np.where((near[:, i] >= 0) & (near[:, j] >= 0), gap + 1.5 * (i + j), np.inf)
-            better = cost < score
-            score[better], residual[better] = cost[better], gap[better]
-            winner[better] = np.where(t >= 0.5, near[:, i], near[:, j])[better]
-            pair[better] = near[better][:, [i, j]]
-    return winner, residual, pair
 
 
 def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray) -> np.ndarray:
@@ -210,7 +199,7 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
     if not strange.any():
         return out
     y, x, near = y[strange], x[strange], near[strange]
-    ink, own = line_inks(levels[y, x], (y, x), pure.shape, palette, near)
+    ink, own = nearest_line_inks(levels[y, x], (y, x), pure.shape, palette, near)
     out[y, x] = np.where(own, ink, np.where(ink >= 0, winner[strange], out[y, x]))
     return out
 
