@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -51,6 +50,8 @@ def run_process(command: Sequence[str], pythonpath: str | None, seconds: float, 
     pythonpath: None for that of this process. gigabytes: of addresses that a process may have. Returns the standard
     output, and the result of the process: seconds, memory, and the reason of a failure, if it failed.
     """
+    import resource  # Windows has none, but can show the help
+
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         began = time.perf_counter()
         process = subprocess.Popen(
