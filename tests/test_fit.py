@@ -324,6 +324,22 @@ def test_an_interrupt_returns_the_best_so_far(at, monkeypatch):
         assert psnr(loss_of(result.scene, target), 40 * 28 * 3) > 18
 
 
+def test_curves_that_do_nothing_are_replaced_however_late(monkeypatch):
+    """At the last replacements the schedule asks for next to none."""
+    counts, original = [], Trainer._reallocate
+
+    def watched(self: Trainer, progress: float) -> None:
+        self.importance[:3], self.importance[3:] = 0.0, 1.0
+        before = self.diary.replaced
+        original(self, progress)
+        counts.append(self.diary.replaced - before)
+
+    monkeypatch.setattr(Trainer, "_reallocate", watched)
+    fit(picture(), settings())
+    assert counts[0] > 3
+    assert counts[-1] == 3
+
+
 def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before(monkeypatch):
     """New curves first make the picture worse."""
     target, levels = picture(), []

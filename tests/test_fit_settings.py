@@ -200,12 +200,14 @@ def test_the_replaced_fraction_falls_to_nothing(first, second):
     assert 0.4 >= early >= late >= 0
     assert course.reallocation(0.0) == pytest.approx(0.4)
     assert course.reallocation(0.99) == 0
+    assert course.reallocation(0.99, idle=0.3) == 0.3
+    assert course.reallocation(0.0, idle=0.3) == pytest.approx(0.4)
 
 
 def test_the_published_rule_waits_for_inequality():
     course = schedule(prune_rule="gini", prune_fraction=0.2, gini_threshold=0.35)
     assert course.reallocation(0.3, 0.35) == 0
-    assert course.reallocation(0.3, 0.1) == 0
+    assert course.reallocation(0.3, 0.1, idle=0.3) == 0
     assert course.reallocation(0.3, 0.6) == pytest.approx(0.1)
     assert course.reallocation(0.3, 0.99) == pytest.approx(0.2)
 

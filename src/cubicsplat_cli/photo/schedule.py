@@ -50,12 +50,15 @@ class Schedule:
             return _fall(along, self.recipe.rate_end)
         return [factor for start, factor in PUBLISHED_RATES if along >= start][-1]
 
-    def reallocation(self, progress: float, gini: float | None = None) -> float:
-        """Fraction of the curves to replace at this progress."""
+    def reallocation(self, progress: float, gini: float | None = None, idle: float = 0.0) -> float:
+        """Fraction of the curves to replace at this progress.
+
+        idle: the fraction that the picture is no worse without, which all go unless the published rule is asked for.
+        """
         recipe = self.recipe
         if recipe.prune_rule == "gini":
             return recipe.prune_fraction * min(1.0, max(0.0, ((gini or 0.0) - recipe.gini_threshold) / 0.5))
-        return recipe.prune_fraction * max(0.0, 1.0 - progress / self.reallocations_end)
+        return max(idle, recipe.prune_fraction * (1.0 - progress / self.reallocations_end))
 
     def take_reallocation(self, progress: float) -> bool:
         """Whether the next of the evenly spaced reallocations is due; it then counts as done."""

@@ -331,8 +331,11 @@ class Trainer:
         return rates_of(phase, self.recipe, self.unit)
 
     def _reallocate(self, progress: float) -> None:
-        self.diary.inequality = gini(self.importance)
-        fraction = self.schedule.reallocation(progress, self.diary.inequality)
+        importance = as_numpy(self.importance)
+        self.diary.inequality = gini(importance)
+        free = self.parameters.curves - self.frozen
+        idle = (int((importance[:free] <= 0.0).sum()) + 0.5) / free  # will be rounded down to whole curves
+        fraction = self.schedule.reallocation(progress, self.diary.inequality, idle)
         parameters, state, count = reallocate(
             self.parameters, self.state, self.importance, self.image, self.goal, fraction, self.settings,
             self.generator, self.weights, self.frozen,

@@ -191,8 +191,10 @@ def pack_rings(mode: Mode, curves: Sequence[Sequence[Array]]) -> tuple[Array, Ar
     if len(counts[0]) == 1 and all(of_curve == counts[0] for of_curve in counts):
         return xp.stack(whole), None
     longest = max(p.shape[0] for p in whole)
-    room = xp.zeros((longest, 2), dtype=first.dtype, device=first.device)
-    points = xp.stack([xp.concat((p, room[p.shape[0] :])) for p in whole])
+    # The padding of a drawing with one long shape is most of it: numpy's zeros take no memory before they are written.
+    points = xp.zeros((len(whole), longest, 2), dtype=first.dtype, device=first.device)
+    for curve, p in enumerate(whole):
+        points[curve, : p.shape[0]] = p
     rows = [list(itertools.accumulate(of_curve)) for of_curve in counts]
     most = max(map(len, rows))
     table = [row + row[-1:] * (most - len(row)) for row in rows]
