@@ -21,6 +21,7 @@ from cubicsplat_cli.progress import Progress, Stages, nothing
 from cubicsplat_cli.report import Input, Output, Report, Timing
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import listed
+from cubicsplat_cli.svg.drawing import drawn_elements
 
 _STYLES = {PHOTO: fitted_photo, ARTWORK: drawn_artwork}
 
@@ -93,7 +94,7 @@ def _report(
     usual: dict[str, Any] = {"device": {"name": "cpu"}, "timing": Timing(0.0, stages.seconds["fit"])}
     return Report(
         input=Input(picture.source, picture.sha256, *picture.size, picture.alpha is not None),
-        output=Output(made.paths, len(data), sha256_of(data)),
+        output=Output(drawn_elements(svg) if "shapes" in made.facts else made.paths, len(data), sha256_of(data)),
         settings=request.deciding(),
         settings_hash=request.digest(),
         style=style.name,
