@@ -171,9 +171,9 @@ def test_bad_scenes_and_files_are_refused():
         downsampled_scene(scene, 2)
     with pytest.raises(InputError, match=r"here\.svg"):
         downsampled_svg(b"<html/>", 5, 5, 2, source="here.svg")
-    loop = b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><use id="u" href="#u"/></svg>'
-    with pytest.raises(InputError, match="cairosvg cannot draw"):
-        downsampled_svg(loop, 9, 9, 2, renderer="cairosvg")
+    wrong = b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><rect width="9" opacity="x"/></svg>'
+    with pytest.raises(InputError, match=r"here\.svg: cairosvg cannot draw it \('x' is no number\)"):
+        downsampled_svg(wrong, 9, 9, 2, source="here.svg", renderer="cairosvg")
 
 
 def test_a_missing_libcairo_is_told(monkeypatch):

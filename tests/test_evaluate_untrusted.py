@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+import time
+
 import pytest
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import rerender_untrusted
+from cubicsplat_cli.evaluate.untrusted import check_untrusted
 
 BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])
 
@@ -85,9 +89,44 @@ def test_files_over_the_size_limit_are_refused(monkeypatch):
         rerender_untrusted(foreign("<g/>" * 50), source="x.svg")
 
 
-def test_what_cairosvg_cannot_draw_is_one_clear_error():
-    with pytest.raises(InputError, match="cairosvg cannot draw"):
-        rerender_untrusted(foreign('<use id="u" href="#u"/>'), source="x.svg", renderer="cairosvg")
+@pytest.mark.parametrize(
+    ("body", "renderer", "reason"),
+    [
+        ('<rect width="5" height="3" opacity="x"/>', "cairosvg", " ('x' is no number)"),
+        ('<rect width="5" height="3" stroke-dasharray="-1 2" stroke="red"/>', "cairosvg", " (invalid value for a "),
+        ('<marker id="m" markerWidth="x"/><path d="M0 0L3 3" marker-end="url(#m)"/>', "cairosvg", "; check the file"),
+        ('<x:rect width="5"/>', "resvg", " (an unknown namespace prefix 'x' at"),
+        ('<circle r="1e15"/>', "resvg", ""),
+    ],
+)
+def test_what_a_renderer_cannot_draw_is_one_line_with_the_files_name(body, renderer, reason, monkeypatch):
+    monkeypatch.setattr("cubicsplat_cli.evaluate.untrusted.MAX_RADIUS", 1e20)
+    with pytest.raises(InputError) as refused:
+        rerender_untrusted(foreign(body), source="x.svg", renderer=renderer)
+    assert str(refused.value).startswith(f"x.svg: {renderer} cannot draw it{reason}")
+    assert not re.search(r"Error|None|float|recursion|Exception|CAIRO", str(refused.value))
+
+
+def chain(kind: str) -> str:
+    name, held = ("g", '<use href="#a{}"/>') if kind == "use" else ("pattern", '<path style="fill: url( #a{} )"/>')
+    levels = [f'<{name} id="a{i}">{held.format(i - 1) * 10}</{name}>' for i in range(1, 30)]
+    return f'<defs><rect id="a0"/>{"".join(levels)}</defs>{held.format(29)}'
+
+
+@pytest.mark.parametrize(
+    "body", [chain("use"), chain("fill"), '<g id="a"><g><use href="#a"/></g></g>', '<circle r="1e400"/>']
+)
+def test_what_would_be_drawn_without_end_is_refused_at_once(body):
+    began = time.process_time()
+    with pytest.raises(InputError, match=r"^x.svg: (draws more than|has references to themselves|has r='1e400')"):
+        check_untrusted(foreign(body), "x.svg")
+    assert time.process_time() - began < 0.5
+
+
+def test_gradients_of_many_shapes_and_uses_of_few_are_no_bombs():
+    gradient = '<linearGradient id="g"><stop/><stop offset="1"/></linearGradient><rect id="r" width="1" height="1"/>'
+    body = gradient + '<rect width="1" height="1" fill="url(#g)"/>' * 40_000 + '<use href="#r"/>' * 40_000
+    assert check_untrusted(foreign(body), "x.svg").width == 20
 
 
 @pytest.mark.parametrize("scale", [0, -1, float("nan"), float("inf")])

@@ -141,6 +141,20 @@ def test_what_cannot_be_begun_with_is_one_line(svg, said):
     assert "\n" not in str(found.value)
 
 
+PATH = '<path d="M0 0h9v9"/>'
+
+
+@pytest.mark.parametrize("path", ["M0 0l" + "1 1 " * 40, "m0 0h1" * 40, "h1v1" * 20])
+def test_a_path_without_end_is_refused_before_it_is_read(path, monkeypatch):
+    monkeypatch.setattr("cubicsplat_cli.svg.pathparse.MAX_COMMANDS", 30)
+    for body in (f'<path d="{path}" fill="red"/>', f'<polyline points="0 0 {"1 1 " * 40}"/>'):
+        with pytest.raises(InputError, match=r"^the SVG: path data of more than 30 commands.*; simplify it$"):
+            load_beginning(f'{ROOT} width="9" height="9">{body}</svg>'.encode())
+    monkeypatch.setattr("cubicsplat_cli.beginning.foreign.MAX_COMMANDS", 30)
+    with pytest.raises(InputError, match="more than 30 commands in all, too many"):
+        load_beginning(f'{ROOT} width="9" height="9">{20 * PATH}</svg>'.encode())
+
+
 def test_the_command_refines_the_drawing_of_another_program(tmp_path, run_cli):
     (tmp_path / "drawn.svg").write_text(EDITOR.replace("</svg>", "<text>a</text></svg>"))
     drawn = rerender_untrusted(EDITOR.encode(), source="x", width=120, height=96)[0].pixels

@@ -10,6 +10,7 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -22,7 +23,13 @@ from image_files import encode
 from PIL import Image
 from warm import WarmCommand, run_warm
 
+from cubicsplat_cli.files.atomic import folder_locked
+from cubicsplat_cli.files.marks import provenance_comment, with_checksum
+from cubicsplat_cli.files.names import beside
+from cubicsplat_cli.files.png import encode_png
 from cubicsplat_cli.jobs.interrupt import interrupt
+from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.jobs.run import FileSink
 from cubicsplat_cli.svg import read_svg
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions, limits and signals of POSIX")
@@ -198,6 +205,41 @@ def test_two_runs_on_one_output(jpeg, tmp_path):
     assert read_svg((results / "x.svg").read_bytes()).width == 24
     report = strict_json((results / "x.json").read_bytes())
     assert report["output"]["svg_sha256"] == hashlib.sha256((results / "x.svg").read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("order", ["abAB", "abBA", "baAB", "aAbB", "abA", "abB"])
+def test_two_runs_on_one_output_leave_the_set_of_the_one_that_ends_last(order, tmp_path):
+    job = Job("x.png", tmp_path / "x.png", beside(tmp_path / "x.svg", png=True))
+    sinks = {name: FileSink(job) for name in "ab"}
+    for name in order:
+        sink, end = sinks[name.lower()], name.lower().encode()
+        if name.islower():
+            text = provenance_comment("1", 0, "0" * 12, "0" * 64)
+            svg = with_checksum(f"<svg><!-- {text} --><g id='{name}'/></svg>").encode()
+            sink.put("svg", svg)
+            sink.put("png", encode_png(np.zeros((2, 2, 4), np.uint8)) + end)
+            assert not job.outputs.report.exists(), "there is no report of files that are being replaced"
+        else:
+            sink.put("report", b'{\n  "schema": 1,\n  "program": "cubicsplat"' + end)
+            last = end
+    assert b"id='" + last + b"'" in job.outputs.svg.read_bytes()
+    assert {job.outputs.png.read_bytes()[-1:], job.outputs.report.read_bytes()[-1:]} == {last}
+    job.outputs.svg.write_bytes(job.outputs.svg.read_bytes().replace(b"</svg>", b"<!-- mine --></svg>"))
+    sinks["a"].put("report", b"{}a")
+    assert b"mine" in job.outputs.svg.read_bytes(), "somebody's work is not replaced"
+
+
+def test_files_are_put_while_no_other_run_does(tmp_path):
+    sink = FileSink(Job("x.png", tmp_path / "x.png", beside(tmp_path / "x.svg", png=True)))
+    with folder_locked(tmp_path):
+        putting = threading.Thread(target=sink.put, args=("svg", b"<svg/>"))
+        putting.start()
+        putting.join(0.1)
+        assert putting.is_alive()
+        assert not sink.written
+    putting.join(10)
+    assert sink.written
+    assert [path.name for path in tmp_path.iterdir()] == ["x.svg"]
 
 
 def test_an_interrupt_waits_for_the_import_of_torch(monkeypatch):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import smooth_pixels
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -29,6 +29,7 @@ from cubicsplat_cli.show.index import Entry, index
 from cubicsplat_cli.show.original import picture_url
 from cubicsplat_cli.show.page import Subject, page
 from cubicsplat_cli.show.repeat import command, unsaid
+from cubicsplat_cli.svg import read_svg
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = {"curves": 9, "steps": 60, "threads": 1}
@@ -109,6 +110,49 @@ def test_shapes_of_artwork_in_one_path_have_one_worth():
     found = shown(result.svg.encode(), load_picture(encoded(pixels, "PNG")))
     assert len(found.losses_db) == elements < result.report.shapes
     assert min(found.losses_db) > 10
+
+
+def drawn(kind: str) -> Image.Image:
+    random = np.random.default_rng(1)
+    if kind == "cells":
+        inks = np.array([[0, 0, 0], [255, 255, 255], [200, 30, 30]], np.uint8)
+        return Image.fromarray(random.choice(inks, (8, 8)).repeat(6, 0).repeat(6, 1))
+    if kind == "photo":
+        return Image.fromarray(random.integers(0, 256, (4, 5, 3), dtype=np.uint8).repeat(5, 0).repeat(5, 1))
+    picture = Image.new("RGB", (240, 120), "white")
+    if kind == "gradient":
+        picture = Image.fromarray(np.linspace((30, 0, 90), (230, 0, 90), 240).astype(np.uint8)[None].repeat(120, 0))
+    for left in (20, 100, 180):
+        corners = (left, 20), (left + 40, 30), (left + 20, 90)
+        if kind == "strokes":
+            ImageDraw.Draw(picture).line(corners, (20, 60, 120), 8)
+        else:
+            ImageDraw.Draw(picture).polygon(corners, (250, 250, 250) if kind == "gradient" else (20, 60, 120))
+    return picture.resize((120, 60), Image.Resampling.LANCZOS)
+
+
+@pytest.mark.parametrize("kind", ["cells", "letters", "gradient", "strokes", "photo"])
+def test_summary_report_page_and_file_count_alike(kind, tmp_path, run_cli):
+    drawn(kind).save(tmp_path / "x.png")
+    few = ("--style", "photo", "--curves", 5, "--steps", 20) if kind == "photo" else ("--style", "artwork")
+    mode = ("--mode", "open") if kind == "strokes" else ()
+    done = run_cli("vectorize", tmp_path / "x.png", *few, *mode, "--threads", 1, "--report")
+    assert done.returncode == 0, done.stderr
+    svg = (tmp_path / "x.svg").read_text()
+    report = Report.from_json((tmp_path / "x.json").read_bytes())
+    elements = len(re.findall(r"<(?:path|circle|ellipse|rect)\b", svg)) - (kind == "photo")  # the photo's background
+    shapes = read_svg(svg).curves
+    assert report.output.paths == elements
+    said = f"{shapes} curves" if kind == "photo" else f"{shapes} shapes"
+    if kind == "photo":
+        assert (report.shapes, report.count()) == (None, shapes)
+    else:
+        assert report.shapes == report.count() == shapes > elements, "shapes of one paint are in one element"
+        said += f" in {elements} element{'s' * (elements > 1)}"
+    assert f"  {said}  " in done.stderr.decode()
+    facts = re.sub(r"<[^>]*>|\s+", " ", (tmp_path / "x.html").read_text())
+    number, name, *more = said.split(maxsplit=2)
+    assert re.search(rf"\b{name}\b\s+{number}\b\s+{' '.join(more)}", facts), said
 
 
 HOSTILE = (

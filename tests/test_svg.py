@@ -364,6 +364,13 @@ def test_reader_refuses_files_over_the_size_limit(monkeypatch):
         read_svg(good_svg())
 
 
+def test_reader_refuses_a_curve_without_end(monkeypatch):
+    monkeypatch.setattr("cubicsplat_cli.svg.reader.MAX_TOKENS", 20)
+    text = write_svg(random_scene(Mode.CLOSED), title="t")
+    with pytest.raises(InputError, match="has a curve of more than 20 numbers"):
+        read_svg(text)
+
+
 def test_reader_takes_commas_newlines_and_plus_signs():
     loose = read_svg(with_path("M 1,2\n C +2 4,\t4 -2  1.0 2.00 Z"))
     assert_same(loose, read_svg(with_path("M1 2c1 2 3-4 0 0z")))

@@ -68,6 +68,9 @@ def _exit_code(program: Callable[[list[str]], int | None], arguments: list[str])
             return 1
         _say(f"standard output: cannot be written ({error.strerror or error}); free some space")
         return 1
+    except MemoryError:
+        _say("there is not enough memory for this; give a smaller picture, or ask for a smaller one")
+        return 1
     except Exception as error:
         from cubicsplat_cli.cli.app import parser_error
 

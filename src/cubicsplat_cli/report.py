@@ -47,7 +47,8 @@ class Input:
 
 @dataclass(frozen=True)
 class Output:
-    """What was made of it. svg, png: files (None: not written, or standard output). bytes, paths: of the SVG. The
+    """What was made of it. svg, png: files (None: not written, or standard output). bytes, paths: of the SVG;
+    paths are the elements that it draws: a photo's curves, and of a drawing those that its shapes are in. The
     hashes are of the files as written; by them a later run knows whether they are complete.
     """
 
@@ -165,6 +166,10 @@ class Report:
             png_sha256=None if png is None else sha256_of(png),
         )
         return replace(self, output=output)
+
+    def count(self) -> int:
+        """How many curves a photo has, or shapes a drawing."""
+        return self.output.paths if self.shapes is None else self.shapes
 
     def public(self) -> dict[str, Any]:
         """Plain JSON values in the order of the documentation, figures cut to their decimals."""

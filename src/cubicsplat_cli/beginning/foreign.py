@@ -18,6 +18,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.untrusted import check_untrusted
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.pathparse import MAX_COMMANDS, TooLong
 from cubicsplat_cli.words import counted, one_line
 
 _SIDE = 1024  # px of the scene's longer side at the least, where rounding that would change its shape
@@ -67,6 +68,7 @@ class _Found:
     root: ElementTree.Element
     left_out: Counter[str] = field(default_factory=Counter)
     gradients: int = 0
+    segments: int = 0
     curves: list[list[np.ndarray]] = field(default_factory=list)
     paints: list[Rgba] = field(default_factory=list)
     half_widths: list[float] = field(default_factory=list)
@@ -78,11 +80,16 @@ class _Found:
         """The fill of a shape and, in front of it, its stroke."""
         try:
             lines = lines_of(path_data(drawn.name, drawn.length, dict(drawn.attributes)))
+            self.segments += sum(len(line.cubics) for line in lines)
             fill, stroke = (self._paint(drawn, name) for name in ("fill", "stroke"))
             width = length(drawn.style["stroke-width"], drawn.view[0])
+        except TooLong:
+            raise
         except (InputError, ValueError):
             self.left_out[f"{drawn.name} that cannot be read"] += 1
             return
+        if self.segments > MAX_COMMANDS:
+            raise TooLong(f"path data of more than {MAX_COMMANDS} commands in all, too many to begin with; simplify it")
         matrix = np.diag([scale, scale, 1.0]) @ drawn.matrix
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:2, :2])) < 1e-12:
             return

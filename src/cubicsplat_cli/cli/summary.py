@@ -13,8 +13,7 @@ from cubicsplat_cli.words import counted, duration, file_size
 def summary_line(report: Report, status: str = DONE) -> str:
     """`out.svg  512 curves  61 kB  SVG 31.9 dB  SSIM 0.86  47 s  cpu`."""
     output = report.output
-    made = counted(output.paths, "curve" if report.style == "photo" else "shape")
-    parts = [output.svg or "stdout", report.style, made, file_size(output.bytes), *_quality_parts(report)]
+    parts = [output.svg or "stdout", report.style, _made(report), file_size(output.bytes), *_quality_parts(report)]
     if status == UNCHANGED:
         parts.append("unchanged")
     else:
@@ -22,6 +21,14 @@ def summary_line(report: Report, status: str = DONE) -> str:
     if status == INTERRUPTED:
         parts.append("interrupted")
     return "  ".join(parts)
+
+
+def _made(report: Report) -> str:
+    """`512 curves`, `5 shapes`, `27 shapes in 3 elements` of the file."""
+    if report.shapes is None:
+        return counted(report.output.paths, "curve")
+    apart = report.shapes == report.output.paths
+    return counted(report.shapes, "shape") + ("" if apart else f" in {counted(report.output.paths, 'element')}")
 
 
 def _quality_parts(report: Report) -> list[str]:
@@ -42,7 +49,7 @@ class _Row:
     reports: list[Report] = field(default_factory=list)
 
     def cells(self) -> list[str]:
-        curves = sum(report.output.paths for report in self.reports)
+        curves = sum(report.count() for report in self.reports)
         size = sum(report.output.bytes for report in self.reports)
         measured = [report.quality.svg for report in self.reports if report.quality is not None]
         decibels, similarity = mean(q.psnr_db for q in measured), mean(q.ssim for q in measured)

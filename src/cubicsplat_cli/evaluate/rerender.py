@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import io
 import math
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -53,31 +54,47 @@ def available_renderers() -> tuple[RendererInfo, ...]:
     return tuple(_probe(name) for name in RENDERERS)
 
 
-def rerender(svg: bytes, width: int, height: int, *, renderer: str | None = None) -> Rendered:
+def rerender(svg: bytes, width: int, height: int, *, renderer: str | None = None, source: str = "the SVG") -> Rendered:
     """Draw SVG bytes that this package made at width x height px, transparent background kept.
 
-    renderer: "cairosvg", "resvg", or None for the first that works; a fallback is told in `Rendered.note`.
-    Raises UsageError for another name, InputError for an impossible size or bytes that cannot be drawn,
-    EngineError when the renderer (or, for None, every renderer) is missing.
+    source: the file's name for messages. renderer: "cairosvg", "resvg", or None for the first that works; a fallback
+    is told in `Rendered.note`. Raises UsageError for another name, InputError for an impossible size or bytes that
+    cannot be drawn, EngineError when the renderer (or, for None, every renderer) is missing.
     """
     _check_size(width, height)
     module, name, note = choose_renderer(renderer)
-    with drawing_with(name):
+    with drawing_with(name, source):
         pixels = _DRAW[name](module, svg, width, height)
     return Rendered(_centred(pixels, width, height), full_name(module, name), note)
 
 
 @contextmanager
-def drawing_with(name: str) -> Iterator[None]:
-    """Turns whatever a renderer raises into one InputError."""
+def drawing_with(name: str, source: str) -> Iterator[None]:
+    """Turns whatever a renderer raises into one InputError that names the file."""
     try:
         yield
-    except (KeyboardInterrupt, MemoryError):
+    except (KeyboardInterrupt, SystemExit, MemoryError):
         raise
-    except Exception as error:
+    except BaseException as error:  # as which resvg's panics come
         # Both renderers answer an SVG they cannot draw with nearly any exception; the file is what is wrong.
-        reason = one_line(error) or type(error).__name__
-        raise InputError(f"{name} cannot draw the SVG ({reason}); check the file in a viewer") from error
+        reason = _reason(error, name)
+        said = f" ({reason})" if reason else ""
+        raise InputError(f"{source}: {name} cannot draw it{said}; check the file in a viewer") from error
+
+
+def _reason(error: BaseException, name: str) -> str:
+    """What a renderer complains about, without what only Python programmers understand; may be empty."""
+    text = one_line(error)
+    if isinstance(error, UnicodeError):
+        return "it is not UTF-8"
+    if match := re.search(r"could not convert string to float: (.*)", text) or re.search(r"b'(.*)'$", text):
+        return f"{match[1]} is no number" if "float" in text else match[1]
+    # resvg's own sentences, and those of the XML parser; cairosvg has none, and fails as any program does.
+    return (
+        text
+        if (name == "resvg" and isinstance(error, ValueError)) or isinstance(error, (InputError, SyntaxError))
+        else ""
+    )
 
 
 def full_name(module: ModuleType, name: str) -> str:
@@ -114,7 +131,7 @@ def rerender_untrusted(
     elif height is None:
         height = max(1, round(size.height * width / size.width))
     assert width is not None and height is not None
-    return rerender(svg, width, height, renderer=renderer), size
+    return rerender(svg, width, height, renderer=renderer, source=source), size
 
 
 def install_hint() -> str:

@@ -46,7 +46,7 @@ def downsampled_svg(
     size = check_untrusted(svg, source)
     module, name, note = choose_renderer(renderer)
     pixels = np.empty((height, width, 4), np.float32)
-    with drawing_with(name):
+    with drawing_with(name, source):
         for tile in tiles(width, height, scale, TILE_PIXELS):
             pixels[tile.rows, tile.columns] = draw_tile(name, module, svg, size, width, height, scale, tile)
     return Downsampled(pixels, full_name(module, name), note)

@@ -1,14 +1,15 @@
 """What an SVG file of unknown origin may contain before any renderer sees it, and how large it says it is.
 
 One expat pass, nothing fetched, nothing expanded. Refused: gzip (.svgz), entity declarations, embedded or
-external pictures, and every reference that does not stay inside the document.
+external pictures, every reference that does not stay inside the document, and references that would draw the same
+elements too many times.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from cubicsplat_cli.errors import InputError
@@ -17,10 +18,14 @@ from cubicsplat_cli.files.read import MAX_SVG_BYTES
 
 MAX_ELEMENTS = 2_000_000
 MAX_DEPTH = 256
+MAX_RADIUS = 1e9  # a circle of infinite radius is drawn without end
+MAX_USED = 100_000  # elements drawn once more by <use>: cairosvg's own limit, which it takes 20 s to reach
 
 
+_ROUND = {"r", "rx", "ry"}
 _PICTURES = {"image", "feImage", "foreignObject"}
 _OUTSIDE = re.compile(r"@import|url\(\s*['\"]?\s*(?!#)[^\s'\"#)]", re.IGNORECASE)
+_INSIDE = re.compile(r"url\(\s*['\"]?\s*#([^'\")\s]+)")
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(px|in|cm|mm|Q|pt|pc)?\s*")
 # px in a unit of CSS, which has 96 of them to the inch.
 _UNITS = {"px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "Q": 24 / 25.4, "pt": 96 / 72, "pc": 16.0}
@@ -61,6 +66,7 @@ def check_untrusted(data: bytes, source: str, *, otherwise: SvgSize | None = Non
         raise InputError(f"{source}: is not well-formed XML ({error}); export it again") from error
     except (LookupError, ValueError) as error:
         raise InputError(f"{source}: has an encoding that cannot be read ({error}); save it as UTF-8") from error
+    scan.check_references()
     return scan.size(otherwise)
 
 
@@ -75,6 +81,18 @@ def with_size(data: bytes, size: SvgSize) -> bytes:
     return _ROOT.sub(said, data, count=1)
 
 
+@dataclass
+class _Named:
+    """An element that references may name. elements: it and those in it, but for those of `inside`, which have names of
+    their own; uses: names that their <use> refer to; paints: those that their fills, masks, markers and so on do.
+    """
+
+    elements: int = 0
+    uses: list[str] = field(default_factory=list)
+    paints: list[str] = field(default_factory=list)
+    inside: list[_Named] = field(default_factory=list)
+
+
 class _Scan:
     """Handlers of one pass over one document."""
 
@@ -85,6 +103,8 @@ class _Scan:
         self.styles = 0
         self.style_text: list[str] = []
         self.root: dict[str, str] = {}
+        self.named: dict[str, _Named] = {}
+        self.open = [_Named()]
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         local = name.rpartition(":")[2]
@@ -100,9 +120,17 @@ class _Scan:
             raise InputError(f"{self.source}: holds a <{local}> element, which is not drawn here; remove it first")
         self.styles += local == "style"
         self._check_attributes(local, attributes)
+        self.open.append(self._holder(attributes.get("id")))
+        self.open[-1].elements += 1
+        for key, value in attributes.items():
+            if local == "use" and key.rpartition(":")[2] == "href":
+                self.open[-1].uses.append(value.strip().removeprefix("#"))
+            elif "url(" in value:
+                self.open[-1].paints += _INSIDE.findall(value)
 
     def end(self, name: str) -> None:
         self.depth -= 1
+        self.open.pop()
         if name.rpartition(":")[2] == "style":
             self.styles -= 1
             if _OUTSIDE.search("".join(self.style_text)):
@@ -120,12 +148,40 @@ class _Scan:
         if target.lower() == "xml-stylesheet":
             raise self._outside("xml-stylesheet")
 
+    def _holder(self, name: str | None) -> _Named:
+        """What counts the elements of the one that begins: the nearest one around it that has a name."""
+        if name is None or name in self.named:
+            return self.open[-1]
+        self.named[name] = _Named()
+        self.open[-1].inside.append(self.named[name])
+        return self.named[name]
+
+    def check_references(self) -> None:
+        """Raise InputError where references draw too many elements, or one draws itself."""
+        for following_all, most in ((False, MAX_USED), (True, MAX_ELEMENTS)):
+            if self._drawn(self.open[0], {}, following_all, 0) - self.elements > most:
+                raise InputError(f"{self.source}: draws more than {most} elements by references; simplify it")
+
+    def _drawn(self, named: _Named, known: dict[int, int], following_all: bool, depth: int) -> int:
+        """How many elements are drawn for one and what is in it; `known` has what is known already."""
+        if depth > MAX_DEPTH:
+            raise InputError(f"{self.source}: has references to themselves, or {MAX_DEPTH} in one another; simplify it")
+        if id(named) not in known:
+            referred = named.uses + (named.paints if following_all else [])
+            parts = [*named.inside, *(self.named[name] for name in referred if name in self.named)]
+            known[id(named)] = named.elements + sum(
+                [self._drawn(part, known, following_all, depth + 1) for part in parts]
+            )
+        return known[id(named)]
+
     def _check_attributes(self, element: str, attributes: dict[str, str]) -> None:
         for name, value in attributes.items():
             local = name.rpartition(":")[2]
             # Links only matter when clicked; every other reference is followed while drawing.
             if local == "href" and element != "a" and value.strip() and not value.strip().startswith("#"):
                 raise self._outside(f"{element} {name}")
+            if local in _ROUND and (number := _NUMBER.fullmatch(value)) and abs(float(number[1])) > MAX_RADIUS:
+                raise InputError(f"{self.source}: has {local}={value!r}, too large to draw; make it smaller")
             if "(" in value and _OUTSIDE.search(value):
                 raise self._outside(f"{element} {name}")
 

@@ -13,6 +13,7 @@ import re
 import secrets
 import stat
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 if sys.platform != "win32":
@@ -54,6 +55,24 @@ def write_atomically(path: Path, data: bytes) -> None:
         raise
 
 
+@contextlib.contextmanager
+def folder_locked(folder: Path) -> Iterator[None]:
+    """Within, every other process waits that asks for the same folder. The lock ends with its process, and leaves no
+    file. There is none where folders cannot be locked: on Windows, and on some network file systems.
+    """
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        descriptor = -1
+    try:
+        if descriptor >= 0:
+            _lock(descriptor)
+        yield
+    finally:
+        if descriptor >= 0:
+            os.close(descriptor)
+
+
 def check_writable(path: Path) -> None:
     """Find out before a long fit whether `write_atomically(path, ...)` can work; leaves nothing behind.
 
@@ -84,7 +103,7 @@ def _create_locked(temporary: Path) -> int:
 
 
 def _lock(descriptor: int) -> bool:
-    """Lock a file against its removal; False where locks do not exist (Windows, some network file systems)."""
+    """Lock a file or a folder; False where locks do not exist (Windows, some network file systems)."""
     if sys.platform == "win32":  # where a file that is open elsewhere cannot be removed anyway
         return False
     try:

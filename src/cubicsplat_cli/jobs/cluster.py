@@ -150,8 +150,9 @@ def _collect(ray: ModuleType, reference: Any, job: Job) -> Outcome:
     except ray.exceptions.RayError as error:
         return Outcome(job, FAILED, error=f"{job.name}: the cluster failed: {one_line(error)[:300]}", exit_code=1)
     try:
+        sink = FileSink(job)
         for kind, data in files.items():
-            FileSink(job).put(kind, data)
+            sink.put(kind, data)
     except CubicSplatError as error:
         return failure(job, error)
     return dataclasses.replace(outcome, job=job)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import hashes_in, is_edited, sha256_of
-from cubicsplat_cli.files.names import beside
+from cubicsplat_cli.files.names import SVG_SUFFIXES, beside
 from cubicsplat_cli.files.ownership import check_outputs, check_ownership, head_of, is_replaceable, read_ends
 from cubicsplat_cli.files.paths import is_file, same_file
 from cubicsplat_cli.files.read import unpacked
@@ -45,6 +45,14 @@ def edited(job: Job) -> list[Path]:
     wanted = {job.outputs.svg: None} if report is None else _written(job, report)
     found = [(path, digest, path.read_bytes()) for path, digest in wanted.items() if path is not None and is_file(path)]
     return [path for path, digest, data in found if _is_whole(path, data) and _is_other(path, digest, data)]
+
+
+def holds_edited(path: Path) -> bool:
+    """Whether a file is an SVG of ours that is no longer what its own comment says."""
+    if path.suffix.lower() not in SVG_SUFFIXES or not is_file(path):
+        return False
+    data = path.read_bytes()
+    return _is_whole(path, data) and _is_other(path, None, data)
 
 
 def _written(job: Job, report: Report) -> dict[Path | None, str | None]:

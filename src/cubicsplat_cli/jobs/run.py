@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
+from cubicsplat_cli.files.ownership import is_replaceable
+from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.files.stdout import STDOUT, write_stdout
 from cubicsplat_cli.film import FRAMES, Film
-from cubicsplat_cli.jobs.earlier import forget, is_finished
+from cubicsplat_cli.jobs.earlier import forget, holds_edited, is_finished
 from cubicsplat_cli.jobs.events import Events, logged_to
 from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.plan import Job
@@ -63,23 +65,44 @@ class Sink(Protocol):
 
 @dataclass
 class FileSink:
-    """Writes each file whole to where the job wants it; an SVG without a place goes to standard output."""
+    """Writes each file whole to where the job wants it; an SVG without a place goes to standard output.
+
+    Two runs on one output leave the files of the one that ends last: with the report, which comes last, all others are
+    written again that the other run has replaced meanwhile. A run that is killed leaves no report of other files.
+    """
 
     job: Job
     written: list[Path] = field(default_factory=list)
+    files: dict[str, bytes] = field(default_factory=dict)
 
     def put(self, kind: str, data: bytes) -> None:
-        from cubicsplat_cli.files.atomic import write_atomically
+        from cubicsplat_cli.files.atomic import folder_locked, write_atomically
 
-        path = getattr(self.job.outputs, kind)
-        if kind == "svg":
-            # From here on the report of an earlier run is wrong; whoever finds none knows that the work is not done.
-            forget(self.job)
-        if path is not None:
-            write_atomically(path, data)
-            self.written.append(path)
-        elif kind == "svg":
+        path, svg = getattr(self.job.outputs, kind), self.job.outputs.svg
+        if kind == "svg" and path is None:
             write_stdout(data)
+        self.files[kind] = data
+        with folder_locked(Path() if svg is None else svg.parent):
+            replaced = self._replaced() if kind == "report" else {}
+            if kind == "svg" or replaced:
+                # From here on the report there is wrong; whoever finds none knows that the work is not done.
+                forget(self.job)
+            for place, content in replaced.items():
+                write_atomically(place, content)
+            if path is not None:
+                write_atomically(path, data)
+                self.written.append(path)
+
+    def _replaced(self) -> dict[Path, bytes]:
+        """The files of this run in whose places lie others of ours by now, or none; an edited one stays as it is."""
+        found = {}
+        for kind, data in self.files.items():
+            place = getattr(self.job.outputs, kind)
+            if kind == "report" or place is None or (is_file(place) and place.read_bytes() == data):
+                continue
+            if is_replaceable(place) and not holds_edited(place):
+                found[place] = data
+        return found
 
 
 @dataclass
@@ -123,6 +146,9 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
             events.note(job.name, f"interrupted: {job.outputs.svg} is as the earlier, finished run left it")
             return Outcome(job, INTERRUPTED)
         svg = packed(result.svg, compressed=request.compress)
+        if job.outputs.svg is not None:
+            sink.put("svg", svg)
+    if job.outputs.svg is None:  # what went to standard output could not be replaced
         sink.put("svg", svg)
     if request.measure:
         result = measured(result, task, made)

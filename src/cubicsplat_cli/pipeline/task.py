@@ -28,6 +28,7 @@ from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg.drawing import drawn_elements
 from cubicsplat_cli.words import printable
 
 UNDECIDED = Style(PHOTO, "")
@@ -108,10 +109,11 @@ class Task:
         with self.stages("write"):
             svg = with_checksum(made.write(self.title, self.comment()))
             data, source, request = svg.encode(), self.source, self.request
+            paths = drawn_elements(svg) if "shapes" in made.facts else made.paths
             facts = {"device": {"name": "cpu"}, "timing": Timing(0.0, self.stages.seconds["fit"]), **made.facts}
             report = Report(
                 input=Input(source.source, source.sha256, *source.size, source.alpha is not None),
-                output=Output(made.paths, len(data), sha256_of(data)),
+                output=Output(paths, len(data), sha256_of(data)),
                 settings=request.deciding(),
                 settings_hash=request.digest(),
                 style=made.style.name,

@@ -24,11 +24,13 @@ class Shown:
     """An SVG of ours, read by readers that let nothing pass that could act or fetch.
 
     markup: its elements as HTML takes them. losses_db: for each drawn element in the order of the file, by how many dB
-    the PSNR falls without it (below 0: it rises).
+    the PSNR falls without it (below 0: it rises). count: of its curves, or of its shapes, of which one element may hold
+    many.
     """
 
     markup: str
     losses_db: list[float]
+    count: int
 
 
 def shown(svg: bytes, picture: Picture, threads: int | None = None) -> Shown | None:
@@ -37,7 +39,7 @@ def shown(svg: bytes, picture: Picture, threads: int | None = None) -> Shown | N
         scene, names = _scene(svg)
     except InputError:
         return None
-    return Shown(_markup(svg), [] if scene is None else _losses(scene, names, picture, threads))
+    return Shown(_markup(svg), [] if scene is None else _losses(scene, names, picture, threads), len(names))
 
 
 def _markup(svg: bytes) -> str:

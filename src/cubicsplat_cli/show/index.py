@@ -57,7 +57,7 @@ def entry_of(name: str, page: Path, report: Report, png: Path | None, svg: Path)
         report.style,
         None if report.quality is None else report.quality.svg,
         report.output.bytes,
-        report.output.paths,
+        report.count(),
         report.timing.total_s,
     )
 

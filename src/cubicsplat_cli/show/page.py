@@ -12,7 +12,7 @@ from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import PROGRAM, made_mark
 from cubicsplat_cli.report import Quality, Report
 from cubicsplat_cli.show.charts import Chart, course, histogram
-from cubicsplat_cli.show.drawing import kind_of, shown
+from cubicsplat_cli.show.drawing import Shown, kind_of, shown
 from cubicsplat_cli.show.original import data_url, picture_url
 from cubicsplat_cli.show.repeat import command, unsaid
 from cubicsplat_cli.show.template import rendered
@@ -86,7 +86,7 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         is_svg=subject.raster is None,
         kind=kind,
         data={"width": picture.width, "height": picture.height, "kind": kind, "losses": losses},
-        facts=_facts(subject, kind, len(losses)),
+        facts=_facts(subject, kind, own),
         charts=_charts(report, losses, kind),
         times=_times(report),
         command=None if report is None else command(report),
@@ -110,12 +110,14 @@ def _candidate_url(subject: Subject) -> str:
     return picture_url(subject.raster, subject.candidate)
 
 
-def _facts(subject: Subject, kind: str, count: int) -> list[Fact]:
+def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
     quality, report = subject.quality, subject.report
     facts = [] if quality is None else _quality_facts(quality, subject.drawn_by)
-    if kind:
-        inks = None if report is None or report.inks is None else counted(len(report.inks), "colour")
-        facts.append(Fact(f"{kind}s", f"{count:,}", inks or ""))
+    if own is not None:
+        about = [] if report is None or report.inks is None else [counted(len(report.inks), "colour")]
+        if own.count != len(own.losses_db):
+            about.insert(0, f"in {counted(len(own.losses_db), 'element')}")
+        facts.append(Fact(f"{kind}s", f"{own.count:,}", ", ".join(about)))
     facts.append(Fact("file", file_size(subject.bytes), f"the picture: {file_size(len(subject.data))}"))
     facts.append(Fact("size", f"{subject.picture.width} \u00d7 {subject.picture.height}", "pixels of the original"))
     if report is not None:

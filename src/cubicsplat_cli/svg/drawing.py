@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Container, Sequence
 from xml.etree import ElementTree
@@ -53,6 +54,11 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
         if element is not None:
             root.extend(_finished(element, group[0], names, gradients, precision))
     return document(root)
+
+
+def drawn_elements(svg: str) -> int:
+    """How many elements of a text of `write_drawing` draw something: at most its shapes, since one may hold many."""
+    return len(re.findall(r"<(?:path|circle|ellipse|rect)\b", svg))
 
 
 def _finished(

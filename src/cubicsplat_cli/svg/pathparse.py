@@ -13,7 +13,13 @@ _FLAG = re.compile(r"[\s,]*([01])")
 # How many numbers a command takes.
 _NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
 _DECIMALS = 9
+# Of one path, which takes some seconds and 200 MB; and of a subpath, of which the engines draw no more edges.
+MAX_COMMANDS, MAX_SEGMENTS = 500_000, 65_535
 Point = tuple[float, float]
+
+
+class TooLong(InputError):
+    """Path data of more commands or segments than are read."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +76,19 @@ def pieces(d: str) -> list[Piece]:
 
 
 def subpaths(d: str) -> list[list[Piece]]:
-    """The absolute pieces of each subpath, which ends with Z or before the next M; InputError for bad path data."""
+    """The absolute pieces of each subpath, which ends with Z or before the next M.
+
+    Raises InputError for bad path data, TooLong for too much of it.
+    """
     found: list[list[Piece]] = []
     here = start = (0.0, 0.0)
-    for letter, numbers in commands(d):
+    # What a glance shows need not be read first.
+    if len(d) > MAX_COMMANDS and sum(map(d.count, "MmLlHhVvCcSsQqTtAaZz")) > MAX_COMMANDS:
+        raise TooLong(f"path data of more than {MAX_COMMANDS} commands; simplify it")
+    for count, (letter, numbers) in enumerate(commands(d)):
         command = letter.upper()
+        if count == MAX_COMMANDS or (found and len(found[-1]) > MAX_SEGMENTS):
+            raise TooLong(f"path data of more than {MAX_COMMANDS} commands, or {MAX_SEGMENTS} in a row; simplify it")
         if command == "M" or not found or (found[-1] and found[-1][-1].command == "Z"):
             found.append([])
         points = _points(letter, numbers, here) or [start]

@@ -25,6 +25,7 @@ from cubicsplat_cli.svg.gridgradients import settled
 from cubicsplat_cli.svg.writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
 
 MAX_SVG_BYTES = 256 * 1024 * 1024
+MAX_TOKENS = 1_000_000  # of one curve, of which the engines draw 65535 edges
 MAX_NUMBER_LENGTH = 24
 MAX_SHOWN = 120  # characters of a message that come from the file
 
@@ -254,12 +255,15 @@ class _Collector:
 
     def _tokens(self, d: str) -> list[tuple[str, str, str, str]]:
         """Path data as (letter, sign, whole digits, decimal digits); letter is empty for numbers."""
-        tokens, position, d = [], 0, d.strip()
+        tokens: list[tuple[str, str, str, str]] = []
+        position, d = 0, d.strip()
         while position < len(d):
             match = _TOKEN.match(d, position)
             if match is None or match.end() - match.start() > MAX_NUMBER_LENGTH:
                 raise self.foreign(f"has path data that cannot be read at {d[position : position + 12]!r}")
             letter, sign, whole, fraction, only_fraction = match.groups(default="")
+            if len(tokens) == MAX_TOKENS:
+                raise self.foreign(f"has a curve of more than {MAX_TOKENS} numbers")
             tokens.append((letter, sign, whole, fraction or only_fraction))
             position = match.end()
         return tokens
