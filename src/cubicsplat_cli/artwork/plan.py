@@ -72,9 +72,8 @@ def _regions(
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
         elif levels.shape[0] * levels.shape[1] > MOST_REGIONS and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
-        most = settings.colors if inks is None else min(len(inks), settings.colors or len(inks))
-        palette = picture_inks(soft, most) if inks is None else inks[:most]
-        regions = bounded_regions(soft, palette, min_area, most)
+        palette = picture_inks(soft) if inks is None else inks
+        regions = bounded_regions(soft, palette, min_area, None if inks is None else len(inks))
         if regions.count <= min(many, MOST_REGIONS):
             break
     return soft, regions

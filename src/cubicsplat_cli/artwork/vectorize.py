@@ -13,14 +13,16 @@ from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
 from cubicsplat_cli.artwork.input.intake import Intake, taken_in
-from cubicsplat_cli.artwork.input.restore import restored, seen_as
+from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
 from cubicsplat_cli.artwork.limits import MOST_POLISHED, enlarged
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
-from cubicsplat_cli.artwork.regions.inks import eight_bit
+from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
+from cubicsplat_cli.artwork.regions.inks import eight_bit, picture_inks
+from cubicsplat_cli.artwork.regions.regions import find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
@@ -51,7 +53,7 @@ def draw(
     """
     settings, intake = settings or ArtworkSettings(), intake or taken_in(target)
     drawing = _with_its_shadow(intake, settings, strokes=strokes) or _drawn(intake, settings, strokes=strokes)
-    return enlarged(in_palette(drawing, settings.palette), intake.scale, intake.width, intake.height)
+    return enlarged(drawing, intake.scale, intake.width, intake.height)
 
 
 def _with_its_shadow(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawing | None:
@@ -74,7 +76,9 @@ def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawi
     condition = intake.condition
     error = condition.edge_error
     flat = without_gradients(intake, settings)
-    even, inks = _even(flat.levels, intake, settings)
+    even, inks = _even(flat.levels, intake)
+    if not settings.free_inks:
+        even, inks = _in_chosen_colours(even, inks, settings)
     standing = flat.inks if _may_shine_through(intake, settings) else None
     plan = planned(even, settings, intake.scale, condition.restored_error, standing, inks)
     height, width = plan.levels.shape[:2]
@@ -109,11 +113,26 @@ def _may_shine_through(intake: Intake, settings: ArtworkSettings) -> bool:
     return intake.condition.clean and settings.free_inks and settings.stacking != CUTOUT
 
 
-def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> tuple[np.ndarray, np.ndarray | None]:
+def _even(levels: np.ndarray, intake: Intake) -> tuple[np.ndarray, np.ndarray | None]:
     """A picture without gradients as if it were clean, and its inks (k, 4) where they are known."""
     if intake.pens is not None:
         return sharpened(levels, intake.pens)
-    return levels if intake.condition.clean else restored(levels, intake.condition, settings.colors), None
+    return levels if intake.condition.clean else restored(levels, intake.condition), None
+
+
+def _in_chosen_colours(
+    levels: np.ndarray, inks: np.ndarray | None, settings: ArtworkSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """A clean picture (H, W, 4) in no more than the colours asked for, or in those of the palette, and these (k, 4)."""
+    regions = find_regions(levels, picture_inks(levels) if inks is None else inks)
+    known, first, number = np.unique(regions.ink_of, return_index=True, return_inverse=True)
+    own, labels = regions.inks[first], number[regions.labels]
+    areas = np.bincount(labels.ravel(), minlength=len(known))
+    colours, owner = fewer_colours(own, areas, settings.colors)
+    if settings.palette:
+        colours, becomes = nearest_colours(colours, settings.palette)
+        owner = becomes[owner]
+    return in_colours(levels, labels, own, colours[owner]), colours
 
 
 def _traced(
@@ -156,18 +175,6 @@ def _painted(drawing: Drawing) -> Drawing:
             ink = mean_ink(shape.gradient)
             shape = replace(shape, ink=ink, name=shape_name(ink, shape.outlines, drawing.width, drawing.height))
         shapes.append(shape)
-    return replace(drawing, shapes=tuple(shapes))
-
-
-def in_palette(drawing: Drawing, palette: tuple[tuple[int, int, int], ...]) -> Drawing:
-    """The drawing with every ink's colour replaced by the nearest of a palette; the same where that is empty."""
-    if not palette:
-        return drawing
-    colours = np.array(palette)
-    shapes = []
-    for shape in drawing.shapes:
-        nearest = int(((colours - np.array(shape.ink[:3])) ** 2).sum(axis=1).argmin())
-        shapes.append(replace(shape, ink=(*palette[nearest], shape.ink[3])))
     return replace(drawing, shapes=tuple(shapes))
 
 

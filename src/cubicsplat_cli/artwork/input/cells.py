@@ -29,8 +29,8 @@ SOFT, MOST_SOFT_PIXELS, MOST_SOFT = 24.0, 0.2, 0.5
 # Corners where cells of different colours meet, over all cells, and of larger cells at least: with less it is a few
 # shapes on a grid. In a picture of so few px each counts.
 LEAST_SHARE, LEAST_CORNERS, FEW_PIXELS = 1.0 / 64.0, 16, 64
-# More corners than that are the dots that stand for a photo's greys (0.65 to 0.79 by error diffusion), unless so much of
-# the borders repeats every PERIOD px, as ordered dithering does (0.84 and more, error diffusion 0.22).
+# More corners than that are the dots that stand for a photo's greys (0.65 to 0.79 by error diffusion), unless so much
+# of the borders repeats every PERIOD px, as ordered dithering does (0.84 and more, error diffusion 0.22).
 MOST_SHARE, PERIOD, REPEATS = 0.62, 4, 0.5
 # A pixel is a blend where it lies between those to either side, so many levels off the line between their colours; a
 # colour where so much of it is; a picture is smoothed where so many of the pixels at edges have such a colour.
