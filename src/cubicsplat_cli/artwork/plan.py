@@ -74,9 +74,8 @@ def _regions(
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
         elif levels.shape[0] * levels.shape[1] > MOST_COMPLETED and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
-        most = settings.colors if inks is None else min(len(inks), settings.colors or len(inks))
-        palette = picture_inks(soft, most) if inks is None else inks[:most]
-        known = None if blur else picture.labels
+        palette = picture_inks(soft) if inks is None else inks
+        most, known = None if inks is None else len(inks), None if blur else picture.labels
         regions = bounded_regions(soft, palette, min_area, most, known, MOST_COMPLETED if blur else limit)
         if regions.count <= many:
             break

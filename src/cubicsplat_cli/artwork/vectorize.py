@@ -16,15 +16,16 @@ from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.gradients.noisy import without_noisy_gradients
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.intake import Intake, as_levels, taken_in
-from cubicsplat_cli.artwork.input.restore import restored, seen_as
+from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of, polygons_of
 from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
 from cubicsplat_cli.artwork.limits import MOST_POLISHED, blocks_of, enlarged, is_polished
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
-from cubicsplat_cli.artwork.regions.inks import eight_bit
-from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
+from cubicsplat_cli.artwork.regions.inks import eight_bit, picture_inks
+from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
@@ -77,7 +78,7 @@ def draw(
     if drawing is None:
         intake = _small(target)
         drawing = _sketch(intake, settings)
-    return enlarged(in_palette(drawing, settings.palette), intake.scale, intake.width, intake.height)
+    return enlarged(drawing, intake.scale, intake.width, intake.height)
 
 
 def _small(target: np.ndarray) -> Intake:
@@ -90,7 +91,7 @@ def _small(target: np.ndarray) -> Intake:
 def _sketch(intake: Intake, settings: ArtworkSettings) -> Drawing:
     """The regions of a small picture as polygons."""
     with under_way(Work()):
-        plan = planned(FlatPicture(intake.levels), settings, intake.scale, 0.0, None)
+        plan = planned(_even(intake.levels, intake, settings), settings, intake.scale, 0.0, None)
     height, width = plan.levels.shape[:2]
     flat = Flattened(intake.levels, np.zeros((0, 4)), ())
     return Drawing(width, height, _polygons(plan.parts, (height, width), flat))
@@ -163,10 +164,26 @@ def _may_shine_through(intake: Intake, settings: ArtworkSettings) -> bool:
 
 
 def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> FlatPicture:
-    """A picture without gradients as if it were clean."""
+    """A picture without gradients as if it were clean, in the colours that are asked for."""
     if intake.pens is not None:
-        return FlatPicture(*sharpened(levels, intake.pens))
-    return FlatPicture(levels) if intake.condition.clean else restored(levels, intake.condition, settings.colors)
+        even = FlatPicture(*sharpened(levels, intake.pens))
+    else:
+        even = FlatPicture(levels) if intake.condition.clean else restored(levels, intake.condition)
+    return even if settings.free_inks else _in_chosen_colours(even, settings)
+
+
+def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatPicture:
+    """A clean picture in no more than the colours asked for, or in those of the palette."""
+    levels, palette = picture.levels, picture.palette
+    regions = find_regions(levels, picture_inks(levels) if palette is None else palette, known=picture.labels)
+    known, first, number = np.unique(regions.ink_of, return_index=True, return_inverse=True)
+    own, labels = regions.inks[first], number[regions.labels]
+    areas = np.bincount(labels.ravel(), minlength=len(known))
+    colours, owner = fewer_colours(own, areas, settings.colors)
+    if settings.palette:
+        colours, becomes = nearest_colours(colours, settings.palette)
+        owner = becomes[owner]
+    return FlatPicture(in_colours(levels, labels, own, colours[owner]), colours)
 
 
 def _traced(
@@ -220,18 +237,6 @@ def _painted(drawing: Drawing) -> Drawing:
             ink = mean_ink(shape.gradient)
             shape = replace(shape, ink=ink, name=shape_name(ink, shape.outlines, drawing.width, drawing.height))
         shapes.append(shape)
-    return replace(drawing, shapes=tuple(shapes))
-
-
-def in_palette(drawing: Drawing, palette: tuple[tuple[int, int, int], ...]) -> Drawing:
-    """The drawing with every ink's colour replaced by the nearest of a palette; the same where that is empty."""
-    if not palette:
-        return drawing
-    colours = np.array(palette)
-    shapes = []
-    for shape in drawing.shapes:
-        nearest = int(((colours - np.array(shape.ink[:3])) ** 2).sum(axis=1).argmin())
-        shapes.append(replace(shape, ink=(*palette[nearest], shape.ink[3])))
     return replace(drawing, shapes=tuple(shapes))
 
 

@@ -98,15 +98,14 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
 def plain(ink: Ink, task: Task) -> Made:
     """A picture of one colour: its ground and no curve, in either style."""
     request = task.request
-    drawing = plain_drawing(ink, *task.picture.size)
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
-    if style.name != PHOTO:
-        if request.artwork.palette:
-            from cubicsplat_cli.artwork.vectorize import in_palette
+    if style.name == PHOTO:
+        return replace(_drawn(plain_drawing(ink, *task.picture.size), request), paths=0, facts={}, style=style)
+    if request.artwork.palette:
+        from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
-            drawing = in_palette(drawing, request.artwork.palette)
-        return replace(_drawn(drawing, request), style=style)
-    return replace(_drawn(drawing, request), paths=0, facts={}, style=style)
+        ink = nearest_in(request.artwork.palette, ink)
+    return replace(_drawn(plain_drawing(ink, *task.picture.size), request), style=style)
 
 
 def _drawn(drawing: Drawing, request: Request) -> Made:

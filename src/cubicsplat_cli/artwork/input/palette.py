@@ -35,11 +35,10 @@ def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
     return deviation <= CALM * noise + 1.0, mean
 
 
-def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float, most: int | None = None) -> np.ndarray:
+def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float) -> np.ndarray:
     """(P, 4) float64 the inks of a picture (H, W, 4) in levels, the commonest first.
 
     seen: (H, W, 4) the picture in coordinates whose distances tell inks apart. noise: its standard deviation in levels.
-    most: of inks.
     """
     calm, mean = calm_pixels(seen, noise)
     spread = ndimage.maximum_filter(seen, (3, 3, 1)) - ndimage.minimum_filter(seen, (3, 3, 1))
@@ -47,7 +46,6 @@ def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float, most: int | N
     away = calm & ~ndimage.maximum_filter(edge, 2 * NEAR + 1)
     reach = max(SAME, SAME_NOISE * noise)
     least = max(FEWEST, LEAST_SHARE * levels[..., 0].size)
-    most = min(most or MOST, MOST)
     inks: list[np.ndarray] = []
     sizes: list[float] = []
     places = np.zeros((0, 4))
@@ -57,7 +55,7 @@ def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float, most: int | N
         for place in new:
             own = where & (np.abs(mean - place).max(axis=-1) <= reach)
             ink = np.median(levels[own], axis=0)
-            if len(inks) < most and all(np.abs(ink - other).max() > apart for other in known):
+            if len(inks) < MOST and all(np.abs(ink - other).max() > apart for other in known):
                 inks.append(ink)
                 sizes.append(float(own.sum()))
         places = np.concatenate([places, new])

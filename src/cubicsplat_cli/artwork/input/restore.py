@@ -51,20 +51,19 @@ def seen_as(condition: Condition) -> np.ndarray:
     return (_TO_YCC * np.array([1.0, CHROMA, CHROMA, 1.0])[:, None]).T
 
 
-def restored(levels: np.ndarray, condition: Condition, most: int | None = None) -> FlatPicture:
-    """The picture (H, W, 4) in levels as a clean one, of at most so many fill colours."""
+def restored(levels: np.ndarray, condition: Condition) -> FlatPicture:
+    """The picture (H, W, 4) in levels as a clean one."""
     if condition.only_blurred:
-        return FlatPicture(_sharpened(levels, condition.blur, most))
+        return FlatPicture(_sharpened(levels, condition.blur))
     space = seen_as(condition)
     seen = (levels @ space).astype(np.float32)
-    palette = noisy_inks(levels, seen, condition.noise, most)
+    palette = noisy_inks(levels, seen, condition.noise)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
-    if most is None:
-        nearest, _ = _nearest(seen, palette @ space)
-        new = missing_colours(levels, palette, nearest, _TO_YCC.T, condition.noise, jpeg=condition.jpeg)
-        palette = np.vstack([palette, new])
+    nearest, _ = _nearest(seen, palette @ space)
+    new = missing_colours(levels, palette, nearest, _TO_YCC.T, condition.noise, jpeg=condition.jpeg)
+    palette = np.vstack([palette, new])
     thick = len(palette)
-    if most is None and thick <= MOST_THICK:
+    if thick <= MOST_THICK:
         _, gap = _nearest(seen, palette @ space)
         far = gap > MOST * sigma
         reach = max(SAME, SAME_NOISE * condition.noise)
@@ -75,7 +74,7 @@ def restored(levels: np.ndarray, condition: Condition, most: int | None = None) 
     labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
     lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
-    new = colours_of_lines(levels, palette, labels, lined)[: 0 if most else None]
+    new = colours_of_lines(levels, palette, labels, lined)
     if len(new):
         palette = np.vstack([palette, new])
         lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
@@ -84,20 +83,28 @@ def restored(levels: np.ndarray, condition: Condition, most: int | None = None) 
     return FlatPicture(out, palette, labels)
 
 
-def _sharpened(levels: np.ndarray, blur: float, most: int | None) -> np.ndarray:
-    """A picture (H, W, 4) in levels that is only blurred as it was before, in at most so many inks.
+def in_colours(levels: np.ndarray, labels: np.ndarray, inks: np.ndarray, painted: np.ndarray) -> np.ndarray:
+    """A clean picture (H, W, 4) in levels with other colours in place of its own, float32; blends keep their shares.
+
+    labels: (H, W) int, which of the colours (K, 4) each pixel has most of. painted: (K, 4) what becomes of these.
+    """
+    return _with_shares(levels, inks, labels, MISFIT, 0.0, painted, snap=0.0)
+
+
+def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
+    """A picture (H, W, 4) in levels that is only blurred as it was before.
 
     What the restored picture, blurred again, lacks is added to it, and pixels become inks and blends of two once more
     (van Cittert's iteration, between projections onto what drawings are).
     """
-    palette = picture_inks(levels, most)
+    palette = picture_inks(levels)
     thick = len(palette)
     labels = _labels(levels, palette, MISFIT, thick)
     out = _with_shares(levels, palette, labels, MISFIT, blur, palette)
     for number in range(SHARPER):
         again = ndimage.gaussian_filter(out, (blur, blur, 0.0), mode="nearest", truncate=BLUR_REACH)
         sharp = np.clip(out + levels - again, 0.0, 255.0)
-        if number == 0 and most is None and thick <= MOST_THICK:
+        if number == 0 and thick <= MOST_THICK:
             _, gap = _nearest(sharp, palette)
             far = gap > MOST * SHARP_MISFIT
             new = line_inks(sharp[far], sharp[far], palette, np.eye(4), SHARP_MISFIT)
@@ -182,7 +189,13 @@ def _settled_inks(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -
 
 
 def _with_shares(
-    seen: np.ndarray, inks: np.ndarray, labels: np.ndarray, sigma: float, blur: float, palette: np.ndarray
+    seen: np.ndarray,
+    inks: np.ndarray,
+    labels: np.ndarray,
+    sigma: float,
+    blur: float,
+    palette: np.ndarray,
+    snap: float = SNAP,
 ) -> np.ndarray:
     """(H, W, 4) the picture of the labels, with the shares that edges had; blurred ones as they were before."""
     out = palette[labels].astype(np.float32)
@@ -207,6 +220,6 @@ def _with_shares(
     if blur:
         width = np.sqrt(blur**2 + 1.0 / 12.0)
         share = np.clip(0.5 + width * ndtri(np.clip(share, 1e-3, 1.0 - 1e-3)), 0.0, 1.0)
-    share = np.where(share < SNAP, 0.0, np.where(share > 1.0 - SNAP, 1.0, share))
+    share = np.where(share < snap, 0.0, np.where(share > 1.0 - snap, 1.0, share))
     out[y, x] = palette[own] + share[:, None] * (palette[other] - palette[own])
     return out

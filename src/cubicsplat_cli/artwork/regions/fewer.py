@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.scene.paint import Ink
+
 # More colours are gathered in bins before they are compared in pairs.
 MOST_COMPARED = 512
 _TO_XYZ = np.array(
@@ -44,14 +46,21 @@ def nearest_colours(colours: np.ndarray, palette: tuple[tuple[int, int, int], ..
     Returns (k, 4), no two alike, with the opacities that there were, and (K,) int which of them each becomes.
     """
     chosen = np.array([(*colour, 255) for colour in palette], dtype=float)
-    opaque = np.concatenate(
-        [colours[:, :3] * 255.0 / np.maximum(colours[:, 3:], 1e-6), np.full((len(colours), 1), 255.0)], axis=1
-    )
-    nearest = ((to_lab(opaque)[:, None] - to_lab(chosen)[None]) ** 2).sum(axis=2).argmin(axis=1)
+    gaps = to_lab(colours)[:, None, :3] - to_lab(chosen)[None, :, :3]
+    nearest = chosen[(gaps**2).sum(axis=2).argmin(axis=1), :3]
     opacity = np.rint(colours[:, 3:]) / 255.0
-    return np.unique(
-        np.concatenate([chosen[nearest, :3] * opacity, 255.0 * opacity], axis=1), axis=0, return_inverse=True
+    known, owner = np.unique(
+        np.concatenate([nearest, np.ones_like(opacity)], axis=1) * opacity, axis=0, return_inverse=True
     )
+    known[:, 3] *= 255.0
+    return known, owner
+
+
+def nearest_in(palette: tuple[tuple[int, int, int], ...], ink: Ink) -> Ink:
+    """The same opacity of the colour of a palette that is nearest."""
+    red, green, blue, alpha = ink
+    found = nearest_colours(np.array([[red, green, blue, 255.0]]), palette)[0][0]
+    return round(found[0]), round(found[1]), round(found[2]), alpha
 
 
 def to_lab(colours: np.ndarray) -> np.ndarray:

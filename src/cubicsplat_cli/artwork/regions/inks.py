@@ -25,6 +25,7 @@ SQUARE_RANGE, FEWEST_SQUARES, MOST_SMALL = 1.0, 3, 16
 # MORE times its px, is such a line's in the middle of two px: residual in levels, shares of that ink, and of squares so
 # placed.
 BLEND_LEVELS, BLEND_SHARES, BETWEEN, MORE = 3.0, (0.2, 0.95), 0.5, 4
+MOST_INKS = 256
 CLEAR = 2.0  # levels of opacity below which nothing is drawn
 
 
@@ -36,7 +37,7 @@ def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:
     return largest(high - low) <= limit
 
 
-def picture_inks(levels: np.ndarray, most: int | None = None) -> np.ndarray:
+def picture_inks(levels: np.ndarray) -> np.ndarray:
     """(P, 4) float64 the inks of the flat interiors in levels, the commonest first.
 
     A picture without flat interiors (noise, a photo) gives the bands of its smoothed colours.
@@ -44,7 +45,7 @@ def picture_inks(levels: np.ndarray, most: int | None = None) -> np.ndarray:
     flat = flat_pixels(levels)
     if flat.mean() < LEAST_FLAT:
         smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
-        return _limited(*_banded(smooth.reshape(-1, 4)), most)
+        return _limited(*_banded(smooth.reshape(-1, 4)))
     parts, count = ndimage.label(flat)
     values = levels[flat]
     owner = parts[flat] - 1
@@ -64,7 +65,7 @@ def picture_inks(levels: np.ndarray, most: int | None = None) -> np.ndarray:
         if not _is_line(levels, colour, size, others, lines):
             inks.append(colour)
             weights.append(size)
-    return _limited(np.array(inks), np.array(weights), most)
+    return _limited(np.array(inks), np.array(weights))
 
 
 def _small_inks(levels: np.ndarray, flat: np.ndarray) -> list[tuple[np.ndarray, float]]:
@@ -142,8 +143,8 @@ def _banded(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return sums / counts[:, None], counts.astype(float)
 
 
-def _limited(inks: np.ndarray, weights: np.ndarray, most: int | None) -> np.ndarray:
-    """Near inks joined to the commoner one; then the `most` commonest."""
+def _limited(inks: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Near inks joined to the commoner one; then the commonest."""
     kept: list[np.ndarray] = []
     sizes: list[float] = []
     for i in np.argsort(-weights, kind="stable"):
@@ -156,7 +157,7 @@ def _limited(inks: np.ndarray, weights: np.ndarray, most: int | None) -> np.ndar
         if len(kept) < 512:
             kept.append(inks[i])
             sizes.append(float(weights[i]))
-    order = np.argsort(-np.array(sizes), kind="stable")[: min(most or 256, 256)]
+    order = np.argsort(-np.array(sizes), kind="stable")[:MOST_INKS]
     return np.array(kept)[order]
 
 
