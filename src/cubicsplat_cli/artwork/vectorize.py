@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.restore import restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
-from cubicsplat_cli.artwork.limits import MOST_POLISHED, enlarged, is_polished
+from cubicsplat_cli.artwork.limits import MOST_POLISHED, enlarged, few_enough
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.inks import eight_bit
@@ -84,13 +84,13 @@ def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawi
         if settings.curves is None or len(opaque) <= settings.curves:
             shapes = min(shapes, _traced(opaque, (height, width), settings, flat), key=_length)
     drawing = Drawing(width, height, shapes)
-    polished = is_polished(drawing)
-    if polished:
-        grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
-        # Edges that were restored tell less than the picture as it came.
-        came = plan.levels if condition.clean else flat.levels
-        goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
-        drawing = polish(drawing, goal, settings.detail, error / 255.0)
+    grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
+    # Edges that were restored tell less than the picture as it came.
+    came = plan.levels if condition.clean else flat.levels
+    goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
+    drawing = polish(drawing, goal, settings.detail, error / 255.0)
+    few = few_enough(drawing)
+    if few:
         drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
         # What was given up for fewer inks or shapes is no detail that was lost.
         if condition.clean and settings.free_inks:
@@ -98,7 +98,7 @@ def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawi
             drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
     if strokes:
         drawing = with_strokes(drawing, settings.detail, error / 255.0)
-        drawing = fitted_strokes(drawing, goal) if polished else drawing
+        drawing = fitted_strokes(drawing, goal) if few else drawing
     return _painted(drawing)
 
 

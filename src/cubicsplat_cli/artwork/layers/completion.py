@@ -120,12 +120,16 @@ def outlines_of(
     than run along their contour, a few px beneath what hides them.
     """
     surroundings = _Surroundings(extent, canvas)
-    least = max(least, FEWEST)
-    fitted = tuple(
-        few_lines(contour.points) if len(contour.points) < least else _completed(contour, surroundings, detail, whole)
-        for contour in extent.contours
-    )
-    return without_stray_holes(fitted, extent)
+
+    def outline(contour: Contour) -> Outline:
+        if len(contour.points) < max(least, FEWEST):
+            return few_lines(contour.points)
+        if not sought:
+            return _visible(replace(contour, sigma=_known(contour.sigma)), detail)
+        return _completed(contour, surroundings, detail, whole)
+
+    fitted = tuple(outline(contour) for contour in extent.contours)
+    return without_stray_holes(fitted, extent) if sought else fitted
 
 
 @dataclass(frozen=True)
