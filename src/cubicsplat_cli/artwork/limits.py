@@ -17,8 +17,8 @@ MOST_PIXELS = 2_000_000
 # beneath its neighbours. What else lies above what, hidden parts and translucency take a tenth of a second a region.
 MOST_COMPLETED = 600
 MOST_REGIONS = 6000
-# Beyond so many shapes regularities, and details that were lost, are not sought, nor what hidden outlines do.
-MOST_POLISHED = 800
+# Beyond so many shapes neither regularities are sought nor what hidden outlines do; beyond so many, no lost details.
+MOST_POLISHED, MOST_DETAILED = 800, 2500
 
 _log = logging.getLogger("cubicsplat")
 
@@ -65,9 +65,10 @@ def few_enough(drawing: Drawing) -> bool:
     few = len(drawing.shapes) <= MOST_POLISHED
     if not few:
         _log.warning(
-            "%d shapes are many: hidden parts, symmetries, copies and the smallest details are not sought; "
-            "--min-area and --colors leave fewer shapes",
+            "%d shapes are many: hidden parts, symmetries and copies are not sought, nor, beyond %d, lost "
+            "details; --min-area and --colors leave fewer shapes",
             len(drawing.shapes),
+            MOST_DETAILED,
         )
     return few
 

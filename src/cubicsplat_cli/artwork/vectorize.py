@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.restore import restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
-from cubicsplat_cli.artwork.limits import MOST_POLISHED, enlarged, few_enough
+from cubicsplat_cli.artwork.limits import MOST_DETAILED, MOST_POLISHED, enlarged, few_enough
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.inks import eight_bit
@@ -92,10 +92,10 @@ def _drawn(intake: Intake, settings: ArtworkSettings, *, strokes: bool) -> Drawi
     few = few_enough(drawing)
     if few:
         drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
-        # What was given up for fewer inks or shapes is no detail that was lost.
-        if condition.clean and settings.free_inks:
-            most = None if settings.curves is None else settings.curves - len(shapes)
-            drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
+    # What was given up for fewer inks or shapes is no detail that was lost.
+    if condition.clean and settings.free_inks and len(shapes) <= MOST_DETAILED:
+        most = None if settings.curves is None else settings.curves - len(shapes)
+        drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
     if strokes:
         drawing = with_strokes(drawing, settings.detail, error / 255.0)
         drawing = fitted_strokes(drawing, goal) if few else drawing
