@@ -57,7 +57,7 @@ def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, c
     assert len(drawing.shapes) > 0.95 * parcels**2
     # A fit that goes astray is tried again, closer to its points.
     assert len(fits) <= 3 * 25
-    assert "too many to fit each to the pixels" in caplog.text
+    assert "shapes are many" in caplog.text
     target = np.concatenate([inks, np.ones((*inks.shape[:2], 1))], axis=2)
     assert np.abs(begin(drawing, goal_of(target)).image - target).mean() < 0.01
 

@@ -17,8 +17,8 @@ MOST_PIXELS = 2_000_000
 # beneath its neighbours. What else lies above what, hidden parts and translucency take a tenth of a second a region.
 MOST_COMPLETED = 600
 MOST_REGIONS = 6000
-# Beyond so many shapes the polish would take minutes.
-MOST_POLISHED = 800
+# Beyond so many shapes neither regularities are sought nor what hidden outlines do; beyond so many, no lost details.
+MOST_POLISHED, MOST_DETAILED = 800, 2500
 
 _log = logging.getLogger("cubicsplat")
 
@@ -71,14 +71,15 @@ def bounded_regions(
     return regions
 
 
-def is_polished(drawing: Drawing) -> bool:
-    """Whether a drawing has so few shapes that they are fitted to the pixels; where it has more, that is logged."""
+def few_enough(drawing: Drawing) -> bool:
+    """Whether a drawing has so few shapes that regularities and lost details are sought; else that is logged."""
     few = len(drawing.shapes) <= MOST_POLISHED
     if not few:
         _log.warning(
-            "%d shapes are too many to fit each to the pixels: they stay as they were traced; "
-            "--min-area and --colors leave fewer",
+            "%d shapes are many: hidden parts, symmetries and copies are not sought, nor, beyond %d, lost "
+            "details; --min-area and --colors leave fewer shapes",
             len(drawing.shapes),
+            MOST_DETAILED,
         )
     return few
 

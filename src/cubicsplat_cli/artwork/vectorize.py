@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of, polygons_of
 from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
-from cubicsplat_cli.artwork.limits import MOST_POLISHED, blocks_of, enlarged, is_polished
+from cubicsplat_cli.artwork.limits import MOST_DETAILED, MOST_POLISHED, blocks_of, enlarged, few_enough
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
@@ -139,20 +139,20 @@ def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_sketch: 
         # Edges that were restored tell less than the picture as it came.
         came = plan.levels if condition.clean else flat.levels
         goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
-        polished = is_polished(drawing)
-        if polished:
-            drawing = polish(drawing, goal, settings.detail, error / 255.0)
+        drawing = polish(drawing, goal, settings.detail, error / 255.0)
+        few = few_enough(drawing)
+        if few:
             work().at("regularising", 0.8)
             drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
-            # What was given up for fewer inks or shapes is no detail that was lost.
-            if condition.clean and settings.free_inks:
-                work().at("adding details", 0.93)
-                most = None if settings.curves is None else settings.curves - len(shapes)
-                drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
+        # What was given up for fewer inks or shapes is no detail that was lost.
+        if condition.clean and settings.free_inks and len(shapes) <= MOST_DETAILED:
+            work().at("adding details", 0.93)
+            most = None if settings.curves is None else settings.curves - len(shapes)
+            drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
         if strokes:
             work().at("finding strokes", 0.97)
             drawing = with_strokes(drawing, settings.detail, error / 255.0)
-            drawing = fitted_strokes(drawing, goal) if polished else drawing
+            drawing = fitted_strokes(drawing, goal) if few else drawing
     return _painted(drawing)
 
 

@@ -59,9 +59,10 @@ def candidates(
     palette: (P, 4) premultiplied inks in levels; ground: the index of that which shows where nothing is painted.
     """
     clusters, _ = ndimage.label(ndimage.binary_dilation(unexplained, np.ones((3, 3), dtype=bool), MARGIN))
+    boxes = np.array([shape.low for shape in painted]), np.array([shape.high for shape in painted])
     for number, (rows, columns) in enumerate(ndimage.find_objects(clusters)):
         open_pixels = unexplained[rows, columns] & (clusters[rows, columns] == number + 1)
-        drawn = _drawn(painted, rows, columns, ground)
+        drawn = _drawn(painted, boxes, rows, columns, ground)
         window = levels[rows, columns].astype(float)
         pure = np.abs(window[:, :, None] - palette).max(axis=3) <= PURE
         near = ndimage.maximum_filter(pure, (2 * REACH + 1, 2 * REACH + 1, 1))
@@ -71,11 +72,17 @@ def candidates(
         yield from _traced(wanted, drawn, columns.start, rows.start)
 
 
-def _drawn(painted: list[Painted], rows: slice, columns: slice, ground: int) -> np.ndarray:
-    """(SIDE h, SIDE w) the inks of the subpixels of a window as they are painted."""
+def _drawn(
+    painted: list[Painted], boxes: tuple[np.ndarray, np.ndarray], rows: slice, columns: slice, ground: int
+) -> np.ndarray:
+    """(SIDE h, SIDE w) the inks of the subpixels of a window as they are painted. boxes: the (n, 2) least and greatest
+    x and y of all shapes."""
+    lows, highs = boxes
     top, left = SIDE * rows.start, SIDE * columns.start
     out = np.full((SIDE * (rows.stop - rows.start), SIDE * (columns.stop - columns.start)), ground)
-    for shape in painted:
+    corner, far = np.array([left, top]), np.array([left, top]) + out.shape[::-1]
+    for k in np.flatnonzero(((lows < far) & (highs > corner)).all(axis=1)).tolist():
+        shape = painted[k]
         x0, y0 = np.maximum(shape.low - [left, top], 0).tolist()
         x1, y1 = np.minimum(shape.high - [left, top], out.shape[::-1]).tolist()
         if x1 > x0 and y1 > y0:

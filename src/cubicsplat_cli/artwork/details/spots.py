@@ -15,7 +15,17 @@ import numpy as np
 
 from cubicsplat_cli.artwork.details.candidates import Painted, candidates
 from cubicsplat_cli.artwork.details.subpixels import SIDE
-from cubicsplat_cli.artwork.finish.finish import HUBER, WHITE, State, begin, drawn, layer_of, premultiplied, settle
+from cubicsplat_cli.artwork.finish.finish import (
+    HUBER,
+    WHITE,
+    Layer,
+    State,
+    begin,
+    drawn,
+    layer_of,
+    premultiplied,
+    settle,
+)
 from cubicsplat_cli.artwork.finish.freedom import Still
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
@@ -47,7 +57,8 @@ def with_spots(
     small = min(drawing.width, drawing.height) < LEAST_SIDE
     if not drawing.shapes or small or (most is not None and most <= 0):
         return drawing
-    before = begin(drawing, goal)
+    still = [_still(shape, goal) for shape in drawing.shapes]
+    before = State.of(still, goal)
     unexplained = np.abs(before.image - goal.target).max(axis=2) > UNEXPLAINED
     if unexplained.sum() < FEWEST:
         return drawing
@@ -56,11 +67,15 @@ def with_spots(
         return drawing
     count = len(drawing.shapes)
     trial = replace(drawing, shapes=(*drawing.shapes, *spots))
-    state = begin(trial, goal)
-    still = [layer_of(each.shape, each.ink, [Still(o.outline()) for o in each.outlines]) for each in state.layers]
-    settled = drawn(trial, settle(State.of(still[:count] + state.layers[count:], goal), goal, ROUNDS))
+    free = begin(replace(drawing, shapes=tuple(spots)), goal).layers
+    settled = drawn(trial, settle(State.of(still + free, goal), goal, ROUNDS))
     spots = _chosen([[spot] for spot in settled.shapes[count:]], before.image, goal.target, detail)
     return replace(drawing, shapes=(*drawing.shapes, *spots))
+
+
+def _still(shape: Shape, goal: Goal) -> Layer:
+    """The layer of a shape that stays as it is."""
+    return layer_of(shape, premultiplied(shape.ink) @ goal.space, [Still(outline) for outline in shape.outlines])
 
 
 def _found(drawing: Drawing, goal: Goal, unexplained: np.ndarray, min_area: float) -> list[list[Shape]]:

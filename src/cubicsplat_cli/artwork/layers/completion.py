@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
@@ -120,12 +121,16 @@ def outlines_of(
     than run along their contour, a few px beneath what hides them.
     """
     surroundings = _Surroundings(extent, canvas)
-    least = max(least, FEWEST)
-    fitted = tuple(
-        few_lines(contour.points) if len(contour.points) < least else _completed(contour, surroundings, detail, whole)
-        for contour in extent.contours
-    )
-    return without_stray_holes(fitted, extent)
+
+    def outline(contour: Contour) -> Outline:
+        if len(contour.points) < max(least, FEWEST):
+            return few_lines(contour.points if sought else _thinned(contour))
+        if not sought:
+            return _visible(replace(contour, sigma=_known(contour.sigma)), detail)
+        return _completed(contour, surroundings, detail, whole)
+
+    fitted = tuple(outline(contour) for contour in extent.contours)
+    return without_stray_holes(fitted, extent) if sought else fitted
 
 
 def polygons_of(extent: Extent) -> tuple[Outline, ...]:
@@ -194,6 +199,15 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
                 best, least = outline, count
     best = _as_box(best)
     return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
+
+
+def _thinned(contour: Contour) -> np.ndarray:
+    """(m, 2) the points of a contour with only the corners of its hidden runs, which go from pixel to pixel."""
+    kept = np.isfinite(contour.sigma)
+    for run in hidden_runs(contour.sigma):
+        places = contour.points[run]
+        kept[run] = np.isin(places @ [1.0, 1.0j], fewer_points(places, SLACK) @ [1.0, 1.0j])
+    return contour.points[kept]
 
 
 def _known(sigma: np.ndarray) -> np.ndarray:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
 from cubicsplat_cli.artwork.geometry.ways import Way
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
-from cubicsplat_cli.artwork.regularities.turned import Turn, Walk, evenly, turned_onto
+from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, Turn, Walk, evenly, turned_onto
 
 SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may differ
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
 # other, and px^2 for every px of the length by which areas differ, beyond the least.
 ASTRAY, AREA_OFF, LEAST_AREA_OFF = 0.6, 0.1, 1.0
+MOST_MODELS = 32  # of about its size that an outline is compared with, the first ones
 FLIPS = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))  # as it is, mirrored either way, turned by half a circle
 
 
@@ -51,14 +53,16 @@ def found_copies(
         sized = (np.abs(spans - spans[place[k]]) <= SIZE_OFF).all(axis=1)
         full = np.abs(areas - areas[place[k]]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
         sized &= full | ~(whole & track.whole)
-        ways = ((m, _way(tracks[m], track, step, mirrors)) for m in first if sized[place[m]])
+        able = islice((m for m in first if sized[place[m]]), MOST_MODELS)
+        ways = ((m, _way(tracks[m], track, step, mirrors)) for m in able)
         found = next(((m, way) for m, way in ways if way is not None), None)
         if found is not None:
             level[k] = Copy(*found)
             continue
         first.append(k)
-        able = turns if walks[k].tells(numbers[k], pairs) else ()
-        turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in able)
+        able = islice((m for m in turns if abs(walks[m].length - walks[k].length) <= LENGTH_OFF), MOST_MODELS)
+        told = walks[k].tells(numbers[k], pairs)
+        turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in (able if told else ()))
         way_round = next(((m, turn) for m, turn in turned if turn is not None), None)
         if way_round is None:
             turns[k] = {}
