@@ -45,9 +45,10 @@ def nearest_colours(colours: np.ndarray, palette: tuple[tuple[int, int, int], ..
 
     Returns (k, 4), no two alike, with the opacities that there were, and (K,) int which of them each becomes.
     """
-    chosen = np.array([(*colour, 255) for colour in palette], dtype=float)
-    gaps = to_lab(colours)[:, None, :3] - to_lab(chosen)[None, :, :3]
-    nearest = chosen[(gaps**2).sum(axis=2).argmin(axis=1), :3]
+    chosen = np.array(palette, dtype=float)
+    # Nearest as numbers: in CIELAB pure primaries are so far from everything that sky is nearer to black than to blue.
+    gaps = colours[:, None, :3] * 255.0 / np.maximum(colours[:, None, 3:], 1e-6) - chosen[None]
+    nearest = chosen[(gaps**2).sum(axis=2).argmin(axis=1)]
     opacity = np.rint(colours[:, 3:]) / 255.0
     known, owner = np.unique(
         np.concatenate([nearest, np.ones_like(opacity)], axis=1) * opacity, axis=0, return_inverse=True
