@@ -224,7 +224,7 @@ def test_names_that_are_wrong_are_told_apart_from_those_that_were_meant():
     for asked, said in (
         ({"colour": 3}, "unknown setting 'colour'; did you mean colors?"),
         ({"time_limits": 3}, "unknown setting 'time_limits'; did you mean time_limit?"),
-        ({"style": "artwrk"}, "style must be auto, photo or artwork, not 'artwrk'; did you mean artwork?"),
+        ({"style": "artwrk"}, "style must be auto, photo, artwork or pixel, not 'artwrk'; did you mean artwork?"),
         ({"mode": "opn"}, "mode must be closed or open, not 'opn'; did you mean open?"),
         ({"background": "wite"}, "#rrggbb, not 'wite'; did you mean white?"),
         ({"palette": ["red", "whte"]}, "not 'whte'; did you mean white?"),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,11 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.evaluate import measurable
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture
+from cubicsplat_cli.files.names import Outputs
+from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.jobs.events import Events
+from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.jobs.run import MemorySink, run_job
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.trainer import Trainer
 from cubicsplat_cli.pipeline import candidates, copies, measured, task_of, vectorize_picture
@@ -65,6 +72,22 @@ def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch):
     assert (early.style.name, early.style.reason[:20]) == ("photo", second.style.reason[:20])
     asked = Request(SETTINGS, style="artwork", measure=False)
     assert [made.style.name for made in candidates(task_of(as_picture(blotches()), asked, Stages()))] == ["artwork"]
+
+
+@pytest.mark.parametrize("svg", [None, Path("x.svg")])
+def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_svg(svg, monkeypatch):
+    class Puts(MemorySink):
+        def put(self, kind: str, data: bytes) -> None:
+            puts.append((kind, data))
+
+    puts: list[tuple[str, bytes]] = []
+    monkeypatch.setattr(pipeline, "choose_style", as_drawing)
+    data = encode_png(np.dstack([blotches(), np.full((18, 24), 255, np.uint8)]))
+    job = Job("-", None, Outputs(svg, None, None), data=data)
+    outcome = run_job(job, Request(FitSettings(curves=4, steps=60, threads=1)), sink=Puts(), events=Events())
+    assert [kind for kind, _ in puts] == ["svg"] * (1 if svg is None else 2) + ["report"]
+    assert outcome.report.style == "photo"
+    assert outcome.report.output.svg_sha256 == hashlib.sha256(puts[-2][1]).hexdigest()
 
 
 def disc() -> np.ndarray:
