@@ -82,15 +82,19 @@ def parser_error(error: Exception) -> str | None:
     if match := re.match(r"Invalid value for '?([^':]+?)'?(?: / '[^']*')*(?: \([^)]*\))?: (.*)", text, re.DOTALL):
         name, reason = match[1].split(" / ")[-1].strip("'[]. "), match[2]
         return f"{name} {_reason(reason, error.__cause__)}"
-    if match := re.match(r"No such command '(.*?)'", text):
-        hint = did_you_mean(match[1], COMMANDS) or f"; the commands are {', '.join(COMMANDS)}"
-        return f"there is no command {match[1]!r}{hint}"
+    if match := re.match(r"No such command (['\"])(.*?)\1(?=\.|$)", text):
+        commands = [*getattr(error.ctx.command, "commands", COMMANDS)]  # type: ignore[attr-defined]
+        hint = did_you_mean(match[2], commands) or f"; the commands are {', '.join(commands)}"
+        return f"there is no command {match[2]!r}{hint}"
     if match := re.match(r"Missing argument '(.*?)'", text):
         return f"{match[1]} is missing; see --help"
     if match := re.match(r"No such option: (\S+)(?:.*\boptions?: (.*?)\)?$)?", text):
-        near = difflib.get_close_matches(match[1], (match[2] or "").split(", "), 1, 0.0)
-        hint = f"did you mean {near[0]}?" if match[2] else "see --help"
-        return f"there is no option {match[1]}; {hint}"
+        hint = did_you_mean(match[1], (match[2] or "").split(", ")) or "; see --help"
+        return f"there is no option {match[1]}{hint}"
+    if match := re.match(r"Got unexpected extra arguments?(?:\(s\))? \((.*)\)", text):
+        return f"there is nothing that {match[1]!r} could be for; see --help"
+    if match := re.match(r"Option '(.*)' requires", text):
+        return f"{match[1]} needs a value; see --help"
     return _lowered(text).rstrip(".")
 
 
