@@ -204,6 +204,13 @@ def test_our_errors_are_one_line_and_an_exit_code(monkeypatch, capsys, error, co
     assert err == f"cubicsplat: error: {str(error).replace(chr(10), ' ')}\n"
 
 
+def test_too_little_memory_is_one_line(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as end:
+        main_with(monkeypatch, MemoryError("cairo returned CAIRO_STATUS_NO_MEMORY"))
+    assert end.value.code == 1
+    assert capsys.readouterr().err.startswith("cubicsplat: error: there is not enough memory for this; give")
+
+
 def test_interrupt_ends_with_130(monkeypatch):
     with pytest.raises(SystemExit) as end:
         main_with(monkeypatch, KeyboardInterrupt())

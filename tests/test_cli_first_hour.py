@@ -187,6 +187,11 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
         (["vectorize", "x.png", "--colour"], "there is no option --colour; did you mean --colors"),
         (["vectorise", "x.png"], "there is no command 'vectorise'; did you mean vectorize?"),
         (["vectorize"], "IN... is missing"),
+        (["vectorize", "x.png", "--xyzzy"], "there is no option --xyzzy; see --help"),
+        (["vectorize", "x.png", "--curves"], "--curves needs a value; see --help"),
+        (["doctor", "twice"], "there is nothing that 'twice' could be for; see --help"),
+        (["bench", "bogus"], "there is no command 'bogus'; the commands are artwork, "),
+        (["help", "it's"], 'there is no command "it\'s"; the commands are vectorize, eval, '),
         (["vectorize", "a.png", "-o", "x"], "the output must end in .svg, but -o is x; -o x.svg is a file, -o x/ a"),
         (
             ["vectorize", "a.png", "--svgz", "-o", "x.svg"],
@@ -203,6 +208,19 @@ def test_mistakes_are_one_line_in_one_style(arguments, said, run_cli, tmp_path, 
     assert done.returncode == 2
     assert text.startswith(f"cubicsplat: error: {said}"), text
     assert text.count("\n") == 1
+
+
+def test_what_is_in_the_way_of_an_output_is_said(photo, tmp_path, run_cli):
+    (tmp_path / "a").write_text("x")
+    (tmp_path / "folder.svg").mkdir()
+    done = run_cli("vectorize", photo, "-o", tmp_path / "a" / "x.svg")
+    assert done.returncode == 1
+    assert done.stderr.endswith(b"a: is a file, and no folder for x.svg; choose another with -o\n")
+    done = run_cli("render", photo)
+    assert done.returncode == 1
+    assert done.stderr.endswith(b"photo.png: is no SVG; give an SVG file\n")
+    done = run_cli("render", tmp_path)
+    assert (done.returncode, done.stderr.count(b"is a folder without SVGs")) == (1, 1)
 
 
 def test_a_picture_in_place_of_a_command_and_choices_in_any_case(photo, run_cli):

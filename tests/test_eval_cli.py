@@ -81,7 +81,7 @@ def test_one_pair_that_cannot_be_judged_does_not_stop_the_others(folders):
     assert done.exit_code == 1
     found = strict(done.stdout)
     assert [Path(pair["candidate"]["path"]).name for pair in found["pairs"]] == ["a.svg", "b.png"]
-    assert "well-formed" in found["failed"][0]["error"]
+    assert "is no SVG" in found["failed"][0]["error"]
     for path in folders[1].iterdir():
         path.write_text("broken")
     done = run(*folders)

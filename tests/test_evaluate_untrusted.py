@@ -52,7 +52,8 @@ def test_other_shapes_are_centred(renderer):
     [
         (b"", "empty"),
         (b"  \n", "empty"),
-        (b"GIF89a", "well-formed"),
+        (b"GIF89a", "is no SVG; give an SVG file"),
+        (b"<svg", "well-formed"),
         (b"<html/>", "no SVG"),
         (b"\x1f\x8b\x08rest", "gunzip"),
         (foreign("")[:-5], "well-formed"),

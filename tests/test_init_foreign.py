@@ -120,6 +120,7 @@ BOX = '<rect width="9" height="9"/>'
         ),
         (f'{ROOT} width="9" height="9"><g id="a"><use href="#a"/></g></svg>', "in one another"),
         (f'{ROOT} width="9" height="9"/>', "shows no filled shape"),
+        (f'{ROOT} width="9" height="9">{"<rect/>" * 200_001}</svg>', "draws more than 200000 elements; simplify it"),
         (
             f'{ROOT} width="9" height="9"><g transform="matrix(1 2)">{BOX}</g></svg>',
             "lacks numbers",
@@ -131,7 +132,8 @@ BOX = '<rect width="9" height="9"/>'
         (f'{ROOT} width="9" height="9"><image href="a.png"/></svg>', "holds a <image> element"),
         (f"{ROOT}><rect/></svg>", "says no size"),
         ("<html/>", "is XML but no SVG"),
-        ("no svg", "not well-formed"),
+        ("no svg", "is no SVG"),
+        ("<svg", "not well-formed"),
     ],
 )
 def test_what_cannot_be_begun_with_is_one_line(svg, said):

@@ -55,6 +55,8 @@ class Elements:
     def __init__(self, root: ElementTree.Element, left_out: Counter[str]) -> None:
         self.root, self.left_out = root, left_out
         self.named = {element.get("id", ""): element for element in root.iter()}
+        if sum(local(element) in SHAPES for element in root.iter()) > _MOST_ELEMENTS:
+            raise InputError(f"draws more than {_MOST_ELEMENTS} elements; simplify it")
         self._sheet = Sheet(root, left_out)
         self._elements = 0
 

@@ -41,8 +41,8 @@ def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Sc
         raise InputError(f"{source}: is not well-formed XML ({error}); export it again") from error
     whole = size.width.is_integer() and size.height.is_integer()
     scale = 1.0 if whole else max(1.0, _SIDE / max(size.width, size.height))
-    found = _Found(mode, root)
     try:
+        found = _Found(mode, root)
         for drawn in found.elements.shapes(size.width, size.height):
             found.add(drawn, scale)
     except (InputError, ValueError) as error:
@@ -103,7 +103,7 @@ class _Found:
             self._add_stroke(lines, drawn.style, width / 2.0, matrix, stroke)
 
     def _add_fill(self, lines: list[Line], even_odd: bool, paint: Rgba) -> None:
-        rings = [ring for ring in map(closed, lines) if _area(ring) != 0.0 or len(ring) > 2]
+        rings = [ring for ring in map(closed, lines) if len(ring) > 2 or _area(ring) != 0.0]
         for group in _apart(rings):
             self._keep(_oriented(group) if even_odd else group, paint, 0.0)
 

@@ -84,19 +84,22 @@ def parser_error(error: Exception) -> str | None:
     if match := re.match(r"Invalid value for '?([^':]+?)'?(?: / '[^']*')*(?: \([^)]*\))?: (.*)", text, re.DOTALL):
         name, reason = match[1].split(" / ")[-1].strip("'[]. "), match[2]
         return f"{name} {_reason(reason, error.__cause__)}"
-    if match := re.match(r"No such command '(.*?)'", text):
+    if match := re.match(r"No such command (['\"])(.*?)\1(?=\.|$)", text):
         group = error.ctx  # type: ignore[attr-defined]
-        known = list(group.command.commands)
-        if group.info_name == "bench" and match[1] in _MOVED:
-            return f"bench {match[1]} is now `python -m benchmarks.{_MOVED[match[1]]}`, to be run in a checkout"
-        hint = did_you_mean(match[1], known) or f"; the commands are {', '.join(known)}"
-        return f"there is no command {match[1]!r}{hint}"
+        commands = [*getattr(group.command, "commands", COMMANDS)]
+        if group.info_name == "bench" and match[2] in _MOVED:
+            return f"bench {match[2]} is now `python -m benchmarks.{_MOVED[match[2]]}`, to be run in a checkout"
+        hint = did_you_mean(match[2], commands) or f"; the commands are {', '.join(commands)}"
+        return f"there is no command {match[2]!r}{hint}"
     if match := re.match(r"Missing argument '(.*?)'", text):
         return f"{match[1]} is missing; see --help"
     if match := re.match(r"No such option: (\S+)(?:.*\boptions?: (.*?)\)?$)?", text):
-        near = difflib.get_close_matches(match[1], (match[2] or "").split(", "), 1, 0.0)
-        hint = f"did you mean {near[0]}?" if match[2] else "see --help"
-        return f"there is no option {match[1]}; {hint}"
+        hint = did_you_mean(match[1], (match[2] or "").split(", ")) or "; see --help"
+        return f"there is no option {match[1]}{hint}"
+    if match := re.match(r"Got unexpected extra arguments?(?:\(s\))? \((.*)\)", text):
+        return f"there is nothing that {match[1]!r} could be for; see --help"
+    if match := re.match(r"Option '(.*)' requires", text):
+        return f"{match[1]} needs a value; see --help"
     return _lowered(text).rstrip(".")
 
 

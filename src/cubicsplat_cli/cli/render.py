@@ -116,7 +116,7 @@ def _files(sources: list[str]) -> list[Path | None]:
             found[None if name == STDIO else folder] = None
             continue
         try:
-            inside = sorted(path for path in folder.iterdir() if path.suffix.lower() in SVG_SUFFIXES)
+            inside = sorted(p for p in folder.iterdir() if p.suffix.lower() in SVG_SUFFIXES and not is_folder(p))
         except OSError as error:
             raise InputError(
                 f"{printable(name)}: folder cannot be read ({error.strerror}); check its permissions"

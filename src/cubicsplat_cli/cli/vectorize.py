@@ -43,15 +43,11 @@ Recursive = Annotated[
 ]
 Jobs = Annotated[
     int | None,
-    typer.Option(
-        "--jobs", "-j", metavar="N", help="How many pictures to work on at once.  [default: 1]", rich_help_panel=COMMON
-    ),
+    typer.Option("--jobs", "-j", metavar="N", help="Pictures at a time.  [default: 1]", rich_help_panel=COMMON),
 ]
 Cluster = Annotated[
     str | None,
-    typer.Option(
-        "--cluster", metavar="ADDRESS", help="Run on the Ray cluster there: host:port, or auto.", rich_help_panel=BOTH
-    ),
+    typer.Option("--cluster", metavar="ADDRESS", help="Run on a Ray cluster: host:port or auto.", rich_help_panel=BOTH),
 ]
 Style = Annotated[
     Literal["auto", "photo", "artwork", "pixel"],
@@ -164,8 +160,7 @@ Init = Annotated[
     ),
 ]
 Freeze = Annotated[
-    bool,
-    typer.Option("--freeze", help="Keep the curves of --init as they are, and add to them.", rich_help_panel=PHOTOS),
+    bool, typer.Option("--freeze", help="Leave the curves of --init as they are; add to them.", rich_help_panel=PHOTOS)
 ]
 MaxBytes = Annotated[
     str | None,

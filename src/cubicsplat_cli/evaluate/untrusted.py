@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
+from pathlib import Path
 from xml.parsers import expat
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
-from cubicsplat_cli.files.read import MAX_SVG_BYTES
+from cubicsplat_cli.files.read import MAX_SVG_BYTES, looks_like_svg
 
 MAX_ELEMENTS = 2_000_000
 MAX_DEPTH = 256
@@ -63,6 +64,8 @@ def check_untrusted(data: bytes, source: str, *, otherwise: SvgSize | None = Non
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
+        if not looks_like_svg(Path(), data):
+            raise InputError(f"{source}: is no SVG; give an SVG file") from error
         raise InputError(f"{source}: is not well-formed XML ({error}); export it again") from error
     except (LookupError, ValueError) as error:
         raise InputError(f"{source}: has an encoding that cannot be read ({error}); save it as UTF-8") from error

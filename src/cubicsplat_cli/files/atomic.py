@@ -167,7 +167,7 @@ def _check_target(path: Path) -> tuple[Path, int | None]:
 
 def _explain(error: OSError, path: Path) -> str:
     shown, folder = printable(str(path)), printable(str(path.parent))
-    if isinstance(error, FileNotFoundError):
+    if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
         return f"{shown}: the folder {folder} does not exist; create it first"
     if isinstance(error, NotADirectoryError):
         return f"{shown}: {folder} is not a folder; choose another output"

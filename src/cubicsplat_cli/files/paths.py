@@ -38,6 +38,8 @@ def make_folder_of(path: Path) -> None:
     """Make the folder that a file is to lie in, where it is missing. Raises InputError where that cannot be done."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise InputError(f"{path.parent}: is a file, and no folder for {path.name}; choose another with -o") from error
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"{path.parent}: folder cannot be created ({reason}); choose another with -o") from error

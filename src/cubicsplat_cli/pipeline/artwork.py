@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,6 +22,7 @@ from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_drawing
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
+ENLARGED = 0.41  # standard deviation in px, before it, of what linear interpolation spreads: a triangle 2 px wide
 
 
 def drawn_artwork(task: Task) -> Made:
@@ -92,7 +94,10 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     facts = {**made.facts, "interrupted": work.interrupted}
-    return replace(made, notes=notes, facts=facts, may_be_photo=not intake.scanned, of_scan=intake.scanned)
+    blur = intake.scale * math.hypot(intake.condition.blur, ENLARGED if intake.times > 1 else 0.0)
+    return replace(
+        made, notes=notes, facts=facts, may_be_photo=not intake.scanned, of_scan=intake.scanned, blur=blur
+    )  # fmt: skip
 
 
 def plain(ink: Ink, task: Task) -> Made:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cubicsplat_cli.evaluate.layers import of_scene
+from cubicsplat_cli.evaluate.layers import of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.pipeline.task import Made, Task
@@ -38,12 +38,17 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
 
     small, threads = resize_picture(task.target, SIDE), task.request.settings.threads
 
-    def level(scene: Scene) -> float | None:
-        return psnr_db(small, of_scene(scene, small.width, small.height, made.samples, threads), threads)
+    def level(scene: Scene, blur: float = 0.0) -> float | None:
+        layer = of_scene(scene, small.width, small.height, made.samples, threads)
+        if blur:
+            from scipy import ndimage
+
+            layer = of_values(ndimage.gaussian_filter(layer.rows(0, small.height), (blur, blur, 0.0), mode="nearest"))
+        return psnr_db(small, layer, threads)
 
     if made.scene is None:
         return None
-    drawn = level(made.scene)
+    drawn = level(made.scene, made.blur * small.width / task.target.width)
     if drawn is None or drawn >= ENOUGH_DB:
         return None
     size = len(made.write(task.title, task.comment()).encode())

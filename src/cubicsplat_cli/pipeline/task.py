@@ -69,7 +69,8 @@ class Made:
     scene: None where the SVG holds no shape. write: gives the SVG's text for a title and a comment. samples: edges per
     cubic of the engine's own picture. paths: how many curves or shapes there are. facts: members of the report that are
     the style's. style: and why; set by `candidates`. may_be_photo: whether to ask if a photo would be nearer to the
-    picture, as of all drawings but those of cells and of scans. of_scan: a drawing without the paper.
+    picture, as of all drawings but those of cells and of scans. of_scan: a drawing without the paper. blur: px by which
+    the target has been blurred since it was drawn, as the drawing is not.
     """
 
     scene: Scene | None
@@ -81,6 +82,7 @@ class Made:
     style: Style = UNDECIDED
     may_be_photo: bool = False
     of_scan: bool = False
+    blur: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
