@@ -72,6 +72,16 @@ def test_what_happened_is_found_and_said():
     assert Condition(3.0, False, 1.2).words() == "a blur of 1.2 px and noise of 3.0 levels"
 
 
+@pytest.mark.parametrize(("file", "quality"), [("JPEG", 80), ("JPEG", 95), ("WEBP", 80)])
+def test_a_margin_makes_no_compressed_picture_clean(file, quality):
+    buffer = io.BytesIO()
+    Image.fromarray(pixels("palette")[..., :3]).save(buffer, file, quality=quality)
+    levels = np.array(Image.open(buffer))
+    for margin in (0, 50, 400):  # px; aligned to no block
+        wide = np.pad(levels, ((margin, margin), (margin, margin), (0, 0)), constant_values=255)
+        assert condition_of(as_levels(as_picture(wide).target())).jpeg, margin
+
+
 @pytest.mark.parametrize("mode", ["RGB", "RGBA"])
 def test_a_lossy_webp_is_known_and_drawn_as_it_was(mode):
     # Its blocks are of many sizes and smoothed: only the ringing tells.
