@@ -30,6 +30,7 @@ SNAP = 0.08  # shares this near to 0 or 1 are
 # Rounds in which a blurred picture is made sharp again, and levels by which it is off its inks then; standard
 # deviations beyond which nothing is left of a blur.
 SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
+LEAST_LINE = 8  # px that touch one another, for what is thinner than half a pixel to be a line
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two inks to be told
 _TO_YCC = np.array(
     [
@@ -67,7 +68,39 @@ def restored(levels: np.ndarray, condition: Condition, most: int | None = None) 
         palette = np.vstack([palette, line_inks(levels[far], seen[far], palette, space, sigma)])
     labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
-    return _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+    out = _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
+    return _with_thin_lines(out, seen, labels, palette, space, sigma)
+
+
+def _with_thin_lines(
+    out: np.ndarray, seen: np.ndarray, labels: np.ndarray, palette: np.ndarray, space: np.ndarray, sigma: float
+) -> np.ndarray:
+    """A restored picture (H, W, 4) with what it lacks of lines that cover less than half of any pixel.
+
+    These are known by being off the restored picture by more than its errors, side by side, where a blend of the
+    pixel's ink with another one explains them.
+    """
+    gap = np.sqrt(((seen - (out @ space).astype(np.float32)) ** 2).sum(axis=-1))
+    lost = gap > MOST * sigma
+    y, x = np.nonzero(lost)
+    colours = palette @ space
+    base = colours[labels[y, x]]
+    rest = seen[y, x] - base
+    best, other, share = gap[y, x].astype(float) ** 2, labels[y, x].copy(), np.zeros(len(y))
+    for k, colour in enumerate(colours):
+        span = colour - base
+        t = np.clip((rest * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9), 0.0, 1.0)
+        left = ((rest - t[:, None] * span) ** 2).sum(axis=1)
+        better = left < best
+        best[better], other[better], share[better] = left[better], k, t[better]
+    told = best <= (MOST * sigma) ** 2
+    lines = np.zeros(lost.shape, dtype=bool)
+    lines[y[told], x[told]] = True
+    parts, count = ndimage.label(lines, np.ones((3, 3)))
+    told &= np.bincount(parts.ravel(), minlength=count + 1)[parts[y, x]] >= LEAST_LINE
+    y, x, own = y[told], x[told], palette[labels[y, x]][told]
+    out[y, x] = own + share[told, None] * (palette[other[told]] - own)
+    return out
 
 
 def _sharpened(levels: np.ndarray, blur: float, most: int | None) -> np.ndarray:
