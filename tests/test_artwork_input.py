@@ -13,12 +13,13 @@ from scipy import ndimage
 from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.input import intake
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
 from cubicsplat_cli.artwork.input.lines import overshoots
 from cubicsplat_cli.artwork.input.palette import noisy_inks
-from cubicsplat_cli.artwork.input.restore import restored
+from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.bench.artwork.document import Document
@@ -298,6 +299,20 @@ def blurred(body: str, blur: float = 1.2) -> tuple[np.ndarray, np.ndarray]:
 def even(levels: np.ndarray) -> np.ndarray:
     """(H, W) bool: the 3 x 3 px around are of one colour."""
     return (ndimage.maximum_filter(levels, (3, 3, 1)) == ndimage.minimum_filter(levels, (3, 3, 1))).all(axis=-1)
+
+
+@pytest.mark.parametrize("noise", [0.0, 4.0])
+def test_a_blur_is_what_explains_the_picture_better(noise):
+    _, soft = blurred(FACE, 1.5)
+    soft += np.random.default_rng(0).normal(0.0, noise, soft.shape) * [1.0, 1.0, 1.0, 0.0]
+    assert explained_by_blur(soft, Condition(noise, blur=1.5))
+    assert not explained_by_blur(as_levels(target("noisy" if noise else "palette")), Condition(noise, blur=1.5))
+
+
+def test_a_blur_that_is_measured_but_not_there_is_not_drawn_through(monkeypatch):
+    monkeypatch.setattr(intake, "condition_of", lambda _: Condition(blur=1.5))
+    assert taken_in(target("clean")).condition == CLEAN
+    assert taken_in(target("blurred")).condition == Condition(blur=1.5)
 
 
 def test_inks_that_are_nearly_alike_stay_apart_in_a_blurred_picture():

@@ -6,6 +6,8 @@ all pixels between the solid parts of inks together, since neighbours mostly hav
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import ndimage
 from scipy.special import ndtri
@@ -30,6 +32,9 @@ SNAP = 0.08  # shares this near to 0 or 1 are
 # Rounds in which a blurred picture is made sharp again, and levels by which it is off its inks then; standard
 # deviations beyond which nothing is left of a blur.
 SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
+# Times the error without a blur that the error with it may be, as enlarging blurs by no Gaussian: it is up to 1.3 times
+# in pictures that were enlarged by 1.5, and 2.3 to 33 times in clean ones.
+CLEARER = 2.0
 LEAST_LINE = 8  # px that touch one another, for what is thinner than half a pixel to be a line
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two inks to be told
 _TO_YCC = np.array(
@@ -49,8 +54,21 @@ def seen_as(condition: Condition) -> np.ndarray:
     return (_TO_YCC * np.array([1.0, CHROMA, CHROMA, 1.0])[:, None]).T
 
 
-def restored(levels: np.ndarray, condition: Condition, most: int | None = None) -> np.ndarray:
-    """The picture (H, W, 4) in levels as a clean one, float32, of at most so many inks."""
+def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
+    """Whether a picture (H, W, 4) in levels, restored and blurred again, is about as near to how it came as it is
+    restored as if nothing had blurred it, with blends of two inks one pixel wide; or nearer.
+    """
+    blur = (condition.blur, condition.blur, 0.0)
+    again = ndimage.gaussian_filter(restored(levels, condition, lines=False), blur, mode="nearest", truncate=BLUR_REACH)
+    plain = restored(levels, replace(condition, blur=0.0), lines=False)
+    return bool(((levels - again) ** 2).sum() < CLEARER**2 * ((levels - plain) ** 2).sum())
+
+
+def restored(levels: np.ndarray, condition: Condition, most: int | None = None, *, lines: bool = True) -> np.ndarray:
+    """The picture (H, W, 4) in levels as a clean one, float32, of at most so many inks.
+
+    lines: whether lines that cover less than half of any pixel are kept.
+    """
     if condition.only_blurred:
         return _sharpened(levels, condition.blur, most)
     space = seen_as(condition)
@@ -69,7 +87,7 @@ def restored(levels: np.ndarray, condition: Condition, most: int | None = None) 
     labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
     out = _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
-    return _with_thin_lines(out, seen, labels, palette, space, sigma)
+    return _with_thin_lines(out, seen, labels, palette, space, sigma) if lines else out
 
 
 def _with_thin_lines(
