@@ -15,12 +15,13 @@ from benchmarks.artwork.document import Document
 from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
+from cubicsplat_cli.artwork.input import intake
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
 from cubicsplat_cli.artwork.input.lines import overshoots
 from cubicsplat_cli.artwork.input.palette import noisy_inks
-from cubicsplat_cli.artwork.input.restore import restored
+from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.convert import as_picture
@@ -70,6 +71,16 @@ def test_what_happened_is_found_and_said():
     found = condition_of(as_levels(target("blurred")))
     assert found.blur == pytest.approx(1.2, abs=0.1) and found.noise == 0.0
     assert Condition(3.0, False, 1.2).words() == "a blur of 1.2 px and noise of 3.0 levels"
+
+
+@pytest.mark.parametrize(("file", "quality"), [("JPEG", 80), ("JPEG", 95), ("WEBP", 80)])
+def test_a_margin_makes_no_compressed_picture_clean(file, quality):
+    buffer = io.BytesIO()
+    Image.fromarray(pixels("palette")[..., :3]).save(buffer, file, quality=quality)
+    levels = np.array(Image.open(buffer))
+    for margin in (0, 50, 400):  # px; aligned to no block
+        wide = np.pad(levels, ((margin, margin), (margin, margin), (0, 0)), constant_values=255)
+        assert condition_of(as_levels(as_picture(wide).target())).jpeg, margin
 
 
 @pytest.mark.parametrize("mode", ["RGB", "RGBA"])
@@ -252,6 +263,18 @@ def test_an_ink_of_thin_lines_alone_is_found_and_drawn():
     assert (done[black][:, :3].max(axis=1) < 60.0).mean() > 0.9
 
 
+@pytest.mark.parametrize("kind", ["jpeg", "noisy"])
+def test_lines_that_cover_less_than_half_of_any_pixel_stay(kind):
+    # The bar has their ink, of which no pixel on a line has as much as half.
+    lines = "".join(f'<path d="M10 {y}H150" stroke="#123" stroke-width=".8"/>' for y in (20, 60, 100))
+    body = f'<path d="M0 0H160V160H0z" fill="#fff"/><path d="M10 130H150V150H10z" fill="#123"/>{lines}'
+    levels, clean = as_levels(target(kind, body)), as_levels(target("clean", body))
+    done = restored(levels, condition_of(levels))
+    for y in (19, 20, 59, 60, 99, 100):
+        assert clean[y, 12:148, 0].max() > 130.0
+        assert np.abs(done[y, 12:148, :3] - clean[y, 12:148, :3]).mean() < 12.0
+
+
 # --- blur -----------------------------------------------------------------------------------------------------
 
 
@@ -276,6 +299,20 @@ def blurred(body: str, blur: float = 1.2) -> tuple[np.ndarray, np.ndarray]:
 def even(levels: np.ndarray) -> np.ndarray:
     """(H, W) bool: the 3 x 3 px around are of one colour."""
     return (ndimage.maximum_filter(levels, (3, 3, 1)) == ndimage.minimum_filter(levels, (3, 3, 1))).all(axis=-1)
+
+
+@pytest.mark.parametrize("noise", [0.0, 4.0])
+def test_a_blur_is_what_explains_the_picture_better(noise):
+    _, soft = blurred(FACE, 1.5)
+    soft += np.random.default_rng(0).normal(0.0, noise, soft.shape) * [1.0, 1.0, 1.0, 0.0]
+    assert explained_by_blur(soft, Condition(noise, blur=1.5))
+    assert not explained_by_blur(as_levels(target("noisy" if noise else "palette")), Condition(noise, blur=1.5))
+
+
+def test_a_blur_that_is_measured_but_not_there_is_not_drawn_through(monkeypatch):
+    monkeypatch.setattr(intake, "condition_of", lambda _: Condition(blur=1.5))
+    assert taken_in(target("clean")).condition == CLEAN
+    assert taken_in(target("blurred")).condition == Condition(blur=1.5)
 
 
 def test_inks_that_are_nearly_alike_stay_apart_in_a_blurred_picture():

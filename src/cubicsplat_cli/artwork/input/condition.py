@@ -31,10 +31,12 @@ MORE_ZEROS, ERROR, FEWEST_BLOCKS = 1.25, 0.8, 20  # times as many; the differenc
 MOST_EVEN, MOST_EVEN_CLEAR = 0.5, 0.33
 # Without such blocks: the roughness lies in blocks of 16 x 16 px with edges, and not in those half a block away.
 INSIDE, MUCH_LESS, LEAST_SIDE = 0.9, 0.3, 64  # shares, and px of the picture that tell them
-LEAST_ROUGH = 0.008  # share of the quiet pixels of a JPEG
-# Or no blocks at all, as in a small JPEG or in WebP, whose blocks are of many sizes and smoothed: px from what is not
-# quiet, and the share of those that ringing makes rough. 0.004 to 0.05 in WebPs of quality 60 and 80.
-RING, LEAST_RINGING = (4, 8), 0.003
+# Of the quiet pixels within so many px of one that is not, which wide margins leave as they are, the share that is
+# rough: up to 0.018 in nine of ten clean pictures, 0.05 and more in JPEGs and WebPs of quality 60 to 98.
+NEAR, LEAST_ROUGH = 4, 0.02
+# Or no blocks at all, as in a small JPEG or in WebP, whose blocks are of many sizes and smoothed: farther away, px, the
+# share that ringing makes rough. 0.004 to 0.05 in WebPs of quality 60 and 80; that of smaller pictures ends before.
+FAR, LEAST_RINGING = 8, 0.003
 # Opacity counts as well: black on nothing has edges.
 LUMA = np.array([0.299, 0.587, 0.114, 0.7], dtype=np.float32)
 # Edges whose width is measured: px to either side, levels of contrast, levels that count as even beside them.
@@ -127,7 +129,8 @@ def _second_differences(levels: np.ndarray) -> np.ndarray:
 
 def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray, noise: float) -> bool:
     """Whether a picture has the blocks of a JPEG, or, without noise everywhere, rings like one or a lossy WebP."""
-    if rough.sum() < LEAST_ROUGH * quiet.sum():
+    near = quiet & ndimage.maximum_filter(~quiet, 2 * NEAR + 1)
+    if rough[near].sum() <= LEAST_ROUGH * near.sum():
         return False
     opaque, found = bool((levels[..., 3] >= 255.0).all()), _coefficients(luma, 0)
     if _even(levels, _busy(found)) >= (MOST_EVEN if opaque else MOST_EVEN_CLEAR):
@@ -177,7 +180,7 @@ def _even(levels: np.ndarray, busy: np.ndarray) -> float:
 def _rings(levels: np.ndarray, rough: np.ndarray, quiet: np.ndarray) -> bool:
     """Whether a picture is rough a few px away from its edges, and is not blurred, which reaches as far."""
     away = ndimage.distance_transform_cdt(quiet, metric="chessboard")
-    band = (away >= RING[0]) & (away <= RING[1])
+    band = (away >= NEAR) & (away <= FAR)
     if rough[band].sum() < LEAST_RINGING * band.sum() or not band.any():
         return False
     return (edge_blur(levels, 0.0) or 0.0) < LEAST_BLUR_OF_JPEG

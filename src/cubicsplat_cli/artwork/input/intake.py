@@ -12,6 +12,7 @@ from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
+from cubicsplat_cli.artwork.input.restore import explained_by_blur
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
 
@@ -73,8 +74,10 @@ def taken_in(target: np.ndarray) -> Intake:
                 return Intake(levels, unshaded, factor * times, times, width, height, lifted=without)
         flat = without_blurred_gradients(levels, condition.blur)
         condition = condition_of(flat.levels)
-        if condition.only_blurred:
+        if condition.only_blurred and explained_by_blur(flat.levels, condition):
             return Intake(levels, condition, factor * times, times, width, height, flat=flat)
+    if condition.blur and not explained_by_blur(levels, condition):
+        condition = replace(condition, blur=0.0)
     return Intake(levels, condition, factor * times, times, width, height)
 
 

@@ -6,6 +6,8 @@ all pixels between the solid parts of inks together, since neighbours mostly hav
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import ndimage
 from scipy.special import ndtri
@@ -33,6 +35,9 @@ SNAP = 0.08  # shares this near to 0 or 1 are
 SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
 # Times the misfit that pixels are off which the labels do not explain; the least share of a thin line in its pixels.
 OFF, THIN = 3.0, 0.2
+# Times the error without a blur that the error with it may be, as enlarging blurs by no Gaussian: it is up to 1.3 times
+# in pictures that were enlarged by 1.5, and 2.3 to 33 times in clean ones.
+CLEARER = 2.0
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two inks to be told
 _TO_YCC = np.array(
     [
@@ -51,8 +56,19 @@ def seen_as(condition: Condition) -> np.ndarray:
     return (_TO_YCC * np.array([1.0, CHROMA, CHROMA, 1.0])[:, None]).T
 
 
-def restored(levels: np.ndarray, condition: Condition) -> FlatPicture:
-    """The picture (H, W, 4) in levels as a clean one."""
+def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
+    """Whether a picture (H, W, 4) in levels, restored and blurred again, is about as near to how it came as it is
+    restored as if nothing had blurred it, with blends of two inks one pixel wide; or nearer.
+    """
+    blur = (condition.blur, condition.blur, 0.0)
+    sharp = restored(levels, condition, lines=False).levels
+    again = ndimage.gaussian_filter(sharp, blur, mode="nearest", truncate=BLUR_REACH)
+    plain = restored(levels, replace(condition, blur=0.0), lines=False).levels
+    return bool(((levels - again) ** 2).sum() < CLEARER**2 * ((levels - plain) ** 2).sum())
+
+
+def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) -> FlatPicture:
+    """The picture (H, W, 4) in levels as a clean one. lines: whether thin lines that its colours lack are sought."""
     if condition.only_blurred:
         return FlatPicture(_sharpened(levels, condition.blur))
     space = seen_as(condition)
@@ -73,12 +89,13 @@ def restored(levels: np.ndarray, condition: Condition) -> FlatPicture:
         palette = np.vstack([palette, line_inks(levels[far], seen[far], palette, space, sigma)])
     labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
-    lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
-    new = colours_of_lines(levels, palette, labels, lined)
-    if len(new):
-        palette = np.vstack([palette, new])
+    if lines:
         lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
-    labels = lined
+        new = colours_of_lines(levels, palette, labels, lined)
+        if len(new):
+            palette = np.vstack([palette, new])
+            lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
+        labels = lined
     out = _with_shares(seen, palette @ space, labels, sigma, condition.blur, palette)
     return FlatPicture(out, palette, labels)
 
