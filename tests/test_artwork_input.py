@@ -19,9 +19,9 @@ from cubicsplat_cli.artwork.input import intake
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
-from cubicsplat_cli.artwork.input.lines import overshoots
 from cubicsplat_cli.artwork.input.palette import noisy_inks
 from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
+from cubicsplat_cli.artwork.regions.hidden_inks import overshoots
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.convert import as_picture

@@ -13,10 +13,10 @@ from scipy import ndimage
 from scipy.special import ndtri
 
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.lines import line_inks, overshoots
 from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, colours_of_lines, missing_colours, noisy_inks
 from cubicsplat_cli.artwork.input.squares import square_inks
 from cubicsplat_cli.artwork.regions.hairlines import near_inks, solid_labels, with_lines
+from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, overshoots
 from cubicsplat_cli.artwork.regions.inks import picture_inks
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 
@@ -29,12 +29,15 @@ CHROMA = 0.4
 NEIGHBOUR, STRANGE = 0.7, 3.0
 ROUNDS = 6
 MOST_THICK = 24  # inks, beyond which those of thin lines are not sought
+# Times the misfit that the colour of a thin line is off all blends of two others; levels that are one colour, and px
+# that show it.
+STRANGE_INK, ONE_COLOUR, FEWEST = 6.0, 16.0, 24
 SNAP = 0.08  # shares this near to 0 or 1 are
 # Rounds in which a blurred picture is made sharp again, and levels by which it is off its inks then; standard
 # deviations beyond which nothing is left of a blur.
 SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
 # Times the misfit that pixels are off which the labels do not explain; the least share of a thin line in its pixels.
-OFF, THIN = 3.0, 0.2
+OFF, THIN = 4.0, 0.25
 # Times the error without a blur that the error with it may be, as enlarging blurs by no Gaussian: it is up to 1.3 times
 # in pictures that were enlarged by 1.5, and 2.3 to 33 times in clean ones.
 CLEARER = 2.0
@@ -86,7 +89,8 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
         # What a JPEG's chroma smears beside edges is no ink.
         apart = reach * (FAR if condition.jpeg else 1.0)
         palette = np.vstack([palette, square_inks(levels, seen, palette @ space, sigma, reach, apart)])
-        palette = np.vstack([palette, line_inks(levels[far], seen[far], palette, space, sigma)])
+        hidden = hidden_inks(seen[far], palette @ space, STRANGE_INK * sigma, ONE_COLOUR, FEWEST)
+        palette = np.vstack([palette, np.clip(hidden @ np.linalg.inv(space), 0.0, 255.0)])
     labels = _labels(seen, palette @ space, sigma, thick)
     palette = _settled_inks(levels, palette, labels)
     if lines:
@@ -124,7 +128,7 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
         if number == 0 and thick <= MOST_THICK:
             _, gap = _nearest(sharp, palette)
             far = gap > MOST * SHARP_MISFIT
-            new = line_inks(sharp[far], sharp[far], palette, np.eye(4), SHARP_MISFIT)
+            new = hidden_inks(sharp[far], palette, STRANGE_INK * SHARP_MISFIT, ONE_COLOUR, FEWEST)
             palette = np.vstack([palette, *(ink[None] for ink in new if not overshoots(ink, palette))])
         labels = _labels(sharp, palette, SHARP_MISFIT, thick)
         out = _with_shares(sharp, palette, labels, MISFIT, 0.0, palette)

@@ -189,7 +189,9 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
     LENGTH px, together with what is thin already.
     """
     solid = solid_labels(labels)
-    away = largest(np.abs(levels - palette[labels])) > off
+    away = np.zeros(labels.shape, dtype=bool)
+    inner = (slice(1, -1), slice(1, -1))  # pixels on the rim blend with what is beyond the canvas
+    away[inner] = largest(np.abs(levels[inner] - palette[labels[inner]])) > off
     y, x = np.nonzero(away)
     far = away.copy()
     far[y, x] = best_blend(levels[y, x], palette, near_inks(labels, y, x, 1))[1] > off

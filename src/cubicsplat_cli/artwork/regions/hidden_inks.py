@@ -14,6 +14,9 @@ ONE_OF_THREE = 0.6  # of the distance from blends of two, that an ink has from t
 BLEND = 12.0  # levels by which a blend may be off the line between two inks
 CLEAR, SOLID = 64.0, 254.0  # levels of opacity below which a colour says nothing of an ink, and of what is opaque
 CHUNK = 65536  # pixels at a time
+# Of the distance between two inks: steps by which the sharpening of an edge between them goes beyond either, and levels
+# by which what it makes is off that.
+BEYOND, BEYOND_OFF = np.linspace(0.02, 0.25, 12), 8.0
 
 
 def hidden_inks(levels: np.ndarray, palette: np.ndarray, least: float, reach: float, fewest: float) -> np.ndarray:
@@ -89,3 +92,11 @@ def distance_to_blends(values: np.ndarray, inks: np.ndarray, first: int = 0) -> 
                 best = np.minimum(best, ((rest - t[:, None] * span) ** 2).sum(axis=1))
         out[start : start + CHUNK] = np.sqrt(best)
     return out
+
+
+def overshoots(ink: np.ndarray, palette: np.ndarray) -> bool:
+    """Whether a colour (4,), in levels, is what sharpening makes of one ink of a palette (P, 4) beside another one."""
+    step = BEYOND[:, None, None, None] * (palette[:, None] - palette[None])
+    beyond = np.clip(palette[:, None] + step, 0.0, 255.0)
+    apart = np.abs(palette[:, None] - palette[None]).max(axis=-1) > 0.0
+    return bool(((np.abs(beyond - ink).max(axis=-1) <= BEYOND_OFF) & apart).any())
