@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork import vectorize
+from cubicsplat_cli.artwork.details import candidates as candidates_of
 from cubicsplat_cli.artwork.details.shares import ink_shares
 from cubicsplat_cli.artwork.details.spots import with_spots
 from cubicsplat_cli.artwork.details.subpixels import SIDE, arranged
@@ -151,3 +152,18 @@ def test_a_noisy_picture_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
     clean = picture(truth(""))
     clean[..., :3] = np.clip(clean[..., :3] + noise, 0.0, 1.0)
     assert vectorize.draw(clean.astype(np.float32)).shapes
+
+
+def test_of_many_inks_only_those_of_a_place_are_tried_there(monkeypatch):
+    side, many = 24, 60
+    rng = np.random.default_rng(3)
+    palette = np.column_stack([rng.integers(0, 256, (many, 3)), np.full(many, 255)]).astype(float)
+    levels = np.tile(palette[0], (side, side, 1))
+    levels[8:14, 8:14] = palette[1]
+    unexplained = (levels != palette[0]).any(axis=2)
+    looked = []
+    shares = candidates_of.ink_shares
+    monkeypatch.setattr(candidates_of, "ink_shares", lambda *given: looked.append(len(given[1])) or shares(*given))
+    (found,) = candidates_of.candidates(levels, palette, [], unexplained, 0)
+    assert looked == [2]
+    assert (found.ink, found.area) == (1, 36 * 16)

@@ -92,6 +92,7 @@ def test_equations_match_finite_differences(taps, gram_error):
     assert abs(gram - gram.T).max() < 1e-9
 
 
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's account of memory")
 def test_the_picture_of_many_large_shapes_takes_memory_for_their_outlines_only():
     count, side = 80, 800
     sizes = ((1.3, side - 2.6), (2.0, side - 4.0))

@@ -19,6 +19,7 @@ from cubicsplat_cli.artwork.tracing.fitting import few_lines
 MARGIN = 3  # px around what is not explained, whose inks are looked at
 PURE = 6.0  # levels within which a pixel shows an ink
 REACH = 2  # px in which an ink that shows pure is near
+MOST_INKS = 32  # that are all looked at everywhere
 LEAST = 12  # subpixels of a candidate and of its holes
 TOLERANCES = (0.6, 1.0)  # subpixels that a polygon's lines may be off the cracks between them
 
@@ -59,17 +60,31 @@ def candidates(
     palette: (P, 4) premultiplied inks in levels; ground: the index of that which shows where nothing is painted.
     """
     clusters, _ = ndimage.label(ndimage.binary_dilation(unexplained, np.ones((3, 3), dtype=bool), MARGIN))
-    boxes = np.array([shape.low for shape in painted]), np.array([shape.high for shape in painted])
+    boxes = (
+        np.array([shape.low for shape in painted]).reshape(-1, 2),
+        np.array([shape.high for shape in painted]).reshape(-1, 2),
+    )
     for number, (rows, columns) in enumerate(ndimage.find_objects(clusters)):
         open_pixels = unexplained[rows, columns] & (clusters[rows, columns] == number + 1)
         drawn = _drawn(painted, boxes, rows, columns, ground)
         window = levels[rows, columns].astype(float)
         pure = np.abs(window[:, :, None] - palette).max(axis=3) <= PURE
-        near = ndimage.maximum_filter(pure, (2 * REACH + 1, 2 * REACH + 1, 1))
-        shares = (blocks(drawn)[..., None] == np.arange(len(palette))).mean(axis=2)
-        shares[open_pixels] = ink_shares(window[open_pixels], palette, near[open_pixels])
-        wanted = arranged(shares, drawn, open_pixels)
+        some = _inks_here(pure, drawn, window[open_pixels], palette)
+        near = ndimage.maximum_filter(pure[..., some], (2 * REACH + 1, 2 * REACH + 1, 1))
+        own = np.searchsorted(some, drawn)
+        shares = (blocks(own)[..., None] == np.arange(len(some))).mean(axis=2)
+        shares[open_pixels] = ink_shares(window[open_pixels], palette[some], near[open_pixels])
+        wanted = some[arranged(shares, own, open_pixels)]
         yield from _traced(wanted, drawn, columns.start, rows.start)
+
+
+def _inks_here(pure: np.ndarray, drawn: np.ndarray, values: np.ndarray, palette: np.ndarray) -> np.ndarray:
+    """(k,) the inks, of many only those that show in a window, are drawn there, or are the nearest to one of its values
+    (n, 4): all pairs are tried. pure: (h, w, P) bool, where each shows."""
+    if len(palette) <= MOST_INKS:
+        return np.arange(len(palette))
+    nearest = np.abs(values[:, None] - palette).max(axis=2).argmin(axis=1)
+    return np.unique(np.concatenate([np.flatnonzero(pure.any(axis=(0, 1))), drawn.ravel(), nearest]))
 
 
 def _drawn(

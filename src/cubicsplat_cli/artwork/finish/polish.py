@@ -13,6 +13,8 @@ from cubicsplat_cli.raster.stack import Goal
 # Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
 PASSES, CROWDED, FULL = 3, 400, 1500
 TRIAL_ROUNDS = 6
+# Pieces beyond which they are settled in fewer rounds still, and not at all.
+MANY, FEWEST_ROUNDS, MOST = 20_000, 3, 100_000
 MERGES = 3  # passes, of a picture that is blurred and not crowded
 
 
@@ -21,15 +23,15 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
 
     error: of pixels on edges beyond that of a clean picture, of full scale.
     """
-    if not drawing.shapes:
-        return drawing
     pieces = drawing.segments
+    if not 0 < pieces <= MOST:
+        return drawing
     held = Held(drawing.width, drawing.height)
     at = work().at
     at("fitting to the pixels", 0.5)
     state = begin(drawing, goal)
     with work().stoppable():
-        state = settle(state, goal, ROUNDS if pieces <= CROWDED else TRIAL_ROUNDS)
+        state = settle(state, goal, _rounds(pieces))
         at("merging pieces", 0.6)
         # What was traced in edges made sharp again has many pieces too many.
         for _ in range(MERGES if goal.reach and pieces <= CROWDED else 1):
@@ -44,6 +46,12 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
                 break
             state = following
     return drawn(drawing, state)
+
+
+def _rounds(pieces: int) -> int:
+    if pieces <= CROWDED:
+        return ROUNDS
+    return TRIAL_ROUNDS if pieces <= MANY else FEWEST_ROUNDS
 
 
 def _moved(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:

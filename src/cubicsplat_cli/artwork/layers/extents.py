@@ -22,7 +22,6 @@ UNDERLAP = 3
 # Levels of opacity from which an ink hides what is beneath it.
 OPAQUE = 254.0
 SHEET = -1  # in place of the layer of what is of none
-PLUS = ndimage.generate_binary_structure(2, 1)
 
 
 @dataclass(frozen=True)
@@ -92,17 +91,27 @@ def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:
 
 
 def _grown(shown: np.ndarray, above: np.ndarray, joined: bool) -> np.ndarray:
-    grown = shown | (ndimage.binary_dilation(shown, PLUS, UNDERLAP) & above)
+    grown = shown | (_dilated(shown, UNDERLAP) & above)
     if joined:
         grown |= hull_mask(shown) & above
     holes, count = ndimage.label(~grown)
     if count:
-        index = np.arange(1, count + 1)
-        covered = ndimage.minimum(above, holes, index).astype(bool)
-        edge = np.unique(np.concatenate([holes[0], holes[-1], holes[:, 0], holes[:, -1]]))
-        covered[edge[edge > 0] - 1] = False
-        grown |= np.concatenate([[False], covered])[holes]
+        covered = np.bincount(holes[~above], minlength=count + 1) == 0
+        covered[np.concatenate([[0], holes[0], holes[-1], holes[:, 0], holes[:, -1]])] = False
+        grown |= covered[holes]
     return grown
+
+
+def _dilated(mask: np.ndarray, times: int) -> np.ndarray:
+    """(h, w) bool: a mask with all within so many steps along rows and columns; many times as fast as by structure."""
+    out = mask.copy()
+    for _ in range(times):
+        before = out.copy()
+        out[1:] |= before[:-1]
+        out[:-1] |= before[1:]
+        out[:, 1:] |= before[:, :-1]
+        out[:, :-1] |= before[:, 1:]
+    return out
 
 
 def _extent(

@@ -262,8 +262,8 @@ def _net(facts: _Facts, group: np.ndarray, index: dict[int, int]) -> tuple[np.nd
     _settle_enclosures(facts, group, weight)
     net = [(index[p], index[q], votes - weight.get((q, p), 0.0)) for (p, q), votes in weight.items()]
     net = sorted(each for each in net if each[2] > NO_LOAD)
-    above, below = (np.array([each[k] for each in net], dtype=int) for k in (0, 1))
-    return above, below, np.array([each[2] for each in net])
+    upper, lower = (np.array([each[k] for each in net], dtype=int) for k in (0, 1))
+    return upper, lower, np.array([each[2] for each in net])
 
 
 def _without_cycles(
