@@ -40,9 +40,11 @@ MOST_CELLS = 2**20  # drawn; of a picture of that many different ones the file h
 # Colours of cells that are asked for, and the product with their number: each colour is sought among all cells.
 MOST_COLOURS, MOST_WORK = 4096, 2**28
 # A noisy picture is made of cells where its pixels inside these differ from their middles by so much of the steps
-# between cells at most, rms. Colours within so many units of CIELAB are one, and those of few cells within that many
-# times the noise.
-MOST_NOISE, SAME, SAME_NOISE = 0.22, 5.0, 4.0
+# between cells at most, rms, and where at most that share of them are off by a step: up to 0.0024 in JPEGs of sprites,
+# 0.0055 and more in drawings whose borders happen to lie on a grid.
+MOST_NOISE, MOST_STRANGE = 0.25, 0.004
+# Colours within so many units of CIELAB are one, and those of few cells within that many times the noise.
+SAME, SAME_NOISE = 5.0, 4.0
 _ROWS, _SAMPLE = 64, 2**16
 
 
@@ -137,10 +139,9 @@ def _noisy_cells(target: np.ndarray) -> Cells | None:
     if grid is None or (len(grid.x) - 1) * (len(grid.y) - 1) > MOST_CELLS:
         return None
     middle = _medians(levels[..., :3], grid)
-    off = np.abs(levels[..., :3] - grid.enlarged(middle)).max(axis=2)
-    inner = _inner(grid)
-    noise = float(np.sqrt(np.mean(off[inner] ** 2)))
-    if not 0.0 < noise <= MOST_NOISE * _step(middle):
+    off = np.abs(levels[..., :3] - grid.enlarged(middle)).max(axis=2)[_inner(grid)]
+    noise, step = float(np.sqrt(np.mean(off**2))), _step(middle)
+    if not 0.0 < noise <= MOST_NOISE * step or (off > step).mean() > MOST_STRANGE:
         return None
     colours, numbers = _distinct(np.concatenate([middle, np.full_like(middle[..., :1], 255.0)], axis=2))
     areas = np.bincount(numbers.ravel())
