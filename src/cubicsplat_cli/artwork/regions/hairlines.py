@@ -196,7 +196,8 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
     far = away.copy()
     far[y, x] = best_blend(levels[y, x], palette, near_inks(labels, y, x, 1))[1] > off
     square = np.ones((3, 3), dtype=bool)
-    place = _long_parts(ndimage.binary_dilation(far, square) | (solid < 0), far)
+    seen = ndimage.binary_dilation(far | (solid < 0), square)
+    place = _long_parts(seen, seen) & (away | (solid < 0))
     y, x = np.nonzero(place)
     near = near_inks(solid, y, x)
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
