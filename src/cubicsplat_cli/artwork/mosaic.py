@@ -18,8 +18,7 @@ from cubicsplat_cli.scene.paint import Ink
 from cubicsplat_cli.settings import Mode
 
 OPAQUE = 255.0  # levels
-# Of a curve of a scene: the engines take 65,535 edges at most, 48 of each line.
-MOST_CORNERS = 65_535 // 48
+MOST_CORNERS = 1365  # of a curve of a scene, whose arrays have room for the longest curve in each row
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ _FLAG = re.compile(r"[\s,]*([01])")
 # How many numbers a command takes.
 _NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
 _DECIMALS = 9
-# Of one path, which takes some seconds and 200 MB; and of a subpath, of which the engines draw no more edges.
+# Of one path, which takes some seconds and 200 MB; and of a subpath, for which each row of a scene has room.
 MAX_COMMANDS, MAX_SEGMENTS = 500_000, 65_535
 Point = tuple[float, float]
 

@@ -25,7 +25,7 @@ from cubicsplat_cli.svg.gridgradients import settled
 from cubicsplat_cli.svg.writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
 
 MAX_SVG_BYTES = 256 * 1024 * 1024
-MAX_TOKENS = 1_000_000  # of one curve, of which the engines draw 65535 edges
+MAX_TOKENS = 1_000_000  # of one curve: a scene's arrays have room for the longest in each row
 MAX_NUMBER_LENGTH = 24
 MAX_SHOWN = 120  # characters of a message that come from the file
 
