@@ -90,6 +90,18 @@ def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_
     assert outcome.report.output.svg_sha256 == hashlib.sha256(puts[-2][1]).hexdigest()
 
 
+def test_ctrl_c_during_the_comparison_keeps_the_drawing(monkeypatch):
+    def interrupted(_trainer) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "choose_style", as_drawing)
+    monkeypatch.setattr(Trainer, "advance", interrupted)
+    task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), Stages())
+    first, last = candidates(task)
+    assert [task.result(made).report.interrupted for made in (first, last)] == [False, True]
+    assert first.scene is last.scene
+
+
 def disc() -> np.ndarray:
     y, x = np.mgrid[0:80, 0:96] + 0.5
     cover = np.clip(30.5 - np.hypot(x - 50.0, y - 41.0), 0.0, 1.0)[..., None]

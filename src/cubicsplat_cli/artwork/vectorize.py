@@ -127,7 +127,8 @@ def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_sketch: 
     height, width = plan.levels.shape[:2]
     if len(plan.parts) > MANY:
         sketch = Drawing(width, height, _polygons(plan.parts, (height, width), flat))
-        on_sketch(enlarged(_painted(sketch), intake.scale, intake.width, intake.height))
+        with work().stoppable():
+            on_sketch(enlarged(_painted(sketch), intake.scale, intake.width, intake.height))
     shapes = _traced(plan.parts, (height, width), settings, flat)
     if any(part.extent.layer == SHEET for part in plan.parts):
         opaque = parts_of(plan.regions, plan.found, settings.completion == ON, None)

@@ -32,7 +32,7 @@ def check_worth_finishing(task: Task, sketch: Made) -> None:
 def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str | None:
     """Why the photo style suits the picture better than its drawing does, by so many dB; None where it does not.
 
-    Raises what a fit raises.
+    Raises what a fit raises, and KeyboardInterrupt.
     """
     from cubicsplat_cli.photo import fit
 
@@ -53,7 +53,10 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
         return None
     size = len(made.write(task.title, task.comment()).encode())
     curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), MOST))
-    fitted = level(fit(small.target(), task.settings().with_(curves=curves, steps=STEPS)).scene)
+    quick = fit(small.target(), task.settings().with_(curves=curves, steps=STEPS))
+    if quick.interrupted:
+        raise KeyboardInterrupt
+    fitted = level(quick.scene)
     if fitted is not None and fitted <= drawn + margin_db:
         return None
     return f"a photo of the same size has {fitted:.1f} dB in small, drawn it has {drawn:.1f} dB"

@@ -64,7 +64,7 @@ def task_of(
 
 def candidates(task: Task) -> Iterator[Made]:
     """What is made of the picture. Where the style is "auto", a drawing comes first, and behind it the photo of a
-    picture to which that is nearer. Each is a finished result, better than the one before: it can be kept until then.
+    picture to which that is nearer, or what is to be said of it. Each is a finished result, to be kept until the next.
     """
     with task.stages("fit"):
         made = _first(task)
@@ -72,9 +72,9 @@ def candidates(task: Task) -> Iterator[Made]:
     if not made.may_be_photo:
         return
     with task.stages("fit"):
-        photo = _nearer(task, made)
-    if photo is not None:
-        yield photo
+        better = _nearer(task, made)
+    if better is not made:
+        yield better
 
 
 def _first(task: Task) -> Made:
@@ -113,20 +113,20 @@ def _asked_for(request: Request) -> Style | None:
     return None
 
 
-def _nearer(task: Task, made: Made) -> Made | None:
-    """The photo of a picture to which that is nearer than the drawing; None where it is not, or fails."""
+def _nearer(task: Task, made: Made) -> Made:
+    """The photo of a picture to which that is nearer than the drawing; else the drawing, with a note if that is not
+    known.
+    """
     try:
         reason = photo_is_nearer(task, made)
         if reason is None:
-            return None
+            return made
         photo = _photo_instead(task, made.style, reason)
     except Exception as error:
-        made.notes.append(f"the drawing stays, since {_failure('photo', error)}")
-        return None
-    if photo.facts["interrupted"]:
-        made.facts["interrupted"] = True
-        return None
-    return photo
+        return replace(made, notes=[*made.notes, f"the drawing stays, since {_failure('photo', error)}"])
+    except KeyboardInterrupt:
+        return replace(made, facts={**made.facts, "interrupted": True})
+    return replace(made, facts={**made.facts, "interrupted": True}) if photo.facts["interrupted"] else photo
 
 
 def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
