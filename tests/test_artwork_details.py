@@ -11,6 +11,7 @@ import pytest
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.details import candidates as candidates_of
+from cubicsplat_cli.artwork.details import spots
 from cubicsplat_cli.artwork.details.shares import ink_shares
 from cubicsplat_cli.artwork.details.spots import with_spots
 from cubicsplat_cli.artwork.details.subpixels import SIDE, arranged
@@ -167,3 +168,10 @@ def test_of_many_inks_only_those_of_a_place_are_tried_there(monkeypatch):
     (found,) = candidates_of.candidates(levels, palette, [], unexplained, 0)
     assert looked == [2]
     assert (found.ink, found.area) == (1, 36 * 16)
+
+
+def test_of_many_details_the_largest_are_tried(monkeypatch, caplog):
+    goal = goal_of(picture(truth(DOTS)))
+    monkeypatch.setattr(spots, "MOST_TRIED", 3)
+    assert 3 < len(with_spots(plain(), goal).shapes) <= 6
+    assert "details are too many: only the 3 largest are tried" in caplog.text

@@ -8,6 +8,7 @@ after it is settled against the pixels; everything else stays as it is.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -41,7 +42,10 @@ FEWEST = 16  # such pixels in a drawing that has lost details; a few are errors 
 SHAPE_PARAMETERS = 3.0  # parameters that a shape is worth besides its outlines'
 OPAQUE = 254  # levels of opacity of inks that spots are drawn in
 ROUNDS = 5
+MOST_TRIED = 2000  # candidates: each takes some thousandths of a second, and what holds more is shaded
 LEAST_SIDE = 8  # px of a picture that has details
+
+_log = logging.getLogger("cubicsplat")
 
 Paint = tuple[Ink, Gradient | None]
 
@@ -87,7 +91,9 @@ def _found(drawing: Drawing, goal: Goal, unexplained: np.ndarray, min_area: floa
     palette = np.array([*inks, np.zeros(4)])
     found = list(candidates(255.0 * goal.target, palette, painted, unexplained, len(inks)))
     ways = []
-    for each in sorted(found, key=lambda candidate: -candidate.area):
+    if len(found) > MOST_TRIED:
+        _log.warning("%d details are too many: only the %d largest are tried", len(found), MOST_TRIED)
+    for each in sorted(found, key=lambda candidate: -candidate.area)[:MOST_TRIED]:
         paint = paints[each.ink] if each.ink < len(paints) else None
         if paint is not None and paint[0][3] >= OPAQUE and each.area >= min_area * SIDE**2:
             ink, gradient = paint

@@ -199,7 +199,8 @@ def _box_around(facts: _Facts, members: np.ndarray) -> tuple[slice, slice]:
 def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) -> np.ndarray | None:
     """The regions that the hull of the members runs beneath; None where it holds others than may lie above them."""
     view = facts.regions.labels[window]
-    own = _listed(members, facts.regions.count)[view]
+    every = np.arange(facts.regions.count)
+    own = np.isin(every, members)[view]
     hull = hull_mask(own)
     between = hull & ~own
     sizes = np.bincount(view[between], minlength=facts.regions.count)
@@ -213,15 +214,8 @@ def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) ->
     exposed = sizes[shut].sum()
     if doubtful.any() and exposed <= rim:
         inner = view[between & ndimage.binary_erosion(hull)]
-        exposed += _listed(names[doubtful], facts.regions.count)[inner].sum()
+        exposed += np.isin(every, names[doubtful])[inner].sum()
     return names[~(shut | doubtful) & (sizes > rim)] if exposed <= rim else None
-
-
-def _listed(names: np.ndarray, count: int) -> np.ndarray:
-    """(count,) bool: which regions are among some."""
-    out = np.zeros(count, dtype=bool)
-    out[names] = True
-    return out
 
 
 def _ordered(facts: _Facts, group: np.ndarray) -> list[int]:
