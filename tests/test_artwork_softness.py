@@ -118,7 +118,7 @@ def test_a_picture_without_any_quiet_place_has_no_shares_and_is_a_photo():
     found = softness(255.0 * of(noise), np.ones(noise.shape, dtype=bool))
     assert (found.ground, found.even, found.soft) == (0.0, 0.0, 0.0)
     # In so few px noise looks like edges everywhere, but its drawing is far off.
-    report = vectorize(np.repeat(noise[..., None], 3, axis=2).astype(np.uint8), curves=4, steps=2, threads=1).report
+    report = vectorize(np.repeat(noise[..., None], 3, axis=2).astype(np.uint8), steps=2, threads=1).report
     assert report.style == "photo"
 
 

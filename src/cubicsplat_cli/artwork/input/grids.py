@@ -18,6 +18,7 @@ ROUNDING, FINE = 1.1, 0.1  # px
 LEAST_NOISY, LEAST_AT_BORDERS = 3.5, 0.6
 MOST_OBLONG = 1.1  # such cells are
 LEAST_LINES = 8  # cells each way of a noisy picture
+LEAST_BORDERS = 4.0  # that the change is spread over: some period fits any two
 LEAST_CUT = 0.25  # of a cell, that is left of one at the side of a noisy picture
 _TRIES = 12  # of the strongest periods
 _FINER = 16  # times as many frequencies as px, so that a period is known to a fraction of a px across the picture
@@ -161,8 +162,9 @@ def _period(change: np.ndarray) -> tuple[np.ndarray, float] | None:
         ends = np.rint(phase + side * np.arange(math.ceil(length / side) + 1)).astype(int) + 1
         # What is left at the sides is of a cell that was cut, or of none.
         ends = ends[(ends > LEAST_CUT * side) & (ends < length - LEAST_CUT * side)]
-        share = float(change[ends - 1].sum()) / total
+        own = change[ends - 1]
+        share, lines = float(own.sum()) / total, float(own.sum() ** 2 / max((own**2).sum(), 1e-12))
         # Of periods that explain about as much, a whole multiple of another, the longest.
-        if share >= LEAST_AT_BORDERS and (best is None or share * math.sqrt(side) > best[0]):
+        if share >= LEAST_AT_BORDERS and lines >= LEAST_BORDERS and (best is None or share * math.sqrt(side) > best[0]):
             best = share * math.sqrt(side), np.concatenate([[0], ends, [length]]), side
     return None if best is None else best[1:]
