@@ -115,9 +115,10 @@ def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
     facts = [] if quality is None else _quality_facts(quality, subject.drawn_by)
     if own is not None:
         about = [] if report is None or report.inks is None else [counted(len(report.inks), "colour")]
-        if own.count != len(own.losses_db):
+        count = own.count if report is None else report.count()
+        if count != len(own.losses_db):
             about.insert(0, f"in {counted(len(own.losses_db), 'element')}")
-        facts.append(Fact(f"{kind}s", f"{own.count:,}", ", ".join(about)))
+        facts.append(Fact(f"{kind}s", f"{count:,}", ", ".join(about)))
     facts.append(Fact("file", file_size(subject.bytes), f"the picture: {file_size(len(subject.data))}"))
     facts.append(Fact("size", f"{subject.picture.width} \u00d7 {subject.picture.height}", "pixels of the original"))
     if report is not None:
