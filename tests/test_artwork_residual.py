@@ -9,12 +9,12 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
+from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.input.condition import condition_of
 from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.regions.hairlines import with_lines
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions, find_regions
-from cubicsplat_cli.bench.artwork.document import Document
 from cubicsplat_cli.files.convert import as_picture
 
 SIDE = 200

@@ -16,11 +16,11 @@ from conftest import smooth_pixels
 from PIL import Image
 from warm import run_warm
 
+from cubicsplat_cli import pipeline
 from cubicsplat_cli.files.names import beside
 from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, FileSink, attempt
-from cubicsplat_cli.pipeline import way
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
@@ -122,7 +122,7 @@ def test_what_is_written_is_named_when_measuring_fails(error, status, said, phot
     def fail(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(way, "measured", fail)
+    monkeypatch.setattr(pipeline, "measured", fail)
     job, events = job_of(photo), Impatient()
     events.step = lambda *_: None
     short = Request(FitSettings(curves=8, steps=20, threads=1), style="photo")
@@ -190,7 +190,7 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
         (["vectorize", "x.png", "--xyzzy"], "there is no option --xyzzy; see --help"),
         (["vectorize", "x.png", "--curves"], "--curves needs a value; see --help"),
         (["doctor", "twice"], "there is nothing that 'twice' could be for; see --help"),
-        (["bench", "bogus"], "there is no command 'bogus'; the commands are artwork, "),
+        (["bench", "bogus"], "there is no command 'bogus'; the commands are step, "),
         (["help", "it's"], 'there is no command "it\'s"; the commands are vectorize, eval, '),
         (["vectorize", "a.png", "-o", "x"], "the output must end in .svg, but -o is x; -o x.svg is a file, -o x/ a"),
         (

@@ -200,10 +200,10 @@ def test_ctrl_c_writes_the_best_svg_so_far(photo):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_writes_the_drawings_so_far(jobs, tmp_path):
-    """Of rings without number, whose outlines alone take half a minute."""
-    y, x = np.mgrid[0:400, 0:400] + 0.5
-    cover = np.ones((400, 400))
-    for u, v, r in np.random.default_rng(4).uniform((20, 20, 6), (380, 380, 18), (160, 3)):
+    """Of rings whose outlines and finish take many seconds."""
+    y, x = np.mgrid[0:240, 0:240] + 0.5
+    cover = np.ones((240, 240))
+    for u, v, r in np.random.default_rng(4).uniform((20, 20, 6), (220, 220, 18), (60, 3)):
         cover = np.minimum(cover, np.clip(np.abs(np.hypot(x - u, y - v) - r) - 1.5, 0.0, 1.0))
     for name in "ab"[:jobs]:
         Image.fromarray(np.rint(255 * cover).astype(np.uint8)).save(tmp_path / f"{name}.png")
