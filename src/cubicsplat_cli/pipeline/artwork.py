@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
@@ -124,9 +125,11 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
         "gradients": len(drawing.gradients),
         "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
     }
+    precision = request.precision
     return Made(
         scene_of(drawing) if drawing.shapes else None,
-        lambda title, comment: write_drawing(drawing, precision=request.precision, title=title, comment=comment),
+        # Asked for its size before it is written.
+        lru_cache(1)(lambda title, comment: write_drawing(drawing, precision=precision, title=title, comment=comment)),
         SAMPLES,
         len(drawing.shapes),
         facts=facts,

@@ -69,7 +69,7 @@ def candidates(task: Task) -> Iterator[Made]:
     with task.stages("fit"):
         made = _first(task)
     yield made
-    if not made.may_be_photo:
+    if not made.may_be_photo or task.seconds_left() <= 0.0:
         return
     with task.stages("fit"):
         better = _nearer(task, made)

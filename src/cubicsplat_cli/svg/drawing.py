@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.geometry.outlines import (
@@ -48,9 +48,9 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     names = Identifiers()
     gradients = Gradients(names, precision)
     groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
-    repeated = _repeated(drawing.shapes, precision, drawing.abutting)
+    rings = _GridRings(drawing.shapes, precision, drawing.abutting)
     for group in groups:
-        element = _element(group, precision, drawing.abutting, repeated)
+        element = _element(group, precision, rings)
         if element is not None:
             root.extend(_finished(element, group[0], names, gradients, precision))
     return document(root)
@@ -82,14 +82,38 @@ def _finished(
     return [element] if before is None else [before, element]
 
 
-def _element(
-    group: Sequence[Shape], precision: int, exact: bool, repeated: Container[bytes]
-) -> ElementTree.Element | None:
-    """What shows one shape, or several of one ink as a compound path; None where nothing of it is left.
+class _GridRings:
+    """The rings of a drawing in whole steps of the file's grid, each rounded once.
 
-    exact: every point of a path stands at its own step, as in the paths that share it. repeated: forms of rings that
-    the drawing has more than once.
+    exact: every point of a path stands at its own step, as in the paths that share it. repeated: the forms that more
+    than one ring has.
     """
+
+    def __init__(self, shapes: Sequence[Shape], precision: int, exact: bool) -> None:
+        self.exact = exact
+        self._precision = precision
+        self._known: dict[tuple[int, bool], tuple[Ring, GridRing]] = {}
+        forms = Counter(
+            self.of(outline, index == 0).form
+            for shape in shapes
+            if shape.stroke is None
+            for index, outline in enumerate(shape.outlines)
+            if isinstance(outline, Ring)
+        )
+        self.repeated = {form for form, count in forms.items() if count > 1}
+
+    def of(self, ring: Ring, clockwise: bool) -> GridRing:
+        """One of them, as seen clockwise or not."""
+        known = self._known.get((id(ring), clockwise))
+        if known is None:
+            turned = ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
+            known = ring, grid_ring(turned, self._precision, self.exact)
+            self._known[id(ring), clockwise] = known
+        return known[1]
+
+
+def _element(group: Sequence[Shape], precision: int, rings: _GridRings) -> ElementTree.Element | None:
+    """What shows one shape, or several of one ink as a compound path; None where nothing of it is left."""
     stroke = group[0].stroke
     if stroke is not None and not isinstance(stroke.path, (Chain, Ring)):
         return _primitive(stroke.path, precision)
@@ -102,7 +126,7 @@ def _element(
             add_stroke(path, shape.stroke.path, precision)
             continue
         for index, outline in enumerate(shape.outlines):
-            _add_outline(path, outline, precision, index == 0, exact, repeated)
+            _add_outline(path, outline, precision, index == 0, rings)
     return ElementTree.Element("path", {"d": path.text}) if path.text else None
 
 
@@ -157,9 +181,7 @@ def _degrees(angle: float) -> str:
     return format_number(round(math.degrees(angle) * 10**_ANGLE_DECIMALS), _ANGLE_DECIMALS)
 
 
-def _add_outline(
-    path: PathText, outline: Outline, precision: int, clockwise: bool, exact: bool, repeated: Container[bytes]
-) -> None:
+def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bool, rings: _GridRings) -> None:
     """One ring of a compound path: the outer ones clockwise as seen, holes the other way; none without extent."""
     if not isinstance(outline, Ring) and _primitive(outline, precision) is None:
         return
@@ -171,24 +193,8 @@ def _add_outline(
     if isinstance(outline, Rectangle) and outline.radius > 0.0 and outline.angle == 0.0:
         add_rounded(path, outline, precision, clockwise=clockwise)
         return
-    ring = _on_grid(outline.ring(), precision, clockwise, exact)
-    add_ring(path, ring, exact, relative=ring.form in repeated)
-
-
-def _on_grid(ring: Ring, precision: int, clockwise: bool, exact: bool) -> GridRing:
-    return grid_ring(ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring), precision, exact)
-
-
-def _repeated(shapes: Sequence[Shape], precision: int, exact: bool) -> set[bytes]:
-    """The forms that more than one ring of the shapes has."""
-    forms = Counter(
-        _on_grid(outline, precision, index == 0, exact).form
-        for shape in shapes
-        if shape.stroke is None
-        for index, outline in enumerate(shape.outlines)
-        if isinstance(outline, Ring)
-    )
-    return {form for form, count in forms.items() if count > 1}
+    ring = rings.of(outline.ring(), clockwise)
+    add_ring(path, ring, rings.exact, relative=ring.form in rings.repeated)
 
 
 def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, clockwise: bool) -> None:

@@ -72,7 +72,7 @@ def _begun_after_a_line(ring: GridRing) -> GridRing:
 def _smoothed(ring: GridRing) -> np.ndarray:
     """Controls whose shorter handle at each smooth joint is moved by at most two steps towards the other's line."""
     controls = ring.controls.copy()
-    if not ring.pieces:
+    if not ring.smooth.any():
         return controls
     before, after = np.roll(ring.controls[:, 1], 1, axis=0), ring.controls[:, 0]
     line_before = np.roll(ring.lines, 1)
