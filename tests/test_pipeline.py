@@ -66,7 +66,7 @@ def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch):
     task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), Stages())
     first, second = candidates(task)
     assert (first.style.name, second.style.name) == ("artwork", "photo")
-    assert "flat, but a photo of the same size has" in second.style.reason
+    assert "flat, but a quick photo of" in second.style.reason
     monkeypatch.setattr(drawing, "MANY", 1)
     (early,) = candidates(task)
     assert (early.style.name, early.style.reason[:20]) == ("photo", second.style.reason[:20])
