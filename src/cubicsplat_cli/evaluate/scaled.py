@@ -82,19 +82,21 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
     from cubicsplat_cli.raster import render_scene
 
     scene = scene.as_numpy()
-    points = (scene.points - np.array([tile.left, tile.top], scene.points.dtype)) * scale
-    widths = scene.half_widths * scale
-    size = np.array([tile.width * scale, tile.height * scale], points.dtype)
+    corner = np.array([tile.left, tile.top], scene.points.dtype)
+    size = np.array([tile.width, tile.height], scene.points.dtype)
     # A curve lies within the hull of its control points; one more pixel than its half-width is left around it.
-    reach = widths[:, None] + 1.0
-    touches = ((points.max(axis=1) >= -reach) & (points.min(axis=1) <= size + reach)).all(axis=1)
+    reach = scene.half_widths[:, None] + 1.0
+    low, high = scene.points.min(axis=1) - corner, scene.points.max(axis=1) - corner
+    touches = ((high >= -reach) & (low <= size + reach)).all(axis=1)
     # A scene has at least one curve; where none touches the tile, one that does not is as good.
     touches[0] = True
-    gradients = scene.gradients
+    part = scene.chosen(touches)
+    points, gradients = part.points - corner, part.gradients
+    points *= scale
     if gradients is not None:
         gradients = gradients.seen_from(tile.left, tile.top).scaled(scale, scale)
     part = replace(
-        scene, width=tile.width * scale, height=tile.height * scale, points=points, half_widths=widths,
-        gradients=gradients,
-    ).chosen(touches)  # fmt: skip
+        part, width=tile.width * scale, height=tile.height * scale, points=points,
+        half_widths=part.half_widths * scale, gradients=gradients,
+    )  # fmt: skip
     return render_scene(part, coverage="exact", samples=samples, threads=threads)
