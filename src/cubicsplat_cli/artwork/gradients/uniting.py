@@ -11,12 +11,14 @@ from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, SQUARE, Part
 from cubicsplat_cli.artwork.gradients.ramps import alike
 from cubicsplat_cli.artwork.gradients.shade import Area, Shade
 from cubicsplat_cli.artwork.gradients.shades import shade_of
+from cubicsplat_cli.progress import work
 
 EXPLAINED = 0.95  # share of an area's pixels, for one gradient to be enough
 ALIKE = 0.4  # share of an area's pixels that another's gradient explains, for one to be sought for both
 # Px across which a gradient may go on, px along which it must, and levels by which it may be off there.
 GAP, CONTACT, SHARP = 4, 8, 24.0
 SAME_RAMP = 2.0  # levels by which two ramps may be off each other, for one to be sought for both
+MOST_UNIONS = 80  # tried, of which pictures with so many gradients need few: each takes some tenths of a second
 
 
 def united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Area]:
@@ -24,23 +26,27 @@ def united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Are
     whole = (slice(0, levels.shape[0]), slice(0, levels.shape[1]))
     out = [area for area in found if area.ground is not None]
     groups: list[_Group] = []
+    left = MOST_UNIONS
     for area in found:
         if area.ground is not None:
             continue
-        part = Part(levels, area.mask, whole)
-        for k, group in enumerate(groups):
-            likely = (
+        work().at()
+        part, near = Part(levels, area.mask, whole), _around(area.mask)
+        for group in groups:
+            likely = left > 0 and (
                 part.explained(group.shade.extended()).mean() >= ALIKE
                 or alike(area.shade.ramp, group.shade.ramp) <= SAME_RAMP
-                or _meets(group, area)
+                or _meets(group, area, near)
             )
             if likely:
+                left -= 1
                 one = _one(levels, [*group.members, part], [group.shade, area.shade])
                 if one is not None:
-                    groups[k] = _Group(one, [*group.members, part])
+                    group.shade, group.near = one, group.near | near
+                    group.members.append(part)
                     break
         else:
-            groups.append(_Group(area.shade, [part]))
+            groups.append(_Group(area.shade, [part], near))
     claimed = np.logical_or.reduce([area.mask for area in found])
     for group in groups:
         _continue(levels, parts, claimed, group)
@@ -49,16 +55,23 @@ def united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Are
 
 @dataclass
 class _Group:
-    """Parts that share a gradient."""
+    """Parts that share a gradient. near: (H, W) bool, what is `_around` them."""
 
     shade: Shade
     members: list[Part]
+    near: np.ndarray
 
 
-def _meets(group: _Group, area: Area) -> bool:
-    """Whether the ramps of a group and an area, carried on, have about the same colours between the two."""
-    near = np.logical_or.reduce([ndimage.binary_dilation(p.mask, SQUARE, iterations=GAP) for p in group.members])
-    y, x = np.nonzero(near & ndimage.binary_dilation(area.mask, SQUARE, iterations=GAP))
+def _around(mask: np.ndarray) -> np.ndarray:
+    """(H, W) bool: within GAP px of a mask."""
+    return ndimage.binary_dilation(mask, SQUARE, iterations=GAP)
+
+
+def _meets(group: _Group, area: Area, near: np.ndarray) -> bool:
+    """Whether the ramps of a group and an area, carried on, have about the same colours between the two. near: what is
+    `_around` the area.
+    """
+    y, x = np.nonzero(group.near & near)
     if len(y) < CONTACT:
         return False
     first, second = (shade.extended().at(x + 0.5, y + 0.5) for shade in (group.shade, area.shade))
@@ -67,8 +80,7 @@ def _meets(group: _Group, area: Area) -> bool:
 
 def _continues(group: _Group, part: Part) -> bool:
     """Whether a part begins, within GAP px, about as a group ends: stops where a ramp bends sharply look like edges."""
-    near = np.logical_or.reduce([ndimage.binary_dilation(p.mask, SQUARE, iterations=GAP) for p in group.members])
-    own = near[part.rows, part.columns]
+    own = group.near[part.rows, part.columns]
     if own.sum() < CONTACT:
         return False
     off = group.shade.extended().at(part.x[own], part.y[own]) - part.values[own]
@@ -77,8 +89,7 @@ def _continues(group: _Group, part: Part) -> bool:
 
 def _continue(levels: np.ndarray, parts: np.ndarray, claimed: np.ndarray, group: _Group) -> None:
     """Adds to a group the even parts beside it that its ramp ends in, and the pixels between that it explains."""
-    own = np.logical_or.reduce([part.mask for part in group.members])
-    near = ndimage.binary_dilation(own, SQUARE, iterations=GAP)
+    near = group.near
     names, sizes = np.unique(parts[near & ~claimed & (parts > 0)], return_counts=True)
     whole = (slice(0, levels.shape[0]), slice(0, levels.shape[1]))
     for name in names[sizes >= CONTACT]:
@@ -88,6 +99,7 @@ def _continue(levels: np.ndarray, parts: np.ndarray, claimed: np.ndarray, group:
             if one is not None:
                 group.shade = one
                 group.members.append(part)
+                group.near = group.near | _around(part.mask)
                 claimed |= part.mask
     between = near & ~claimed & (parts == 0)
     if len(group.members) < 2 or not between.any():
