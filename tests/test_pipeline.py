@@ -121,6 +121,19 @@ def test_a_drawing_that_is_near_its_picture_stays(monkeypatch):
     assert vectorize(noisy, threads=1, measure=False).report.style == "artwork"
 
 
+def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(monkeypatch):
+    y, x = np.mgrid[0:64, 0:96]
+    letters = np.where(((x // 2 + y // 3 * 7) * 2654435761 >> 7) % 3 == 0, 20, 235).astype(np.uint8)
+    text = np.dstack([letters] * 3)
+    text[:20] = 235
+    monkeypatch.setattr(pipeline, "choose_style", lambda _target: Style("photo", "measured"))
+    first, second = candidates(task_of(as_picture(text), Request(FitSettings(steps=20, threads=1)), Stages()))
+    assert (first.style.name, second.style.name) == ("photo", "artwork")
+    assert "measured, but as a photo it has only" in second.style.reason
+    few = Request(FitSettings(curves=12, steps=20, threads=1))
+    assert len(list(candidates(task_of(as_picture(text), few, Stages())))) == 1
+
+
 def fails(*_) -> None:
     raise EngineError("it is broken")
 

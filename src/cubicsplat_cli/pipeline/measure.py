@@ -9,11 +9,10 @@ from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
 from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.evaluate.metrics import measure, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.pipeline.nearer import FAR_DB
 from cubicsplat_cli.pipeline.task import Made, Result, Task
 from cubicsplat_cli.progress import Stages
 from cubicsplat_cli.report import FileQuality, OwnQuality, Qualities, Report, gap_db
-
-FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 
 
 def measured(result: Result, task: Task, made: Made) -> Result:
@@ -48,10 +47,8 @@ def measured(result: Result, task: Task, made: Made) -> Result:
 
 def _may_be_nearer(task: Task, made: Made) -> bool:
     """Whether a result is to be as near to its picture as it can be: nobody asked for few curves or colours."""
-    request = task.request
-    bounded = (request.settings.curves, request.max_bytes, request.target_psnr, request.settings.time_limit)
-    asked = made.style.name == PHOTO or (request.artwork.free_inks and not made.of_scan)
-    return asked and all(each is None for each in bounded)
+    as_it_is = made.style.name == PHOTO or (task.request.artwork.free_inks and not made.of_scan)
+    return as_it_is and not task.bounded
 
 
 def timed(report: Report, stages: Stages) -> Report:

@@ -19,8 +19,28 @@ MARGIN_DB = 1.0
 SKETCH_DB = 2.0  # that fitted outlines are better than polygons
 
 
+FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
+
+
 class PhotoIsNearer(Exception):
     """A drawing is not worth finishing; the text says why, as `photo_is_nearer` does."""
+
+
+def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
+    """PSNR of a scene against what is fitted, at most JUDGED_SIDE px; None where they are alike, or there is no scene.
+
+    samples: edges per cubic. blur: px of the target by which the scene is blurred first.
+    """
+    if scene is None:
+        return None
+    judged, threads = resize_picture(task.target, JUDGED_SIDE), task.request.settings.threads
+    layer = of_scene(scene, judged.width, judged.height, samples, threads)
+    if blur:
+        from scipy import ndimage
+
+        sigma = blur * judged.width / task.target.width
+        layer = of_values(ndimage.gaussian_filter(layer.rows(0, judged.height), (sigma, sigma, 0.0), mode="nearest"))
+    return psnr_db(judged, layer, threads)
 
 
 def check_worth_finishing(task: Task, sketch: Made) -> None:
@@ -37,19 +57,7 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
     """
     from cubicsplat_cli.photo import fit
 
-    judged, threads = resize_picture(task.target, JUDGED_SIDE), task.request.settings.threads
-
-    def level(scene: Scene, blur: float = 0.0) -> float | None:
-        layer = of_scene(scene, judged.width, judged.height, made.samples, threads)
-        if blur:
-            from scipy import ndimage
-
-            layer = of_values(ndimage.gaussian_filter(layer.rows(0, judged.height), (blur, blur, 0.0), mode="nearest"))
-        return psnr_db(judged, layer, threads)
-
-    if made.scene is None:
-        return None
-    drawn = level(made.scene, made.blur * judged.width / task.target.width)
+    drawn = level_db(task, made.scene, made.samples, made.blur)
     if drawn is None or drawn >= ENOUGH_DB:
         return None
     size = len(made.write(task.title, task.comment()).encode())
@@ -57,7 +65,7 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
     quick = fit(resize_picture(task.target, SIDE).target(), task.settings().with_(curves=curves, steps=STEPS))
     if quick.interrupted:
         raise KeyboardInterrupt
-    fitted = level(quick.scene)
+    fitted = level_db(task, quick.scene, made.samples)
     if fitted is not None and fitted <= drawn + margin_db:
         return None
     return f"a quick photo of {curves} curves has {fitted:.1f} dB, drawn it has {drawn:.1f} dB"

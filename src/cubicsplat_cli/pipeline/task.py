@@ -69,8 +69,8 @@ class Made:
     scene: None where the SVG holds no shape. write: gives the SVG's text for a title and a comment. samples: edges per
     cubic of the engine's own picture. paths: how many curves or shapes there are. facts: members of the report that are
     the style's. style: and why; set by `candidates`. may_be_photo: whether to ask if a photo would be nearer to the
-    picture, as of all drawings but those of cells and of scans. of_scan: a drawing without the paper. blur: px by which
-    the target has been blurred since it was drawn, as the drawing is not.
+    picture, as of all drawings but those of cells and of scans; may_be_drawn: the same of a photo. of_scan: a drawing
+    without the paper. blur: px by which the target has been blurred since it was drawn, as the drawing is not.
     """
 
     scene: Scene | None
@@ -81,6 +81,7 @@ class Made:
     facts: dict[str, Any] = field(default_factory=dict)
     style: Style = UNDECIDED
     may_be_photo: bool = False
+    may_be_drawn: bool = False
     of_scan: bool = False
     blur: float = 0.0
 
@@ -100,6 +101,13 @@ class Task:
     on_progress: Callable[[Progress], None] | None
     film: Film | None
     title: str
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the result may have so many curves or bytes, be so good, or take so long, and no more."""
+        settings, request = self.request.settings, self.request
+        bounds = (settings.curves, settings.time_limit, request.max_bytes, request.target_psnr)
+        return any(each is not None for each in bounds)
 
     def comment(self) -> str:
         """The line by which the command knows its own files."""

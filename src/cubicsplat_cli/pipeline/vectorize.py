@@ -13,7 +13,7 @@ from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
 from cubicsplat_cli.film import Film
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
 from cubicsplat_cli.pipeline.measure import measured, timed
-from cubicsplat_cli.pipeline.nearer import PhotoIsNearer, check_worth_finishing, photo_is_nearer
+from cubicsplat_cli.pipeline.nearer import FAR_DB, PhotoIsNearer, check_worth_finishing, level_db, photo_is_nearer
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Result, Task
 from cubicsplat_cli.progress import Progress, Stages
@@ -63,16 +63,17 @@ def task_of(
 
 
 def candidates(task: Task) -> Iterator[Made]:
-    """What is made of the picture. Where the style is "auto", a drawing comes first, and behind it the photo of a
-    picture to which that is nearer, or what is to be said of it. Each is a finished result, to be kept until the next.
+    """What is made of the picture. Where the style is "auto", the result of the style that suits it comes first, and
+    behind it that of the other style, if that is nearer, or what is to be said of it. Each is a finished result, to be
+    kept until the next.
     """
     with task.stages("fit"):
         made = _first(task)
     yield made
-    if not made.may_be_photo or task.seconds_left() <= 0.0:
+    if not (made.may_be_photo or made.may_be_drawn) or task.seconds_left() <= 0.0:
         return
     with task.stages("fit"):
-        better = _nearer(task, made)
+        better = _nearer(task, made) if made.may_be_photo else _nearer_drawing(task, made)
     if better is not made:
         yield better
 
@@ -129,6 +130,28 @@ def _nearer(task: Task, made: Made) -> Made:
     return replace(made, facts={**made.facts, "interrupted": True}) if photo.facts["interrupted"] else photo
 
 
+def _nearer_drawing(task: Task, photo: Made) -> Made:
+    """The drawing of a picture from which the photo is far, if that is nearer; else the photo, with a note if that is
+    not known.
+    """
+    level = level_db(task, photo.scene, photo.samples)
+    if level is None or level >= FAR_DB or photo.facts["interrupted"]:
+        return photo
+    style = Style(ARTWORK, f"{photo.style.reason}, but as a photo it has only {level:.1f} dB")
+    try:
+        made = _suiting(task, style)
+        drawn = level_db(task, made.scene, made.samples, made.blur)
+    except PhotoIsNearer:
+        return photo
+    except Exception as error:
+        return replace(photo, notes=[*photo.notes, f"the photo stays, since {_failure('artwork', error)}"])
+    if made.facts["interrupted"]:
+        return replace(photo, facts={**photo.facts, "interrupted": True})
+    if drawn is not None and drawn <= level:
+        return photo
+    return replace(made, notes=[*made.notes, f"made as artwork: a photo has only {level:.1f} dB"])
+
+
 def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
     """The photo of a picture that looks like a drawing, with a note."""
     photo = _made(task, Style(PHOTO, f"{drawn.reason}, but {reason}"))
@@ -146,7 +169,7 @@ def _suiting(task: Task, style: Style) -> Made:
     if style.cells is not None:
         return replace(drawn_cells(task, style.cells), style=style)
     if style.name == PHOTO:
-        return _made(task, style)
+        return replace(_made(task, style), may_be_drawn=not task.bounded)
     return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
 
 
