@@ -288,6 +288,7 @@ def test_endless_standard_input_is_one_line(arguments, photo, run_cli, monkeypat
 
 
 def test_a_completion_that_cannot_be_installed_is_one_line(tmp_path, run_cli, monkeypatch):
+    monkeypatch.setattr("shellingham.detect_shell", lambda: ("bash", "/bin/bash"))  # whatever runs the tests
     (tmp_path / "file").write_bytes(b"")
     (tmp_path / ".bashrc").write_bytes(b"# caf\xe9\n")
     for home, said in ((tmp_path / "file", "/file cannot be written ("), (tmp_path, "is not UTF-8")):
