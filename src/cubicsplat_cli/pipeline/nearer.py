@@ -11,15 +11,13 @@ from cubicsplat_cli.scene import Scene
 # Px of the longer side: of the copy that is fitted, and of the one on which both are judged, where fine lines count.
 SIDE, JUDGED_SIDE = 192, 1024
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
+FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 STEPS = 300
 BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
 SKETCH_DB = 2.0  # that fitted outlines are better than polygons
-
-
-FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 
 
 class PhotoIsNearer(Exception):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -20,8 +19,6 @@ from cubicsplat_cli.progress import Progress, Stages
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import listed
 from cubicsplat_cli.words import one_line
-
-_log = logging.getLogger("cubicsplat")
 
 
 def vectorize_picture(
@@ -126,8 +123,8 @@ def _nearer(task: Task, made: Made) -> Made:
     except Exception as error:
         return replace(made, notes=[*made.notes, f"the drawing stays, since {_failure('photo', error)}"])
     except KeyboardInterrupt:
-        return replace(made, facts={**made.facts, "interrupted": True})
-    return replace(made, facts={**made.facts, "interrupted": True}) if photo.facts["interrupted"] else photo
+        return _interrupted(made)
+    return _interrupted(made) if photo.facts["interrupted"] else photo
 
 
 def _nearer_drawing(task: Task, photo: Made) -> Made:
@@ -146,10 +143,15 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
     except Exception as error:
         return replace(photo, notes=[*photo.notes, f"the photo stays, since {_failure('artwork', error)}"])
     if made.facts["interrupted"]:
-        return replace(photo, facts={**photo.facts, "interrupted": True})
+        return _interrupted(photo)
     if drawn is not None and drawn <= level:
         return photo
     return replace(made, notes=[*made.notes, f"made as artwork: a photo has only {level:.1f} dB"])
+
+
+def _interrupted(made: Made) -> Made:
+    """A finished result that was still to be compared."""
+    return replace(made, facts={**made.facts, "interrupted": True})
 
 
 def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
