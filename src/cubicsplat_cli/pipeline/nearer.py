@@ -66,4 +66,5 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
     fitted = level_db(task, quick.scene, made.samples)
     if fitted is not None and fitted <= drawn + margin_db:
         return None
-    return f"a quick photo of {curves} curves has {fitted:.1f} dB, drawn it has {drawn:.1f} dB"
+    near = "is identical" if fitted is None else f"has {fitted:.1f} dB"
+    return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB"
