@@ -31,9 +31,9 @@ from cubicsplat_cli.cli.bench import (
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_fit_options, write_csv
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.report import head
+from cubicsplat_cli.formatting import mean, number, text_table
+from cubicsplat_cli.metrics import head
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.tables import mean, number, text_table
 
 BASE = "base"
 # Name of the row -> settings that differ from the preset's. A tolerance of 0 gives every cubic exactly `samples` edges,

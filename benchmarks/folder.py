@@ -30,8 +30,7 @@ from cubicsplat_cli.evaluate.further import straight
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.tables import number
-from cubicsplat_cli.words import one_line
+from cubicsplat_cli.formatting import number, one_line
 
 CELL, ROWS = 480, 6  # px of a picture's longer side on a contact sheet, and pictures on one sheet
 # Decimals of the figures of a result. cpu_seconds: with those of child processes. peak_gb: resident, 10^9 bytes, of the

@@ -21,10 +21,9 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.colour import mean_delta_e
-from cubicsplat_cli.report import head
-from cubicsplat_cli.settings import Setting
-from cubicsplat_cli.tables import number, text_table
-from cubicsplat_cli.words import one_line
+from cubicsplat_cli.formatting import number, one_line, text_table
+from cubicsplat_cli.metrics import head
+from cubicsplat_cli.options import Setting
 
 SHAPES = 0.10  # share by which the number of shapes may differ
 DELTA_E, ROUGH_DELTA_E = 0.05, 0.25  # by which the difference to the truth may differ; of aliased and JPEG pictures

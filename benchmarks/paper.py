@@ -19,9 +19,9 @@ from cubicsplat_cli.cli.options import Json, Quiet, takes_fit_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.report import head
+from cubicsplat_cli.formatting import number, text_table, titled
+from cubicsplat_cli.metrics import head
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.tables import number, text_table, titled
 
 MODES = ("open", "closed")
 COUNTS = (256, 512, 1024)

@@ -41,9 +41,8 @@ from cubicsplat_cli.evaluate.further import straight
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import PROGRAM
-from cubicsplat_cli.report import head
-from cubicsplat_cli.tables import mean, number, text_table
-from cubicsplat_cli.words import one_line
+from cubicsplat_cli.formatting import mean, number, one_line, text_table
+from cubicsplat_cli.metrics import head
 
 OURS = "cubicsplat"
 _HEADER = ("tool", "setting", "pictures", "SVG dB", "SSIM", "kB", "gz kB", "s")

@@ -9,11 +9,11 @@ import pytest
 from cli_runs import strict_json
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.amounts import parse_bytes, with_segments
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.options import parse_bytes
 from cubicsplat_cli.pipeline import budget
 from cubicsplat_cli.pipeline.budget import CLOSE, most_within
-from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.settings import FitSettings, with_segments
 from cubicsplat_cli.svg import read_svg, write_svg
 from cubicsplat_cli.svg.sizes import bytes_by_curve
 

@@ -20,8 +20,9 @@ from cubicsplat_cli._version import __version__
 from cubicsplat_cli.cli import app as app_module
 from cubicsplat_cli.cli import doctor as doctor_module
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.options import settings_of
 from cubicsplat_cli.request import ARTWORK_OPTIONS, PHOTO_OPTIONS
-from cubicsplat_cli.settings import FitSettings, Recipe, settings_of
+from cubicsplat_cli.settings import FitSettings, Recipe
 
 try:
     import resource

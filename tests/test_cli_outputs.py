@@ -17,10 +17,10 @@ from cubicsplat_cli.files.marks import hashes_in, provenance_comment, settings_h
 from cubicsplat_cli.files.names import is_compressed_name, plan_outputs
 from cubicsplat_cli.files.ownership import check_outputs, check_ownership, is_ours
 from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.formatting import duration, file_size
+from cubicsplat_cli.metrics import to_json
+from cubicsplat_cli.options import parse_background
 from cubicsplat_cli.progress import Progress
-from cubicsplat_cli.report import to_json
-from cubicsplat_cli.settings import parse_background
-from cubicsplat_cli.words import duration, file_size
 
 
 def names(outputs) -> list[str]:

@@ -26,9 +26,9 @@ from cubicsplat_cli.evaluate import (
 from cubicsplat_cli.evaluate.layers import of_pixels, of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import measure, psnr_db
 from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.metrics import Quality, gap_db, plain, to_json
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.report import Quality, gap_db, plain, to_json
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import quantise_scene, write_svg

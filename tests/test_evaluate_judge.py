@@ -19,11 +19,11 @@ from cubicsplat_cli.evaluate.comparison import Change, compare_with
 from cubicsplat_cli.evaluate.folders import match_folders, pictures_in
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.formatting import csv_text, number, text_table
+from cubicsplat_cli.metrics import Quality, plain, to_json
 from cubicsplat_cli.raster import render_scene
-from cubicsplat_cli.report import Quality, plain, to_json
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_svg
-from cubicsplat_cli.tables import csv_text, number, text_table
 
 SCENE = random_scene(Mode.CLOSED, curves=9, width=40, height=28, background=PAPER, seed=6)
 SVG = write_svg(SCENE, title="t", comment="cubicsplat test").encode()

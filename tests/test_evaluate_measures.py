@@ -19,7 +19,7 @@ from cubicsplat_cli.errors import EngineError, UsageError
 from cubicsplat_cli.evaluate import further as module
 from cubicsplat_cli.evaluate.further import further, straight
 from cubicsplat_cli.files.convert import as_picture
-from cubicsplat_cli.measures import NAMES, chosen_measures, figures_text
+from cubicsplat_cli.metrics import NAMES, chosen_measures, figures_text
 
 LARGE = smooth_pixels(200, 176)
 

@@ -16,9 +16,8 @@ from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.pool import run_in_workers, share_threads
 from cubicsplat_cli.jobs.run import DONE, FAILED, Outcome
-from cubicsplat_cli.machine import cores
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.settings import FitSettings, cpu_count
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -94,7 +93,7 @@ def test_no_more_pictures_at_once_than_cores_and_that_is_said(tmp_path, run_cli,
         return iter(())
 
     monkeypatch.setattr("cubicsplat_cli.jobs.pool.run_in_workers", note_workers)
-    monkeypatch.setattr("cubicsplat_cli.jobs.execute.cores", lambda: 2)
+    monkeypatch.setattr("cubicsplat_cli.jobs.execute.cpu_count", lambda: 2)
     for name in "abc":
         Image.new("RGB", (4, 4)).save(tmp_path / f"{name}.png")
     assert b"note: --jobs 9: 2 cores, so 2 pictures at once" in run_cli("vectorize", tmp_path, "-j", 9).stderr
@@ -108,4 +107,4 @@ def test_no_more_pictures_at_once_than_cores_and_that_is_said(tmp_path, run_cli,
 )
 def test_shares_of_threads(threads, workers, shares):
     assert share_threads(threads, workers) == shares
-    assert sum(share_threads(None, 1)) == cores()
+    assert sum(share_threads(None, 1)) == cpu_count()

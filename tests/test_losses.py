@@ -9,7 +9,7 @@ from cli_runs import strict_json
 from test_fit import picture, settings
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.losses import loss_text, parse_loss
+from cubicsplat_cli.options import loss_text, parse_loss
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.objective import ABSOLUTE, Objective
 from cubicsplat_cli.photo.structure import Structure

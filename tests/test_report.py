@@ -11,10 +11,10 @@ import pytest
 from conftest import smooth_pixels
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.report import Report
+from cubicsplat_cli.metrics import Report
 
 jsonschema = pytest.importorskip("jsonschema")
-SCHEMA = json.loads(resources.files("cubicsplat_cli").joinpath("report.schema.json").read_text(encoding="utf-8"))
+SCHEMA = json.loads(resources.files("cubicsplat_cli").joinpath("metrics.schema.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")

@@ -18,9 +18,9 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import sha256_of
-from cubicsplat_cli.focus import Focus
+from cubicsplat_cli.metrics import Quality, Report
+from cubicsplat_cli.options import Focus
 from cubicsplat_cli.pipeline import vectorize_picture
-from cubicsplat_cli.report import Quality, Report
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.show import charts

@@ -10,9 +10,9 @@ import pytest
 from conftest import smooth_pixels
 from PIL import Image
 
-from cubicsplat_cli import film as film_module
+from cubicsplat_cli import progress as film_module
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.film import Film
+from cubicsplat_cli.progress import FrameRecorder
 from cubicsplat_cli.scene import Scene
 
 FIT = ("--style", "photo", "--curves", 12, "--steps", 80, "--threads", 1)
@@ -28,7 +28,7 @@ def numbered(scene: Scene, number: int) -> Scene:
 
 
 def test_frames_are_spread_by_quality_and_not_by_time(scene):
-    film = Film(10)
+    film = FrameRecorder(10)
     # Quick at first, as fits are: half of the way in a hundredth of the steps.
     levels = 20.0 + 10.0 * (1.0 - np.exp(-(np.linspace(0.0, 8.0, 4000) ** 0.5)))
     for step, level in enumerate(levels):
@@ -43,8 +43,8 @@ def test_frames_are_spread_by_quality_and_not_by_time(scene):
 
 def test_no_more_is_kept_than_memory_may_hold(scene, monkeypatch):
     values = sum(t.size for t in (scene.points, scene.colours, scene.opacities, scene.half_widths))
-    monkeypatch.setattr(film_module, "MOST_BYTES", 4 * values * 12)
-    film = Film(48)
+    monkeypatch.setattr(film_module, "MOST_FRAME_BYTES", 4 * values * 12)
+    film = FrameRecorder(48)
     for step in range(3000):
         if film.due(0.01 * step):
             film.keep(0.01 * step, numbered(scene, step))
@@ -53,7 +53,7 @@ def test_no_more_is_kept_than_memory_may_hold(scene, monkeypatch):
 
 
 def test_few_frames_are_all_shown(scene):
-    film = Film(48)
+    film = FrameRecorder(48)
     assert film.scenes(scene) == [scene]
     for level in (1.0, 2.0, 9.0):
         film.keep(level, scene)

@@ -18,7 +18,7 @@ from cubicsplat_cli.evaluate.metrics import compare, weighted_psnr_db
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.files.weights import load_mask, pixel_weights
-from cubicsplat_cli.focus import parse_focus
+from cubicsplat_cli.options import parse_focus
 from cubicsplat_cli.photo import Guide, fit
 from cubicsplat_cli.photo.guide import spread_of
 from cubicsplat_cli.request import Request

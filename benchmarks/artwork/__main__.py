@@ -21,10 +21,9 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, check_csv, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError
 from cubicsplat_cli.files.atomic import write_atomically
-from cubicsplat_cli.report import head
-from cubicsplat_cli.settings import Setting
-from cubicsplat_cli.tables import number, text_table, titled
-from cubicsplat_cli.words import one_line
+from cubicsplat_cli.formatting import number, one_line, text_table, titled
+from cubicsplat_cli.metrics import head
+from cubicsplat_cli.options import Setting
 
 _SIZE = Setting("count", "", least=16, most=2048)
 # Member, heading, decimals.

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from cubicsplat_cli.api import compare, vectorize
     from cubicsplat_cli.errors import CubicSplatError, EngineError, InputError, UsageError
     from cubicsplat_cli.files.load import Picture, load_picture
+    from cubicsplat_cli.metrics import Quality, Report
     from cubicsplat_cli.photo import FitResult, fit
     from cubicsplat_cli.pipeline import Result
     from cubicsplat_cli.progress import Progress
     from cubicsplat_cli.raster import RasterSettings, render, render_scene
-    from cubicsplat_cli.report import Quality, Report
     from cubicsplat_cli.scene import Scene
     from cubicsplat_cli.scene.gradients import Gradients
     from cubicsplat_cli.settings import FitSettings, Mode, Recipe
@@ -67,7 +67,7 @@ _HOME = {
     "pipeline": ("Result",),
     "progress": ("Progress",),
     "raster": ("RasterSettings", "render", "render_scene"),
-    "report": ("Quality", "Report"),
+    "metrics": ("Quality", "Report"),
     "scene": ("Scene",),
     "settings": ("FitSettings", "Mode", "Recipe"),
     "svg": ("read_svg", "write_svg"),

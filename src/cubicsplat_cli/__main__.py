@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from cubicsplat_cli.errors import CubicSplatError, UsageError
+from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.progress import COMMAND_BEGAN
-from cubicsplat_cli.words import one_line, printable
 
 # Messages quote names from files, which may be of any length.
 MAX_MESSAGE = 1000

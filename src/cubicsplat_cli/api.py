@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from cubicsplat_cli.amounts import parse_bytes, with_segments
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.beginning import load_beginning
 from cubicsplat_cli.evaluate.comparison import compare_with
@@ -15,12 +14,12 @@ from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.read import looks_like_svg, read_file
 from cubicsplat_cli.files.weights import load_mask
-from cubicsplat_cli.focus import parse_focus
+from cubicsplat_cli.metrics import Quality
+from cubicsplat_cli.options import parse_bytes, parse_focus, unknown_setting
 from cubicsplat_cli.pipeline import Result, vectorize_picture
 from cubicsplat_cli.progress import Progress
-from cubicsplat_cli.report import Quality
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.settings import FitSettings, Mode, unknown_setting
+from cubicsplat_cli.settings import FitSettings, Mode, with_segments
 
 
 def vectorize(

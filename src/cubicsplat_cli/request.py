@@ -10,8 +10,8 @@ from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.files.ownership import MOVING
-from cubicsplat_cli.focus import Focus
-from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode, Setting
+from cubicsplat_cli.options import Focus, Setting
+from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode
 
 if TYPE_CHECKING:
     from cubicsplat_cli.beginning import Beginning

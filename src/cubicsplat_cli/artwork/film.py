@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cubicsplat_cli.files.load import Picture, resize_picture
-from cubicsplat_cli.film import Film
+from cubicsplat_cli.progress import FrameRecorder
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene, scaled_scene
 
@@ -15,7 +15,7 @@ _SIDE = 512  # px; what a part is compared at
 _SAMPLES = 24
 
 
-def film_shapes(film: Film, scene: Scene, picture: Picture, threads: int | None) -> None:
+def film_shapes(film: FrameRecorder, scene: Scene, picture: Picture, threads: int | None) -> None:
     """Puts a drawing on film as it is laid down, shape after shape from the back."""
     small = resize_picture(picture, _SIDE)
     sized = scaled_scene(scene, small.width, small.height)

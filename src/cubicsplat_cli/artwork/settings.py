@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.settings import parse_colour, setting, settings_of
+from cubicsplat_cli.options import parse_colour, setting, settings_of
 
 MOST_COLORS = 256
 # Upper shapes lie on lower ones, or all abut and share their edges.

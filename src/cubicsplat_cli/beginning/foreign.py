@@ -16,10 +16,10 @@ from cubicsplat_cli.beginning.strokes import stroke_rings
 from cubicsplat_cli.beginning.styles import Rgba, colour, declarations, length, share
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.untrusted import check_untrusted
+from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.pathparse import MAX_COMMANDS, TooLong
-from cubicsplat_cli.words import counted, one_line
 
 _SIDE = 1024  # px of the scene's longer side at the least, where rounding that would change its shape
 _MOST_POINTS = 2**23  # of all curves, each with as much room as the longest one needs

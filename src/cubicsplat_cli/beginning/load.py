@@ -8,10 +8,10 @@ from pathlib import Path
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import read_file
+from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.reader import read_svg
-from cubicsplat_cli.words import printable
 
 ASPECT_TOLERANCE = 0.01  # sides of canvases are whole pixels
 

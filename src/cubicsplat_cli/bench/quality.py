@@ -16,9 +16,9 @@ from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.colour import WHITE, over
 from cubicsplat_cli.evaluate.further import straight
 from cubicsplat_cli.files.load import load_picture
-from cubicsplat_cli.report import head
+from cubicsplat_cli.formatting import mean, number, text_table, titled
+from cubicsplat_cli.metrics import head
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.tables import mean, number, text_table, titled
 
 ERROR_GAIN = 4
 MAX_CELL = 768  # px, the longer side

@@ -16,12 +16,12 @@ from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import settings_hash
+from cubicsplat_cli.formatting import one_line
+from cubicsplat_cli.metrics import Report, to_json
 from cubicsplat_cli.pipeline import vectorize_picture
 from cubicsplat_cli.progress import Progress
-from cubicsplat_cli.report import Report, to_json
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.words import one_line
 
 # Of the coordinates in the SVG: the command line's default.
 PRECISION = 2

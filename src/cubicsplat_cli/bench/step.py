@@ -11,9 +11,9 @@ import numpy as np
 
 from cubicsplat_cli.bench.memory import Memory, memory
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.metrics import head
 from cubicsplat_cli.photo.threads import one_torch_thread
 from cubicsplat_cli.photo.trainer import Trainer
-from cubicsplat_cli.report import head
 from cubicsplat_cli.settings import FitSettings
 
 # Steps of the exact finish that are not timed: they bring its larger polylines and tile lists into memory.

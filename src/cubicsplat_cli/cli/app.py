@@ -16,8 +16,8 @@ from cubicsplat_cli.cli.help import Command, GroupedCommand
 from cubicsplat_cli.cli.render import render
 from cubicsplat_cli.cli.vectorize import vectorize
 from cubicsplat_cli.files.names import STDIO
-from cubicsplat_cli.settings import listed
-from cubicsplat_cli.words import did_you_mean
+from cubicsplat_cli.formatting import did_you_mean
+from cubicsplat_cli.options import listed
 
 app = typer.Typer(
     name="cubicsplat",

@@ -17,7 +17,8 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.help import Command
 from cubicsplat_cli.cli.options import Json, Quiet, check_csv, fit_settings, takes_fit_options, write_csv
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.settings import FitSettings, Mode, Setting, listed
+from cubicsplat_cli.options import Setting, listed
+from cubicsplat_cli.settings import FitSettings, Mode
 
 if TYPE_CHECKING:
     from cubicsplat_cli.bench.runs import Fit, Runs
@@ -195,7 +196,7 @@ def run_fits(jobs: Sequence[Fit], cache: Path | None, reporter: Reporter) -> Run
 
 def print_json(report: dict[str, Any]) -> None:
     """Print a report to stdout."""
-    from cubicsplat_cli.report import to_json
+    from cubicsplat_cli.metrics import to_json
 
     typer.echo(to_json(report), nl=False)
 

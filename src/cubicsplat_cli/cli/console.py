@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from cubicsplat_cli.cli.display import Display, LiveDisplay, PlainDisplay
-from cubicsplat_cli.words import printable
+from cubicsplat_cli.formatting import printable
 
 if TYPE_CHECKING:
     from cubicsplat_cli.progress import Progress

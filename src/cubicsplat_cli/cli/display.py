@@ -9,8 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from cubicsplat_cli.formatting import duration, printable
 from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.words import duration, printable
 
 if TYPE_CHECKING:
     from rich.progress import TaskID

@@ -25,7 +25,7 @@ def doctor(
 
     Versions, renderers and engines; exits with 1 when something needed does not work.
     """
-    from cubicsplat_cli.report import to_json
+    from cubicsplat_cli.metrics import to_json
 
     found = examine()
     if json:

@@ -13,15 +13,13 @@ from cubicsplat_cli.cli.eval_pages import planned_pages, write_pages
 from cubicsplat_cli.cli.options import MaxPixels, Renderer, check_csv, wanted_renderer, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO
-from cubicsplat_cli.measures import USUAL, chosen_measures, figures_text
-from cubicsplat_cli.report import head, plain, to_json
+from cubicsplat_cli.formatting import mean, one_line
+from cubicsplat_cli.metrics import USUAL, chosen_measures, figures_text, head, plain, to_json
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
-from cubicsplat_cli.tables import mean
-from cubicsplat_cli.words import one_line
 
 if TYPE_CHECKING:
     from cubicsplat_cli.evaluate.comparison import Change, Comparison
-    from cubicsplat_cli.report import Quality
+    from cubicsplat_cli.metrics import Quality
 
 
 @dataclass(frozen=True)

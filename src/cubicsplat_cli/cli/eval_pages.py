@@ -12,7 +12,7 @@ from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import PAGE
 from cubicsplat_cli.files.ownership import check_outputs
 from cubicsplat_cli.files.paths import is_file
-from cubicsplat_cli.report import Report
+from cubicsplat_cli.metrics import Report
 
 if TYPE_CHECKING:
     from cubicsplat_cli.evaluate.comparison import Comparison

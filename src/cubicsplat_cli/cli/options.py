@@ -13,8 +13,9 @@ from typer import Argument, Option
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.cli.help import FILES
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.settings import FitSettings, Recipe, Setting, settings_of
-from cubicsplat_cli.tables import csv_text
+from cubicsplat_cli.formatting import csv_text
+from cubicsplat_cli.options import Setting, settings_of
+from cubicsplat_cli.settings import FitSettings, Recipe
 
 Renderer = Annotated[
     Literal["auto", "cairosvg", "resvg"],

@@ -15,8 +15,8 @@ from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_
 from cubicsplat_cli.files.ownership import check_ownership
 from cubicsplat_cli.files.paths import is_folder, is_there, make_folder_of, same_file
 from cubicsplat_cli.files.stdout import write_stdout
-from cubicsplat_cli.settings import Setting
-from cubicsplat_cli.words import one_line, printable
+from cubicsplat_cli.formatting import one_line, printable
+from cubicsplat_cli.options import Setting
 
 _SIDE = Setting("count", "", least=1, most=32_767, optional=True)
 

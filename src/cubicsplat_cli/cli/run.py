@@ -17,16 +17,16 @@ from cubicsplat_cli.cli.summary import Tally, summary_line
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.ownership import check_ownership
 from cubicsplat_cli.files.stdout import write_stdout
+from cubicsplat_cli.formatting import counted, printable
 from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.execute import Means, execute, look
 from cubicsplat_cli.jobs.interrupt import interrupt
 from cubicsplat_cli.jobs.pages import planned_page, write_index
 from cubicsplat_cli.jobs.plan import Plan
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
+from cubicsplat_cli.metrics import plain
 from cubicsplat_cli.progress import Progress
-from cubicsplat_cli.report import plain
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.words import counted, printable
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, text_table
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, UNCHANGED, Outcome
-from cubicsplat_cli.report import Report
-from cubicsplat_cli.tables import mean, number, text_table
-from cubicsplat_cli.words import counted, duration, file_size
+from cubicsplat_cli.metrics import Report
 
 
 def summary_line(report: Report, status: str = DONE) -> str:

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cubicsplat_cli.amounts import parse_bytes, with_segments
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.help import BOTH, COMMON, DRAWINGS, FILES, PHOTOS
 from cubicsplat_cli.cli.options import DRAWING_OPTIONS, MaxPixels, Pictures, fit_settings, takes_fit_options
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.focus import parse_focus
 from cubicsplat_cli.jobs.plan import plan
+from cubicsplat_cli.options import Setting, parse_bytes, parse_focus
 from cubicsplat_cli.request import STYLE, Request
-from cubicsplat_cli.settings import MAX_PIXELS, Mode, Setting
+from cubicsplat_cli.settings import MAX_PIXELS, Mode, with_segments
 
 if TYPE_CHECKING:
     from cubicsplat_cli.beginning import Beginning

@@ -13,7 +13,7 @@ from cubicsplat_cli.evaluate.rerender import Rendered, rerender_untrusted
 from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
-from cubicsplat_cli.report import Input, Quality
+from cubicsplat_cli.metrics import Input, Quality
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ import numpy as np
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.evaluate.colour import BLACK, WHITE, mean_delta_e, over
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.measures import FURTHER
-from cubicsplat_cli.words import one_line
+from cubicsplat_cli.formatting import one_line
+from cubicsplat_cli.metrics import FURTHER
 
 # Five scales, each half of the one before, and a window of 11 px at the last.
 LEAST_MS_SSIM = 161

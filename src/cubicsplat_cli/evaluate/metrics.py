@@ -14,8 +14,8 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.layers import Layer, of_picture, of_pixels, of_values
 from cubicsplat_cli.evaluate.similarity import REACH, TAPS, similarity_sums
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.machine import cores
-from cubicsplat_cli.report import Quality
+from cubicsplat_cli.metrics import Quality
+from cubicsplat_cli.settings import cpu_count
 
 # Far below half a step of 16 bits: differences under this come from float arithmetic, not from the pictures.
 IDENTICAL_TOLERANCE = 1e-6
@@ -135,7 +135,7 @@ def _compared(
     grounds = (0.0, 1.0) if any(layer.transparent for layer in layers) else (0.0,)
     pairs = len(layers) * (len(layers) - 1) // 2
     totals = [[_Sums() for _ in range(pairs)] for _ in grounds]
-    with ThreadPoolExecutor(threads or cores()) as pool:
+    with ThreadPoolExecutor(threads or cpu_count()) as pool:
         for top, bottom in _strips(reference):
             above, below = max(0, top - REACH), min(reference.height, bottom + REACH)
             parts = [layer.rows(above, below) for layer in layers]

@@ -20,7 +20,7 @@ if sys.platform != "win32":
     import fcntl
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.words import one_line, printable
+from cubicsplat_cli.formatting import one_line, printable
 
 _CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 _NAME_PART = 40  # characters of the target's name in that of its temporary file

@@ -11,8 +11,8 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.decode import Decoded, decode
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.settings import MAX_PIXELS
-from cubicsplat_cli.words import one_line
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -26,8 +26,8 @@ from cubicsplat_cli.files.decode import Decoded, decode
 from cubicsplat_cli.files.formats import FORMATS_TEXT, formats_of
 from cubicsplat_cli.files.read import check_size, read_whole
 from cubicsplat_cli.files.shrink import MAX_DECODED_PIXELS, draft, factor_for
+from cubicsplat_cli.formatting import counted, one_line, printable
 from cubicsplat_cli.settings import MAX_PIXELS
-from cubicsplat_cli.words import counted, one_line, printable
 
 _pillow_lock = threading.Lock()
 _BEGINNINGS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"GIF87a", b"GIF89a", b"II*\0", b"MM\0*")

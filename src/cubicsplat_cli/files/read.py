@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
-from cubicsplat_cli.words import printable
+from cubicsplat_cli.formatting import printable
 
 MAX_FILE_BYTES = 1 << 30
 MAX_UNPACKED_BYTES = 1 << 28

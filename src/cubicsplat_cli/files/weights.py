@@ -10,7 +10,7 @@ from PIL import Image
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.focus import Focus
+from cubicsplat_cli.options import Focus
 from cubicsplat_cli.settings import MAX_PIXELS
 
 GREY = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of the channels in a mask's brightness

@@ -14,12 +14,12 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import CubicSplatError, EngineError
+from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FAILED, FileSink, MemorySink, Outcome, attempt, failure
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.words import one_line
 
 if TYPE_CHECKING:
     from types import ModuleType

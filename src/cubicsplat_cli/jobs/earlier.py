@@ -11,7 +11,7 @@ from cubicsplat_cli.files.ownership import check_outputs, check_ownership, head_
 from cubicsplat_cli.files.paths import is_file, same_file
 from cubicsplat_cli.files.read import unpacked
 from cubicsplat_cli.jobs.plan import Job, make_folders
-from cubicsplat_cli.report import Report
+from cubicsplat_cli.metrics import Report
 
 _PNG_END = b"IEND\xaeB`\x82"
 

@@ -13,8 +13,8 @@ from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.pages import with_page
 from cubicsplat_cli.jobs.plan import Job, Plan
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure
-from cubicsplat_cli.machine import cores
 from cubicsplat_cli.request import Request
+from cubicsplat_cli.settings import cpu_count
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Means:
 
     def at_once(self) -> int:
         """Pictures at once on this machine: more than there are cores would only wait for each other."""
-        return min(self.workers or 1, cores())
+        return min(self.workers or 1, cpu_count())
 
 
 def execute(

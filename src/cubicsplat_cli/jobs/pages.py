@@ -17,7 +17,7 @@ from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, Outcome, failure, load_j
 from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.report import Report
+    from cubicsplat_cli.metrics import Report
 
 
 def has_page(job: Job, report: Report) -> bool:

@@ -27,9 +27,9 @@ from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.interrupt import interrupt
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, FileSink, Outcome, attempt
-from cubicsplat_cli.machine import cores
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.request import Request
+from cubicsplat_cli.settings import cpu_count
 
 if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext
@@ -44,7 +44,7 @@ PRELOADED = ["cubicsplat_cli.jobs.warm"]  # by the process that workers are fork
 
 def share_threads(threads: int | None, workers: int) -> list[int]:
     """Threads of each worker: together as many as asked for (None: one per core), and one each at least."""
-    total = threads if threads is not None else cores()
+    total = threads if threads is not None else cpu_count()
     each, rest = divmod(total, workers)
     return [max(1, each + (index < rest)) for index in range(workers)]
 

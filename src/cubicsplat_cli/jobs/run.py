@@ -12,15 +12,14 @@ from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
 from cubicsplat_cli.files.ownership import is_replaceable
 from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.files.stdout import STDOUT, write_stdout
-from cubicsplat_cli.film import FRAMES, Film
+from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.jobs.earlier import forget, holds_edited, is_finished
 from cubicsplat_cli.jobs.events import Events, logged_to
 from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.progress import Stages, command_began
-from cubicsplat_cli.report import Report, head
+from cubicsplat_cli.metrics import Report, head
+from cubicsplat_cli.progress import FRAMES, FrameRecorder, Stages, command_began
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.words import one_line, printable
 
 if TYPE_CHECKING:
     from cubicsplat_cli.files.load import Picture
@@ -136,7 +135,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     from cubicsplat_cli.pipeline import candidates, measured, task_of, timed
 
     request = replace(request, compress=request.compress or is_compressed_name(job.outputs.svg))
-    film = None if job.outputs.animation is None else Film(FRAMES)
+    film = None if job.outputs.animation is None else FrameRecorder(FRAMES)
     task = task_of(
         picture, request, stages, title=job.title, on_progress=lambda at: events.step(job.name, at), film=film
     )
@@ -176,7 +175,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
 
 
 def _put_animation(
-    film: Film, target: Picture, result: Result, report: Report, job: Job, sink: Sink, events: Events
+    film: FrameRecorder, target: Picture, result: Result, report: Report, job: Job, sink: Sink, events: Events
 ) -> None:
     """Of the fit of a photo as it develops, or of a drawing as it is laid down. target: the picture."""
     assert job.outputs.animation is not None

@@ -7,12 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.film import Film
 from cubicsplat_cli.photo.guide import UNGUIDED, Guide
 from cubicsplat_cli.photo.resizing import Resizing
 from cubicsplat_cli.photo.result import FitResult
 from cubicsplat_cli.photo.trainer import Trainer
-from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.settings import FitSettings
 
 
@@ -20,7 +19,7 @@ def fit(
     target: np.ndarray,
     settings: FitSettings,
     on_progress: Callable[[Progress], None] | None = None,
-    film: Film | None = None,
+    film: FrameRecorder | None = None,
     guide: Guide = UNGUIDED,
     rough: tuple[np.ndarray, Guide] | None = None,
     resizings: Sequence[Resizing] = (),

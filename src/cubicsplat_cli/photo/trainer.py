@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.errors import DeviceError
-from cubicsplat_cli.film import Film
 from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.capacity import gini, in_front, reallocate, seeded, with_room_for_seeds
 from cubicsplat_cli.photo.diary import Diary
@@ -28,7 +27,7 @@ from cubicsplat_cli.photo.schedule import Phase, Schedule
 from cubicsplat_cli.photo.snap import snapped
 from cubicsplat_cli.photo.start import choose_background, keep_frozen, parameters_of, warmed
 from cubicsplat_cli.photo.threads import one_torch_thread
-from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.raster.engine import RATED, Engine, OptimiserState, Rates, SceneArrays, Training
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -50,7 +49,7 @@ class Trainer:
     target: Array
     settings: FitSettings
     on_progress: Callable[[Progress], None] | None = None
-    film: Film | None = None
+    film: FrameRecorder | None = None
     guide: Guide = UNGUIDED
     loss: float | Array = 0.0  # of the last step
     step: int = 0

@@ -9,10 +9,10 @@ from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
 from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.evaluate.metrics import measure, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.metrics import FileQuality, OwnQuality, Qualities, Report, gap_db
 from cubicsplat_cli.pipeline.nearer import FAR_DB
 from cubicsplat_cli.pipeline.task import Made, Result, Task
 from cubicsplat_cli.progress import Stages
-from cubicsplat_cli.report import FileQuality, OwnQuality, Qualities, Report, gap_db
 
 
 def measured(result: Result, task: Task, made: Made) -> Result:

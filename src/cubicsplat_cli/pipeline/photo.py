@@ -16,6 +16,7 @@ from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.metrics import Timing
 from cubicsplat_cli.pipeline.budget import (
     BYTES_PRECISION,
     COMPRESSED,
@@ -28,7 +29,6 @@ from cubicsplat_cli.pipeline.budget import (
 )
 from cubicsplat_cli.pipeline.copies import copies_of, fitted_on
 from cubicsplat_cli.pipeline.task import Made, Task
-from cubicsplat_cli.report import Timing
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings

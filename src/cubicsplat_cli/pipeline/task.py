@@ -21,15 +21,14 @@ from cubicsplat_cli.files.marks import provenance_comment, sha256_of, with_check
 from cubicsplat_cli.files.names import SVG_SUFFIXES, is_compressed_name
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.files.weights import pixel_weights
-from cubicsplat_cli.film import Film
-from cubicsplat_cli.progress import Progress, Stages
-from cubicsplat_cli.report import Input, Output, Report, Timing
+from cubicsplat_cli.formatting import printable
+from cubicsplat_cli.metrics import Input, Output, Report, Timing
+from cubicsplat_cli.progress import FrameRecorder, Progress, Stages
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
 from cubicsplat_cli.svg.drawing import drawn_elements
-from cubicsplat_cli.words import printable
 
 UNDECIDED = Style(PHOTO, "")
 LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
@@ -99,7 +98,7 @@ class Task:
     request: Request
     stages: Stages
     on_progress: Callable[[Progress], None] | None
-    film: Film | None
+    film: FrameRecorder | None
     title: str
 
     @property

@@ -9,16 +9,15 @@ from cubicsplat_cli.artwork.plain import only_ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
-from cubicsplat_cli.film import Film
+from cubicsplat_cli.formatting import one_line
+from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
 from cubicsplat_cli.pipeline.measure import measured, timed
 from cubicsplat_cli.pipeline.nearer import FAR_DB, PhotoIsNearer, check_worth_finishing, level_db, photo_is_nearer
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Result, Task
-from cubicsplat_cli.progress import Progress, Stages
+from cubicsplat_cli.progress import FrameRecorder, Progress, Stages
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.settings import listed
-from cubicsplat_cli.words import one_line
 
 
 def vectorize_picture(
@@ -50,7 +49,7 @@ def task_of(
     *,
     title: str | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-    film: Film | None = None,
+    film: FrameRecorder | None = None,
 ) -> Task:
     """The work on a loaded picture. film: keeps the scenes of a photo's fit."""
     with stages("read"):

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.machine import cores
 from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, SceneArrays, Training, values_per_curve
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.arrays import Array, kind_of, namespace
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.settings import Mode, cpu_count
 
 ABI_VERSION = 6
 
@@ -148,7 +147,7 @@ class CpuEngine(Engine):
 
     def __init__(self, threads: int | None = None, isa: str | None = None) -> None:
         self._library = library()
-        self.threads = threads or cores()
+        self.threads = threads or cpu_count()
         self._handle = self._library.cs_create(self.threads, isa.encode() if isa else None)
         if not self._handle:
             raise EngineError(

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 from cubicsplat_cli.files.marks import made_mark
-from cubicsplat_cli.film import Film
+from cubicsplat_cli.progress import FrameRecorder
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene, scaled_scene
 
@@ -18,7 +18,7 @@ _SAMPLES = 24
 _QUALITY = 82
 
 
-def animation(film: Film, last: Scene, *, form: str, about: str, threads: int | None) -> bytes:
+def animation(film: FrameRecorder, last: Scene, *, form: str, about: str, threads: int | None) -> bytes:
     """The file's bytes. last: the finished scene. form: "WEBP" or "GIF". about: SHA-256 of the SVG that it leads to.
 
     All frames, of which `film` holds few, are in memory at once, with at most SIDE px a side.

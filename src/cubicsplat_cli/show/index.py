@@ -16,11 +16,10 @@ from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.files.marks import PROGRAM, made_mark
 from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.files.read import read_file
-from cubicsplat_cli.report import Quality, Report
+from cubicsplat_cli.formatting import counted, duration, file_size, mean, number
+from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.show.original import THUMBNAIL, thumbnail_url
 from cubicsplat_cli.show.template import rendered
-from cubicsplat_cli.tables import mean, number
-from cubicsplat_cli.words import counted, duration, file_size
 
 _HEADINGS = ("PSNR, dB", "SSIM", "shapes", "file", "time")
 

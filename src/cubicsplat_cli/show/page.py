@@ -10,13 +10,13 @@ from typing import Any
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import PROGRAM, made_mark
-from cubicsplat_cli.report import Quality, Report
+from cubicsplat_cli.formatting import counted, duration, file_size
+from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.show.charts import Chart, course, histogram
 from cubicsplat_cli.show.drawing import Shown, kind_of, shown
 from cubicsplat_cli.show.original import data_url, picture_url
 from cubicsplat_cli.show.repeat import command, unsaid
 from cubicsplat_cli.show.template import rendered
-from cubicsplat_cli.words import counted, duration, file_size
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.report import Report
-from cubicsplat_cli.settings import FitSettings, Recipe, settings_of
+from cubicsplat_cli.metrics import Report
+from cubicsplat_cli.options import settings_of
+from cubicsplat_cli.settings import FitSettings, Recipe
 
 # Neither decides what comes out.
 _OF_THE_MACHINE = ("device", "threads")

@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.geometry.stroke import Path
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.scene.paint import Ink, mean_ink
 from cubicsplat_cli.svg.canvas import canvas_size
 from cubicsplat_cli.svg.gradient_reader import LINEAR, RADIAL, STOP, GradientReader
@@ -25,7 +26,6 @@ from cubicsplat_cli.svg.pathparse import Piece, subpaths
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.rounded import rounded_of
 from cubicsplat_cli.svg.strokes import STROKE_PAINT, read_chain, read_pen
-from cubicsplat_cli.words import printable
 
 _COLOUR = re.compile(r"#([0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
 _NUMBER = re.compile(r"-?(?:\d{1,9}(?:\.\d{1,12})?|\.\d{1,12})")

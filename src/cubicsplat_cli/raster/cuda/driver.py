@@ -18,11 +18,11 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import DeviceError, EngineError
+from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.raster.cuda import libcuda, nvrtc
 from cubicsplat_cli.raster.cuda.compile import Program, machine_code
 from cubicsplat_cli.raster.cuda.frame import carve_out
 from cubicsplat_cli.raster.cuda.libcuda import LibCuda
-from cubicsplat_cli.words import one_line
 
 Argument = ctypes.Structure | ctypes.c_void_p
 

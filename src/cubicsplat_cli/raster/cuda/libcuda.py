@@ -8,7 +8,7 @@ from ctypes import POINTER, byref, c_char_p, c_int, c_uint, c_void_p
 from typing import Any
 
 from cubicsplat_cli.errors import DeviceError, EngineError
-from cubicsplat_cli.words import one_line
+from cubicsplat_cli.formatting import one_line
 
 # Arguments of the functions in use (cuda.h); each returns a status, 0 for success.
 PROTOTYPES: dict[str, list[Any]] = {

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.words import one_line
+from cubicsplat_cli.formatting import one_line
 
 OLDEST_VERSION = 12
 INSTALL = "torch's CUDA wheels bring it; else: pip install nvidia-cuda-nvrtc"

@@ -1,5 +1,5 @@
 """The metrics JSON, schema 1: what `OUT.json` and `--json` hold, as typed values. Described in docs/metrics-json.md;
-`report.schema.json` beside this file is the same as a JSON Schema.
+`metrics.schema.json` beside this file is the same as a JSON Schema.
 
 Imports nothing heavy: the command looks into reports before it knows whether there is anything to do.
 """
@@ -9,11 +9,12 @@ from __future__ import annotations
 import json
 import math
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 
 SCHEMA = 1
@@ -249,3 +250,40 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
     if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
         raise ValueError(f"{name} must be {wanted.__name__}, not {value!r}")
     return value
+
+
+USUAL = ("psnr", "ssim")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """label: of the figure in text. member: its name in reports. decimals: of the text. worse: which of two is."""
+
+    label: str
+    member: str
+    decimals: int
+    worse: Callable[[list[float]], float]
+
+
+FURTHER = {
+    "ms-ssim": Measure("MS-SSIM", "ms_ssim", 4, min),
+    "lpips": Measure("LPIPS", "lpips", 4, max),
+    "de00": Measure("dE00", "de00", 3, max),
+}
+NAMES = (*USUAL, *FURTHER)
+
+
+def chosen_measures(text: str) -> tuple[str, ...]:
+    """The measures of a list with commas, each once. Raises UsageError for a name that is none, or for no name."""
+    names = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
+    if not names or not set(names) <= set(NAMES):
+        raise UsageError(f"must be of {', '.join(NAMES)}, with commas between them, not {text!r}", "measures")
+    return names
+
+
+def figures_text(figures: Mapping[str, float | None]) -> Iterator[str]:
+    """`LPIPS 0.1234`, `MS-SSIM n/a`, ..."""
+    for measure in FURTHER.values():
+        if measure.member in figures:
+            value = figures[measure.member]
+            yield f"{measure.label} {'n/a' if value is None else f'{value:.{measure.decimals}f}'}"

@@ -1,0 +1,185 @@
+"""What an option is, and the values that options take: amounts of bytes, rectangles, losses, colours.
+
+Imports nothing heavy, since the command line is built from it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import Field, astuple, dataclass, field, fields
+from typing import Any, Literal
+
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.formatting import did_you_mean
+
+Kind = Literal["count", "number", "choice", "flag", "colour", "text"]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the command line shows of a field, and the values it may have.
+
+    kind: a whole number in [least, most], a number in [least, most], one of `choices`, a yes or no, a background or
+    a text. metavar: how the help calls the value. optional: None is a value too, and means that there is none. auto:
+    so does the word "auto". group: where the help shows it, one of those in `cli/help.py`.
+    """
+
+    kind: Kind
+    help: str
+    least: float = 0
+    most: float = math.inf
+    choices: tuple[str, ...] = ()
+    metavar: str = "N"
+    optional: bool = False
+    auto: bool = False
+    group: str = "Experts"
+
+    def check(self, name: str, value: Any) -> None:
+        """Raise UsageError, naming the setting, for a value that makes no sense."""
+        if value is None and self.optional:
+            return
+        if self.kind == "choice" and value not in self.choices:
+            raise UsageError(f"must be {listed(self.choices)}, not {value!r}{did_you_mean(value, self.choices)}", name)
+        if self.kind == "flag" and not isinstance(value, bool):
+            raise UsageError(f"must be true or false, not {value!r}", name)
+        if self.kind in ("count", "number") and not self._in_range(value):
+            what = "a whole number" if self.kind == "count" else "a number"
+            span = f"of at least {self.least:g}" if self.most == math.inf else f"from {self.least:g} to {self.most:.0f}"
+            raise UsageError(f"must be {what} {span}{', or auto' if self.auto else ''}, not {value!r}", name)
+
+    def _in_range(self, value: Any) -> bool:
+        allowed = int if self.kind == "count" else (int, float)
+        # A bool is an int, and NaN compares as false.
+        return isinstance(value, allowed) and not isinstance(value, bool) and self.least <= value <= self.most
+
+
+def listed(names: Sequence[str]) -> str:
+    """`a, b or c`."""
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def setting(default: Any, kind: Kind, text: str, **facts: Any) -> Any:
+    """A field that is an option of the command."""
+    return field(default=default, metadata={"setting": Setting(kind, text, **facts)})
+
+
+def settings_of(owner: type[Any]) -> Iterator[tuple[Field[Any], Setting]]:
+    """The fields of a class that are settings, in the order of the help."""
+    for each in fields(owner):
+        if "setting" in each.metadata:
+            yield each, each.metadata["setting"]
+
+
+def unknown_setting(name: str, known: Iterable[str]) -> UsageError:
+    """The error for a name that is none of the settings, with the one that was probably meant."""
+    return UsageError(f"unknown setting {name!r}{did_you_mean(name, known)}")
+
+
+def parse_background(text: str) -> str:
+    """ "auto", "none" or "#rrggbb" from those, "transparent", #rgb, or a CSS colour name; UsageError for others."""
+    lowered = text.strip().lower() if isinstance(text, str) else ""
+    if lowered in ("auto", "none"):
+        return lowered
+    if lowered == "transparent":
+        return "none"
+    return "#{:02x}{:02x}{:02x}".format(
+        *parse_colour(text, "background", "must be auto, none, a colour name or #rrggbb")
+    )
+
+
+def parse_colour(text: str, name: str, form: str) -> tuple[int, int, int]:
+    """8-bit sRGB of #rgb, #rrggbb or a CSS colour name. Raises UsageError for the setting `name`, which begins with
+    `form`, for anything else.
+    """
+    from PIL import ImageColor
+
+    lowered = text.strip().lower() if isinstance(text, str) else ""
+    colour: tuple[int, ...] = ()
+    with contextlib.suppress(ValueError):
+        colour = ImageColor.getrgb(lowered)
+    if len(colour) != 3:
+        raise UsageError(f"{form}, not {text!r}{did_you_mean(lowered, ImageColor.colormap)}", name)
+    return colour[0], colour[1], colour[2]
+
+
+_AMOUNT = re.compile(r"(\d+(?:\.\d+)?)\s*(k|m)?b?", re.IGNORECASE)
+_FACTORS = {"": 1, "k": 1000, "m": 1_000_000}
+MOST_BYTES = 1_000_000_000
+
+
+def parse_bytes(given: str | int) -> int:
+    """`20k`, `1.5MB` or a number of bytes, 1 to a thousand million; k is 1000. Raises UsageError for anything else."""
+    found = _AMOUNT.fullmatch(str(given).strip())
+    amount = int(float(found[1]) * _FACTORS[(found[2] or "").lower()]) if found and len(str(given)) < 20 else 0
+    if not 1 <= amount <= MOST_BYTES:
+        raise UsageError(f"must be an amount of bytes such as 20k or 1.5M, not {given!r}", "max_bytes")
+    return amount
+
+
+USUAL_FACTOR = 4.0
+_FORM = "must be X,Y,W,H or X,Y,W,H,FACTOR: a rectangle in pixels of the picture, and how much more it matters"
+
+
+@dataclass(frozen=True)
+class Focus:
+    """A rectangle in px of the picture, and how many times as much as the rest its pixels matter.
+
+    Raises UsageError for an empty rectangle, a factor that is not above 0, or values that are not finite.
+    """
+
+    left: float
+    top: float
+    width: float
+    height: float
+    factor: float = USUAL_FACTOR
+
+    def __post_init__(self) -> None:
+        values = astuple(self)
+        if not all(math.isfinite(v) for v in values) or min(self.width, self.height, self.factor) <= 0:
+            raise UsageError(f"{_FORM}, not {','.join(f'{v:g}' for v in values)!r}", "focus")
+
+
+def parse_focus(given: str | Sequence[float] | Focus) -> Focus:
+    """A focus from `X,Y,W,H` or `X,Y,W,H,FACTOR`, text or numbers. Raises UsageError for anything else."""
+    if isinstance(given, Focus):
+        return given
+    parts = given.split(",") if isinstance(given, str) else given
+    try:
+        values = [float(part) for part in parts]
+    except (TypeError, ValueError):
+        values = []
+    if len(values) not in (4, 5):
+        raise UsageError(f"{_FORM}, not {given!r}", "focus")
+    return Focus(*values)
+
+
+LOSSES = ("l2", "l1", "huber", "ms-ssim")
+_FORM = "must be l2, l1, huber or ms-ssim, or a mixture by weight such as l2:0.7,ms-ssim:0.3"
+
+
+def parse_loss(text: str) -> dict[str, float]:
+    """Weights, above 0, by name, in the order of `LOSSES`. Raises UsageError for anything that is no such mixture."""
+    found: dict[str, float] = {}
+    for part in text.lower().split(",") if isinstance(text, str) else ():
+        name, given, weight = part.partition(":")
+        name = name.strip()
+        try:
+            found[name] = float(weight) if given else 1.0 if name not in found else math.nan
+        except ValueError:
+            found[name] = math.nan
+    if not found or not set(found) <= set(LOSSES) or not all(0.0 < w < 1e6 for w in found.values()):
+        raise UsageError(f"{_FORM}, not {text!r}", "loss")
+    if "l1" in found and "huber" in found:
+        raise UsageError(f"takes l1 or huber, not both, since both are linear for large errors: {text!r}", "loss")
+    return {name: found[name] for name in LOSSES if name in found}
+
+
+def loss_text(weights: dict[str, float]) -> str:
+    """The shortest text of a mixture: two texts of one mean the same."""
+    if len(weights) == 1:
+        return next(iter(weights))
+    total = sum(weights.values())
+    return ",".join(f"{name}:{weight / total:.6g}" for name, weight in weights.items())
