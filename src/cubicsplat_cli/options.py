@@ -120,7 +120,7 @@ def parse_bytes(given: str | int) -> int:
 
 
 USUAL_FACTOR = 4.0
-_FORM = "must be X,Y,W,H or X,Y,W,H,FACTOR: a rectangle in pixels of the picture, and how much more it matters"
+_FOCUS_FORM = "must be X,Y,W,H or X,Y,W,H,FACTOR: a rectangle in pixels of the picture, and how much more it matters"
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Focus:
     def __post_init__(self) -> None:
         values = astuple(self)
         if not all(math.isfinite(v) for v in values) or min(self.width, self.height, self.factor) <= 0:
-            raise UsageError(f"{_FORM}, not {','.join(f'{v:g}' for v in values)!r}", "focus")
+            raise UsageError(f"{_FOCUS_FORM}, not {','.join(f'{v:g}' for v in values)!r}", "focus")
 
 
 def parse_focus(given: str | Sequence[float] | Focus) -> Focus:
@@ -152,12 +152,12 @@ def parse_focus(given: str | Sequence[float] | Focus) -> Focus:
     except (TypeError, ValueError):
         values = []
     if len(values) not in (4, 5):
-        raise UsageError(f"{_FORM}, not {given!r}", "focus")
+        raise UsageError(f"{_FOCUS_FORM}, not {given!r}", "focus")
     return Focus(*values)
 
 
 LOSSES = ("l2", "l1", "huber", "ms-ssim")
-_FORM = "must be l2, l1, huber or ms-ssim, or a mixture by weight such as l2:0.7,ms-ssim:0.3"
+_LOSS_FORM = "must be l2, l1, huber or ms-ssim, or a mixture by weight such as l2:0.7,ms-ssim:0.3"
 
 
 def parse_loss(text: str) -> dict[str, float]:
@@ -171,7 +171,7 @@ def parse_loss(text: str) -> dict[str, float]:
         except ValueError:
             found[name] = math.nan
     if not found or not set(found) <= set(LOSSES) or not all(0.0 < w < 1e6 for w in found.values()):
-        raise UsageError(f"{_FORM}, not {text!r}", "loss")
+        raise UsageError(f"{_LOSS_FORM}, not {text!r}", "loss")
     if "l1" in found and "huber" in found:
         raise UsageError(f"takes l1 or huber, not both, since both are linear for large errors: {text!r}", "loss")
     return {name: found[name] for name in LOSSES if name in found}
