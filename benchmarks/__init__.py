@@ -8,7 +8,7 @@ from typing import NoReturn
 import typer
 
 from cubicsplat_cli.__main__ import run
-from cubicsplat_cli.cli.help import Command
+from cubicsplat_cli.cli.options import Command
 
 
 def program(command: Callable[..., None]) -> Callable[[list[str]], int | None]:

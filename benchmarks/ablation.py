@@ -29,7 +29,7 @@ from cubicsplat_cli.cli.bench import (
     run_fits,
 )
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_fit_options, write_csv
+from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_options, write_csv
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.formatting import mean, number, text_table
 from cubicsplat_cli.metrics import head
@@ -42,7 +42,7 @@ ABLATIONS: dict[str, dict[str, Any]] = {
     BASE: {},
     "no pruning": {"prune": False},
     "importance visibility": {"importance": "visibility"},
-    "geometric regulariser": {"geometric_reg": 0.01},
+    "geometric regulariser": {"crossing_penalty": 0.01},
     "samples 8": {"samples": 8, "tolerance": 0.0},
     "samples 12": {"samples": 12, "tolerance": 0.0},
     "samples 24": {"samples": 24, "tolerance": 0.0},
@@ -151,7 +151,7 @@ def table_of(runs: Runs, rows: Sequence[str], modes: Sequence[str], curves: Sequ
     return text_table(header, lines, markdown=markdown)
 
 
-@takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
+@takes_options("preset", "steps", "seed", "device", "threads", after=3)
 def ablation(
     folder: Folder,
     curves: CurvesList = "256,512",

@@ -15,7 +15,7 @@ from cubicsplat_cli.bench.quality import configuration_name, means, quality_jobs
 from cubicsplat_cli.bench.runs import Fit, Run, Runs
 from cubicsplat_cli.cli.bench import Cache, Limit, Markdown, end_with, parts_of, pictures_of, print_json, run_fits
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, takes_fit_options
+from cubicsplat_cli.cli.options import Json, Quiet, takes_options
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.files.load import load_picture
@@ -205,7 +205,7 @@ def chosen_tables(names: str | None, folder: Path | None) -> list[str]:
     return chosen
 
 
-@takes_fit_options("preset", "steps", "seed", "device", "threads", after=2)
+@takes_options("preset", "steps", "seed", "device", "threads", after=2)
 def paper(
     folder: Annotated[
         Path | None,

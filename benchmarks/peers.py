@@ -34,7 +34,7 @@ from cubicsplat_cli.cli.bench import (
     run_fits,
 )
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_fit_options, write_csv
+from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_options, write_csv
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.further import straight
@@ -194,7 +194,7 @@ def plotted(points: Points) -> bytes:
     return buffer.getvalue()
 
 
-@takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
+@takes_options("preset", "steps", "seed", "device", "threads", after=3)
 def peers(
     folder: Folder,
     curves: CurvesList = "64,256,1024,4096",

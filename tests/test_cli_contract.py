@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,11 +18,12 @@ from command import cli_command, run_process
 import cubicsplat_cli
 from cubicsplat_cli import __main__
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.cli import app as app_module
 from cubicsplat_cli.cli import doctor as doctor_module
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.options import settings_of
-from cubicsplat_cli.request import ARTWORK_OPTIONS, PHOTO_OPTIONS
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 
 try:
@@ -58,28 +60,67 @@ def test_every_option_of_the_help_is_documented_and_none_else(command, run_cli):
     for line in done.stdout.decode().splitlines():
         if re.match(r"  -", line):
             in_help |= set(OPTION.findall(re.split(r"\s{2,}", line.strip())[0]))
-    rows = [line.split("|")[1] for line in section(command).splitlines() if line.startswith("| `")]
-    in_docs = set(OPTION.findall(" ".join(rows)))
+    shown, _, left_out = section(command).partition("### Options that the help leaves out")
+    rows = [line.split("|")[1] for line in shown.splitlines() if line.startswith("| `-")]
     assert {"--help", "-h"} <= in_help
-    assert in_help == in_docs
-    declared = {name for p in COMMANDS[command].params for name in [*p.opts, *p.secondary_opts] if name[0] == "-"}
-    assert declared <= in_help, "the help was not understood"
+    assert in_help == set(OPTION.findall(" ".join(rows)))
+    declared = {True: set(), False: set()}
+    for option in COMMANDS[command].params:
+        names = {name for name in [*option.opts, *option.secondary_opts] if name[0] == "-"}
+        declared[getattr(option, "hidden", False)] |= names
+    assert declared[False] <= in_help, "the help was not understood"
+    named = {re.sub("^--no-", "--", name) for name in OPTION.findall(left_out)}
+    renamed = {"--thorn-reg": "--spike-penalty", "--geometric-reg": "--crossing-penalty"}
+    assert {re.sub("^--no-", "--", name) for name in declared[True]} <= {renamed.get(name, name) for name in named}
+
+
+@pytest.mark.parametrize("columns", ["80", "100"])
+def test_the_help_of_vectorize_fits_into_two_screens(columns, run_cli, monkeypatch):
+    monkeypatch.setenv("COLUMNS", columns)
+    lines = run_cli("vectorize", "--help").stdout.decode().splitlines()
+    assert len(lines) <= 80
+    assert len([line for line in lines if re.match(r"\s+-", line)]) <= 45
+
+
+def recipe_rows() -> Iterator[str]:
+    """The table of docs/cli.md about the names of --set."""
+
+    def text(value: object) -> str:
+        return (
+            str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+        )
+
+    usual, paper = FitSettings(), FitSettings(preset="paper")
+    for here, there in ((usual, paper), (usual.recipe, paper.recipe), (ArtworkSettings(), ArtworkSettings())):
+        for field, known in settings_of(type(here)):
+            if known.by_set:
+                what = {"count": "a whole number", "number": "a number"}.get(known.kind)
+                choices = known.choices or ("true", "false")
+                values = " ".join(f"`{choice}`" for choice in choices) if what is None else f"{what} {known.span()}"
+                default, published = (text(getattr(each, field.name)) for each in (here, there))
+                published = "" if published == default else published
+                yield f"| `{field.name.replace('_', '-')}` | {values} | {default} | {published} | {known.help} |"
+
+
+def test_the_names_of_set_are_documented():
+    rows = list(recipe_rows())
+    assert len(rows) > 40
+    assert "\n".join(rows) in section("vectorize")
 
 
 def test_the_help_of_vectorize_is_in_groups_and_in_the_words_of_people(run_cli, monkeypatch):
     for columns in ("80", "40"):
         monkeypatch.setenv("COLUMNS", columns)
         text = run_cli("vectorize", "--help").stdout.decode()
-        groups = re.findall(r"^(\w[\w ]*):$", text, re.MULTILINE)
-        assert groups == ["Arguments", "Most used", "Photos and drawings", "Photos", "Drawings", "Files", "Experts"]
-        options = [set(OPTION.findall(part)) for part in re.split(r"^\w[\w ]*:$", text, flags=re.MULTILINE)[1:]]
+        groups = re.findall(r"^(\w[\w ]*?)(?: \(imply .*\))?:$", text, re.MULTILINE)
+        assert groups == ["Arguments", "Most used", "Photos and drawings", "Photos", "Drawings", "Files"]
+        options = [
+            set(OPTION.findall(part))
+            for part in re.split(r"^\w[\w ]*(?: \(imply .*\))?:$", text, flags=re.MULTILINE)[1:]
+        ]
         assert {"--output", "--curves", "--style", "--preset", "--force", "--help"} <= options[1]
         assert {"--max-bytes", "--loss", "--init"} <= options[3] and {"--colors", "--palette"} <= options[4]
-        said = " ".join(text.split())
-        for style, names in (("photo", PHOTO_OPTIONS), ("artwork", ARTWORK_OPTIONS)):
-            for name in names:
-                help_of = said.split(f" --{name.replace('_', '-')} ")[1].partition(" --style ")
-                assert help_of[0].endswith("[implies") and help_of[2].startswith(f"{style}]"), name
+        assert "Photos (imply --style photo):" in text and "Drawings (imply --style artwork):" in text
         assert re.search(r"^  --mode closed\|open", text, re.MULTILINE)
         assert "--time-limit SECONDS" in text
         assert not re.search(r"[<{]", text), "the parser's names of types"
@@ -115,7 +156,7 @@ def test_documented_defaults_are_the_real_ones(command):
     checked = 0
     for parameter in COMMANDS[command].params:
         name = parameter.opts[0]
-        if name in rows and parameter.default not in (None, False, True, ""):
+        if name in rows and parameter.default not in (None, False, True, "", []):
             default = getattr(parameter.default, "value", parameter.default)
             assert rows[name][1] == str(default), name
             checked += 1
@@ -124,9 +165,9 @@ def test_documented_defaults_are_the_real_ones(command):
 
 def test_documented_choices_are_the_real_ones():
     rows = option_rows(section("vectorize"))
-    for owner in (FitSettings, Recipe):
+    for owner in (Request, FitSettings, ArtworkSettings):
         for field, known in settings_of(owner):
-            if known.choices:
+            if known.choices and not known.by_set and not known.only_off:
                 option = f"--{field.name.replace('_', '-')}"
                 assert f"`{option} {'/'.join(known.choices)}`" == rows[option][0]
 
@@ -317,15 +358,16 @@ def test_an_empty_name_is_an_unset_variable(arguments, run_cli):
 def test_every_setting_of_a_fit_has_one_option_and_the_library_takes_it():
     from cubicsplat_cli.cli.options import fit_settings
 
-    names = [field.name for owner in (FitSettings, Recipe) for field, _ in settings_of(owner)]
-    assert set(names) <= {p.name for p in COMMANDS["vectorize"].params}
+    held = [(owner, field, known) for owner in (FitSettings, Recipe) for field, known in settings_of(owner)]
+    names = [field.name for _, field, known in held if not known.by_set or known.hidden_option]
     defaults = {p.name: p.default for p in COMMANDS["vectorize"].params if p.name in names}
+    assert set(defaults) == set(names)
     assert fit_settings(defaults) == FitSettings()
     chosen = {
         "curves": 9, "mode": "open", "preset": "draft", "steps": 3, "time_limit": 4.5, "segments": 2, "samples": 9,
         "device": "cpu", "threads": 2, "seed": 5, "background": "teal", "opaque": True, "prune": False,
-        "importance": "visibility", "geometric_reg": 0.5, "thorn_reg": 0.25, "flatten": "de-casteljau", "edges": "soft",
-        "loss": "l1", "fill": "linear",
+        "importance": "visibility", "crossing_penalty": 0.5, "spike_penalty": 0.25, "flatten": "de-casteljau",
+        "edges": "soft", "loss": "l1", "fill": "linear",
     }  # fmt: skip
     assert set(chosen) == set(names)
     settings = fit_settings(chosen)
@@ -346,3 +388,60 @@ def test_a_benchmark_that_moved_says_where_to(moved, module, run_cli):
 def test_an_unknown_command_of_a_group_is_told_its_commands(run_cli):
     assert run_cli("bench", "speed").stderr.decode().endswith("the commands are step, quality\n")
     assert run_cli("bench", "qualty").stderr.decode().endswith("did you mean quality?\n")
+
+
+def asked_by(run_cli, monkeypatch, *arguments: str) -> Request:
+    """The request that a command line makes."""
+    from cubicsplat_cli.cli import vectorize as module
+
+    asked: list[Request] = []
+
+    def planned(inputs, output, request, **_):
+        asked.append(request)
+        raise UsageError("enough")
+
+    monkeypatch.setattr(module, "plan", planned)
+    done = run_cli("vectorize", "x.png", *arguments)
+    assert asked, done.stderr
+    return asked[0]
+
+
+@pytest.mark.parametrize(
+    ("present", "earlier"),
+    [
+        (["--set", "spike-penalty=0.5"], ["--thorn-reg", "0.5"]),
+        (["--set", "crossing_penalty=0.5"], ["--geometric-reg=0.5"]),
+        (["--set", "importance=visibility", "--set", "flatten=de-casteljau"],
+         ["--importance", "visibility", "--flatten", "de-casteljau"]),
+        (["--set", "edges=soft", "--set", "prune=no"], ["--edges", "soft", "--no-prune"]),
+        (["--set", "opaque=true", "--set", "samples=20", "--set", "segments=2"],
+         ["--opaque", "--samples", "20", "--segments", "2"]),
+        (["--no-completion"], ["--completion", "off"]),
+        (["--set", "detail=2"], ["--detail", "2"]),
+    ],
+)  # fmt: skip
+def test_options_of_earlier_versions_go_on_working(present, earlier, run_cli, monkeypatch):
+    found = asked_by(run_cli, monkeypatch, *present)
+    assert found.digest() == asked_by(run_cli, monkeypatch, *earlier).digest() != Request().digest()
+
+
+def test_the_library_takes_the_same_names_and_those_of_earlier_versions():
+    from cubicsplat_cli.request import request_of
+
+    assert request_of({"thorn_reg": 0.5}) == request_of({"spike_penalty": 0.5}) != Request()
+    assert request_of({"completion": "off", "detail": 2.0}).of_artwork() == ["detail", "completion"]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("edge_strat=3", "--set knows no 'edge_strat'; did you mean edge_start?; docs/cli.md lists the names"),
+        ("importance=lo", "--set importance must be loo or visibility, not 'lo'; did you mean loo?"),
+        ("edge-start=x", "--set edge-start must be a number of at least 0, not 'x'"),
+        ("finish=1", "--set finish must be a number from 0 to 0.999, not 1.0"),
+        ("opaque", "--set takes NAME=VALUE, such as importance=visibility, not 'opaque'"),
+    ],
+)
+def test_a_wrong_set_is_one_clear_line(given, said, run_cli):
+    done = run_cli("vectorize", "x.png", "--set", given)
+    assert (done.returncode, done.stderr.decode()) == (2, f"cubicsplat: error: {said}\n")

@@ -104,7 +104,7 @@ def test_a_finished_svg_is_never_replaced_by_an_interrupted_one(photo):
     job = job_of(photo)
     first = attempt(job, REQUEST.with_threads(1), sink=FileSink(job), events=Impatient())
     assert first.status == INTERRUPTED
-    assert strict_json(job.outputs.report.read_bytes())["interrupted"] is True
+    assert strict_json(job.outputs.metrics.read_bytes())["interrupted"] is True
     quick = Request(FitSettings(curves=8, steps=20, threads=1), style="photo")
     assert attempt(job, quick, sink=FileSink(job), events=Events()).status == DONE
     finished = job.outputs.svg.read_bytes()

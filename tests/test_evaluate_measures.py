@@ -19,7 +19,7 @@ from cubicsplat_cli.errors import EngineError, UsageError
 from cubicsplat_cli.evaluate import further as module
 from cubicsplat_cli.evaluate.further import further, straight
 from cubicsplat_cli.files.convert import as_picture
-from cubicsplat_cli.metrics import NAMES, chosen_measures, figures_text
+from cubicsplat_cli.metrics import NAMES, chosen_metrics, figures_text
 
 LARGE = smooth_pixels(200, 176)
 
@@ -30,11 +30,11 @@ def noisy(pixels: np.ndarray, amount: int) -> np.ndarray:
 
 
 def test_names_are_checked():
-    assert chosen_measures(" LPIPS, psnr,psnr") == ("lpips", "psnr")
-    assert chosen_measures(",".join(NAMES)) == NAMES
+    assert chosen_metrics(" LPIPS, psnr,psnr") == ("lpips", "psnr")
+    assert chosen_metrics(",".join(NAMES)) == NAMES
     for wrong in ("", "psnr,vmaf"):
         with pytest.raises(UsageError, match="psnr, ssim, ms-ssim, lpips, de00"):
-            chosen_measures(wrong)
+            chosen_metrics(wrong)
 
 
 def test_ciede2000_is_the_mean_over_the_pixels(monkeypatch):
@@ -153,14 +153,14 @@ def test_the_command_prints_and_tabulates_what_was_asked_for(run_cli, tmp_path):
         (tmp_path / folder).mkdir()
         for name in ("x", "y"):
             Image.fromarray(noisy(smooth_pixels(40, 30), amount)).save(tmp_path / folder / f"{name}.png")
-    one = run_cli("eval", tmp_path / "a/x.png", tmp_path / "b/x.png", "--measures", "de00")
+    one = run_cli("eval", tmp_path / "a/x.png", tmp_path / "b/x.png", "--metrics", "de00")
     assert one.returncode == 0
     assert b"dE00 " in one.stdout
     assert b" dB" not in one.stdout
     table = tmp_path / "t.csv"
-    both = run_cli("eval", tmp_path / "a", tmp_path / "b", "--measures", "psnr,de00", "--json", "--csv", table)
+    both = run_cli("eval", tmp_path / "a", tmp_path / "b", "--metrics", "psnr,de00", "--json", "--csv", table)
     found = json.loads(both.stdout)
     levels = [pair["measures"]["de00"] for pair in found["pairs"]]
     assert found["mean"]["de00"] == pytest.approx(sum(levels) / 2, abs=1e-4)
     assert "de00" in table.read_text().splitlines()[0]
-    assert run_cli("eval", tmp_path / "a", tmp_path / "b", "--measures", "vmaf").returncode == 2
+    assert run_cli("eval", tmp_path / "a", tmp_path / "b", "--metrics", "vmaf").returncode == 2

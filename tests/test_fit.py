@@ -278,7 +278,7 @@ def test_a_time_limit_ends_a_long_fit_with_a_whole_schedule():
 @pytest.mark.parametrize(
     "changes",
     [
-        {"prune": False}, {"importance": "visibility"}, {"geometric_reg": 0.01}, {"flatten": "de-casteljau"},
+        {"prune": False}, {"importance": "visibility"}, {"crossing_penalty": 0.01}, {"flatten": "de-casteljau"},
         {"edges": "soft", "finish": 0.0}, {"opaque": True}, {"samples": 8, "tolerance": 0.0},
     ],
     ids=str,

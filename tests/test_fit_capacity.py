@@ -263,8 +263,8 @@ def test_a_fit_grows_and_shrinks_on_its_way(mode):
     picture = np.random.default_rng(2).random((12, 16, 3)).repeat(3, 0).repeat(3, 1).astype(np.float32)
     plain = fit(picture, settings(mode, steps=60))
     # The gradient of the penalty on thorns is held for some steps, which begin anew with each resizing.
-    unheld = fit(picture, settings(mode, steps=60, thorn_reg=0.0))
-    same = resized(picture, 10, 10, mode=mode, thorn_reg=0.0)
+    unheld = fit(picture, settings(mode, steps=60, spike_penalty=0.0))
+    same = resized(picture, 10, 10, mode=mode, spike_penalty=0.0)
     assert all(np.array_equal(getattr(same.scene, n), getattr(unheld.scene, n)) for n in ("points", "colours"))
     for counts in ((25, 14), (4, 14), (3,)):
         found = resized(picture, *counts, mode=mode)

@@ -50,7 +50,7 @@ def test_subdivision_is_refused_on_cuda():
     ("name", "value"),
     [
         ("importance", "none"), ("edges", "blurred"), ("flatten", "adaptive"), ("rate_course", "linear"),
-        ("prune_rule", "never"), ("geometric_reg", -1.0), ("geometric_reg", math.nan), ("finish", 1.0),
+        ("prune_rule", "never"), ("crossing_penalty", -1.0), ("crossing_penalty", math.nan), ("finish", 1.0),
         ("finish", -0.1),
     ],
 )  # fmt: skip

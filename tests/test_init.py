@@ -111,7 +111,7 @@ def test_a_start_of_another_size_and_of_curves_of_different_lengths(target, firs
     assert found.ring_ends is not None
     found.validate()
     assert final(target, found) > final(target, ragged) + 1.0
-    for penalty in ("geometric_reg", "thorn_reg"):
+    for penalty in ("crossing_penalty", "spike_penalty"):
         judged = fit(target, settings(curves=10, **{penalty: 0.1}), guide=Guide(start=ragged)).scene
         assert final(target, judged) > final(target, ragged) + 1.0
 

@@ -218,14 +218,14 @@ def test_two_runs_on_one_output_leave_the_set_of_the_one_that_ends_last(order, t
             svg = with_checksum(f"<svg><!-- {text} --><g id='{name}'/></svg>").encode()
             sink.put("svg", svg)
             sink.put("png", encode_png(np.zeros((2, 2, 4), np.uint8)) + end)
-            assert not job.outputs.report.exists(), "there is no report of files that are being replaced"
+            assert not job.outputs.metrics.exists(), "there is no report of files that are being replaced"
         else:
-            sink.put("report", b'{\n  "schema": 1,\n  "program": "cubicsplat"' + end)
+            sink.put("metrics", b'{\n  "schema": 1,\n  "program": "cubicsplat"' + end)
             last = end
     assert b"id='" + last + b"'" in job.outputs.svg.read_bytes()
-    assert {job.outputs.png.read_bytes()[-1:], job.outputs.report.read_bytes()[-1:]} == {last}
+    assert {job.outputs.png.read_bytes()[-1:], job.outputs.metrics.read_bytes()[-1:]} == {last}
     job.outputs.svg.write_bytes(job.outputs.svg.read_bytes().replace(b"</svg>", b"<!-- mine --></svg>"))
-    sinks["a"].put("report", b"{}a")
+    sinks["a"].put("metrics", b"{}a")
     assert b"mine" in job.outputs.svg.read_bytes(), "somebody's work is not replaced"
 
 

@@ -85,7 +85,7 @@ def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_
     data = encode_png(np.dstack([blotches(), np.full((18, 24), 255, np.uint8)]))
     job = Job("-", None, Outputs(svg, None, None), data=data)
     outcome = run_job(job, Request(FitSettings(curves=4, steps=60, threads=1)), sink=Puts(), events=Events())
-    assert [kind for kind, _ in puts] == ["svg"] * (1 if svg is None else 2) + ["report"]
+    assert [kind for kind, _ in puts] == ["svg"] * (1 if svg is None else 2) + ["metrics"]
     assert outcome.report.style == "photo"
     assert outcome.report.output.svg_sha256 == hashlib.sha256(puts[-2][1]).hexdigest()
 

@@ -48,7 +48,7 @@ def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(mode):
 def test_a_fit_with_the_penalty_has_fewer_thorns():
     small = np.random.default_rng(5).random((14, 20, 3), np.float32)
     target = small.repeat(4, 0).repeat(4, 1)
-    plain, smooth = (fit(target, settings(curves=60, steps=150, thorn_reg=w)).scene.as_torch() for w in (0.0, 3.0))
+    plain, smooth = (fit(target, settings(curves=60, steps=150, spike_penalty=w)).scene.as_torch() for w in (0.0, 3.0))
     assert thorns(smooth.points) < 0.7 * thorns(plain.points)
 
 
@@ -148,7 +148,7 @@ def test_the_library_and_arrays_of_any_kind_agree_on_slivers(ragged):
 
 
 def test_a_penalty_is_found_anew_now_and_then_and_where_the_curves_are_others():
-    recipe = settings(thorn_reg=1.0).recipe
+    recipe = settings(spike_penalty=1.0).recipe
     regulariser = Regulariser(recipe, Mode.CLOSED, SIZE, 4)
     course = {"progress": 0.9, "loss": 2.0}
     first = regulariser.gradient(strip(0.2), None, **course)
@@ -164,5 +164,5 @@ def test_a_penalty_is_found_anew_now_and_then_and_where_the_curves_are_others():
 def test_a_fit_with_the_penalty_has_fewer_slivers():
     small = np.random.default_rng(6).random((14, 20, 3), np.float32)
     target = small.repeat(4, 0).repeat(4, 1)
-    plain, smooth = (fit(target, settings(curves=60, steps=150, thorn_reg=w)).scene for w in (0.0, 1.0))
+    plain, smooth = (fit(target, settings(curves=60, steps=150, spike_penalty=w)).scene for w in (0.0, 1.0))
     assert spikes_of(smooth).slivers < 0.6 * spikes_of(plain).slivers

@@ -108,7 +108,7 @@ def test_what_a_step_does_outside_the_engine_waits_for_no_value(mode, ragged):
     best = Best()
     for _ in range(2):
         best.consider(torch.zeros((), device="meta"), there)
-    recipe = replace(given.recipe, geometric_reg=0.1, thorn_reg=0.1)
+    recipe = replace(given.recipe, crossing_penalty=0.1, spike_penalty=0.1)
     found = Regulariser(recipe, mode, (11, 9), 24).gradient(
         there.points, there.ring_ends, progress=1.0, loss=torch.zeros((), device="meta")
     )
@@ -119,7 +119,7 @@ def test_what_a_step_does_outside_the_engine_waits_for_no_value(mode, ragged):
     ("changes", "guided"),
     [
         ({}, False), ({"mode": "open"}, False), ({"fill": "linear"}, False), ({"background": "none"}, True),
-        ({"thorn_reg": 0.1, "geometric_reg": 0.01, "edges": "soft", "finish": 0.0}, False),
+        ({"spike_penalty": 0.1, "crossing_penalty": 0.01, "edges": "soft", "finish": 0.0}, False),
         ({"loss": "l2:1,ms-ssim:1", "mode": "open"}, False), ({"loss": "huber", "seeding": "discs"}, True),
     ],
     ids=str,

@@ -2,91 +2,50 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.beginning import load_beginning
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.read import looks_like_svg, read_file
-from cubicsplat_cli.files.weights import load_mask
 from cubicsplat_cli.metrics import Quality
-from cubicsplat_cli.options import parse_bytes, parse_focus, unknown_setting
+from cubicsplat_cli.options import renamed, unknown_setting
 from cubicsplat_cli.pipeline import Result, vectorize_picture
 from cubicsplat_cli.progress import Progress
-from cubicsplat_cli.request import Request
-from cubicsplat_cli.settings import FitSettings, Mode, with_segments
+from cubicsplat_cli.request import names_for_library, request_of
 
 
 def vectorize(
     picture: PictureLike,
     *,
-    style: str = "auto",
-    curves: int | str | None = None,
-    mode: str = "closed",
-    preset: str = "standard",
-    precision: int | None = None,
-    max_size: int | None = None,
-    weights: PictureLike | None = None,
-    focus: str | Sequence[float] | None = None,
-    init: str | Path | bytes | Result | None = None,
-    freeze: bool = False,
-    max_bytes: int | str | None = None,
-    target_psnr: float | None = None,
     title: str | None = None,
-    measure: bool = True,
     on_progress: Callable[[Progress], None] | None = None,
-    **settings: Any,
+    **options: Any,
 ) -> Result:
     """Turn a picture into an SVG of Bezier shapes.
 
-    style: "photo" (curves that blend), "artwork" (few opaque shapes), "pixel" (square cells, exactly) or "auto", which
-    measures what the picture is.
-
     picture: a path, the bytes of a file, an array (H, W), (H, W, 3) or (H, W, 4) of uint8 or of floats in [0, 1]
-    (straight alpha), or a Pillow image. curves: how many, of artwork at most so many ("auto" or None: as many
-    as the picture asks for). mode ("closed" or "open"), preset ("draft", "standard", "high", "paper") and `settings`:
-    fields of `FitSettings` and of its recipe, such as seed, time_limit, background or opaque; for artwork colors,
-    palette (8-bit triples or colour names), min_area, detail, stacking ("stacked" or "cutout") and completion
-    ("on" or "off"), see `ArtworkSettings`. precision: decimals of the
-    coordinates, 0..6 (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side; the
-    SVG keeps the picture's size.
-    weights: a picture of the same shape that says how much each pixel of a photo matters to the fit, from black, not at
-    all, to white. focus: (x, y, width, height) in px of the picture, or with a factor behind them: a rectangle that
-    matters 4 times as much as the rest, or so many times. init: an SVG of any program, or an earlier result, that the
-    fit of a photo begins with, of at most `curves` of its curves (None: all) and as many new ones as are missing;
-    freeze: its own stay as they are. title: of the SVG. measure: draw the SVG by an independent renderer, for
-    `report.quality` and `pixels`. on_progress: called about ten times a second; a KeyboardInterrupt that it raises ends
-    the fit early with the best SVG so far.
+    (straight alpha), or a Pillow image. title: of the SVG. on_progress: called about ten times a second; a
+    KeyboardInterrupt that it raises ends the work early with the best SVG so far.
 
-    Raises InputError for what is no picture, UsageError for senseless settings, EngineError where no engine runs.
+    options: those of the command that decide the result (docs/cli.md), by their names with underscores, such as
+    style, curves, mode, preset, max_bytes or seed, and all names of `--set`. None means the default. Some take other
+    values than text: palette 8-bit triples, focus numbers, weights any picture of the same shape, and init an SVG's
+    bytes or an earlier result. measure: whether an independent renderer draws the SVG, for `report.quality` and
+    `pixels`.
+
+    Raises InputError for what is no picture, UsageError for senseless options, EngineError where no engine runs.
     """
-    known = {*inspect.signature(vectorize).parameters, *FitSettings.names(), *ArtworkSettings.__dataclass_fields__}
-    for name in settings:
-        if name not in known:
-            raise unknown_setting(name, known)
-    artwork = {name: settings.pop(name) for name in [*settings] if name in ArtworkSettings.__dataclass_fields__}
-    request = Request(
-        settings=FitSettings.from_preset(preset, mode, curves=curves, **with_segments(settings, max_bytes)),
-        artwork=ArtworkSettings(**artwork),
-        style=style,
-        precision=precision,
-        max_size=max_size,
-        measure=measure,
-        weights=None if weights is None else load_mask(weights),
-        focus=None if focus is None else parse_focus(focus),
-        init=None
-        if init is None
-        else load_beginning(init.svg.encode() if isinstance(init, Result) else init, Mode(mode)),
-        freeze=freeze,
-        max_bytes=None if max_bytes is None else parse_bytes(max_bytes),
-        target_psnr=target_psnr,
+    names = names_for_library()
+    for name in renamed(options):
+        if name not in names:
+            raise unknown_setting(name, {"title", "on_progress", *names})
+    request = request_of(options)
+    return vectorize_picture(
+        as_picture(picture, max_size=request.max_size), request, title=title, on_progress=on_progress
     )
-    return vectorize_picture(as_picture(picture, max_size=max_size), request, title=title, on_progress=on_progress)
 
 
 def compare(reference: PictureLike, candidate: PictureLike | Result) -> Quality:

@@ -18,19 +18,32 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 
 SCHEMA = 1
-# Decimals of the measured figures; more would only suggest a precision that no measure has.
-DECIMALS = {
-    "psnr_db": 4,
-    "weighted_psnr_db": 4,
-    "ssim": 5,
-    "agreement_db": 4,
-    "gap_db": 4,
-    "change_db": 4,
-    "ms_per_step": 4,
-    "ms_ssim": 5,
-    "lpips": 5,
-    "de00": 4,
+USUAL = ("psnr", "ssim")
+
+
+@dataclass(frozen=True)
+class Metric:
+    """label: of the figure in text. member: its name in the JSON. decimals: in text; the JSON has one more. worse:
+    which of two figures is worse.
+    """
+
+    label: str
+    member: str
+    decimals: int
+    worse: Callable[[list[float]], float]
+
+
+# What `eval` can measure beside PSNR and SSIM, by the names that --metrics takes; `evaluate/further.py` computes them.
+FURTHER = {
+    "ms-ssim": Metric("MS-SSIM", "ms_ssim", 4, min),
+    "lpips": Metric("LPIPS", "lpips", 4, max),
+    "de00": Metric("dE00", "de00", 3, max),
 }
+NAMES = (*USUAL, *FURTHER)
+# Decimals of the measured figures; more would only suggest a precision that no metric has.
+DECIMALS = {metric.member: metric.decimals + 1 for metric in FURTHER.values()} | {
+    "psnr_db": 4, "weighted_psnr_db": 4, "ssim": 5, "agreement_db": 4, "gap_db": 4, "change_db": 4, "ms_per_step": 4,
+}  # fmt: skip
 _SECONDS_DECIMALS = 3
 T = TypeVar("T")
 
@@ -252,38 +265,17 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
     return value
 
 
-USUAL = ("psnr", "ssim")
-
-
-@dataclass(frozen=True)
-class Measure:
-    """label: of the figure in text. member: its name in reports. decimals: of the text. worse: which of two is."""
-
-    label: str
-    member: str
-    decimals: int
-    worse: Callable[[list[float]], float]
-
-
-FURTHER = {
-    "ms-ssim": Measure("MS-SSIM", "ms_ssim", 4, min),
-    "lpips": Measure("LPIPS", "lpips", 4, max),
-    "de00": Measure("dE00", "de00", 3, max),
-}
-NAMES = (*USUAL, *FURTHER)
-
-
-def chosen_measures(text: str) -> tuple[str, ...]:
-    """The measures of a list with commas, each once. Raises UsageError for a name that is none, or for no name."""
+def chosen_metrics(text: str) -> tuple[str, ...]:
+    """The metrics of a list with commas, each once. Raises UsageError for a name that is none, or for no name."""
     names = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
     if not names or not set(names) <= set(NAMES):
-        raise UsageError(f"must be of {', '.join(NAMES)}, with commas between them, not {text!r}", "measures")
+        raise UsageError(f"must be of {', '.join(NAMES)}, with commas between them, not {text!r}", "metrics")
     return names
 
 
 def figures_text(figures: Mapping[str, float | None]) -> Iterator[str]:
     """`LPIPS 0.1234`, `MS-SSIM n/a`, ..."""
-    for measure in FURTHER.values():
-        if measure.member in figures:
-            value = figures[measure.member]
-            yield f"{measure.label} {'n/a' if value is None else f'{value:.{measure.decimals}f}'}"
+    for metric in FURTHER.values():
+        if metric.member in figures:
+            value = figures[metric.member]
+            yield f"{metric.label} {'n/a' if value is None else f'{value:.{metric.decimals}f}'}"

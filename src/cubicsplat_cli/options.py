@@ -8,23 +8,34 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import Field, astuple, dataclass, field, fields
 from typing import Any, Literal
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.formatting import did_you_mean
 
-Kind = Literal["count", "number", "choice", "flag", "colour", "text"]
+Kind = Literal["count", "number", "choice", "flag", "text"]
+# The groups of the help, in its order. An option of the photos' or drawings' group implies that style.
+COMMON, BOTH, FILES = "Most used", "Photos and drawings", "Files"
+PHOTOS, DRAWINGS = "Photos (imply --style photo)", "Drawings (imply --style artwork)"
+GROUPS = (COMMON, BOTH, PHOTOS, DRAWINGS, FILES)
+TRUE, FALSE = ("true", "yes", "on"), ("false", "no", "off")
+# Settings that had another name, by that.
+RENAMED = {"thorn_reg": "spike_penalty", "geometric_reg": "crossing_penalty"}
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What the command line shows of a field, and the values it may have.
+    """What the command line shows of a field, and the values that the field may have.
 
-    kind: a whole number in [least, most], a number in [least, most], one of `choices`, a yes or no, a background or
-    a text. metavar: how the help calls the value. optional: None is a value too, and means that there is none. auto:
-    so does the word "auto". group: where the help shows it, one of those in `cli/help.py`.
+    kind: a whole number or a number in [least, most], one of `choices`, a yes or no, or a text. metavar: what the help
+    calls the value. optional: the value may be None. auto: it may be the word "auto". group: of the help.
+
+    option: the option's name, if it is not the field's. hidden: the help leaves the option out. by_set: the field is
+    set by `--set NAME=VALUE`. hidden_option: it also has the option of its own that earlier versions had. only_off: the
+    help shows only --no-NAME, which chooses the last value. parse: turns the given value into the field's. decides:
+    whether the result depends on the field.
     """
 
     kind: Kind
@@ -35,7 +46,14 @@ class Setting:
     metavar: str = "N"
     optional: bool = False
     auto: bool = False
-    group: str = "Experts"
+    group: str = BOTH
+    option: str = ""
+    hidden: bool = False
+    by_set: bool = False
+    hidden_option: bool = False
+    only_off: bool = False
+    parse: Callable[[Any], Any] | None = None
+    decides: bool = True
 
     def check(self, name: str, value: Any) -> None:
         """Raise UsageError, naming the setting, for a value that makes no sense."""
@@ -47,8 +65,25 @@ class Setting:
             raise UsageError(f"must be true or false, not {value!r}", name)
         if self.kind in ("count", "number") and not self._in_range(value):
             what = "a whole number" if self.kind == "count" else "a number"
-            span = f"of at least {self.least:g}" if self.most == math.inf else f"from {self.least:g} to {self.most:.0f}"
-            raise UsageError(f"must be {what} {span}{', or auto' if self.auto else ''}, not {value!r}", name)
+            raise UsageError(f"must be {what} {self.span()}{', or auto' if self.auto else ''}, not {value!r}", name)
+
+    def span(self) -> str:
+        """`of at least 1`, `from 0 to 6`."""
+        if self.most == math.inf:
+            return f"of at least {self.least:g}"
+        most = f"{self.most:.0f}" if self.most >= 1.0 else f"{self.most:g}"
+        return f"from {self.least:g} to {most}"
+
+    def read(self, name: str, text: str) -> Any:
+        """The value that a text stands for. Raises UsageError, naming the setting, if it stands for none."""
+        value: Any = text.strip()
+        with contextlib.suppress(ValueError):
+            if self.kind in ("count", "number"):
+                value = int(value) if self.kind == "count" else float(value)
+        if self.kind == "flag" and value.lower() in (*TRUE, *FALSE):
+            value = value.lower() in TRUE
+        self.check(name, value)
+        return value
 
     def _in_range(self, value: Any) -> bool:
         allowed = int if self.kind == "count" else (int, float)
@@ -71,6 +106,11 @@ def settings_of(owner: type[Any]) -> Iterator[tuple[Field[Any], Setting]]:
     for each in fields(owner):
         if "setting" in each.metadata:
             yield each, each.metadata["setting"]
+
+
+def renamed(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values under the present names of their settings."""
+    return {RENAMED.get(name, name): value for name, value in values.items()}
 
 
 def unknown_setting(name: str, known: Iterable[str]) -> UsageError:

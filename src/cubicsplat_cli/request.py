@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,77 +11,87 @@ from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.files.ownership import MOVING
-from cubicsplat_cli.options import Focus, Setting
+from cubicsplat_cli.options import (
+    COMMON,
+    DRAWINGS,
+    FILES,
+    PHOTOS,
+    Focus,
+    parse_bytes,
+    parse_focus,
+    renamed,
+    setting,
+    settings_of,
+)  # fmt: skip
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode
 
 if TYPE_CHECKING:
     from cubicsplat_cli.beginning import Beginning
     from cubicsplat_cli.files.weights import Mask
 
-STYLE = Setting(
-    "choice",
-    "What to make: blended curves (photo), few opaque shapes (artwork), square cells (pixel), or what suits it.",
-    choices=("auto", "photo", "artwork", "pixel"),
-)
-# Values other than the defaults imply a style: the photo's are of `Request` and of its `settings`.
-PHOTO_SETTINGS = ("loss", "fill")
-PHOTO_OPTIONS = ("weights", "focus", "init", "max_bytes", "target_psnr", *PHOTO_SETTINGS)
-ARTWORK_OPTIONS = ("colors", "palette", "min_area", "detail", "stacking", "completion")
+STYLES = ("auto", "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
-_CHECKS = {
-    "style": STYLE,
-    "precision": PRECISION,
-    "max_size": Setting("count", "", least=1, most=1_000_000, optional=True),
-    "max_pixels": Setting("count", "", least=1),
-    "max_bytes": Setting("count", "", least=1, optional=True),
-    "target_psnr": Setting("number", "", least=1, most=60, optional=True),
-    "frame": Setting("count", "", least=1, most=1_000_000, optional=True),
-}
+_OF_FILES: dict[str, Any] = {"group": FILES, "decides": False}
+_SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000, "optional": True}
 
 
 @dataclass(frozen=True)
 class Request:
     """What the options ask for, the same for every input. Raises UsageError for values that make no sense.
 
-    settings: of a photo; artwork: of flat artwork; style: "auto", "photo", "artwork" or "pixel". precision: decimals of
-    the coordinates (None: 2, and for artwork by its size). max_size: fit a copy of at most so many pixels a side.
-    max_pixels: larger pictures are refused. frame: of files with several, from 1. png, report, page, animation (a file,
-    or None), compress, force: of the files. suffix: what names made of the picture's get at their end. skip_existing:
-    leave pictures alone that have an SVG, whatever made it. measure: whether the SVG is drawn by an independent
-    renderer and measured. weights, focus: how much the pixels matter to the fit of a photo; masks: a folder in
-    which each picture has weights of its own. init: the drawing that it
-    begins with; freeze: whose curves stay as they are. max_bytes, target_psnr: of the file; the number of curves is
-    found for it. The style "auto" is "photo" where any of PHOTO_OPTIONS is given, "artwork" for ARTWORK_OPTIONS.
+    settings: of a photo; artwork: of a drawing. masks: a folder that holds a mask for each picture's name. The style
+    "auto" is "photo" or "artwork" if any option is given that implies it (`of_photos`, `of_artwork`).
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
     artwork: ArtworkSettings = field(default_factory=ArtworkSettings)
-    style: str = "auto"
-    precision: int | None = None
-    max_size: int | None = None
-    max_pixels: int = MAX_PIXELS
-    frame: int | None = None
-    png: bool = True
-    report: bool = True
-    page: bool = False
-    animation: Path | None = None
-    weights: Mask | None = None
+    style: str = setting(
+        "auto", "choice", "Blended curves, few opaque shapes, or square cells.", choices=STYLES, group=COMMON
+    )
+    html_report: bool = setting(
+        False, "flag", "Also write OUT.html, which shows the result.", option="report", group=COMMON, decides=False
+    )
+    force: bool = setting(False, "flag", "Redo all, and replace files of other programs.", group=COMMON, decides=False)
+    precision: int | None = setting(
+        None, "count", "Decimals of coordinates.  [default: 2 for photos]", most=PRECISION.most, optional=True
+    )
+    max_size: int | None = setting(None, "count", "Work on a copy with this longer side.", metavar="PX", **_SIDE)
+    max_pixels: int = setting(MAX_PIXELS, "count", "Refuse larger pictures.", least=1, hidden=True, **_OF_FILES)
+    frame: int | None = setting(None, "count", "Which image of a file that has several.", hidden=True, **_SIDE)
+    weights: Mask | None = setting(
+        None, "text", "Mask, white where detail matters; or a folder of them.", metavar="MASK", group=PHOTOS
+    )
     masks: Path | None = None
-    focus: Focus | None = None
-    init: Beginning | None = None
-    freeze: bool = False
-    max_bytes: int | None = None
-    target_psnr: float | None = None
-    compress: bool = False
-    suffix: str = ""
-    force: bool = False
-    skip_existing: bool = False
-    measure: bool = True
+    focus: Focus | None = setting(
+        None, "text", "Rectangle that matters 4 times as much.", metavar="X,Y,W,H", group=PHOTOS, parse=parse_focus
+    )
+    init: Beginning | None = setting(None, "text", "Start from this drawing.", metavar="SVG", group=PHOTOS)
+    freeze: bool = setting(False, "flag", "Keep the curves of --init, and add to them.", group=PHOTOS)
+    max_bytes: int | None = setting(
+        None,
+        "count",
+        "As many curves as fit into so much, such as 20k.",
+        least=1,
+        optional=True,
+        group=PHOTOS,
+        parse=parse_bytes,
+    )
+    target_psnr: float | None = setting(
+        None, "number", "As few curves as reach this PSNR.", least=1, most=60, metavar="DB", optional=True, group=PHOTOS
+    )
+    png: bool = setting(True, "flag", "Also write the SVG as a rendered PNG.", **_OF_FILES)
+    metrics: bool = setting(True, "flag", "Write no OUT.json.", option="json", only_off=True, hidden=True, **_OF_FILES)
+    measure: bool = setting(True, "flag", "Render and measure the SVG; else no PNG either.", **_OF_FILES)
+    animation: Path | None = setting(
+        None, "text", "Also write how the result develops: .webp, .gif.", metavar="FILE", parse=Path, **_OF_FILES
+    )
+    suffix: str = setting("", "text", "Add this to the names of the results.", metavar="TEXT", **_OF_FILES)
+    skip_existing: bool = setting(False, "flag", "Skip pictures that have any SVG already.", **_OF_FILES)
+    compress: bool = setting(False, "flag", "Write the SVG compressed, as OUT.svgz.", option="svgz", **_OF_FILES)
 
     def __post_init__(self) -> None:
-        for name, known in _CHECKS.items():
-            if name != "precision" or self.precision is not None:
-                known.check(name, getattr(self, name))
+        for each, known in settings_of(Request):
+            known.check(each.name, getattr(self, each.name))
         if self.style in ("artwork", "pixel") and self.of_photos():
             raise UsageError(
                 f"is for photos, not for {self.style}; leave it out, or use style photo", self.of_photos()[0]
@@ -89,6 +100,8 @@ class Request:
             raise UsageError(
                 "joins small regions, which pixel art keeps; use style artwork, or leave it out", "min_area"
             )
+        if self.style == "pixel" and self.artwork.strokes:
+            raise UsageError("are what pixel art has none of; leave it out", "strokes")
         if self.style == "pixel" and self.settings.mode is Mode.OPEN:
             raise UsageError("open is for strokes, which pixel art has none of; leave it out", "mode")
         if self.style == "photo" and self.of_artwork():
@@ -96,8 +109,9 @@ class Request:
         if self.of_photos() and self.of_artwork():
             other = self.of_photos()[0].replace("_", "-")
             raise UsageError(f"is for artwork, --{other} for photos; give one of them", self.of_artwork()[0])
-        if self.artwork.stacking == CUTOUT and self.settings.mode is Mode.OPEN:
-            raise UsageError("cutout has shapes only; leave out --mode open, which is for strokes", "stacking")
+        if self.artwork.stacking == CUTOUT and self.strokes:
+            option = "--strokes" if self.artwork.strokes else "--mode open"
+            raise UsageError(f"cutout has shapes only; leave out {option}, which is for strokes", "stacking")
         if self.freeze and self.init is None:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
         budgets = [name for name in ("max_bytes", "target_psnr") if getattr(self, name) is not None]
@@ -112,17 +126,28 @@ class Request:
         if self.force and self.skip_existing:
             raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
 
+    @property
+    def strokes(self) -> bool:
+        """Whether lines of even width in a drawing become strokes."""
+        return self.artwork.strokes or self.settings.mode is Mode.OPEN
+
     def of_photos(self) -> list[str]:
         """What is asked for that only the fit of a photo can do."""
-        asked = {name: getattr(self, name) for name in PHOTO_OPTIONS if hasattr(self, name)}
-        asked["weights"] = self.masks or self.weights
-        found = [name for name, value in asked.items() if value is not None]
-        return found + [name for name in PHOTO_SETTINGS if getattr(self.settings, name) != getattr(FitSettings, name)]
+        names = self._given(PHOTOS)
+        return names if self.masks is None else ["weights", *names]
 
     def of_artwork(self) -> list[str]:
         """What is asked for that only a drawing can have."""
-        usual = ArtworkSettings()
-        return [name for name in ARTWORK_OPTIONS if getattr(self.artwork, name) != getattr(usual, name)]
+        return self._given(DRAWINGS)
+
+    def _given(self, group: str) -> list[str]:
+        """The names of a group's settings that differ from their defaults."""
+        return [
+            each.name
+            for holder in (self, self.settings, self.artwork)
+            for each, known in settings_of(type(holder))
+            if known.group == group and getattr(holder, each.name) != each.default
+        ]
 
     def with_threads(self, threads: int | None) -> Request:
         """The same with so many threads; None: as asked for."""
@@ -130,20 +155,8 @@ class Request:
 
     def deciding(self) -> dict[str, Any]:
         """Everything that decides the file, and what it is computed with, as plain values."""
-        return {
-            **self.settings.public(),
-            "style": self.style,
-            "artwork": self.artwork.public(),
-            "precision": self.precision,
-            "max_size": self.max_size,
-            "frame": self.frame,
-            "weights": _source(self.weights),
-            "focus": None if self.focus is None else [float(value) for value in astuple(self.focus)],
-            "init": _source(self.init),
-            "freeze": self.freeze,
-            "max_bytes": self.max_bytes,
-            "target_psnr": self.target_psnr,
-        }
+        own = {each.name: _plain(getattr(self, each.name)) for each, known in settings_of(Request) if known.decides}
+        return {**self.settings.public(), **own, "artwork": self.artwork.public()}
 
     def describe(self) -> str:
         """The settings as a line; the recipe's numbers are in the JSON."""
@@ -157,5 +170,44 @@ class Request:
         return settings_hash({**self.deciding(), **{name: each and each.sha256 for name, each in named.items()}})
 
 
-def _source(given: Mask | Beginning | None) -> dict[str, str] | None:
-    return None if given is None else {"name": given.name, "sha256": given.sha256}
+def _plain(value: Any) -> Any:
+    if isinstance(value, Focus):
+        return [float(each) for each in astuple(value)]
+    # A mask or a drawing.
+    return {"name": value.name, "sha256": value.sha256} if hasattr(value, "sha256") else value
+
+
+def names_for_library() -> set[str]:
+    """The options that decide a result, by the names under which the library takes them."""
+    own = {each.name for each, known in settings_of(Request) if known.decides}
+    artwork = {each.name for each, _ in settings_of(ArtworkSettings)}
+    # The library is given one picture.
+    return (own | artwork | FitSettings.names() | {"measure"}) - {"frame"}
+
+
+def request_of(options: Mapping[str, Any]) -> Request:
+    """The request for options by name, of the command or of the library; None means the default.
+
+    weights: any picture, or its path. init: the path or the bytes of an SVG, or an earlier result. Raises UsageError
+    for values that make no sense, and InputError for a mask or a drawing that cannot be read.
+    """
+    given = {name: value for name, value in renamed(options).items() if value is not None}
+    artwork = {each.name: given.pop(each.name) for each, _ in settings_of(ArtworkSettings) if each.name in given}
+    fit = {name: given.pop(name) for name in FitSettings.names() if name in given}
+    for each, known in settings_of(Request):
+        if known.parse is not None and each.name in given:
+            given[each.name] = known.parse(given[each.name])
+    # Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
+    if "max_bytes" in given and fit.get("mode", "closed") == "closed":
+        fit.setdefault("segments", 2)
+    settings, drawing = FitSettings.from_preset(**fit), ArtworkSettings(**artwork)
+    if "weights" in given:
+        from cubicsplat_cli.files.weights import load_mask
+
+        given["weights"] = load_mask(given["weights"], max_pixels=given.get("max_pixels", MAX_PIXELS))
+    if "init" in given:
+        from cubicsplat_cli.beginning import load_beginning
+
+        svg = getattr(given["init"], "svg", None)
+        given["init"] = load_beginning(given["init"] if svg is None else svg.encode(), settings.mode)
+    return Request(settings, drawing, **given)

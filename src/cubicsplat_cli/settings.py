@@ -14,10 +14,15 @@ from typing import Any
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.options import (
+    COMMON,
+    LOSSES,
+    PHOTOS,
     Setting,
+    listed,
     loss_text,
     parse_background,
     parse_loss,
+    renamed,
     setting,
     settings_of,
     unknown_setting,
@@ -38,103 +43,106 @@ class Mode(str, Enum):
     OPEN = "open"
 
 
-# Of what is no field of FitSettings.
-PRECISION = Setting("count", "Decimals of the SVG's coordinates, in px.", most=6)
+PRECISION = Setting("count", "Decimals of the coordinates, in px.", most=6)
 SCALE = Setting("count", "Times that a file is enlarged to see how it stands that.", least=1, most=12)
 MAX_PIXELS = 100_000_000  # of a picture, unless more are asked for
 
 
+def _number(default: float, text: str, **facts: Any) -> Any:
+    """A number of the recipe."""
+    return setting(default, "number", text, by_set=True, metavar="NUMBER", **facts)
+
+
+def _choice(text: str, *choices: str, **facts: Any) -> Any:
+    """A choice of the recipe, the first by default."""
+    return setting(choices[0], "choice", text, choices=choices, by_set=True, **facts)
+
+
 @dataclass(frozen=True)
 class Recipe:
-    """Numbers of the optimisation.
+    """Numbers of the optimisation, each of which `--set NAME=VALUE` changes.
 
-    Lengths named *_size and the rates of points and half-widths are fractions of the length unit: "spacing" is
-    sqrt(width * height / curves), the side of a curve's share of the picture; "canvas" half the picture's width.
+    Sizes and the step sizes of points and half-widths are fractions of the length unit.
     """
 
-    length_unit: str = "spacing"
-    # step sizes
-    rate_points: float = 0.24
-    rate_colours: float = 0.05
-    rate_opacities: float = 0.05
-    rate_half_widths: float = 0.015
-    rate_edge_widths: float = 0.036  # px; soft edges only
-    rate_course: str = "cosine"  # or "published": a staircase
-    rate_end: float = 0.1  # of the start, cosine
-    finish_rate: float = 0.4
-    finish_rate_end: float = 0.1
-    # Adan: how much of its running means of gradient, change and square stays from step to step; floor of their scale
-    keep_mean: float = 0.98
-    keep_change: float = 0.999
-    keep_square: float = 0.99
-    epsilon: float = 1e-3
-    # edges
-    edge_start: float = 4.0
-    edge_end: float = 0.8
-    anneal: float = 0.6  # fraction of the relaxed phase
-    finish_edge_width: float = 1.0
-    finish: float = 0.15  # fraction of the steps with exact coverage
-    # start
-    opacity_logit: float = 0.0
-    shared_opacity: float = 0.0  # one for all curves, for files that say it once, and where it starts; 0: each its own
-    opaque: bool = setting(False, "flag", "Make all curves opaque.", group="Photos")
-    start_size: float = 0.14  # radius
-    # capacity
-    prune: bool = setting(True, "flag", "Move curves of little use to where the error is largest.")
-    importance: str = setting(
-        "loo",
-        "choice",
-        "How use is measured: the loss without the curve (loo), or how much of it is visible.",
-        choices=("loo", "visibility"),
+    length_unit: str = _choice(
+        "Length unit: `spacing`, the side of a curve's share of the picture, or `canvas`, half the picture's width.",
+        "spacing", "canvas",
+    )  # fmt: skip
+    rate_points: float = _number(0.24, "Step size of control points, in length units.")
+    rate_colours: float = _number(0.05, "Step size of colours.")
+    rate_opacities: float = _number(0.05, "Step size of opacity logits.")
+    rate_half_widths: float = _number(0.015, "Step size of half-widths, in length units.")
+    rate_edge_widths: float = _number(0.036, "Step size of edge widths, in px; soft edges only.")
+    rate_course: str = _choice("Course of the step sizes: cosine decay, or the published steps.", "cosine", "published")
+    rate_end: float = _number(0.1, "Step size at the end of the cosine decay, as a share of that at the start.")
+    finish_rate: float = _number(0.4, "Step size at the start of the exact finish, as a share of that at the start.")
+    finish_rate_end: float = _number(0.1, "Step size at the end of the exact finish, as a share of that at the start.")
+    keep_mean: float = _number(0.98, "Adan: decay of the running mean of gradients.", most=0.99999)
+    keep_change: float = _number(0.999, "Adan: decay of the running mean of gradient differences.", most=0.99999)
+    keep_square: float = _number(0.99, "Adan: decay of the running mean of squares.", most=0.99999)
+    epsilon: float = _number(1e-3, "Adan: least scale of a step.", least=1e-12)
+    edge_start: float = _number(4.0, "Edge width at the start, in px.", least=0.01, most=1e4)
+    edge_end: float = _number(0.8, "Edge width at the end of the annealing, in px.", least=0.01, most=1e4)
+    anneal: float = _number(0.6, "Share of the relaxed phase in which the edge width shrinks.", most=1.0)
+    finish_edge_width: float = _number(1.0, "Edge width of the exact finish, in px.", least=0.01, most=1e4)
+    finish: float = _number(0.15, "Share of the steps that use exact coverage.", most=0.999)
+    opacity_logit: float = _number(0.0, "Opacity logit of new curves.", least=-20.0, most=20.0)
+    shared_opacity: float = _number(0.0, "One opacity for all curves, starting here; 0: each has its own.", most=0.999)
+    opaque: bool = setting(False, "flag", "All curves are opaque.", by_set=True, hidden_option=True)
+    start_size: float = _number(0.14, "Radius of the first curves, in length units.")
+    prune: bool = setting(
+        True, "flag", "Curves of little use move to where the error is largest.", by_set=True, hidden_option=True
     )
-    prune_rule: str = "decay"  # prune_fraction falls linearly to 0; or "gini": as published, by the inequality
-    gini_threshold: float = 0.35  # of the rule "gini"
-    prune_fraction: float = 0.6
-    reallocation_density: float = 0.8  # times the square root of the steps: how many reallocations there are
-    reallocate_until: float = 0.9  # of the relaxed phase
-    seeding: str = "blobs"  # ellipses over patches of like residual; or "discs" at pixels, as published
-    seed_size: float = 0.27  # of blobs the standard deviation of the window, of discs the radius
-    seed_blur: int = 9  # px, odd
-    seed_power: float = 1.25
-    half_width_size: float = 0.07  # of a new stroke
-    # regulariser: weight of the non-crossing penalty, in squared error per pixel
-    geometric_reg: float = setting(
-        0.0, "number", "Penalty on curves that cross themselves.", most=1e6, metavar="WEIGHT"
+    importance: str = _choice(
+        "Rank of curves: by the loss without each (loo), or by how much of each is visible, as published.",
+        "loo", "visibility", hidden_option=True,
+    )  # fmt: skip
+    prune_rule: str = _choice(
+        "Share of curves to move: falls linearly to 0 (decay), or depends on the Gini coefficient, as published.",
+        "decay", "gini",
+    )  # fmt: skip
+    gini_threshold: float = _number(0.35, "Gini coefficient above which the rule `gini` moves curves.", most=1.0)
+    prune_fraction: float = _number(0.6, "Largest share of curves to move at once.", most=1.0)
+    reallocation_density: float = _number(0.8, "Reallocations per square root of the steps.")
+    reallocate_until: float = _number(0.9, "Share of the relaxed phase in which curves move.", most=1.0)
+    seeding: str = _choice(
+        "New curves: ellipses over patches of similar error (blobs), or discs at pixels, as published.",
+        "blobs", "discs",
+    )  # fmt: skip
+    seed_size: float = _number(0.27, "Size of new curves, in length units: window of blobs, or radius of discs.")
+    seed_blur: int = setting(
+        9, "count", "Blur of the error map before seeding, in px; odd.", least=1, most=999, by_set=True
     )
-    # weight of the penalties on joins that turn back, in shares of the loss a join, and on slivers: photo/geometric.py
-    thorn_reg: float = setting(
-        0.0, "number", "Penalty on spikes: joins that turn back, and slivers.", most=1e6, metavar="WEIGHT"
+    seed_power: float = _number(1.25, "Exponent of the error map when seeding.")
+    half_width_size: float = _number(0.07, "Half-width of new strokes, in length units.")
+    crossing_penalty: float = _number(
+        0.0, "Weight of the penalty on cubics that cross themselves.", most=1e6, hidden_option=True
     )
-    # polyline: by uniform parameters, or adaptive subdivision to flatness 0.5 px
-    flatten: str = setting("uniform", "choice", "How curves become polylines.", choices=("uniform", "de-casteljau"))
-    tolerance: float = 0.05  # px; 0: always `samples` edges per cubic
-    # soft: every curve learns its edge width
-    edges: str = setting(
-        "crisp",
-        "choice",
+    spike_penalty: float = _number(
+        0.0, "Weight of the penalty on joins that turn back and on slivers.", most=1e6, hidden_option=True
+    )
+    flatten: str = _choice(
+        "Polylines: uniform in the parameter, or de Casteljau subdivision, on the CPU only.",
+        "uniform", "de-casteljau", hidden_option=True,
+    )  # fmt: skip
+    tolerance: float = _number(0.05, "Flatness of polylines, in px; 0: always `samples` edges per cubic.", most=1e4)
+    edges: str = _choice(
         "Edges during the fit: crisp as in an SVG, or soft as published, which no SVG can show.",
-        choices=("crisp", "soft"),
-    )
-    soft_edge: float = 2.7  # px, at the start
+        "crisp", "soft", hidden_option=True,
+    )  # fmt: skip
+    soft_edge: float = _number(2.7, "Width of soft edges at the start, in px.")
 
     def __post_init__(self) -> None:
         for each, known in settings_of(Recipe):
             known.check(each.name, getattr(self, each.name))
-        _choice("length_unit", self.length_unit, "spacing", "canvas")
-        _choice("seeding", self.seeding, "blobs", "discs")
-        _choice("rate_course", self.rate_course, "cosine", "published")
-        _choice("prune_rule", self.prune_rule, "decay", "gini")
-        if not 0.0 <= self.shared_opacity < 1.0:
-            raise UsageError(f"must lie between 0 and 1, not {self.shared_opacity}", "shared_opacity")
-        if not 0.0 <= self.finish < 1.0:
-            raise UsageError(f"must lie between 0 and 1, not {self.finish}", "finish")
 
     def unit(self, width: int, height: int, curves: int) -> float:
         """The length unit in px."""
         return 0.5 * width if self.length_unit == "canvas" else math.sqrt(width * height / curves)
 
 
-_CLOSED = {"segments": 4, "samples": 12, "finish_samples": 48, "thorn_reg": 1.0}
+_CLOSED = {"segments": 4, "samples": 12, "finish_samples": 48, "spike_penalty": 1.0}
 # The outer side of a wide, tightly bent stroke needs more edges than its centre line.
 _OPEN = {"segments": 3, "samples": 24, "finish_samples": 48}
 # As published (CubicSplat, ECCV 2026, and its reference implementation), as far as a single engine can follow it.
@@ -159,99 +167,75 @@ PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
 
 @dataclass(frozen=True)
 class FitSettings:
-    """What to fit, and how long; what is not given is as the preset says. Raises UsageError on senseless values.
+    """What to fit, and for how long; the preset gives what is None. Raises UsageError for senseless values.
 
-    curves: None (auto) until the picture is known, see `for_size`.
-    loss: see `losses.parse_loss`. samples: the most edges per cubic while fitting, of which a curve gets as many as its
-    flatness needs;
-    finish_samples: those of the exact finish (S*), the preset's or `samples` where that is more. background: "auto"
-    (the picture's mean colour), "none" (transparent) or a colour; `fit` uses it for pictures without transparency,
-    `vectorize` lays others over a colour. time_limit:
-    seconds that a fit may take, and with `vectorize` all of it: the schedule runs by the clock where the steps take
-    longer. recipe: the preset's.
+    curves: None (auto) until the picture is known, see `for_size`. loss: see `options.parse_loss`. samples: a curve
+    gets as many of these edges as its flatness needs. finish_samples: by default the preset's, or `samples` if that is
+    more. background: "auto" (the picture's mean colour), "none" (transparent) or a colour; `fit` uses it for pictures
+    without transparency, and `vectorize` lays others over a colour. time_limit: seconds of a fit, and with `vectorize`
+    of everything; the schedule follows the clock if the steps take longer.
     """
 
     curves: int = setting(
         AUTO,
         "count",
-        "Number of curves of a photo; of a drawing, the most shapes.  [default: auto]",
+        "Curves of a photo; most shapes of a drawing.  [default: auto]",
+        group=COMMON,
         least=1,
         most=1_000_000,
         optional=True,
         auto=True,
-        group="Most used",
     )
     mode: Mode = setting(
-        Mode.CLOSED,
-        "choice",
-        "Filled shapes (closed) or strokes (open).",
-        choices=tuple(m.value for m in Mode),
-        group="Photos and drawings",
+        Mode.CLOSED, "choice", "Filled shapes (closed) or strokes (open).", choices=tuple(m.value for m in Mode)
     )
     preset: str = setting(
-        "standard",
-        "choice",
-        "Effort spent on a photo; options given explicitly take precedence, in any order.",
-        choices=tuple(PRESETS),
-        group="Most used",
+        "standard", "choice", "Effort of a photo; other options win over it.", choices=tuple(PRESETS), group=COMMON
     )
-    steps: int = setting(FROM_PRESET, "count", "Optimisation steps.", least=1, most=10_000_000, group="Photos")
+    steps: int = setting(FROM_PRESET, "count", "Optimisation steps of a photo.", least=1, most=10_000_000)
     time_limit: float | None = setting(
-        None,
-        "number",
-        "Seconds that a picture may take in all; the fit is shortened to match.",
-        least=1e-3,
-        most=1e7,
-        metavar="SECONDS",
-        optional=True,
-        group="Photos and drawings",
+        None, "number", "Time for one picture in all.", least=1e-3, most=1e7, metavar="SECONDS", optional=True
     )
-    segments: int = setting(FROM_PRESET, "count", "Cubic segments per curve.", least=1, most=16)
-    samples: int = setting(FROM_PRESET, "count", "Most straight edges per segment during the fit.", least=4, most=64)
-    finish_samples: int = FROM_PRESET
+    segments: int = setting(
+        FROM_PRESET, "count", "Cubic segments per curve.", least=1, most=16, by_set=True, hidden_option=True
+    )
+    samples: int = setting(
+        FROM_PRESET,
+        "count",
+        "Most polyline edges per segment during the fit.",
+        least=4,
+        most=64,
+        by_set=True,
+        hidden_option=True,
+    )
+    finish_samples: int = setting(
+        FROM_PRESET, "count", "Most polyline edges per segment in the exact finish.", least=4, most=64, by_set=True
+    )
     loss: str = setting(
         "l2",
         "text",
-        "What to minimise: l2, l1, huber, ms-ssim, or a mixture such as l2:0.7,ms-ssim:0.3.",
+        f"What to minimise: {listed(LOSSES)}, or a mixture (l2:0.7,ms-ssim:0.3).",
         metavar="LOSS",
-        group="Photos",
+        group=PHOTOS,
     )
     fill: str = setting(
-        "flat",
-        "choice",
-        "Fill of each curve: one colour (flat), or a gradient between two (linear).",
-        choices=("flat", "linear"),
-        group="Photos",
+        "flat", "choice", "Fill of each curve: one colour or a gradient.", choices=("flat", "linear"), group=PHOTOS
     )
     device: str = setting(
-        "auto",
-        "choice",
-        "Where to compute; auto takes a GPU that works.",
-        choices=("auto", "cpu", "cuda"),
-        group="Photos",
+        "auto", "choice", "Where to compute; auto takes a working GPU.", choices=("auto", "cpu", "cuda")
     )
     threads: int | None = setting(
-        None,
-        "count",
-        "CPU threads in all.  [default: one per core]",
-        least=1,
-        most=1024,
-        optional=True,
-        group="Photos and drawings",
+        None, "count", "CPU threads in all.  [default: one per core]", least=1, most=1024, optional=True
     )
-    seed: int = setting(0, "count", "Seed of all random choices.", most=2**31 - 1, group="Photos")
+    seed: int = setting(0, "count", "Seed of all random choices.", most=2**31 - 1)
     background: str = setting(
-        FROM_PRESET,
-        "colour",
-        "Colour behind everything: auto, none (transparent), #rrggbb or a name.",
-        metavar="COLOUR",
-        group="Photos and drawings",
+        FROM_PRESET, "text", "Colour behind all: auto, none, #rrggbb or a name.", metavar="COLOUR"
     )
     recipe: Recipe = FROM_PRESET
 
     def __post_init__(self) -> None:
         self._set("mode", _mode(self.mode))
-        _choice("preset", self.preset, *PRESETS)
+        _setting("preset").check("preset", self.preset)
         base = PRESETS[self.preset][self.mode]
         if self.recipe is None:
             self._set("recipe", Recipe(**{name: value for name, value in base.items() if name in _RECIPE}))
@@ -268,7 +252,6 @@ class FitSettings:
         for each, known in settings_of(FitSettings):
             if each.name != "mode":
                 known.check(each.name, getattr(self, each.name))
-        Setting("count", "", least=4, most=64).check("finish_samples", self.finish_samples)
         if self.device == "cuda" and self.recipe.flatten == "de-casteljau":
             raise UsageError("de-casteljau runs on the CPU only; use device cpu or auto, or flatten uniform", "flatten")
 
@@ -283,7 +266,7 @@ class FitSettings:
     @classmethod
     def from_preset(cls, preset: str = "standard", mode: Mode | str = Mode.CLOSED, **overrides: Any) -> FitSettings:
         """Settings with numbers of the recipe among them; a value of None means the preset's."""
-        given = {name: value for name, value in overrides.items() if value is not None}
+        given = {name: value for name, value in renamed(overrides).items() if value is not None}
         for name in given:
             if name not in cls.names():
                 raise unknown_setting(name, cls.names())
@@ -321,21 +304,12 @@ def _mode(mode: Mode | str) -> Mode:
     try:
         return Mode(mode)
     except ValueError:
-        _choice("mode", mode, *(each.value for each in Mode))
+        _setting("mode").check("mode", mode)
         raise
 
 
-def _choice(name: str, value: str, *allowed: str) -> None:
-    Setting("choice", "", choices=allowed).check(name, value)
-
-
-def with_segments(fit: dict[str, Any], max_bytes: object) -> dict[str, Any]:
-    """The settings of a fit with the segments that give most for a byte, where bytes are the budget and none are given.
-
-    Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
-    """
-    closed = str(getattr(fit.get("mode"), "value", fit.get("mode") or "closed")) == "closed"
-    return fit if max_bytes is None or fit.get("segments") is not None or not closed else {**fit, "segments": 2}
+def _setting(name: str) -> Setting:
+    return next(known for each, known in settings_of(FitSettings) if each.name == name)
 
 
 def cpu_count() -> int:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.options import parse_colour, setting, settings_of
+from cubicsplat_cli.options import DRAWINGS, parse_colour, setting, settings_of
 
 MOST_COLORS = 256
 # Upper shapes lie on lower ones, or all abut and share their edges.
@@ -24,37 +24,35 @@ class ArtworkSettings:
     smaller regions join a neighbour. detail: 1 weighs outlines as the picture supports them, more follows it more
     closely, less draws with fewer pieces; 0.01..100. stacking: "stacked" or "cutout". completion: "on" or "off",
     whether outlines go on beneath what hides them as what shows suggests, and pieces of one ink are one shape there.
-    curves: at most so many shapes, or None.
+    strokes: lines of even width become strokes. curves: at most so many shapes, or None.
     """
 
     colors: int | None = setting(
-        None, "count", "Use at most this many colours.", least=1, most=MOST_COLORS, optional=True, group="Drawings"
+        None, "count", "Use at most this many colours.", least=1, most=MOST_COLORS, optional=True, group=DRAWINGS
     )
-    palette: tuple[tuple[int, int, int], ...] = ()
+    palette: tuple[tuple[int, int, int], ...] = setting(
+        (), "text", "Use these colours only: names or #rrggbb.", metavar="COLOUR,...", group=DRAWINGS
+    )
     min_area: float = setting(
-        0.0, "number", "Merge regions of fewer px with a neighbour.", most=1e9, metavar="PX", group="Drawings"
+        0.0, "number", "Smaller regions join a neighbour.", most=1e9, metavar="PX", group=DRAWINGS
     )
     detail: float = setting(
         1.0,
         "number",
-        "Above 1 follows the picture more closely, below 1 draws fewer pieces.",
+        "Above 1: outlines follow the picture more closely; below 1: fewer segments.",
         least=0.01,
         most=100.0,
-        group="Drawings",
+        metavar="NUMBER",
+        group=DRAWINGS,
+        by_set=True,
+        hidden_option=True,
     )
     stacking: str = setting(
-        STACKED,
-        "choice",
-        "Let shapes reach beneath others (stacked), or abut without overlap (cutout), for cutters.",
-        choices=(STACKED, CUTOUT),
-        group="Drawings",
+        STACKED, "choice", "Shapes overlap, or abut for cutters.", choices=(STACKED, CUTOUT), group=DRAWINGS
     )
+    strokes: bool = setting(False, "flag", "Lines of even width become strokes.", group=DRAWINGS)
     completion: str = setting(
-        ON,
-        "choice",
-        "Continue hidden parts as their visible ones suggest (on), or end them at once (off).",
-        choices=(ON, OFF),
-        group="Drawings",
+        ON, "choice", "Do not guess the hidden parts of shapes.", choices=(ON, OFF), only_off=True, group=DRAWINGS
     )
     curves: int | None = None
 

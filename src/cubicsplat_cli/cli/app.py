@@ -12,7 +12,7 @@ from cubicsplat_cli._version import __version__
 from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.cli.doctor import doctor
 from cubicsplat_cli.cli.eval import evaluate
-from cubicsplat_cli.cli.help import Command, GroupedCommand
+from cubicsplat_cli.cli.options import Command, GroupedCommand
 from cubicsplat_cli.cli.render import render
 from cubicsplat_cli.cli.vectorize import vectorize
 from cubicsplat_cli.files.names import STDIO

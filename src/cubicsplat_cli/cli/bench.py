@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.help import Command
-from cubicsplat_cli.cli.options import Json, Quiet, check_csv, fit_settings, takes_fit_options, write_csv
+from cubicsplat_cli.cli.options import Command, Json, Quiet, check_csv, fit_settings, takes_options, write_csv
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.options import Setting, listed
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -42,7 +41,7 @@ Markdown = Annotated[bool, typer.Option("--markdown", help="Print the tables as 
 
 
 @bench.command("step", cls=Command)
-@takes_fit_options("curves", "mode", "preset", "fill", "seed", "device", "threads")
+@takes_options("curves", "mode", "preset", "fill", "seed", "device", "threads")
 def step(
     image: Annotated[
         Path | None,
@@ -82,7 +81,7 @@ def step(
 
 
 @bench.command("quality", cls=Command)
-@takes_fit_options("preset", "steps", "seed", "device", "threads", after=3)
+@takes_options("preset", "steps", "seed", "device", "threads", after=3)
 def quality(
     folder: Folder,
     curves: CurvesList = "512",

@@ -13,7 +13,8 @@ import typer
 from cubicsplat_cli._version import __version__
 
 _PACKAGES = (
-    "numpy", "torch", "array-api-compat", "Pillow", "scikit-image", "svgwrite", "cairosvg", "resvg_py", "typer", "rich",
+    "numpy", "torch", "array-api-compat", "Pillow", "scikit-image", "scipy", "svgwrite", "cairosvg", "resvg_py",
+    "typer", "rich",
 )  # fmt: skip
 _INDENT = 11  # columns before the text of a line
 

@@ -14,7 +14,7 @@ from cubicsplat_cli.cli.options import MaxPixels, Renderer, check_csv, wanted_re
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO
 from cubicsplat_cli.formatting import mean, one_line
-from cubicsplat_cli.metrics import USUAL, chosen_measures, figures_text, head, plain, to_json
+from cubicsplat_cli.metrics import NAMES, USUAL, chosen_metrics, figures_text, head, plain, to_json
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Options:
     max_pixels: int
     scale: int | None
     threads: int | None
-    measures: tuple[str, ...]
+    metrics: tuple[str, ...]
 
 
 @dataclass
@@ -63,10 +63,9 @@ def evaluate(
         int | None,
         typer.Option("--threads", metavar="N", help="CPU threads of the engine.  [default: one per core]"),
     ] = None,
-    measures: Annotated[
-        str,
-        typer.Option("--measures", metavar="NAME,...", help="Of psnr, ssim, ms-ssim, lpips and de00 (CIEDE2000)."),
-    ] = "psnr,ssim",
+    metrics: Annotated[str, typer.Option("--metrics", metavar="NAME,...", help=f"Of {', '.join(NAMES)}.")] = ",".join(
+        USUAL
+    ),
     json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="Also write the figures as a table, one row a pair.")
@@ -87,7 +86,7 @@ def evaluate(
     if reference.is_dir() and not candidate.is_dir():
         raise UsageError(f"{reference} is a folder, so the candidate must be one too, not {candidate}")
     check_csv(csv)
-    options = Options(wanted_renderer(renderer), max_pixels, scale, threads, chosen_measures(measures))
+    options = Options(wanted_renderer(renderer), max_pixels, scale, threads, chosen_metrics(metrics))
     pages = None if report is None else planned_pages(report, folders=reference.is_dir())
     reporter = Reporter(quiet=quiet)
     if reference.is_dir():
@@ -97,7 +96,7 @@ def evaluate(
         pairs = Pairs([_compare(reference, candidate, options, reporter)])
         found = {**head(), **pairs.compared[0].public()}
         if not json:
-            _show(pairs.compared[0], options.measures)
+            _show(pairs.compared[0], options.metrics)
     write_csv(csv, [_row(comparison) for comparison in pairs.compared])
     if pages is not None:
         reporter.summary(f"to look at: {write_pages(pages, pairs.compared, pairs.failed, threads)}")
@@ -126,7 +125,7 @@ def _compare(reference: Path, candidate: Path, options: Options, reporter: Repor
         max_pixels=options.max_pixels,
         scale=options.scale,
         threads=options.threads,
-        measures=options.measures,
+        measures=options.metrics,
     )
     for note in comparison.notes:
         reporter.note(note)
@@ -147,7 +146,7 @@ def _folders(reference: Path, candidate: Path, options: Options, reporter: Repor
             pairs.failed.append((first, one_line(error)))
             continue
         if show:
-            _show(pairs.compared[-1], options.measures)
+            _show(pairs.compared[-1], options.metrics)
     if pairs.extra:
         names = ", ".join(path.name for path in pairs.extra[:3])
         more = "" if len(pairs.extra) <= 3 else f" and {len(pairs.extra) - 3} more"
@@ -159,10 +158,10 @@ def _folders(reference: Path, candidate: Path, options: Options, reporter: Repor
     return pairs
 
 
-def _show(comparison: Comparison, measures: tuple[str, ...]) -> None:
+def _show(comparison: Comparison, metrics: tuple[str, ...]) -> None:
     candidate = comparison.candidate
     drawn_by = [] if candidate.renderer is None else [candidate.renderer]
-    usual = [part for name, part in zip(USUAL, _quality_parts(comparison.quality), strict=True) if name in measures]
+    usual = [part for name, part in zip(USUAL, _quality_parts(comparison.quality), strict=True) if name in metrics]
     typer.echo("  ".join([candidate.path, *usual, *figures_text(comparison.measures), *drawn_by]))
     scale = comparison.scale
     if scale is None:

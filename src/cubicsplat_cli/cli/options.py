@@ -1,30 +1,29 @@
-"""The options that several commands share; those of a fit are made from `settings.py`, where help and limits stand."""
+"""Options made from the tables of settings (`settings.py`, `request.py`, `artwork/settings.py`), and the help."""
 
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from enum import Enum
+from dataclasses import Field
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
 from typer import Argument, Option
+from typer.core import TyperCommand
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.cli.help import FILES
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.formatting import csv_text
-from cubicsplat_cli.options import Setting, settings_of
+from cubicsplat_cli.formatting import csv_text, did_you_mean
+from cubicsplat_cli.options import COMMON, GROUPS, RENAMED, Setting, settings_of
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 
 Renderer = Annotated[
     Literal["auto", "cairosvg", "resvg"],
     Option("--renderer", case_sensitive=False, help="What draws an SVG; auto is cairosvg where it works."),
 ]
-MaxPixels = Annotated[
-    int,
-    Option("--max-pixels", metavar="N", help="Refuse pictures with more pixels than this.", rich_help_panel=FILES),
-]
+MaxPixels = Annotated[int, Option("--max-pixels", metavar="N", help="Refuse larger pictures.")]
 Json = Annotated[bool, Option("--json", help="Print everything as JSON.")]
 Quiet = Annotated[bool, Option("--quiet", "-q", help="Print results and errors only.")]
 Pictures = Annotated[
@@ -36,14 +35,17 @@ Pictures = Annotated[
     ),
 ]
 
-DRAWING_OPTIONS = tuple(field.name for field, _ in settings_of(ArtworkSettings))
-_KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "colour": str, "text": str}
+RENAMED_OPTIONS = {
+    "--measures": "--metrics", "--thorn-reg": "--spike-penalty", "--geometric-reg": "--crossing-penalty",
+}  # fmt: skip
+_KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "text": str}
+_OWNERS = (Request, FitSettings, Recipe, ArtworkSettings)
 
 
-def takes_fit_options(*names: str, after: int = 2) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Gives a command, whose last parameter is `**fit`, options in place of that parameter.
+def takes_options(*names: str, after: int = 2) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Gives a command, whose last parameter is `**options`, options in place of that parameter.
 
-    names: of the settings; all where none is named. after: how many of the command's own options the help shows first.
+    names: of settings; all if none is named. after: how many of the command's own options the help shows first.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -52,50 +54,86 @@ def takes_fit_options(*names: str, after: int = 2) -> Callable[[Callable[..., No
         own = [
             p.replace(annotation=hints[p.name]) for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD
         ]
-        fit = [p for p in _fit_parameters() if not names or p.name in names]
+        more = [p for p in _parameters() if not names or p.name in names]
         places = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own]
-        parameters = [*places[:after], *fit, *places[after:]]
+        parameters = [*places[:after], *more, *places[after:]]
         command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-        command.__annotations__ = {p.name: p.annotation for p in [*own, *fit]}
+        command.__annotations__ = {p.name: p.annotation for p in [*own, *more]}
         return command
 
     return decorate
 
 
-def fit_settings(fit: dict[str, Any], **more: Any) -> FitSettings:
+def fit_settings(options: dict[str, Any], **more: Any) -> FitSettings:
     """The settings that the options ask for; None means the preset's. Raises UsageError for senseless values."""
-    given = {name: value.value if isinstance(value, Enum) else value for name, value in {**fit, **more}.items()}
-    return FitSettings.from_preset(**given)
+    return FitSettings.from_preset(**options, **more)
 
 
-def _fit_parameters() -> Iterator[inspect.Parameter]:
-    """An option for each setting of a fit, in the order of the help."""
-    for owner in (FitSettings, Recipe, ArtworkSettings):
+def chosen(options: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """The values of all settings by their names. overrides: of --set. Raises UsageError for one that makes no sense."""
+    values = {name: value for name, value in options.items() if not name.startswith("no_")}
+    for _, each, known in _settings():
+        if known.only_off and options.get(f"no_{each.name}"):
+            values[each.name] = False if known.kind == "flag" else known.choices[-1]
+    return {**values, **dict(_override(text) for text in overrides)}
+
+
+def _override(text: str) -> tuple[str, Any]:
+    """Name and value of `NAME=VALUE`; hyphens and underscores in names are the same."""
+    said, equals, value = text.partition("=")
+    name = said.strip().replace("-", "_")
+    settings = {each.name: known for _, each, known in _settings() if known.by_set}
+    if not equals:
+        raise UsageError(f"--set takes NAME=VALUE, such as importance=visibility, not {text!r}")
+    name = RENAMED.get(name, name)
+    if name not in settings:
+        raise UsageError(f"--set knows no {said.strip()!r}{did_you_mean(name, settings)}; docs/cli.md lists the names")
+    return name, settings[name].read(f"set {name}", value)
+
+
+def _settings() -> Iterator[tuple[type[Any], Field[Any], Setting]]:
+    for owner in _OWNERS:
         for each, known in settings_of(owner):
-            default = None if owner is Recipe else each.default
-            yield inspect.Parameter(
-                each.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=default.value if isinstance(default, Enum) else default,
-                annotation=_annotation(each.name, known, default, from_preset=default is None and not known.optional),
+            yield owner, each, known
+
+
+def _parameters() -> Iterator[inspect.Parameter]:
+    """The options of all settings, in the order of the help."""
+    for owner, each, known in _settings():
+        if known.only_off:
+            off = Option(
+                f"--no-{known.option or each.name}", help=known.help, rich_help_panel=known.group, hidden=known.hidden
             )
+            yield _parameter(f"no_{each.name}", False, Annotated[bool, off])
+        if (known.only_off and known.kind == "flag") or (known.by_set and not known.hidden_option):
+            continue
+        # A preset decides about its recipe.
+        default = None if owner is Recipe or each.default == () else getattr(each.default, "value", each.default)
+        from_preset = owner is FitSettings and default is None and not known.optional
+        text = known.help + ("  [default: from the preset]" if from_preset else "")
+        yield _parameter(each.name, default, _annotation(each.name, known, default, text))
 
 
-def _annotation(name: str, known: Setting, default: Any, *, from_preset: bool) -> Any:
+def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _annotation(name: str, known: Setting, default: Any, text: str) -> Any:
     """What Typer needs to know. Limits are left to `Setting.check`, whose words are those of every other error."""
-    option = "--" + name.replace("_", "-")
-    text = known.help + ("  [default: from the preset]" if from_preset else "")
+    facts: dict[str, Any] = {"help": text, "rich_help_panel": known.group, "show_default": default not in ("", True)}
+    facts["hidden"] = known.hidden or known.by_set or known.only_off
+    kind: Any = str if known.auto or known.parse is not None else _KINDS.get(known.kind)
     if known.kind == "choice":
-        kind: Any = Literal[known.choices]
-        extra: dict[str, Any] = {"case_sensitive": False}
-    elif known.auto:
-        kind, extra = str, {"metavar": known.metavar, "parser": _number_or_word}
-    else:
-        kind, extra = _KINDS[known.kind], {} if known.kind == "flag" else {"metavar": known.metavar}
-    declared = f"{option}/--no-{option[2:]}" if known.kind == "flag" else option
-    return Annotated[
-        kind | None if default is None else kind, Option(declared, help=text, rich_help_panel=known.group, **extra)
-    ]
+        kind = Literal[known.choices]
+        facts["case_sensitive"] = False
+    elif known.kind != "flag":
+        facts["metavar"] = known.metavar
+    if known.auto:
+        facts["parser"] = _number_or_word
+    option = "--" + (known.option or name).replace("_", "-")
+    if known.kind == "flag" and default is not False:
+        option += f"/--no-{option[2:]}"
+    return Annotated[kind | None if default is None else kind, Option(option, **facts)]
 
 
 def _number_or_word(text: str) -> Any:
@@ -128,3 +166,48 @@ def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
         from cubicsplat_cli.files.atomic import write_atomically
 
         write_atomically(path, csv_text(rows).encode())
+
+
+class Command(TyperCommand):
+    """A command whose help is plain text, and which knows the options of earlier versions."""
+
+    grouped = False
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments, with the present names of options that were renamed."""
+        end = args.index("--") if "--" in args else len(args)
+        parts = [argument.partition("=") for argument in args[:end]]
+        present = [RENAMED_OPTIONS.get(name, name) + equals + value for name, equals, value in parts]
+        return super().parse_args(ctx, [*present, *args[end:]])
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """`[OPTIONS] IN...`."""
+        arguments = [str(p.metavar) for p in self.get_params(ctx) if p.param_type_name == "argument"]
+        return [self.options_metavar or "", *arguments]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write what the parameters mean."""
+        groups: dict[str, list[tuple[str, str]]] = {"Arguments": []}
+        for name in GROUPS if self.grouped else ("Options",):
+            groups[name] = []
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is None:
+                continue
+            shown, text = record
+            if parameter.param_type_name == "argument":
+                groups["Arguments"].append((str(parameter.metavar), text.replace("  [required]", "")))
+            else:
+                name = (getattr(parameter, "rich_help_panel", None) or COMMON) if self.grouped else "Options"
+                # The parser shows choices in brackets of its own.
+                groups[name].append((re.sub(r"[<\[]([^<\[]*\|[^>\]]*)[>\]]$", r"\1", shown), text))
+        for name, rows in groups.items():
+            if rows:
+                with formatter.section(name):
+                    formatter.write_dl(rows, col_max=min(30, formatter.width // 3))
+
+
+class GroupedCommand(Command):
+    """A command of many options, which come in groups."""
+
+    grouped = True

@@ -137,7 +137,7 @@ class Run(Events):
 
     def _close_pages(self) -> None:
         """The index, in the order of the plan, and where to begin to look."""
-        page = self.plan.jobs[0].outputs.page if self.plan.pictures == 1 and self.plan.jobs else None
+        page = self.plan.jobs[0].outputs.html_report if self.plan.pictures == 1 and self.plan.jobs else None
         if self.plan.index is not None:
             page = self.plan.index
             places = {job.name: place for place, job in enumerate(self.plan.jobs)}
@@ -184,7 +184,7 @@ def check_stdout(plan: Plan, *, json: bool, cluster: bool) -> None:
 def _print_plan(outcome: Outcome) -> None:
     """What a dry run says of a job."""
     outputs = outcome.job.outputs
-    path = outputs.svg if outcome.report is None or outcome.status == UNCHANGED else outputs.page
+    path = outputs.svg if outcome.report is None or outcome.status == UNCHANGED else outputs.html_report
     target = "standard output" if path is None else printable(str(path))
     state = "unchanged" if outcome.status == UNCHANGED else "to do"
     write_stdout(f"{state}  {printable(outcome.job.name)} -> {target}\n".encode())

@@ -26,23 +26,23 @@ PICTURE_SUFFIXES = frozenset(
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files of one vectorised picture; None: not written. `svg` None means standard output. report: the figures;
-    page: a page to look at, made of the others; animation: the fit as it develops.
+    """Files of one vectorised picture; None: not written. `svg` None means standard output. metrics: the JSON;
+    html_report: a page to look at, made of the others; animation: the fit as it develops.
     """
 
     svg: Path | None
     png: Path | None
-    report: Path | None
-    page: Path | None = None
+    metrics: Path | None
+    html_report: Path | None = None
     animation: Path | None = None
 
     def files(self) -> list[Path]:
         """All files that will be written."""
-        return [path for path in (*self.results(), self.page) if path is not None]
+        return [path for path in (*self.results(), self.html_report) if path is not None]
 
     def results(self) -> list[Path]:
         """Those of them that only a fit can make."""
-        return [path for path in (self.svg, self.png, self.report, self.animation) if path is not None]
+        return [path for path in (self.svg, self.png, self.metrics, self.animation) if path is not None]
 
 
 def is_picture_name(path: Path) -> bool:
@@ -70,7 +70,7 @@ def plan_outputs(
     output: str | None,
     *,
     png: bool,
-    report: bool = True,
+    metrics: bool = True,
     compress: bool = False,
     ending: str = "",
 ) -> Outputs:
@@ -97,7 +97,7 @@ def plan_outputs(
             raise UsageError(f"--suffix is of names made of the picture's, but -o {output} is one; leave out either")
     if svg.suffix.lower() not in ((COMPRESSED,) if compress else SVG_SUFFIXES):
         raise UsageError(f"the output must end in {suffix}, but -o is {output}; {_instead(svg, suffix)}")
-    outputs = beside(svg, png=png, report=report, source=source)
+    outputs = beside(svg, png=png, metrics=metrics, source=source)
     for path in outputs.files():
         if source is not None and same_file(path, source):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
@@ -127,7 +127,7 @@ def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) 
     return folder / f"{source.name}{suffix}" if taken else short
 
 
-def beside(svg: Path, *, png: bool, report: bool = True, source: Path | None = None) -> Outputs:
+def beside(svg: Path, *, png: bool, metrics: bool = True, source: Path | None = None) -> Outputs:
     """The SVG's companions: its picture and its figures.
 
     `photo.png` gives `photo.svg`, whose picture must not be `photo.png`; nor may it be any other picture that is
@@ -136,7 +136,7 @@ def beside(svg: Path, *, png: bool, report: bool = True, source: Path | None = N
     picture = drawn_name(svg)
     if source is not None and same_file(picture, source):
         picture = svg.with_suffix(_RENDERED)
-    return Outputs(svg, picture if png else None, svg.with_suffix(".json") if report else None)
+    return Outputs(svg, picture if png else None, svg.with_suffix(".json") if metrics else None)
 
 
 def drawn_name(svg: Path) -> Path:

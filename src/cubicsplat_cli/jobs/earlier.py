@@ -85,7 +85,7 @@ def forget(job: Job) -> None:
 def _report_of(job: Job) -> Path | None:
     """Where a report lies if there is one, wanted or not."""
     svg = job.outputs.svg
-    return job.outputs.report or (None if svg is None else beside(svg, png=False).report)
+    return job.outputs.metrics or (None if svg is None else beside(svg, png=False).metrics)
 
 
 def earlier_report(job: Job) -> Report | None:
@@ -130,7 +130,7 @@ def is_finished(job: Job) -> bool:
     report, svg = earlier_report(job), job.outputs.svg
     if svg is None or _size(svg) == 0:
         return False
-    return job.outputs.report is None if report is None else not report.interrupted
+    return job.outputs.metrics is None if report is None else not report.interrupted
 
 
 def _size(path: Path) -> int:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def has_page(job: Job, report: Report) -> bool:
     """Whether the page of a job is there, and about the SVG that the report is about; true where none is wanted."""
-    path = job.outputs.page
+    path = job.outputs.html_report
     if path is None:
         return True
     return is_file(path) and made_mark(report.output.svg_sha256).encode() in read_head(path)
@@ -36,11 +36,11 @@ def with_page(outcome: Outcome, request: Request) -> Outcome:
     from cubicsplat_cli.files.read import read_file
     from cubicsplat_cli.show.page import page, subject_of
 
-    assert job.outputs.svg is not None and job.outputs.page is not None
+    assert job.outputs.svg is not None and job.outputs.html_report is not None
     try:
         picture = load_job(job, request)
         subject = subject_of(picture, job.source(), read_file(job.outputs.svg), report)
-        write_atomically(job.outputs.page, page(subject, request.settings.threads))
+        write_atomically(job.outputs.html_report, page(subject, request.settings.threads))
     except CubicSplatError as error:
         return failure(job, error)
     return outcome
@@ -59,10 +59,10 @@ def write_index(path: Path, outcomes: list[Outcome]) -> None:
     entries = []
     for outcome, name in zip(outcomes, _short_names([outcome.job.name for outcome in outcomes]), strict=True):
         report, outputs = outcome.report, outcome.job.outputs
-        if report is None or outputs.page is None or outputs.svg is None:
+        if report is None or outputs.html_report is None or outputs.svg is None:
             entries.append(Entry(name, error=outcome.error or outcome.status))
         else:
-            entries.append(entry_of(name, outputs.page, report, outputs.png, outputs.svg))
+            entries.append(entry_of(name, outputs.html_report, report, outputs.png, outputs.svg))
     write_atomically(path, index(path, entries, path.absolute().parent.name or "pictures"))
 
 

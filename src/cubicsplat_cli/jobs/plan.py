@@ -70,16 +70,16 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
         found = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs(found.sources, output, request)
         made = Plan(jobs, list(found.problems), found.left_out)
-        return with_pages(made, output) if request.page else made
+        return with_pages(made, output) if request.html_report else made
     name = arguments[0]
     path = None if name == STDIO else Path(name)
     if path is not None and is_svg(path):
         raise InputError(f"{printable(name)}: is an SVG or XML file, already vector; give a raster picture")
     outputs = plan_outputs(
-        path, output, png=request.png, report=request.report, compress=request.compress, ending=request.suffix
+        path, output, png=request.png, metrics=request.metrics, compress=request.compress, ending=request.suffix
     )
     made = Plan([Job(name, path, replace(outputs, animation=request.animation))])
-    return with_pages(made, output) if request.page else made
+    return with_pages(made, output) if request.html_report else made
 
 
 def with_pages(made: Plan, output: str | None) -> Plan:
@@ -91,10 +91,10 @@ def with_pages(made: Plan, output: str | None) -> Plan:
     for job in made.jobs:
         if job.outputs.svg is None:
             raise UsageError("--report needs a file beside which the page can lie; give one with -o")
-        jobs.append(replace(job, outputs=replace(job.outputs, page=job.outputs.svg.with_suffix(PAGE))))
+        jobs.append(replace(job, outputs=replace(job.outputs, html_report=job.outputs.svg.with_suffix(PAGE))))
     if made.pictures == 1 or not jobs:
         return replace(made, jobs=jobs)
-    pages = [job.outputs.page for job in jobs if job.outputs.page is not None]
+    pages = [job.outputs.html_report for job in jobs if job.outputs.html_report is not None]
     folder = Path(os.path.commonpath([page.parent for page in pages])) if output is None else Path(output)
     # A picture may be called index itself.
     names = (folder / f"index{'' if number == 1 else f'-{number}'}{PAGE}" for number in itertools.count(1))
@@ -118,7 +118,7 @@ def plan_jobs(sources: list[Source], output: str | None, request: Request) -> li
         svg = place_for(source.path, _folder_of(source, output), suffix, shared=stem in shared)
         if (other := claimed.setdefault(_key(svg), source.path)) is not source.path:
             raise UsageError(f"{other} and {source.path} would both give {svg}; use two runs with different folders")
-        outputs = beside(svg, png=request.png, report=request.report)
+        outputs = beside(svg, png=request.png, metrics=request.metrics)
         jobs.append(Job(str(source.path), source.path, outputs, below=source.below))
     return jobs
 

@@ -82,7 +82,7 @@ class FileSink:
             write_stdout(data)
         self.files[kind] = data
         with folder_locked(Path() if svg is None else svg.parent):
-            replaced = self._replaced() if kind == "report" else {}
+            replaced = self._replaced() if kind == "metrics" else {}
             if kind == "svg" or replaced:
                 # From here on the report there is wrong; whoever finds none knows that the work is not done.
                 forget(self.job)
@@ -97,7 +97,7 @@ class FileSink:
         found = {}
         for kind, data in self.files.items():
             place = getattr(self.job.outputs, kind)
-            if kind == "report" or place is None or (is_file(place) and place.read_bytes() == data):
+            if kind == "metrics" or place is None or (is_file(place) and place.read_bytes() == data):
                 continue
             if is_replaceable(place) and not holds_edited(place):
                 found[place] = data
@@ -162,15 +162,15 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     report = report.written(svg, _text(job.outputs.svg), png, _text(job.outputs.png))
     if film is not None:
         _put_animation(film, task.target, result, report, job, sink, events)
-    if job.outputs.page is not None:
+    if job.outputs.html_report is not None:
         from cubicsplat_cli.show.page import page, subject_of
 
         events.stage(job.name, "report")
         subject = subject_of(picture, job.source(), result.svg.encode(), report)
-        sink.put("page", page(subject, request.settings.threads))
+        sink.put("html_report", page(subject, request.settings.threads))
     report = timed(report, stages)
     _say_overtime(report, picture.source, job, request.settings.time_limit, events)
-    sink.put("report", report.to_json().encode())
+    sink.put("metrics", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
 
 

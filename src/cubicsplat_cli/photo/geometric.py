@@ -37,7 +37,7 @@ class Regulariser:
         """(N, K, 2), at this progress of the fit in [0, 1]; None where it is nothing. loss: of the last step."""
         if self._left == 0:
             self._held, self._left = self._found(points, ring_ends, progress, loss), HELD
-            if self.recipe.geometric_reg > 0.0:
+            if self.recipe.crossing_penalty > 0.0:
                 self._left = 1
         self._left -= 1
         return self._held
@@ -45,11 +45,11 @@ class Regulariser:
     def _found(self, points: Array, ring_ends: Array | None, progress: float, loss: float | Array) -> Array | None:
         recipe, found = self.recipe, None
         pixels = self.size[0] * self.size[1]
-        if recipe.geometric_reg > 0.0:
-            found = crossing_gradient(points, self.mode, recipe.geometric_reg * pixels, ring_ends)
-        if recipe.thorn_reg > 0.0 and progress > THORNS_FROM:
+        if recipe.crossing_penalty > 0.0:
+            found = crossing_gradient(points, self.mode, recipe.crossing_penalty * pixels, ring_ends)
+        if recipe.spike_penalty > 0.0 and progress > THORNS_FROM:
             # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
-            weight = recipe.thorn_reg * loss
+            weight = recipe.spike_penalty * loss
             blunting = thorn_gradient(points, self.mode, TURNS * weight / self.joins, self.size, ring_ends)
             if self.mode is Mode.CLOSED:
                 blunting = blunting + sliver_gradient(points, SLIVERS * weight / pixels, self.size, ring_ends)

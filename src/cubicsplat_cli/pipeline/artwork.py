@@ -19,7 +19,6 @@ from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.paint import Ink
-from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import write_drawing
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
@@ -81,7 +80,7 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
         target = task.target.target()
         intake = prepared(target)
         drawing = draw(
-            target, chosen, intake, strokes=task.request.settings.mode is Mode.OPEN,
+            target, chosen, intake, strokes=task.request.strokes,
             on_sketch=lambda sketch: on_sketch(_drawn(scaled_drawing(sketch, *task.picture.size), task.request)),
         )  # fmt: skip
     drawing = scaled_drawing(drawing, *task.picture.size)

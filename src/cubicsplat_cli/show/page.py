@@ -15,7 +15,7 @@ from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.show.charts import Chart, course, histogram
 from cubicsplat_cli.show.drawing import Shown, kind_of, shown
 from cubicsplat_cli.show.original import data_url, picture_url
-from cubicsplat_cli.show.repeat import command, unsaid
+from cubicsplat_cli.show.repeat import command
 from cubicsplat_cli.show.template import rendered
 
 
@@ -90,7 +90,6 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         charts=_charts(report, losses, kind),
         times=_times(report),
         command=None if report is None else command(report),
-        unsaid=[] if report is None else unsaid(report),
         settings={} if report is None else _settings(report.settings),
         device={} if report is None else report.device,
         reason="" if report is None else report.style_reason,
