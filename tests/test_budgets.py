@@ -13,7 +13,8 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.options import parse_bytes
 from cubicsplat_cli.pipeline import budget
 from cubicsplat_cli.pipeline.budget import CLOSE, most_within
-from cubicsplat_cli.settings import FitSettings, with_segments
+from cubicsplat_cli.request import request_of
+from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import read_svg, write_svg
 from cubicsplat_cli.svg.sizes import bytes_by_curve
 
@@ -113,10 +114,14 @@ def test_amounts():
     for wrong in ("", "-1", "1e9", "2G", "0.2", True, "9" * 30):
         with pytest.raises(UsageError, match="amount of bytes"):
             parse_bytes(wrong)
-    assert with_segments({}, "9k") == {"segments": 2}
-    assert with_segments({"segments": 5}, "9k") == {"segments": 5}
-    assert with_segments({"mode": "open"}, "9k") == {"mode": "open"}
-    assert with_segments({}, None) == {}
+
+
+@pytest.mark.parametrize(
+    ("options", "segments"),
+    [({}, 4), ({"max_bytes": "9k"}, 2), ({"max_bytes": "9k", "segments": 5}, 5), ({"max_bytes": 9, "mode": "open"}, 3)],
+)
+def test_a_file_of_few_bytes_has_the_segments_that_give_most_for_a_byte(options, segments):
+    assert request_of(options).settings.segments == segments
 
 
 @pytest.mark.parametrize("each", [1, 7, 100])
