@@ -18,10 +18,9 @@ from warm import run_warm
 
 from cubicsplat_cli import pipeline
 from cubicsplat_cli.files.names import beside
-from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, FileSink, attempt
-from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.progress import Observer, Progress
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
@@ -87,29 +86,29 @@ def test_render_never_takes_a_picture_of_the_users_by_default(force, photo, run_
     assert (refused.returncode, photo.read_bytes()) == (2, before)
 
 
-class Impatient(Events):
+class Impatient(Observer):
     """Presses Ctrl-C as soon as the fit is under way."""
 
     def __init__(self) -> None:
         self.notes: list[str] = []
 
-    def step(self, job: str, progress: Progress) -> None:
+    def step(self, progress: Progress, job: str) -> None:
         raise KeyboardInterrupt
 
-    def note(self, job: str, text: str) -> None:
+    def note(self, text: str, job: str = "") -> None:
         self.notes.append(text)
 
 
 def test_a_finished_svg_is_never_replaced_by_an_interrupted_one(photo):
     job = job_of(photo)
-    first = attempt(job, REQUEST.with_threads(1), sink=FileSink(job), events=Impatient())
+    first = attempt(job, REQUEST.with_threads(1), sink=FileSink(job), observer=Impatient())
     assert first.status == INTERRUPTED
     assert strict_json(job.outputs.metrics.read_bytes())["interrupted"] is True
     quick = Request(FitSettings(curves=8, steps=20, threads=1), style="photo")
-    assert attempt(job, quick, sink=FileSink(job), events=Events()).status == DONE
+    assert attempt(job, quick, sink=FileSink(job), observer=Observer()).status == DONE
     finished = job.outputs.svg.read_bytes()
     impatient = Impatient()
-    again = attempt(job, REQUEST, sink=FileSink(job), events=impatient)
+    again = attempt(job, REQUEST, sink=FileSink(job), observer=impatient)
     assert (again.status, again.report) == (INTERRUPTED, None)
     assert job.outputs.svg.read_bytes() == finished
     assert "as the earlier, finished run left it" in impatient.notes[-1]
@@ -123,12 +122,12 @@ def test_what_is_written_is_named_when_measuring_fails(error, status, said, phot
         raise error
 
     monkeypatch.setattr(pipeline, "measured", fail)
-    job, events = job_of(photo), Impatient()
-    events.step = lambda *_: None
+    job, observer = job_of(photo), Impatient()
+    observer.step = lambda *_: None
     short = Request(FitSettings(curves=8, steps=20, threads=1), style="photo")
-    outcome = attempt(job, short, sink=FileSink(job), events=events)
+    outcome = attempt(job, short, sink=FileSink(job), observer=observer)
     assert outcome.status == status
-    words = outcome.error or events.notes[-1]
+    words = outcome.error or observer.notes[-1]
     assert said in words
     assert str(job.outputs.svg) in words
     assert job.outputs.svg.read_bytes().rstrip().endswith(b"</svg>")

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.display import progress_text
+from cubicsplat_cli.cli.console import Reporter, progress_text
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import hashes_in, provenance_comment, settings_hash
 from cubicsplat_cli.files.names import is_compressed_name, plan_outputs

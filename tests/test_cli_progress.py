@@ -13,8 +13,9 @@ from conftest import smooth_pixels
 from PIL import Image
 from warm import WarmCommand
 
-from cubicsplat_cli.cli import display
-from cubicsplat_cli.cli.display import LiveDisplay, Whole
+from cubicsplat_cli.cli import console
+from cubicsplat_cli.cli.console import Whole
+from cubicsplat_cli.cli.display import LiveDisplay
 from cubicsplat_cli.progress import Progress
 
 terminals = pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
@@ -23,7 +24,7 @@ CONTROL = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
 
 def test_the_time_left_for_all_counts_what_is_half_done_and_not_what_was_done_before(monkeypatch):
     now = [100.0]
-    monkeypatch.setattr(display.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
     whole = Whole(10)
     for name in "abcd":
         whole.end(name)  # done by an earlier run
@@ -145,7 +146,7 @@ def test_a_terminal_whose_size_changes_keeps_nothing_of_the_bars(monkeypatch):
         with LiveDisplay(3) as shown:
             for name in ("a_picture_of_some_length.png", "another_picture.png"):
                 shown.begin(name)
-                shown.step(name, Progress(0.1, 10, 100, 20.0, 3.5, 0, 12.0))
+                shown.step(Progress(0.1, 10, 100, 20.0, 3.5, 0, 12.0), name)
             for columns in (60, 100, 33, 20, 90, 30):
                 shown._bars.refresh()
                 resize(columns)

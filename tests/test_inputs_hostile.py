@@ -27,9 +27,9 @@ from cubicsplat_cli.files.atomic import folder_locked
 from cubicsplat_cli.files.marks import provenance_comment, with_checksum
 from cubicsplat_cli.files.names import beside
 from cubicsplat_cli.files.png import encode_png
-from cubicsplat_cli.jobs.interrupt import interrupt
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FileSink
+from cubicsplat_cli.progress import interrupt
 from cubicsplat_cli.svg import read_svg
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions, limits and signals of POSIX")

@@ -12,10 +12,10 @@ from PIL import Image
 
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.jobs import pool
-from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.pool import run_in_workers, share_threads
 from cubicsplat_cli.jobs.run import DONE, FAILED, Outcome
+from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, cpu_count
 
@@ -46,13 +46,13 @@ def run(names: list[str], monkeypatch, worker=work_or_die, **options) -> tuple[l
     notes: list[str] = []
     known = {"workers": 2, "stopping": lambda: False}
 
-    class Notes(Events):
-        def note(self, job: str, text: str) -> None:
+    class Notes(Observer):
+        def note(self, text: str, job: str = "") -> None:
             notes.append(text)
 
     jobs = iter([job(name) for name in names])
     request = Request(FitSettings(threads=3))
-    return list(run_in_workers(jobs, request, events=Notes(), **{**known, **options})), notes
+    return list(run_in_workers(jobs, request, observer=Notes(), **{**known, **options})), notes
 
 
 def test_every_job_is_done_once_and_threads_are_shared(monkeypatch):

@@ -21,14 +21,13 @@ from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.png import encode_png
-from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import MemorySink, run_job
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.trainer import Trainer
-from cubicsplat_cli.pipeline import candidates, copies, measured, task_of, vectorize_picture
-from cubicsplat_cli.pipeline import vectorize as pipeline
-from cubicsplat_cli.progress import COMMAND_BEGAN, Progress, Stages, Work
+from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture
+from cubicsplat_cli.pipeline import photo as photo_style
+from cubicsplat_cli.progress import COMMAND_BEGAN, Observer, Progress, StageTimer, Work
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
@@ -62,8 +61,8 @@ def as_drawing(_target) -> Style:
 
 
 def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch):
-    monkeypatch.setattr(pipeline, "choose_style", as_drawing)
-    task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), Stages())
+    monkeypatch.setattr(choose, "choose_style", as_drawing)
+    task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer())
     first, second = candidates(task)
     assert (first.style.name, second.style.name) == ("artwork", "photo")
     assert "flat, but a quick photo of" in second.style.reason
@@ -71,7 +70,7 @@ def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch):
     (early,) = candidates(task)
     assert (early.style.name, early.style.reason[:20]) == ("photo", second.style.reason[:20])
     asked = Request(SETTINGS, style="artwork", measure=False)
-    assert [made.style.name for made in candidates(task_of(as_picture(blotches()), asked, Stages()))] == ["artwork"]
+    assert [made.style.name for made in candidates(task_of(as_picture(blotches()), asked, StageTimer()))] == ["artwork"]
 
 
 @pytest.mark.parametrize("svg", [None, Path("x.svg")])
@@ -81,10 +80,10 @@ def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_
             puts.append((kind, data))
 
     puts: list[tuple[str, bytes]] = []
-    monkeypatch.setattr(pipeline, "choose_style", as_drawing)
+    monkeypatch.setattr(choose, "choose_style", as_drawing)
     data = encode_png(np.dstack([blotches(), np.full((18, 24), 255, np.uint8)]))
     job = Job("-", None, Outputs(svg, None, None), data=data)
-    outcome = run_job(job, Request(FitSettings(curves=4, steps=60, threads=1)), sink=Puts(), events=Events())
+    outcome = run_job(job, Request(FitSettings(curves=4, steps=60, threads=1)), sink=Puts(), observer=Observer())
     assert [kind for kind, _ in puts] == ["svg"] * (1 if svg is None else 2) + ["metrics"]
     assert outcome.report.style == "photo"
     assert outcome.report.output.svg_sha256 == hashlib.sha256(puts[-2][1]).hexdigest()
@@ -94,11 +93,11 @@ def test_ctrl_c_during_the_comparison_keeps_the_drawing(monkeypatch):
     def interrupted(_trainer) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "choose_style", as_drawing)
+    monkeypatch.setattr(choose, "choose_style", as_drawing)
     monkeypatch.setattr(Trainer, "advance", interrupted)
-    task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), Stages())
+    task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer())
     first, last = candidates(task)
-    assert [task.result(made).report.interrupted for made in (first, last)] == [False, True]
+    assert [made.interrupted for made in (first, last)] == [False, True]
     assert first.scene is last.scene
 
 
@@ -116,7 +115,7 @@ def test_a_result_far_from_its_picture_says_so():
 
 
 def test_a_drawing_that_is_near_its_picture_stays(monkeypatch):
-    monkeypatch.setattr(pipeline, "choose_style", as_drawing)
+    monkeypatch.setattr(choose, "choose_style", as_drawing)
     noisy = np.clip(disc() + np.random.default_rng(1).normal(0, 5, (80, 96, 3)), 0, 255).astype(np.uint8)
     assert vectorize(noisy, threads=1, measure=False).report.style == "artwork"
 
@@ -126,12 +125,12 @@ def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(monk
     letters = np.where(((x // 2 + y // 3 * 7) * 2654435761 >> 7) % 3 == 0, 20, 235).astype(np.uint8)
     text = np.dstack([letters] * 3)
     text[:20] = 235
-    monkeypatch.setattr(pipeline, "choose_style", lambda _target: Style("photo", "measured"))
-    first, second = candidates(task_of(as_picture(text), Request(FitSettings(steps=20, threads=1)), Stages()))
+    monkeypatch.setattr(choose, "choose_style", lambda _target: Style("photo", "measured"))
+    first, second = candidates(task_of(as_picture(text), Request(FitSettings(steps=20, threads=1)), StageTimer()))
     assert (first.style.name, second.style.name) == ("photo", "artwork")
     assert "measured, but as a photo it has only" in second.style.reason
     few = Request(FitSettings(curves=12, steps=20, threads=1))
-    assert len(list(candidates(task_of(as_picture(text), few, Stages())))) == 1
+    assert len(list(candidates(task_of(as_picture(text), few, StageTimer())))) == 1
 
 
 def fails(*_) -> None:
@@ -140,12 +139,12 @@ def fails(*_) -> None:
 
 @pytest.mark.parametrize(("broken", "other"), [("artwork", "photo"), ("photo", "artwork")])
 def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, monkeypatch):
-    monkeypatch.setattr(pipeline, {"artwork": "drawn_outlines", "photo": "fitted_photo"}[broken], fails)
-    monkeypatch.setattr(pipeline, "choose_style", lambda _target: Style(broken, "measured"))
+    monkeypatch.setattr(choose, "drawn_outlines", fails if broken == "artwork" else choose.drawn_outlines)
+    monkeypatch.setitem(choose.MAKERS, broken, fails)
+    monkeypatch.setattr(choose, "choose_style", lambda _target: Style(broken, "measured"))
     report = vectorize(flat_picture(), threads=1, steps=5).report
     assert (report.style, report.style_reason) == (other, f"measured, but as {broken} it failed")
     assert f"made as {other}, since {broken} failed: it is broken" in report.notes
-    monkeypatch.setattr(pipeline, "drawn_artwork", fails)
     with pytest.raises(EngineError, match="it is broken"):
         vectorize(flat_picture(), style=broken)
 
@@ -155,7 +154,7 @@ def test_a_finished_drawing_stays_where_the_photo_fails(error, monkeypatch):
     def fail(*_) -> None:
         raise error
 
-    monkeypatch.setattr(pipeline, "photo_is_nearer", fail)
+    monkeypatch.setattr(choose, "photo_is_nearer", fail)
     report = vectorize(flat_picture(), threads=1).report
     assert report.style == "artwork"
     assert any("the drawing stays" in note and ("memory" in note or "bug" in note) for note in report.notes)
@@ -212,13 +211,13 @@ def test_a_result_is_saved_as_an_svg_and_never_over_a_picture(tmp_path):
 
 @pytest.mark.parametrize("style", ["photo", "artwork"])
 def test_the_svg_is_there_before_it_is_measured(style):
-    task = task_of(as_picture(flat_picture()), Request(SETTINGS, style=style), Stages())
+    task = task_of(as_picture(flat_picture()), Request(SETTINGS, style=style), StageTimer())
     (made,) = candidates(task)
-    first = task.result(made)
-    assert (first.report.quality, first.pixels) == (None, None)
-    done = measured(first, task, made)
-    assert done.svg == first.svg
-    assert done.report.quality.svg.psnr_db is None or done.report.quality.svg.psnr_db > 8
+    svg = task.svg(made)
+    assert svg.endswith("</svg>\n")
+    found = measured(task, made, svg)
+    assert found.pixels.shape == (40, 48, 4)
+    assert found.quality.svg.psnr_db is None or found.quality.svg.psnr_db > 8
 
 
 def test_the_svg_keeps_the_size_of_a_picture_that_was_scaled_down():
@@ -235,9 +234,9 @@ def fitted(monkeypatch):
 
     Copies of 120 pixels, and 480 for the finish, are enough for up to 4 curves.
     """
-    monkeypatch.setattr(copies, "USUAL_CURVES", 4)
-    monkeypatch.setattr(copies, "ROUGH_PIXELS_PER_CURVE", 30)
-    monkeypatch.setattr(copies, "FINISH_SCALE", 2)
+    monkeypatch.setattr(photo_style, "USUAL_CURVES", 4)
+    monkeypatch.setattr(photo_style, "ROUGH_PIXELS_PER_CURVE", 30)
+    monkeypatch.setattr(photo_style, "FINISH_SCALE", 2)
     sizes = []
 
     def noted(target, settings, on_progress, film, guide, rough=None, resizings=()):
@@ -310,9 +309,9 @@ def test_a_picture_among_others_takes_its_own_time_not_the_commands():
 def test_what_is_left_of_a_time_limit_decides_what_is_measured(limit, smaller, monkeypatch):
     """Of a picture whose reading took 100 seconds."""
     monkeypatch.setattr(measurable, "_LEAST_PIXELS", 500)
-    stages = Stages(started=time.perf_counter() - 100)
+    timer = StageTimer(started=time.perf_counter() - 100)
     settings = FitSettings(curves=4, steps=10**6 if smaller else 20, threads=1, time_limit=limit)
-    done = vectorize_picture(as_picture(flat_picture()), Request(settings, style="photo"), stages=stages)
+    done = vectorize_picture(as_picture(flat_picture()), Request(settings, style="photo"), timer=timer)
     assert done.report.timing.total_s >= 100
     noted = [note for note in done.report.notes if "quality measured at" in note]
     assert (len(noted) == 1) == smaller

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import signal
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -122,30 +125,76 @@ def command_began() -> float:
     return time.perf_counter() if began is None else began
 
 
-@dataclass
-class Stages:
-    """The stages of the work ("read", "fit", "write", "draw", "measure"): the seconds of each; whom to tell of them.
+class Observer:
+    """Is told how the work on pictures goes on; these methods do nothing. job: the name of a picture's job."""
 
-    started: when the work began; of a command that has one picture to do, its own beginning (`command_began`).
+    def begin(self, job: str) -> None:
+        """Its work begins; or begins again."""
+
+    def stage(self, stage: str, job: str) -> None:
+        """A stage begins: read, start (the engine is loaded), fit, write, draw, measure, animation or html_report."""
+
+    def step(self, progress: Progress, job: str) -> None:
+        """How far its fit or drawing is."""
+
+    def note(self, text: str, job: str = "") -> None:
+        """Something the user should know that is no error."""
+
+    def detail(self, text: str, job: str = "") -> None:
+        """Something for those who want to know everything."""
+
+    def end(self, job: str) -> None:
+        """Its work has ended, in whatever way; also of a picture that needed no work."""
+
+
+@dataclass
+class StageTimer:
+    """Times the stages of the work on one picture ("read", "fit", "write", "draw", "measure"), and tells an observer.
+
+    job: the picture's name for the observer. started: when the work began; of a command that has one picture to do,
+    when the command began (`command_began`).
     """
 
-    begin: Callable[[str], None] = nothing
+    observer: Observer = field(default_factory=Observer)
+    job: str = ""
     seconds: dict[str, float] = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter)
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
         """Within, the work is in this stage; entered twice, the seconds add up."""
-        self.begin(name)
+        self.observer.stage(name, self.job)
         before = time.perf_counter()
         try:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - before
 
+    def step(self, progress: Progress) -> None:
+        """Tell how far the fit or the drawing is."""
+        self.observer.step(progress, self.job)
+
+    def note(self, text: str) -> None:
+        """Tell the user something that is no error."""
+        self.observer.note(text, self.job)
+
     def total(self) -> float:
         """Seconds since the work began."""
         return time.perf_counter() - self.started
+
+
+AGAIN_S = 0.05
+
+
+def interrupt() -> None:
+    """Raise KeyboardInterrupt or, while torch is being imported, have the signal come again a moment later.
+
+    For signal handlers. An exception that reaches torch's C++ code in the middle of its start aborts the process.
+    """
+    torch = sys.modules.get("torch")
+    if torch is None or not getattr(torch.__spec__, "_initializing", False):
+        raise KeyboardInterrupt
+    threading.Timer(AGAIN_S, signal.raise_signal, (signal.SIGINT,)).start()
 
 
 # Scenes that are kept take at most so much memory, or are as few as FEWEST_FRAMES.

@@ -1,37 +1,55 @@
-"""What goes to stderr: notes, summary lines and errors. stdout is for results alone."""
+"""What goes to stderr: notes, progress, summary lines and errors. stdout is for results alone."""
 
 from __future__ import annotations
 
+import math
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from cubicsplat_cli.cli.display import Display, LiveDisplay, PlainDisplay
-from cubicsplat_cli.formatting import printable
+from cubicsplat_cli.formatting import duration, printable
+from cubicsplat_cli.progress import Observer, Progress
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.progress import Progress
+    from cubicsplat_cli.cli.display import LiveDisplay
+
+# Plain lines: the first report, then one per tenth of the fit or five seconds.
+_PLAIN_SHARE = 0.1
+_PLAIN_SECONDS = 5.0
+# Of one picture: before so much is done, nobody can tell how long the rest will take.
+_LEAST_DONE = 0.05
+STAGES = {
+    "read": "reading",
+    "fit": "fitting",
+    "write": "writing",
+    "start": "starting",
+    "draw": "drawing",
+    "measure": "measuring",
+    "animation": "writing the animation",
+    "html_report": "writing the page",
+}
 
 
-class Reporter:
+class Reporter(Observer):
     """Writes to stderr: nothing but errors when quiet, settings and plain progress too when verbose.
 
-    bars: whether live progress may be drawn at all (where stderr is a terminal that can).
+    bars: whether progress bars may be drawn at all (where stderr is a terminal that can).
     """
 
     def __init__(self, *, quiet: bool, verbose: bool = False, bars: bool = True) -> None:
         self.quiet = quiet
         self.verbose = verbose
         self.bars = bars and not quiet and _can_hold_a_bar()
-        self._display: Display | None = None
+        self._display: LiveDisplay | PlainDisplay | None = None
 
-    def note(self, text: str) -> None:
+    def note(self, text: str, job: str = "") -> None:
         """Something the user should know that is no error."""
         if not self.quiet:
             self._print(f"cubicsplat: note: {printable(text)}")
 
-    def detail(self, text: str) -> None:
+    def detail(self, text: str, job: str = "") -> None:
         """Something for `-v` only."""
         if self.verbose and not self.quiet:
             self._print(printable(text))
@@ -49,32 +67,49 @@ class Reporter:
         """Text as it is, such as a traceback."""
         self._print(text)
 
+    def begin(self, job: str) -> None:
+        if self._display is not None:
+            self._display.begin(job)
+
+    def stage(self, stage: str, job: str) -> None:
+        if self._display is not None:
+            self._display.stage(stage, job)
+
+    def step(self, progress: Progress, job: str) -> None:
+        if self._display is not None:
+            self._display.step(progress, job)
+
+    def end(self, job: str) -> None:
+        if self._display is not None:
+            self._display.end(job)
+
     @contextmanager
-    def showing(self, pictures: int) -> Iterator[Display]:
-        """A display of the work on so many pictures: live on a terminal, plain lines with `-v`, else nothing."""
-        if self.bars:
-            with LiveDisplay(pictures) as display:
-                yield from self._with(display)
-        else:
-            yield from self._with(PlainDisplay(self.detail, pictures))
+    def showing(self, pictures: int) -> Iterator[None]:
+        """Within, the work on so many pictures is shown: by bars on a terminal, by lines with `-v`, else not at all."""
+        try:
+            if self.bars:
+                from cubicsplat_cli.cli.display import LiveDisplay
+
+                with LiveDisplay(pictures) as self._display:
+                    yield
+            else:
+                self._display = PlainDisplay(self.detail, pictures)
+                yield
+        finally:
+            self._display = None
 
     @contextmanager
     def progress(self, name: str) -> Iterator[Callable[[Progress], None]]:
         """The callback of one fit."""
-        with self.showing(1) as display:
-            display.begin(name)
-            yield lambda at: display.step(name, at)
-
-    def _with(self, display: Display) -> Iterator[Display]:
-        self._display = display
-        try:
-            yield display
-        finally:
-            self._display = None
+        with self.showing(1):
+            self.begin(name)
+            yield lambda at: self.step(at, name)
 
     def _print(self, text: str) -> None:
-        if self._display is None or not self._display.print(text):
+        if self._display is None or isinstance(self._display, PlainDisplay):
             print(text, file=sys.stderr, flush=True)
+        else:
+            self._display.print(text)
 
 
 def _can_hold_a_bar() -> bool:
@@ -84,3 +119,92 @@ def _can_hold_a_bar() -> bool:
     from rich.console import Console
 
     return Console(stderr=True).is_interactive
+
+
+class Whole:
+    """How far all pictures are together; of those that had nothing to do, nobody learns how long the others take."""
+
+    def __init__(self, pictures: int) -> None:
+        self.pictures = pictures
+        self.ended = 0
+        self._done = 0  # of those that were begun
+        self._shares: dict[str, float] = {}  # of those under way
+        self._started: float | None = None
+
+    def begin(self, job: str) -> None:
+        """A picture is begun, perhaps again."""
+        self._started = self._started or time.monotonic()
+        self._shares[job] = 0.0
+
+    def step(self, job: str, share: float) -> None:
+        """How far its fit is, 0 to 1."""
+        if job in self._shares:
+            self._shares[job] = share
+
+    def end(self, job: str) -> None:
+        """It has ended."""
+        self.ended += 1
+        self._done += self._shares.pop(job, None) is not None
+
+    def text(self) -> str:
+        """`3/12 pictures`."""
+        return f"{self.ended}/{self.pictures} pictures"
+
+    def left(self) -> str:
+        """`2 min 05 s left`, from what was done so far; empty while nobody can tell, and at the end."""
+        under_way = sum(self._shares.values())
+        done, rest = self._done + under_way, self.pictures - self.ended - under_way
+        if self._started is None or done < _LEAST_DONE or rest <= 0:
+            return ""
+        return f"{duration((time.monotonic() - self._started) * rest / done)} left"
+
+
+class PlainDisplay(Observer):
+    """A line now and then, for `-v` where no bar can be drawn."""
+
+    def __init__(self, print_line: Callable[[str], None], pictures: int) -> None:
+        self._print = print_line
+        self._whole = Whole(pictures)
+        self._printed: dict[str, tuple[float, float]] = {}  # share and time of the last line of each fit
+
+    def begin(self, job: str) -> None:
+        self._whole.begin(job)
+        self._printed[job] = (-1.0, -math.inf)
+        self._print(f"{job}: begun")
+
+    def stage(self, stage: str, job: str) -> None:
+        if stage not in ("read", "fit", "write"):  # the first step says it, or nobody would see it
+            self._print(f"{job}: {STAGES[stage]}")
+
+    def end(self, job: str) -> None:
+        self._whole.end(job)
+        if self._whole.pictures > 1:
+            self._print("  ".join(filter(None, (self._whole.text(), self._whole.left()))))
+
+    def step(self, progress: Progress, job: str) -> None:
+        self._whole.step(job, progress.share)
+        share, at = self._printed.get(job, (-1.0, -math.inf))
+        now = time.monotonic()
+        if progress.share >= share + _PLAIN_SHARE or progress.share >= 1.0 or now - at >= _PLAIN_SECONDS:
+            self._printed[job] = (progress.share, now)
+            steps = f", step {progress.step}/{progress.steps}" if progress.steps else ""
+            self._print(f"{job}: {progress_text(progress)}{steps}")
+
+
+def progress_text(progress: Progress, room: int = 1000) -> str:
+    """` 45 %  12 s left  31.2 dB  5.7 ms/step` of a fit, ` 45 %  12 s left  fitting outlines` of a drawing, as much of
+    it from the front as there is room for.
+    """
+    parts = [f"{100 * progress.share:3.0f} %"]
+    parts += [f"{duration(progress.seconds_left)} left"] if math.isfinite(progress.seconds_left) else []
+    if progress.psnr_db is None or progress.ms_per_step is None:
+        parts.append(progress.stage)
+    else:
+        parts += [f"{progress.psnr_db:.1f} dB", f"{progress.ms_per_step:.1f} ms/step"]
+    parts += [f"{progress.replaced} replaced"] if progress.replaced else []
+    text = parts[0]
+    for part in parts[1:]:
+        if len(text) + 2 + len(part) > room:
+            break
+        text += f"  {part}"
+    return text

@@ -1,144 +1,44 @@
-"""How the work goes on, as it goes on: bars on a terminal, a line now and then elsewhere."""
+"""Progress bars on a terminal."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING
 
-from cubicsplat_cli.formatting import duration, printable
-from cubicsplat_cli.jobs.events import Events
+import rich.progress
+from rich.console import Console, ConsoleRenderable, RenderableType, RenderHook
+from rich.control import Control
+from rich.segment import ControlType, Segment
 
-if TYPE_CHECKING:
-    from rich.progress import TaskID
+from cubicsplat_cli.cli.console import STAGES, Whole, progress_text
+from cubicsplat_cli.formatting import printable
+from cubicsplat_cli.progress import Observer, Progress
 
-    from cubicsplat_cli.progress import Progress
-
-# Plain lines: the first report, then one per tenth of the fit or five seconds.
-_PLAIN_SHARE = 0.1
-_PLAIN_SECONDS = 5.0
-# Of one picture: before so much is done, nobody can tell how long the rest will take.
-_LEAST_DONE = 0.05
 _BAR = 24  # columns
 _NAME = 24
 # In a terminal narrower than this there is no bar, and in one narrower than that no picture's name is shown in full.
 _WIDE, _NARROW = 72, 48
-_DOING = {
-    "read": "reading",
-    "fit": "fitting",
-    "write": "writing",
-    "start": "starting",
-    "draw": "drawing",
-    "measure": "measuring",
-    "animation": "writing the animation",
-    "report": "writing the page",
-}
 
 
-class Display(Events):
-    """Shows events. `end` is told of every picture, whether its work began or not."""
-
-    def end(self, job: str) -> None:
-        """A picture is done, in whatever way."""
-
-    def print(self, text: str) -> bool:
-        """Print a line without disturbing what is shown; False where whoever asks can do that as well."""
-        return False
-
-
-class Whole:
-    """How far all pictures are together; of those that had nothing to do, nobody learns how long the others take."""
-
-    def __init__(self, pictures: int) -> None:
-        self.pictures = pictures
-        self.ended = 0
-        self._done = 0  # of those that were begun
-        self._shares: dict[str, float] = {}  # of those under way
-        self._started: float | None = None
-
-    def begin(self, job: str) -> None:
-        """A picture is begun, perhaps again."""
-        self._started = self._started or time.monotonic()
-        self._shares[job] = 0.0
-
-    def step(self, job: str, share: float) -> None:
-        """How far its fit is, 0 to 1."""
-        if job in self._shares:
-            self._shares[job] = share
-
-    def end(self, job: str) -> None:
-        """It has ended."""
-        self.ended += 1
-        self._done += self._shares.pop(job, None) is not None
-
-    def text(self) -> str:
-        """`3/12 pictures`."""
-        return f"{self.ended}/{self.pictures} pictures"
-
-    def left(self) -> str:
-        """`2 min 05 s left`, from what was done so far; empty while nobody can tell, and at the end."""
-        under_way = sum(self._shares.values())
-        done, rest = self._done + under_way, self.pictures - self.ended - under_way
-        if self._started is None or done < _LEAST_DONE or rest <= 0:
-            return ""
-        return f"{duration((time.monotonic() - self._started) * rest / done)} left"
-
-
-class PlainDisplay(Display):
-    """A line now and then, for `-v` where no bar can be drawn."""
-
-    def __init__(self, tell: Callable[[str], None], pictures: int) -> None:
-        self._tell = tell
-        self._whole = Whole(pictures)
-        self._told: dict[str, tuple[float, float]] = {}  # share and time of the last line of each fit
-
-    def begin(self, job: str) -> None:
-        self._whole.begin(job)
-        self._told[job] = (-1.0, -math.inf)
-        self._tell(f"{job}: begun")
-
-    def stage(self, job: str, stage: str) -> None:
-        if stage not in ("read", "fit", "write"):  # the first step says it, or nobody would see it
-            self._tell(f"{job}: {_DOING[stage]}")
-
-    def end(self, job: str) -> None:
-        self._whole.end(job)
-        if self._whole.pictures > 1:
-            self._tell("  ".join(filter(None, (self._whole.text(), self._whole.left()))))
-
-    def step(self, job: str, progress: Progress) -> None:
-        self._whole.step(job, progress.share)
-        share, at = self._told.get(job, (-1.0, -math.inf))
-        now = time.monotonic()
-        if progress.share >= share + _PLAIN_SHARE or progress.share >= 1.0 or now - at >= _PLAIN_SECONDS:
-            self._told[job] = (progress.share, now)
-            steps = f", step {progress.step}/{progress.steps}" if progress.steps else ""
-            self._tell(f"{job}: {progress_text(progress)}{steps}")
-
-
-class LiveDisplay(Display):
+class LiveDisplay(Observer):
     """A bar for each picture under way and, where there are several, one for all."""
 
     def __init__(self, pictures: int) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn
-
-        from cubicsplat_cli.cli.rewrap import Rewrapped
-
         # Rich honours NO_COLOR. File names may hold square brackets, which must not be read as markup.
         self._console = Console(stderr=True, highlight=False)
-        wide = self._console.width >= _WIDE
-        columns = [TextColumn("{task.description}", markup=False), *([BarColumn(_BAR)] if wide else [])]
-        columns.append(TextColumn("{task.fields[text]}", markup=False))
-        self._bars = Progress(
+        bar = [rich.progress.BarColumn(_BAR)] if self._console.width >= _WIDE else []
+        name, text = (
+            rich.progress.TextColumn(f"{{task.{of}}}", markup=False) for of in ("description", "fields[text]")
+        )
+        columns: list[rich.progress.ProgressColumn] = [name, *bar, text]
+        self._bars = rich.progress.Progress(
             *columns, console=self._console, transient=True, redirect_stdout=False, redirect_stderr=False
         )
         self._rewrapped = Rewrapped(self._console, self._bars.get_renderable)
         self._whole = Whole(pictures)
-        self._shown: dict[str, TaskID] = {}
+        self._shown: dict[str, rich.progress.TaskID] = {}
         self._all = self._bars.add_task(self._whole.text(), total=pictures, text="") if pictures > 1 else None
 
     def __enter__(self) -> LiveDisplay:
@@ -162,11 +62,11 @@ class LiveDisplay(Display):
         shown = name if len(name) <= most else f"{name[: most - 3]}..."
         self._shown[job] = self._bars.add_task(shown, total=1.0, text="starting")
 
-    def stage(self, job: str, stage: str) -> None:
+    def stage(self, stage: str, job: str) -> None:
         if job in self._shown:
-            self._bars.update(self._shown[job], text=_DOING[stage])
+            self._bars.update(self._shown[job], text=STAGES[stage])
 
-    def step(self, job: str, progress: Progress) -> None:
+    def step(self, progress: Progress, job: str) -> None:
         if job in self._shown:
             room = self._console.width - self._name_width() - (_BAR if self._console.width >= _WIDE else 0) - 4
             text = progress_text(progress, room)
@@ -188,29 +88,32 @@ class LiveDisplay(Display):
         """The most columns of a picture's name."""
         return _NAME if self._console.width >= _NARROW else self._console.width // 3
 
-    def print(self, text: str) -> bool:
+    def print(self, text: str) -> None:
+        """Print a line above the bars."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
-        return True
 
     def _drop(self, job: str) -> None:
         if job in self._shown:
             self._bars.remove_task(self._shown.pop(job))
 
 
-def progress_text(progress: Progress, room: int = 1000) -> str:
-    """` 45 %  12 s left  31.2 dB  5.7 ms/step` of a fit, ` 45 %  12 s left  fitting outlines` of a drawing, as much of
-    it from the front as there is room for.
+class Rewrapped(RenderHook):
+    """Has rich, which counts the lines that it drew, take away those too that the terminal has made of them since.
+
+    Terminals lay lines that have become too long out anew, as several rows. A few old ones cut them off instead; there
+    as many rows above are taken away too.
     """
-    parts = [f"{100 * progress.share:3.0f} %"]
-    parts += [f"{duration(progress.seconds_left)} left"] if math.isfinite(progress.seconds_left) else []
-    if progress.psnr_db is None or progress.ms_per_step is None:
-        parts.append(progress.stage)
-    else:
-        parts += [f"{progress.psnr_db:.1f} dB", f"{progress.ms_per_step:.1f} ms/step"]
-    parts += [f"{progress.replaced} replaced"] if progress.replaced else []
-    text = parts[0]
-    for part in parts[1:]:
-        if len(text) + 2 + len(part) > room:
-            break
-        text += f"  {part}"
-    return text
+
+    def __init__(self, console: Console, drawn: Callable[[], RenderableType]) -> None:
+        self._console = console
+        self._drawn = drawn
+        self._columns: list[int] = []  # of each line when it was last drawn
+
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        """Called by rich with what it is about to write, before which it goes back over the lines that it knows of."""
+        width = self._console.width
+        more = sum(max(0, math.ceil(columns / width) - 1) for columns in self._columns)
+        lines = self._console.render_lines(self._drawn(), pad=False)
+        self._columns = [Segment.get_line_length(line) for line in lines]
+        row = ((ControlType.CURSOR_UP, 1), (ControlType.ERASE_IN_LINE, 2))
+        return [Control(*row * more), *renderables]

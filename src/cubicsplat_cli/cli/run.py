@@ -12,32 +12,74 @@ from dataclasses import dataclass, field
 from types import FrameType
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.display import Display
-from cubicsplat_cli.cli.summary import Tally, summary_line
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.ownership import check_ownership
 from cubicsplat_cli.files.stdout import write_stdout
-from cubicsplat_cli.formatting import counted, printable
-from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.jobs.execute import Means, execute, look
-from cubicsplat_cli.jobs.interrupt import interrupt
-from cubicsplat_cli.jobs.pages import planned_page, write_index
+from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, printable, text_table
+from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, look, planned_page, write_index
 from cubicsplat_cli.jobs.plan import Plan
-from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
-from cubicsplat_cli.metrics import plain
-from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
+from cubicsplat_cli.metrics import Report, plain
+from cubicsplat_cli.progress import interrupt
 from cubicsplat_cli.request import Request
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130
 
 
 @dataclass
-class Run(Events):
-    """One run: what it is to do, and how it is told."""
+class _Row:
+    """The pictures that ended alike."""
+
+    pictures: int = 0
+    reports: list[Report] = field(default_factory=list)
+
+    def cells(self) -> list[str]:
+        curves = sum(report.count() for report in self.reports)
+        size = sum(report.output.bytes for report in self.reports)
+        measured = [report.quality.svg for report in self.reports if report.quality is not None]
+        decibels, similarity = mean(q.psnr_db for q in measured), mean(q.ssim for q in measured)
+        return [
+            str(self.pictures),
+            str(curves or ""),
+            file_size(size) if size else "",
+            "" if decibels is None else number(decibels, 2),
+            "" if similarity is None else number(similarity, 3),
+        ]
+
+
+class Tally:
+    """Counts outcomes for the closing table."""
+
+    def __init__(self) -> None:
+        self.rows = {status: _Row() for status in (DONE, UNCHANGED, INTERRUPTED, FAILED)}
+
+    def add(self, outcome: Outcome) -> None:
+        """Count one outcome."""
+        row = self.rows[outcome.status]
+        row.pictures += 1
+        if outcome.report is not None:
+            row.reports.append(outcome.report)
+
+    def ended(self) -> int:
+        """How many pictures ended, in whatever way."""
+        return sum(row.pictures for row in self.rows.values())
+
+    def table(self, planned: int, seconds: float) -> list[str]:
+        """The lines of the table; `planned` pictures there were to do, in so many seconds."""
+        lines = [[status, *row.cells()] for status, row in self.rows.items() if row.pictures]
+        if planned > self.ended():
+            lines.append(["not begun", str(planned - self.ended()), "", "", "", ""])
+        table = text_table(["", "pictures", "curves", "SVG", "mean dB", "mean SSIM"], lines)
+        return [*table.splitlines(), f"{counted(planned, 'picture')} in {duration(seconds)}"]
+
+
+@dataclass
+class Run:
+    """One run: what it is to do, and what came of it so far."""
 
     plan: Plan
     request: Request
-    means: Means
+    options: ExecutionOptions
     reporter: Reporter
     json: bool = False
     dry_run: bool = False
@@ -45,20 +87,19 @@ class Run(Events):
     failures: list[Outcome] = field(default_factory=list)
     shown: list[Outcome] = field(default_factory=list)  # those that the index is about
     stopped: bool = False
-    display: Display = field(default_factory=Display)
     started: float = field(default_factory=time.perf_counter)
 
     def go(self) -> int:
         """Do everything; the exit code."""
         for reason, paths in self.plan.left_out.items():
-            self._tell_left_out(reason, [str(path) for path in paths])
+            self._note_left_out(reason, [str(path) for path in paths])
         for name, error in self.plan.problems:
-            self.settle(failure(named_job(name), error))
+            self.record_outcome(failure(named_job(name), error))
         if self.plan.index is not None and not self.dry_run:
             check_ownership([self.plan.index], force=self.request.force)
         if self.dry_run:
             for job in self.plan.jobs:
-                self.settle(planned_page(look(job, self.request)))
+                self.record_outcome(planned_page(look(job, self.request)))
         elif self.plan.jobs:
             self._work()
         self._close()
@@ -68,9 +109,9 @@ class Run(Events):
             return self.failures[0].exit_code
         return EXIT_FAILED if self.failures else 0
 
-    def settle(self, outcome: Outcome) -> None:
-        """Tell how one picture ended."""
-        self.display.end(outcome.job.name)
+    def record_outcome(self, outcome: Outcome) -> None:
+        """Print and count how one picture ended."""
+        self.reporter.end(outcome.job.name)
         if outcome.status == FAILED:
             self.failures.append(outcome)
             if self.plan.pictures > 1:
@@ -95,34 +136,18 @@ class Run(Events):
             line = json.dumps(plain(outcome.public()), separators=(",", ":"), allow_nan=False)
             write_stdout(line.encode() + b"\n")
 
-    def begin(self, job: str) -> None:
-        self.display.begin(job)
-
-    def stage(self, job: str, stage: str) -> None:
-        self.display.stage(job, stage)
-
-    def step(self, job: str, progress: Progress) -> None:
-        self.display.step(job, progress)
-
-    def note(self, job: str, text: str) -> None:
-        self.reporter.note(text)
-
-    def detail(self, job: str, text: str) -> None:
-        self.reporter.detail(text)
-
     def _work(self) -> None:
         if self.plan.pictures > 1:
             self.reporter.detail(self.request.describe())
-            self._tell_of_cores()
-        with self.reporter.showing(self.plan.pictures) as self.display, self._interrupts():
-            for outcome in execute(self.plan, self.request, self.means, self, lambda: self.stopped):
-                self.settle(outcome)
-        self.display = Display()
+            self._note_cores()
+        with self.reporter.showing(self.plan.pictures), self._interrupts():
+            for outcome in execute(self.plan, self.request, self.options, self.reporter, lambda: self.stopped):
+                self.record_outcome(outcome)
 
-    def _tell_of_cores(self) -> None:
+    def _note_cores(self) -> None:
         """That more jobs than there are cores would be of no use, where they were asked for."""
-        asked, at_once = self.means.workers, self.means.at_once()
-        if asked is not None and self.means.cluster is None and min(asked, self.plan.pictures) > at_once:
+        asked, at_once = self.options.workers, self.options.at_once()
+        if asked is not None and self.options.cluster is None and min(asked, self.plan.pictures) > at_once:
             self.reporter.note(f"--jobs {asked}: {counted(at_once, 'core')}, so {counted(at_once, 'picture')} at once")
 
     def _close(self) -> None:
@@ -145,7 +170,7 @@ class Run(Events):
         if page is not None and len(self.failures) < self.plan.pictures:
             self.reporter.summary(f"to look at: {page}")
 
-    def _tell_left_out(self, reason: str, names: list[str]) -> None:
+    def _note_left_out(self, reason: str, names: list[str]) -> None:
         shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
         self.reporter.note(f"left out, {reason}: {len(names)} ({shown})")
 
@@ -159,7 +184,7 @@ class Run(Events):
             again, self.stopped = self.stopped, True
             if not again:
                 self.reporter.note("interrupted: the work under way ends with what it has; Ctrl-C again ends at once")
-            if again or self.means.inline:
+            if again or self.options.inline:
                 interrupt()
 
         if threading.current_thread() is not threading.main_thread():
@@ -188,3 +213,34 @@ def _print_plan(outcome: Outcome) -> None:
     target = "standard output" if path is None else printable(str(path))
     state = "unchanged" if outcome.status == UNCHANGED else "to do"
     write_stdout(f"{state}  {printable(outcome.job.name)} -> {target}\n".encode())
+
+
+def summary_line(report: Report, status: str = DONE) -> str:
+    """`out.svg  512 curves  61 kB  SVG 31.9 dB  SSIM 0.86  47 s  cpu`."""
+    output = report.output
+    parts = [output.svg or "stdout", report.style, _size_text(report), file_size(output.bytes), *_quality_parts(report)]
+    if status == UNCHANGED:
+        parts.append("unchanged")
+    else:
+        parts += [duration(report.timing.total_s), str(report.device["name"])]
+    if status == INTERRUPTED:
+        parts.append("interrupted")
+    return "  ".join(parts)
+
+
+def _size_text(report: Report) -> str:
+    """`512 curves`, `5 shapes`, `27 shapes in 3 elements` of the file."""
+    if report.shapes is None:
+        return counted(report.output.paths, "curve")
+    apart = report.shapes == report.output.paths
+    return counted(report.shapes, "shape") + ("" if apart else f" in {counted(report.output.paths, 'element')}")
+
+
+def _quality_parts(report: Report) -> list[str]:
+    if report.quality is None:
+        return ["not measured"]
+    svg = report.quality.svg
+    return [
+        "SVG identical" if svg.psnr_db is None else f"SVG {svg.psnr_db:.1f} dB",
+        "SSIM n/a" if svg.ssim is None else f"SSIM {svg.ssim:.2f}",
+    ]

@@ -12,7 +12,7 @@ import typer
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Pictures, chosen, takes_options
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.jobs.plan import plan
+from cubicsplat_cli.jobs.plan import plan, with_masks
 from cubicsplat_cli.options import BOTH, COMMON, FILES, Setting
 from cubicsplat_cli.request import request_of
 
@@ -84,8 +84,7 @@ def vectorize(
     request = request_of(values)
     from cubicsplat_cli.cli.run import Run, check_stdout
     from cubicsplat_cli.files.read import read_stdin
-    from cubicsplat_cli.jobs.execute import Means
-    from cubicsplat_cli.jobs.masks import with_masks
+    from cubicsplat_cli.jobs.execute import ExecutionOptions
 
     planned = plan(inputs, output, request, recursive=recursive)
     if request.masks is not None:
@@ -93,8 +92,8 @@ def vectorize(
     check_stdout(planned, json=json, cluster=cluster is not None)
     if planned.jobs and planned.jobs[0].path is None:
         planned = replace(planned, jobs=[replace(planned.jobs[0], data=read_stdin(request.max_pixels))])
-    means = Means(workers=jobs, cluster=cluster, inline=cluster is None and planned.pictures == 1)
+    execution = ExecutionOptions(workers=jobs, cluster=cluster, inline=cluster is None and planned.pictures == 1)
     reporter = Reporter(quiet=quiet, verbose=verbose, bars=not (json and sys.stdout.isatty()))
-    code = Run(planned, request, means, reporter, json=json, dry_run=dry_run).go()
+    code = Run(planned, request, execution, reporter, json=json, dry_run=dry_run).go()
     if code:
         raise typer.Exit(code)

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import CubicSplatError, EngineError
 from cubicsplat_cli.formatting import one_line
-from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FAILED, FileSink, MemorySink, Outcome, attempt, failure
+from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def run_on_cluster(
     address: str,
     count: int,
     limit: int | None,
-    events: Events,
+    observer: Observer,
     stopping: Callable[[], bool],
 ) -> Iterator[Outcome]:
     """The outcomes of `jobs` as they come; their files are written here.
@@ -61,7 +60,7 @@ def run_on_cluster(
         task = ray.remote(num_cpus=share.cpus, num_gpus=share.gpus, max_retries=RETRIES)(work)
         running: dict[Any, Job] = {}
         while not stopping():
-            yield from _submit(ray, task, jobs, request, share, running, events)
+            yield from _submit(ray, task, jobs, request, share, running, observer)
             if not running:
                 return
             ready, _ = ray.wait(list(running), timeout=_POLL_SECONDS)
@@ -75,7 +74,7 @@ def run_on_cluster(
 def work(job: Job, request: Request, threads: int) -> tuple[Outcome, dict[str, bytes]]:
     """What runs on the cluster: the outcome of a job, and its files by kind."""
     sink = MemorySink()
-    outcome = attempt(job, request.with_threads(threads), sink=sink, events=Events())
+    outcome = attempt(job, request.with_threads(threads), sink=sink, observer=Observer())
     # The picture need not travel back.
     return dataclasses.replace(outcome, job=dataclasses.replace(job, data=None)), sink.files
 
@@ -124,7 +123,7 @@ def _submit(
     request: Request,
     share: Share,
     running: dict[Any, Job],
-    events: Events,
+    observer: Observer,
 ) -> Iterator[Outcome]:
     """Send out jobs while there is room; yields those whose picture cannot be read."""
     from cubicsplat_cli.files.read import read_whole
@@ -135,11 +134,11 @@ def _submit(
             return
         assert job.path is not None  # the command refuses standard input here
         try:
-            data, asked = read_whole(job.path), request_of(job, request)
+            data, asked = read_whole(job.path), job.request(request)
         except CubicSplatError as error:
             yield failure(job, error)
             continue
-        events.begin(job.name)
+        observer.begin(job.name)
         running[task.remote(dataclasses.replace(job, data=data, mask=None), asked, share.cpus)] = job
 
 

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import CubicSplatError
+from cubicsplat_cli.files.atomic import write_atomically
+from cubicsplat_cli.files.marks import made_mark
+from cubicsplat_cli.files.ownership import read_head
 from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare
-from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.jobs.masks import request_of
-from cubicsplat_cli.jobs.pages import with_page
 from cubicsplat_cli.jobs.plan import Job, Plan
-from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure
+from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure, load_job
+from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
 
+if TYPE_CHECKING:
+    from cubicsplat_cli.metrics import Report
+
 
 @dataclass(frozen=True)
-class Means:
-    """With what the jobs are carried out. workers: pictures at once (None: one, or what the cluster can take). cluster:
+class ExecutionOptions:
+    """How jobs are carried out. workers: pictures at once (None: one, or what the cluster can take). cluster:
     its address, None for this machine. inline: in this process, where there is one picture.
     """
 
@@ -33,19 +40,19 @@ class Means:
 
 
 def execute(
-    plan: Plan, request: Request, means: Means, events: Events, stopping: Callable[[], bool]
+    plan: Plan, request: Request, options: ExecutionOptions, observer: Observer, stopping: Callable[[], bool]
 ) -> Iterator[Outcome]:
     """An outcome for each job of the plan. What an earlier run has done is looked at when it is a job's turn.
 
     Once `stopping()` is true nothing is begun any more, and the fits under way end early with the best they have.
     Raises EngineError where the cluster does not answer.
     """
-    settled: list[Outcome] = []
-    to_do = _to_do(plan.jobs, request, settled)
-    for outcome in _carried_out(to_do, len(plan.jobs), request, means, events, stopping):
-        yield from _taken(settled)
+    finished_before: list[Outcome] = []
+    to_do = _to_do(plan.jobs, request, finished_before)
+    for outcome in _carried_out(to_do, len(plan.jobs), request, options, observer, stopping):
+        yield from _taken(finished_before)
         yield outcome
-    yield from _taken(settled)
+    yield from _taken(finished_before)
 
 
 def look(job: Job, request: Request) -> Outcome:
@@ -54,7 +61,7 @@ def look(job: Job, request: Request) -> Outcome:
     if request.skip_existing and svg is not None and is_file(svg) and svg.stat().st_size > 0:
         return Outcome(job, UNCHANGED, earlier_report(job))
     try:
-        report = None if request.force else finished(job, request_of(job, request).digest())
+        report = None if request.force else finished(job, job.request(request).digest())
         if report is None:
             check_may_write(job, force=request.force)
     except CubicSplatError as error:
@@ -63,27 +70,38 @@ def look(job: Job, request: Request) -> Outcome:
 
 
 def _carried_out(
-    jobs: Iterator[Job], count: int, request: Request, means: Means, events: Events, stopping: Callable[[], bool]
+    jobs: Iterator[Job],
+    count: int,
+    request: Request,
+    options: ExecutionOptions,
+    observer: Observer,
+    stopping: Callable[[], bool],
 ) -> Iterator[Outcome]:
-    if means.cluster is not None:
+    if options.cluster is not None:
         from cubicsplat_cli.jobs.cluster import run_on_cluster
 
         yield from run_on_cluster(
-            jobs, request, address=means.cluster, count=count, limit=means.workers, events=events, stopping=stopping
+            jobs,
+            request,
+            address=options.cluster,
+            count=count,
+            limit=options.workers,
+            observer=observer,
+            stopping=stopping,
         )
-    elif means.inline:
+    elif options.inline:
         for job in jobs:
-            events.begin(job.name)
-            yield attempt(job, request, sink=FileSink(job), events=events)
+            observer.begin(job.name)
+            yield attempt(job, request, sink=FileSink(job), observer=observer)
     else:
         from cubicsplat_cli.jobs.pool import run_in_workers
 
-        workers = min(means.at_once(), count)
-        yield from run_in_workers(jobs, request, workers=workers, events=events, stopping=stopping)
+        workers = min(options.at_once(), count)
+        yield from run_in_workers(jobs, request, workers=workers, observer=observer, stopping=stopping)
 
 
-def _to_do(jobs: list[Job], request: Request, settled: list[Outcome]) -> Iterator[Job]:
-    """The jobs that need work; the outcomes of the others go to `settled`."""
+def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome]) -> Iterator[Job]:
+    """The jobs that need work; the outcomes of the others go to `finished_before`."""
     for job in jobs:
         outcome = look(job, request)
         if outcome.status == PLANNED:
@@ -94,9 +112,65 @@ def _to_do(jobs: list[Job], request: Request, settled: list[Outcome]) -> Iterato
             else:
                 yield job
                 continue
-        settled.append(with_page(outcome, request))
+        finished_before.append(with_page(outcome, request))
 
 
-def _taken(settled: list[Outcome]) -> Iterator[Outcome]:
-    while settled:
-        yield settled.pop(0)
+def _taken(finished_before: list[Outcome]) -> Iterator[Outcome]:
+    while finished_before:
+        yield finished_before.pop(0)
+
+
+def has_page(job: Job, report: Report) -> bool:
+    """Whether the page of a job is there, and about the SVG that the report is about; true where none is wanted."""
+    path = job.outputs.html_report
+    if path is None:
+        return True
+    return is_file(path) and made_mark(report.output.svg_sha256).encode() in read_head(path)
+
+
+def with_page(outcome: Outcome, request: Request) -> Outcome:
+    """The outcome of a job whose files an earlier run made, after its page has been made too where it is missing."""
+    job, report = outcome.job, outcome.report
+    if outcome.status != UNCHANGED or report is None or has_page(job, report):
+        return outcome
+    from cubicsplat_cli.files.read import read_file
+    from cubicsplat_cli.show.page import page, subject_of
+
+    assert job.outputs.svg is not None and job.outputs.html_report is not None
+    try:
+        picture = load_job(job, request)
+        subject = subject_of(picture, job.source(), read_file(job.outputs.svg), report)
+        write_atomically(job.outputs.html_report, page(subject, request.settings.threads))
+    except CubicSplatError as error:
+        return failure(job, error)
+    return outcome
+
+
+def planned_page(outcome: Outcome) -> Outcome:
+    """What a dry run says in place of the outcome of a job that lacks nothing but its page."""
+    done = outcome.status != UNCHANGED or outcome.report is None or has_page(outcome.job, outcome.report)
+    return outcome if done else replace(outcome, status=PLANNED)
+
+
+def write_index(path: Path, outcomes: list[Outcome]) -> None:
+    """The page that leads to the pages of all pictures, in the order given. Raises InputError as all writing does."""
+    from cubicsplat_cli.show.index import Entry, entry_of, index
+
+    entries = []
+    for outcome, name in zip(outcomes, _short_names([outcome.job.name for outcome in outcomes]), strict=True):
+        report, outputs = outcome.report, outcome.job.outputs
+        if report is None or outputs.html_report is None or outputs.svg is None:
+            entries.append(Entry(name, error=outcome.error or outcome.status))
+        else:
+            entries.append(entry_of(name, outputs.html_report, report, outputs.png, outputs.svg))
+    write_atomically(path, index(path, entries, path.absolute().parent.name or "pictures"))
+
+
+def _short_names(names: list[str]) -> list[str]:
+    """The names without the folder that all of them share, which says nothing and may be long."""
+    folders = {os.path.dirname(name) for name in names}  # noqa: PTH120 (names may be patterns)
+    absolute = {os.path.isabs(name) for name in names}  # noqa: PTH117
+    if len(absolute) != 1:
+        return names
+    shared = os.path.commonpath(folders)
+    return [os.path.relpath(name, shared) for name in names] if shared else names

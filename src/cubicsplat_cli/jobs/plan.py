@@ -10,7 +10,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.names import COMPRESSED, PAGE, PLAIN, STDIO, Outputs, beside, place_for, plan_outputs
+from cubicsplat_cli.files.names import (
+    COMPRESSED,
+    PAGE,
+    PLAIN,
+    STDIO,
+    Outputs,
+    beside,
+    is_picture_name,
+    place_for,
+    plan_outputs,
+)  # fmt: skip
 from cubicsplat_cli.files.ownership import is_svg
 from cubicsplat_cli.files.paths import is_folder, is_there, make_folder_of
 from cubicsplat_cli.formatting import printable
@@ -38,6 +48,14 @@ class Job:
         from cubicsplat_cli.files.read import read_whole
 
         return read_whole(self.path)
+
+    def request(self, request: Request) -> Request:
+        """What is asked for of this picture: the request, with its own mask. Raises InputError if that is no mask."""
+        if self.mask is None:
+            return request
+        from cubicsplat_cli.files.weights import load_mask
+
+        return replace(request, masks=None, weights=load_mask(self.mask, max_pixels=request.max_pixels))
 
     @property
     def title(self) -> str:
@@ -149,3 +167,27 @@ def make_folders(job: Job) -> None:
     """Make the folders of a job's files. Raises InputError where that cannot be done."""
     for path in job.outputs.files():
         make_folder_of(path)
+
+
+def with_masks(made: Plan, folder: Path) -> Plan:
+    """The plan with the mask of each picture that has one: of its name, whatever it ends in, where it lies below
+    `folder` as the picture does below its own. Raises UsageError where there is none for any, or two for one.
+    """
+    listed: dict[Path, list[Path]] = {}
+    jobs = [replace(job, mask=_mask_of(job, folder, listed)) for job in made.jobs]
+    if jobs and not any(job.mask for job in jobs):
+        raise UsageError(f"has no picture of the name of {jobs[0].name} in {folder}, nor of any other", "weights")
+    return replace(made, jobs=jobs)
+
+
+def _mask_of(job: Job, folder: Path, listed: dict[Path, list[Path]]) -> Path | None:
+    if job.path is None:
+        return None
+    place = folder / job.below
+    if place not in listed:
+        listed[place] = sorted(path for path in place.iterdir() if is_picture_name(path)) if place.is_dir() else []
+    found = [path for path in listed[place] if path.stem == job.path.stem]
+    same = [path for path in found if path.name == job.path.name]
+    if len(found) > 1 and not same:
+        raise UsageError(f"has two masks for {job.name}, {found[0]} and {found[1]}; take one away", "weights")
+    return next(iter(same or found), None)

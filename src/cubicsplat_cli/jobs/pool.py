@@ -23,11 +23,9 @@ from queue import SimpleQueue
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from cubicsplat_cli.jobs.events import Events
-from cubicsplat_cli.jobs.interrupt import interrupt
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, FileSink, Outcome, attempt
-from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.progress import Observer, Progress, interrupt
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
 
@@ -50,13 +48,13 @@ def share_threads(threads: int | None, workers: int) -> list[int]:
 
 
 def run_in_workers(
-    jobs: Iterator[Job], request: Request, *, workers: int, events: Events, stopping: Callable[[], bool]
+    jobs: Iterator[Job], request: Request, *, workers: int, observer: Observer, stopping: Callable[[], bool]
 ) -> Iterator[Outcome]:
     """The outcomes of `jobs` in the order in which they end; `jobs` is asked for the next when a worker is free.
 
     Once `stopping()` is true nothing is begun any more, and the fits under way end early with the best they have.
     """
-    pool = _Pool(request, share_threads(request.settings.threads, workers), events)
+    pool = _Pool(request, share_threads(request.settings.threads, workers), observer)
     try:
         yield from pool.run(jobs, stopping)
     finally:
@@ -77,7 +75,7 @@ class _Worker:
 class _Pool:
     request: Request
     threads: list[int]
-    events: Events
+    observer: Observer
     workers: list[_Worker] = field(default_factory=list)
     again: deque[Job] = field(default_factory=deque)
     deaths: dict[str, int] = field(default_factory=dict)
@@ -123,7 +121,7 @@ class _Pool:
                 return
             worker = next((worker for worker in self.workers if worker.slot == slot), None) or self._start(slot)
             worker.job = job
-            self.events.begin(job.name)
+            self.observer.begin(job.name)
             with contextlib.suppress(OSError):  # it died while idle: `_listen` finds that out
                 worker.pipe.send(job)
 
@@ -149,7 +147,7 @@ class _Pool:
         if kind == "outcome":
             worker.job = None
             return content
-        getattr(self.events, kind)(job.name, *content)
+        getattr(self.observer, kind)(content, job.name)
         return None
 
     def _died(self, worker: _Worker, job: Job) -> Outcome | None:
@@ -160,7 +158,7 @@ class _Pool:
         how = _describe(worker.process.exitcode)
         self.deaths[job.name] = self.deaths.get(job.name, 0) + 1
         if self.deaths[job.name] < ATTEMPTS:
-            self.events.note(job.name, f"{job.name}: its worker process died ({how}); it is tried again")
+            self.observer.note(f"{job.name}: its worker process died ({how}); it is tried again", job.name)
             self.again.append(job)
             return None
         text = f"{job.name}: its worker process died {ATTEMPTS} times ({how}); try fewer --jobs, or --max-size"
@@ -217,8 +215,8 @@ def _work(pipe: Connection, request: Request, threads: int) -> None:
         while (job := jobs.get()) is not None:
             try:
                 with stops.let_through():
-                    events = _ThroughPipe(pipe, stops)
-                    outcome = attempt(job, request.with_threads(threads), sink=FileSink(job), events=events)
+                    observer = _ThroughPipe(pipe, stops)
+                    outcome = attempt(job, request.with_threads(threads), sink=FileSink(job), observer=observer)
             except KeyboardInterrupt:
                 outcome = Outcome(job, INTERRUPTED)
             pipe.send(("outcome", outcome))
@@ -267,22 +265,22 @@ class _Stops:
         self.signalled(signal.SIGINT, None)
 
 
-class _ThroughPipe(Events):
+class _ThroughPipe(Observer):
     """Says through the pipe how a job goes on."""
 
     def __init__(self, pipe: Connection, stops: _Stops) -> None:
         self._pipe, self._stops = pipe, stops
 
-    def stage(self, job: str, stage: str) -> None:
+    def stage(self, stage: str, job: str) -> None:
         self._send("stage", stage)
 
-    def note(self, job: str, text: str) -> None:
+    def note(self, text: str, job: str = "") -> None:
         self._send("note", text)
 
-    def step(self, job: str, progress: Progress) -> None:
+    def step(self, progress: Progress, job: str) -> None:
         self._send("step", progress)
 
     def _send(self, kind: str, content: object) -> None:
         # Half a message would be the end of the worker.
         with self._stops.let_through(False):
-            self._pipe.send((kind, (content,)))
+            self._pipe.send((kind, content))

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import logging
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cubicsplat_cli.errors import CubicSplatError
+from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
 from cubicsplat_cli.files.ownership import is_replaceable
 from cubicsplat_cli.files.paths import is_file
+from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.files.stdout import STDOUT, write_stdout
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.jobs.earlier import forget, holds_edited, is_finished
-from cubicsplat_cli.jobs.events import Events, logged_to
-from cubicsplat_cli.jobs.masks import request_of
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.metrics import Report, head
-from cubicsplat_cli.progress import FRAMES, FrameRecorder, Stages, command_began
+from cubicsplat_cli.metrics import Output, Report, head
+from cubicsplat_cli.progress import FRAMES, FrameRecorder, Observer, StageTimer, command_began
 from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
     from cubicsplat_cli.files.load import Picture
-    from cubicsplat_cli.pipeline import Result
+    from cubicsplat_cli.pipeline.task import Made, Measured, Task
 
 _OVER = 1.25  # of a time limit: what is not worth a note
 DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupted", "failed", "planned"
@@ -115,96 +118,97 @@ class MemorySink:
         self.files[kind] = data
 
 
-def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcome:
-    """Load, fit, write, measure. The SVG is put out before it is measured, the report last: whoever finds a report
-    finds all files. A finished SVG is never replaced by that of an interrupted fit. Raises what the steps raise.
+def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Outcome:
+    """Load, fit, write, measure. The SVG is put out before it is measured, the metrics last: whoever finds these finds
+    all files. A finished SVG is never replaced by that of an interrupted fit. Raises what the steps raise.
     """
-    stages = Stages(lambda stage: events.stage(job.name, stage), started=command_began())
+    timer = StageTimer(observer, job.name, started=command_began())
     if request.masks is not None and job.mask is None:
-        events.note(job.name, f"{job.name}: has no mask in {request.masks}, so all of it matters alike")
-    with stages("read"):
-        request = request_of(job, request)
+        timer.note(f"{job.name}: has no mask in {request.masks}, so all of it matters alike")
+    with timer("read"):
+        request = job.request(request)
         picture = load_job(job, request)
     for note in picture.notes:
-        events.note(job.name, f"{picture.source}: {note}")
-    events.detail(job.name, f"{picture.source}: {picture.size[0]} x {picture.size[1]} px; {request.describe()}")
+        timer.note(f"{picture.source}: {note}")
+    observer.detail(f"{picture.source}: {picture.size[0]} x {picture.size[1]} px; {request.describe()}", job.name)
     # What comes now takes a while to import: what is wrong with the picture is said before.
-    events.stage(job.name, "start")
-    from cubicsplat_cli.files.png import encode_png
-    from cubicsplat_cli.files.read import packed
-    from cubicsplat_cli.pipeline import candidates, measured, task_of, timed
+    observer.stage("start", job.name)
+    from cubicsplat_cli.pipeline import candidates, measured, task_of
 
     request = replace(request, compress=request.compress or is_compressed_name(job.outputs.svg))
-    film = None if job.outputs.animation is None else FrameRecorder(FRAMES)
-    task = task_of(
-        picture, request, stages, title=job.title, on_progress=lambda at: events.step(job.name, at), film=film
-    )
+    recorder = None if job.outputs.animation is None else FrameRecorder(FRAMES)
+    task = task_of(picture, request, timer, title=job.title, on_progress=timer.step, recorder=recorder)
     for made in candidates(task):
-        result = task.result(made)
-        if result.report.interrupted and is_finished(job):
-            events.note(job.name, f"interrupted: {job.outputs.svg} is as the earlier, finished run left it")
+        svg = task.svg(made)
+        if made.interrupted and is_finished(job):
+            timer.note(f"interrupted: {job.outputs.svg} is as the earlier, finished run left it")
             return Outcome(job, INTERRUPTED)
-        svg = packed(result.svg, compressed=request.compress)
+        data = packed(svg, compressed=request.compress)
         if job.outputs.svg is not None:
-            sink.put("svg", svg)
+            sink.put("svg", data)
     if job.outputs.svg is None:  # what went to standard output could not be replaced
-        sink.put("svg", svg)
-    if request.measure:
-        result = measured(result, task, made)
-    for note in result.report.notes[len(picture.notes) :]:
-        events.note(job.name, f"{picture.source}: {note}")
-    png = None
-    if job.outputs.png is not None and result.pixels is not None:
-        with stages("draw"):
-            png = encode_png(result.pixels)
-            sink.put("png", png)
-    report = replace(result.report, input=replace(result.report.input, path=job.name))
-    report = report.written(svg, _text(job.outputs.svg), png, _text(job.outputs.png))
-    if film is not None:
-        _put_animation(film, task.target, result, report, job, sink, events)
-    if job.outputs.html_report is not None:
-        from cubicsplat_cli.show.page import page, subject_of
-
-        events.stage(job.name, "report")
-        subject = subject_of(picture, job.source(), result.svg.encode(), report)
-        sink.put("html_report", page(subject, request.settings.threads))
-    report = timed(report, stages)
-    _say_overtime(report, picture.source, job, request.settings.time_limit, events)
+        sink.put("svg", data)
+    found = measured(task, made, svg) if request.measure else None
+    report = _write_others(job, task, made, found, svg, data, sink)
+    _say_overtime(report, task)
     sink.put("metrics", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
 
 
-def _put_animation(
-    film: FrameRecorder, target: Picture, result: Result, report: Report, job: Job, sink: Sink, events: Events
-) -> None:
-    """Of the fit of a photo as it develops, or of a drawing as it is laid down. target: the picture."""
-    assert job.outputs.animation is not None
-    if result.scene is None:
-        events.note(job.name, f"{target.source}: is transparent throughout, so there is no animation")
+def _write_others(
+    job: Job, task: Task, made: Made, found: Measured | None, svg: str, data: bytes, sink: Sink
+) -> Report:
+    """Put out the PNG, the animation and the page, where they are wanted; the figures of all."""
+    from cubicsplat_cli.pipeline import output_of, report_of
+
+    timer, outputs = task.timer, job.outputs
+    for note in [*task.target.notes, *made.notes, *(found.notes if found else ())][len(task.source.notes) :]:
+        timer.note(f"{task.source.source}: {note}")
+    files = {} if outputs.svg is None else {"svg": str(outputs.svg)}
+    if outputs.png is not None and found is not None:
+        from cubicsplat_cli.files.png import encode_png
+
+        with timer("draw"):
+            png = encode_png(found.pixels)
+            sink.put("png", png)
+        files |= {"png": str(outputs.png), "png_sha256": sha256_of(png)}
+    output = output_of(made, svg, data, **files)
+    if outputs.animation is not None:
+        _put_animation(outputs.animation, task, made, output, sink)
+    report = report_of(task, made, found, output, path=job.name)
+    if outputs.html_report is not None:
+        from cubicsplat_cli.show.page import page, subject_of
+
+        timer.observer.stage("html_report", job.name)
+        subject = subject_of(task.source, job.source(), svg.encode(), report)
+        sink.put("html_report", page(subject, task.request.settings.threads))
+    return report
+
+
+def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sink) -> None:
+    """Of the fit of a photo as it develops, or of a drawing as it is laid down."""
+    timer, recorder = task.timer, task.recorder
+    if made.scene is None or recorder is None:
+        timer.note(f"{task.target.source}: is transparent throughout, so there is no animation")
         return
     from cubicsplat_cli.artwork.style import PHOTO
     from cubicsplat_cli.show.animation import animation
 
-    events.stage(job.name, "animation")
-    threads = report.settings["threads"]
-    if report.style != PHOTO or report.output.paths == 0:
+    timer.observer.stage("animation", timer.job)
+    threads = task.request.settings.threads
+    if made.style.name != PHOTO or output.paths == 0:
         from cubicsplat_cli.artwork.film import film_shapes
 
-        film_shapes(film, result.scene, target, threads)
-    form = job.outputs.animation.suffix[1:].upper()
-    moving = animation(film, result.scene, form=form, about=report.output.svg_sha256, threads=threads)
-    sink.put("animation", moving)
+        film_shapes(recorder, made.scene, task.target, threads)
+    form = path.suffix[1:].upper()
+    sink.put("animation", animation(recorder, made.scene, form=form, about=output.svg_sha256, threads=threads))
 
 
-def _say_overtime(report: Report, source: str, job: Job, limit: float | None, events: Events) -> None:
-    timing = report.timing
+def _say_overtime(report: Report, task: Task) -> None:
+    timing, limit = report.timing, task.request.settings.time_limit
     if limit is not None and timing.total_s > _OVER * limit:
         said = f"took {timing.total_s:.1f} s, of which the fit had {timing.fit_s:.1f} s"
-        events.note(job.name, f"{source}: {said}; --time-limit {limit:g} is less than the rest takes")
-
-
-def _text(path: Path | None) -> str | None:
-    return None if path is None else str(path)
+        task.timer.note(f"{task.source.source}: {said}; --time-limit {limit:g} is less than the rest takes")
 
 
 def load_job(job: Job, request: Request) -> Picture:
@@ -225,15 +229,15 @@ def load_job(job: Job, request: Request) -> Picture:
     )
 
 
-def attempt(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcome:
+def attempt(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Outcome:
     """`run_job`, with whatever goes wrong as an outcome: one bad picture must not end the work on the others.
 
     A bug in here fails the job too, and its traceback is kept for the user. A Ctrl-C passes through unless the SVG is
     written by then.
     """
     try:
-        with logged_to(events, job.name):
-            return run_job(job, request, sink=sink, events=events)
+        with _logged_to(observer, job.name):
+            return run_job(job, request, sink=sink, observer=observer)
     except CubicSplatError as error:
         return failure(job, error, sink.written)
     except MemoryError:
@@ -242,13 +246,33 @@ def attempt(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     except KeyboardInterrupt:
         if not sink.written:
             raise
-        events.note(job.name, f"interrupted{_kept(sink.written)}, without its figures")
+        observer.note(f"interrupted{_kept(sink.written)}, without its figures", job.name)
         return Outcome(job, INTERRUPTED)
     except (BrokenPipeError, SystemExit):
         raise
     except Exception as error:
         text = f"{job.name}: {type(error).__name__}: {error}; this is a bug, please report it"
         return Outcome(job, FAILED, error=one_line(text), exit_code=1, trace=traceback.format_exc())
+
+
+class _Notes(logging.Handler):
+    def __init__(self, observer: Observer, job: str) -> None:
+        super().__init__(logging.WARNING)
+        self._observer, self._job = observer, job
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._observer.note(record.getMessage(), self._job)
+
+
+@contextmanager
+def _logged_to(observer: Observer, job: str) -> Iterator[None]:
+    """Within, what the library logs is a note on this job."""
+    log, handler = logging.getLogger("cubicsplat"), _Notes(observer, job)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
 
 
 def named_job(name: str) -> Job:

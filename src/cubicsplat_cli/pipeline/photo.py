@@ -14,7 +14,7 @@ from cubicsplat_cli.evaluate.layers import of_pixels
 from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.metrics import Timing
 from cubicsplat_cli.pipeline.budget import (
@@ -27,15 +27,20 @@ from cubicsplat_cli.pipeline.budget import (
     within_bytes,
     within_level,
 )
-from cubicsplat_cli.pipeline.copies import copies_of, fitted_on
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 from cubicsplat_cli.svg import write_svg
 
 if TYPE_CHECKING:
     from cubicsplat_cli.photo import FitResult, Resizing
+
+
+# The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
+# which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/lab/cpu.md.
+ROUGH_PIXELS_PER_CURVE = 1536
+FINISH_SCALE = 3
 
 
 def fitted_photo(task: Task) -> Made:
@@ -52,8 +57,8 @@ def fitted_photo(task: Task) -> Made:
 
     def fit_from(chosen: FitSettings, resizings: Sequence[Resizing], before: Scene | None) -> FitResult:
         if before is None:
-            return fit(pixels, chosen, task.on_progress, task.film, guide, begun, resizings)
-        return fit(pixels, chosen, task.on_progress, task.film, replace(guide, start=before))
+            return fit(pixels, chosen, task.on_progress, task.recorder, guide, begun, resizings)
+        return fit(pixels, chosen, task.on_progress, task.recorder, replace(guide, start=before))
 
     within = _within(task, fine, settings, guide.weights, fit_from)
     fitted = within.fitted
@@ -143,3 +148,30 @@ def _with_curves(task: Task) -> FitSettings:
             )
         return usual
     return usual if settings.curves is not None else settings.with_(curves=init.scene.curves)
+
+
+def fitted_on(picture: Picture, rough: Picture, fine: Picture) -> list[str]:
+    """What the report says of copies."""
+    if fine is picture and rough is picture:
+        return []
+    finish = "" if rough is fine else f", with the exact finish at {fine.width} x {fine.height}"
+    return [f"fitted on a copy of {rough.width} x {rough.height} pixels{finish}"]
+
+
+def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture]:
+    """What most of a fit is done on, and what its exact finish: a large picture's copies, or the picture itself twice.
+
+    A recipe in fractions of the canvas is a published one, and works on the picture.
+    """
+    if settings.recipe.length_unit == "canvas" or settings.recipe.finish == 0.0:
+        return picture, picture
+    rough = _with_pixels(picture, ROUGH_PIXELS_PER_CURVE * max(settings.curves, USUAL_CURVES))
+    return rough, picture if rough is picture else _with_pixels(picture, FINISH_SCALE**2 * rough.width * rough.height)
+
+
+def _with_pixels(picture: Picture, enough: int) -> Picture:
+    """The picture, or a copy of so many pixels where it has half as many again: less would save nothing."""
+    pixels = picture.width * picture.height
+    if 2 * pixels <= 3 * enough:
+        return picture
+    return resize_picture(picture, max(1, round(max(picture.size) * math.sqrt(enough / pixels))))

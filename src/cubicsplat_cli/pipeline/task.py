@@ -17,18 +17,17 @@ from cubicsplat_cli.evaluate.measurable import seconds_to_measure
 from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.formats import holds_picture
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.files.marks import provenance_comment, sha256_of, with_checksum
+from cubicsplat_cli.files.marks import provenance_comment, with_checksum
 from cubicsplat_cli.files.names import SVG_SUFFIXES, is_compressed_name
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.files.weights import pixel_weights
 from cubicsplat_cli.formatting import printable
-from cubicsplat_cli.metrics import Input, Output, Report, Timing
-from cubicsplat_cli.progress import FrameRecorder, Progress, Stages
+from cubicsplat_cli.metrics import Qualities, Report
+from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
-from cubicsplat_cli.svg.drawing import drawn_elements
 
 UNDECIDED = Style(PHOTO, "")
 LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
@@ -84,21 +83,36 @@ class Made:
     of_scan: bool = False
     blur: float = 0.0
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether the work on it ended early, by a Ctrl-C."""
+        return bool(self.facts.get("interrupted"))
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The figures of an SVG, and its pixels (H, W, 4) uint8 as an independent renderer draws them."""
+
+    quality: Qualities
+    pixels: np.ndarray
+    notes: list[str]
+
 
 @dataclass(frozen=True, eq=False)
 class Task:
     """One picture, and what is asked of it.
 
     source: the picture as it came; picture: over the ground asked for; target: what is fitted, that or a smaller copy.
+    recorder: keeps the scenes of a photo's fit.
     """
 
     source: Picture
     picture: Picture
     target: Picture
     request: Request
-    stages: Stages
+    timer: StageTimer
     on_progress: Callable[[Progress], None] | None
-    film: FrameRecorder | None
+    recorder: FrameRecorder | None
     title: str
 
     @property
@@ -113,24 +127,10 @@ class Task:
         request = self.request
         return provenance_comment(__version__, request.settings.seed, request.digest(), self.picture.sha256)
 
-    def result(self, made: Made) -> Result:
-        """The SVG of what was made, and its report, not yet measured."""
-        with self.stages("write"):
-            svg = with_checksum(made.write(self.title, self.comment()))
-            data, source, request = svg.encode(), self.source, self.request
-            paths = drawn_elements(svg) if "shapes" in made.facts else made.paths
-            facts = {"device": {"name": "cpu"}, "timing": Timing(0.0, self.stages.seconds["fit"]), **made.facts}
-            report = Report(
-                input=Input(source.source, source.sha256, *source.size, source.alpha is not None),
-                output=Output(paths, len(data), sha256_of(data)),
-                settings=request.deciding(),
-                settings_hash=request.digest(),
-                style=made.style.name,
-                style_reason=made.style.reason,
-                notes=[*self.target.notes, *made.notes],
-                **facts,
-            )
-        return Result(svg, made.scene, report)
+    def svg(self, made: Made) -> str:
+        """The text of the SVG of what was made."""
+        with self.timer("write"):
+            return with_checksum(made.write(self.title, self.comment()))
 
     def text(self, scene: Scene, precision: int) -> str:
         """The SVG of a photo's curves, at the picture's size."""
@@ -140,7 +140,7 @@ class Task:
     def seconds_left(self) -> float:
         """Until the time limit, infinite without one; below 0 beyond it."""
         limit = self.request.settings.time_limit
-        return math.inf if limit is None else limit - self.stages.total()
+        return math.inf if limit is None else limit - self.timer.total()
 
     def settings(self) -> FitSettings:
         """Of a fit that leaves time for what comes after it, where there is a limit."""

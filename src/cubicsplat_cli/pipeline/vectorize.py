@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
-from cubicsplat_cli.artwork.plain import only_ink
-from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
-from cubicsplat_cli.errors import CubicSplatError, UsageError
+from cubicsplat_cli.artwork.style import PHOTO
+from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
+from cubicsplat_cli.evaluate.measurable import measurable
+from cubicsplat_cli.evaluate.metrics import measure, weighted_psnr_db
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
-from cubicsplat_cli.formatting import one_line
-from cubicsplat_cli.options import listed
-from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
-from cubicsplat_cli.pipeline.measure import measured, timed
-from cubicsplat_cli.pipeline.nearer import FAR_DB, PhotoIsNearer, check_worth_finishing, level_db, photo_is_nearer
-from cubicsplat_cli.pipeline.photo import fitted_photo
-from cubicsplat_cli.pipeline.task import Made, Result, Task
-from cubicsplat_cli.progress import FrameRecorder, Progress, Stages
+from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.metrics import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
+from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
+from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
+from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
 from cubicsplat_cli.request import Request
+from cubicsplat_cli.svg.drawing import drawn_elements
 
 
 def vectorize_picture(
@@ -25,7 +26,7 @@ def vectorize_picture(
     request: Request | None = None,
     *,
     title: str | None = None,
-    stages: Stages | None = None,
+    timer: StageTimer | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Result:
     """Turn a loaded picture into an SVG, and measure that SVG.
@@ -34,150 +35,86 @@ def vectorize_picture(
     that with what there is so far. Raises EngineError when the engine fails, InputError when the scene cannot be
     written.
     """
-    task = task_of(picture, request or Request(), stages or Stages(), title=title, on_progress=on_progress)
+    task = task_of(picture, request or Request(), timer or StageTimer(), title=title, on_progress=on_progress)
     *_, made = candidates(task)
-    result = task.result(made)
-    if task.request.measure:
-        result = measured(result, task, made)
-    return replace(result, report=timed(result.report, task.stages))
+    svg = task.svg(made)
+    found = measured(task, made, svg) if task.request.measure else None
+    report = report_of(task, made, found, output_of(made, svg, svg.encode()))
+    return Result(svg, made.scene, report, None if found is None else found.pixels)
 
 
 def task_of(
     picture: Picture,
     request: Request,
-    stages: Stages,
+    timer: StageTimer,
     *,
     title: str | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-    film: FrameRecorder | None = None,
+    recorder: FrameRecorder | None = None,
 ) -> Task:
-    """The work on a loaded picture. film: keeps the scenes of a photo's fit."""
-    with stages("read"):
+    """The work on a loaded picture. recorder: keeps the scenes of a photo's fit."""
+    with timer("read"):
         wanted = laid_over(picture, request.settings.background_colour)
         target = wanted if request.max_size is None else resize_picture(wanted, request.max_size)
-    return Task(picture, wanted, target, request, stages, on_progress, film, title or picture.source)
+    return Task(picture, wanted, target, request, timer, on_progress, recorder, title or picture.source)
 
 
-def candidates(task: Task) -> Iterator[Made]:
-    """What is made of the picture. Where the style is "auto", the result of the style that suits it comes first, and
-    behind it that of the other style, if that is nearer, or what is to be said of it. Each is a finished result, to be
-    kept until the next.
-    """
-    with task.stages("fit"):
-        made = _first(task)
-    yield made
-    if not (made.may_be_photo or made.may_be_drawn) or task.seconds_left() <= 0.0:
-        return
-    with task.stages("fit"):
-        better = _nearer(task, made) if made.may_be_photo else _nearer_drawing(task, made)
-    if better is not made:
-        yield better
+def measured(task: Task, made: Made, svg: str) -> Measured:
+    """Draw the SVG's bytes with an independent renderer, and compare that and the engine's picture with the input."""
+    timer, threads = task.timer, task.request.settings.threads
+    with timer("measure"):
+        reference = measurable(task.picture, task.seconds_left())
+    with timer("draw"):
+        drawn = rerender(svg.encode(), reference.width, reference.height)
+    with timer("measure"):
+        own = of_scene(made.scene, reference.width, reference.height, made.samples, threads)
+        (file, surrogate), agreement = measure(reference, [of_pixels(drawn.pixels), own], threads)
+        quality = Qualities(
+            FileQuality(**vars(file), renderer=drawn.renderer),
+            OwnQuality(**vars(surrogate), samples=made.samples),
+            agreement,
+            gap_db(file, surrogate),
+        )
+        weights = task.weights(reference)
+        if weights is not None:
+            level = weighted_psnr_db(reference, of_pixels(drawn.pixels), weights)
+            quality = replace(quality, weighted_psnr_db=level)
+    notes = [] if drawn.note is None else [drawn.note]
+    if (reference.width, reference.height) != task.picture.size:
+        notes.append(f"quality measured at {reference.width} x {reference.height} pixels")
+    if quality.svg.psnr_db is not None and quality.svg.psnr_db < FAR_DB and _may_be_nearer(task, made):
+        more = "more --curves bring it nearer" if made.style.name == PHOTO else "--style photo may be nearer"
+        notes.append(f"the result is far from the picture, {quality.svg.psnr_db:.1f} dB; {more}")
+    return Measured(quality, drawn.pixels, notes)
 
 
-def _first(task: Task) -> Made:
-    """What the style that is asked for, or suits the picture, makes of it; the other style where that fails."""
-    request = task.request
-    ink = only_ink(task.picture)
-    if ink is not None:
-        return plain(ink, task)
-    asked = _asked_for(request)
-    if asked is not None:
-        return replace(_made(task, asked), may_be_photo=False)
-    style = choose_style(task.target.target())
-    try:
-        return _suiting(task, style)
-    except PhotoIsNearer as nearer:
-        return _photo_instead(task, style, str(nearer))
-    except UsageError:
-        raise
-    except Exception as error:
-        failed = error.with_traceback(None)  # which would keep all that was in memory
-    other = Style(ARTWORK if style.name == PHOTO else PHOTO, f"{style.reason}, but as {style.name} it failed")
-    try:
-        made = _made(task, other)
-    except Exception:
-        raise failed from None
-    return replace(made, notes=[*made.notes, f"made as {other.name}, since {_failure(style.name, failed)}"])
+def _may_be_nearer(task: Task, made: Made) -> bool:
+    """Whether a result is to be as near to its picture as it can be: nobody asked for few curves or colours."""
+    as_it_is = made.style.name == PHOTO or (task.request.artwork.free_inks and not made.of_scan)
+    return as_it_is and not task.bounded
 
 
-def _asked_for(request: Request) -> Style | None:
-    """The style that the user chose, by name or by an option that only that style has."""
-    if request.style != "auto":
-        return Style(request.style, "asked for")
-    for name, options in ((PHOTO, request.of_photos()), (ARTWORK, request.of_artwork())):
-        if options:
-            return Style(name, f"asked for by {listed(options)}")
-    return None
+def output_of(made: Made, text: str, data: bytes, **files: Any) -> Output:
+    """What the report says of files. text: of the SVG; data: its file, which may be compressed. files: more members."""
+    paths = drawn_elements(text) if "shapes" in made.facts else made.paths
+    return Output(paths, len(data), sha256_of(data), **files)
 
 
-def _nearer(task: Task, made: Made) -> Made:
-    """The photo of a picture to which that is nearer than the drawing; else the drawing, with a note if that is not
-    known.
-    """
-    try:
-        reason = photo_is_nearer(task, made)
-        if reason is None:
-            return made
-        photo = _photo_instead(task, made.style, reason)
-    except Exception as error:
-        return replace(made, notes=[*made.notes, f"the drawing stays, since {_failure('photo', error)}"])
-    except KeyboardInterrupt:
-        return _interrupted(made)
-    return _interrupted(made) if photo.facts["interrupted"] else photo
-
-
-def _nearer_drawing(task: Task, photo: Made) -> Made:
-    """The drawing of a picture from which the photo is far, if that is nearer; else the photo, with a note if that is
-    not known.
-    """
-    level = level_db(task, photo.scene, photo.samples)
-    if level is None or level >= FAR_DB or photo.facts["interrupted"]:
-        return photo
-    style = Style(ARTWORK, f"{photo.style.reason}, but as a photo it has only {level:.1f} dB")
-    try:
-        made = _suiting(task, style)
-        drawn = level_db(task, made.scene, made.samples, made.blur)
-    except PhotoIsNearer:
-        return photo
-    except Exception as error:
-        return replace(photo, notes=[*photo.notes, f"the photo stays, since {_failure('artwork', error)}"])
-    if made.facts["interrupted"]:
-        return _interrupted(photo)
-    if drawn is not None and drawn <= level:
-        return photo
-    return replace(made, notes=[*made.notes, f"made as artwork: a photo has only {level:.1f} dB"])
-
-
-def _interrupted(made: Made) -> Made:
-    """A finished result that was still to be compared."""
-    return replace(made, facts={**made.facts, "interrupted": True})
-
-
-def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
-    """The photo of a picture that looks like a drawing, with a note."""
-    photo = _made(task, Style(PHOTO, f"{drawn.reason}, but {reason}"))
-    return replace(photo, notes=[*photo.notes, f"made as photo: {reason}"])
-
-
-def _made(task: Task, style: Style) -> Made:
-    """What a style makes of the picture."""
-    make = {PHOTO: fitted_photo, ARTWORK: drawn_artwork, PIXEL: drawn_pixels}[style.name]
-    return replace(make(task), style=style)
-
-
-def _suiting(task: Task, style: Style) -> Made:
-    """The same of the style that was measured. Raises PhotoIsNearer where a drawing is not worth finishing."""
-    if style.cells is not None:
-        return replace(drawn_cells(task, style.cells), style=style)
-    if style.name == PHOTO:
-        return replace(_made(task, style), may_be_drawn=not task.bounded)
-    return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
-
-
-def _failure(style: str, error: Exception) -> str:
-    """What went wrong, in words for the user; an error that is not ours is a bug."""
-    if isinstance(error, CubicSplatError):
-        return f"{style} failed: {one_line(error)}"
-    if isinstance(error, MemoryError):
-        return f"there is not enough memory for {style}"
-    return f"{style} failed ({type(error).__name__}: {one_line(error)}); this is a bug, please report it"
+def report_of(task: Task, made: Made, found: Measured | None, output: Output, *, path: str | None = None) -> Report:
+    """The figures of a finished result, with the seconds until now. path: of the picture, as the user named it."""
+    source, request, seconds = task.source, task.request, task.timer.seconds
+    facts = {"device": {"name": "cpu"}, "timing": Timing(0.0, seconds["fit"]), **made.facts}
+    stages = {f"{name}_s": seconds.get(name) for name in ("read", "write", "draw", "measure")}
+    timing = replace(facts.pop("timing"), total_s=task.timer.total(), **stages)
+    return Report(
+        input=Input(path or source.source, source.sha256, *source.size, source.alpha is not None),
+        output=output,
+        settings=request.deciding(),
+        settings_hash=request.digest(),
+        style=made.style.name,
+        style_reason=made.style.reason,
+        notes=[*task.target.notes, *made.notes, *([] if found is None else found.notes)],
+        quality=None if found is None else found.quality,
+        timing=timing,
+        **facts,
+    )

@@ -1,0 +1,209 @@
+"""Whether a picture becomes a photo or a drawing: what is asked for, what suits it, and which result is nearer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from cubicsplat_cli.artwork.plain import only_ink
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
+from cubicsplat_cli.errors import CubicSplatError, UsageError
+from cubicsplat_cli.evaluate.layers import of_scene, of_values
+from cubicsplat_cli.evaluate.metrics import psnr_db
+from cubicsplat_cli.files.load import resize_picture
+from cubicsplat_cli.formatting import one_line
+from cubicsplat_cli.options import listed
+from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
+from cubicsplat_cli.pipeline.photo import fitted_photo
+from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.scene import Scene
+
+# Px of the longer side: of the copy that is fitted, and of the one on which both are judged, where fine lines count.
+SIDE, JUDGED_SIDE = 192, 1024
+ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
+FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
+STEPS = 300
+BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
+FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
+# Shapes can be edited, so the curves must be better by what is plain to see.
+MARGIN_DB = 1.0
+SKETCH_DB = 2.0  # that fitted outlines are better than polygons
+
+
+# What makes each style. A further one needs a line here, a name in `request.STYLES`, and its file in this package.
+MAKERS = {PHOTO: fitted_photo, ARTWORK: drawn_artwork, PIXEL: drawn_pixels}
+
+
+class PhotoIsNearer(Exception):
+    """A drawing is not worth finishing; the text says why, as `photo_is_nearer` does."""
+
+
+def candidates(task: Task) -> Iterator[Made]:
+    """What is made of the picture. Where the style is "auto", the result of the style that suits it comes first, and
+    behind it that of the other style, if that is nearer, or what is to be said of it. Each is a finished result, to be
+    kept until the next.
+    """
+    with task.timer("fit"):
+        made = _first(task)
+    yield made
+    if not (made.may_be_photo or made.may_be_drawn) or task.seconds_left() <= 0.0:
+        return
+    with task.timer("fit"):
+        better = _nearer(task, made) if made.may_be_photo else _nearer_drawing(task, made)
+    if better is not made:
+        yield better
+
+
+def _first(task: Task) -> Made:
+    """What the style that is asked for, or suits the picture, makes of it; the other style where that fails."""
+    request = task.request
+    ink = only_ink(task.picture)
+    if ink is not None:
+        return plain(ink, task)
+    asked = _asked_for(request)
+    if asked is not None:
+        return replace(_made(task, asked), may_be_photo=False)
+    style = choose_style(task.target.target())
+    try:
+        return _suiting(task, style)
+    except PhotoIsNearer as nearer:
+        return _photo_instead(task, style, str(nearer))
+    except UsageError:
+        raise
+    except Exception as error:
+        failed = error.with_traceback(None)  # which would keep all that was in memory
+    other = Style(ARTWORK if style.name == PHOTO else PHOTO, f"{style.reason}, but as {style.name} it failed")
+    try:
+        made = _made(task, other)
+    except Exception:
+        raise failed from None
+    return replace(made, notes=[*made.notes, f"made as {other.name}, since {_failure(style.name, failed)}"])
+
+
+def _asked_for(request: Request) -> Style | None:
+    """The style that the user chose, by name or by an option that only that style has."""
+    if request.style != "auto":
+        return Style(request.style, "asked for")
+    for name, options in ((PHOTO, request.of_photos()), (ARTWORK, request.of_artwork())):
+        if options:
+            return Style(name, f"asked for by {listed(options)}")
+    return None
+
+
+def _nearer(task: Task, made: Made) -> Made:
+    """The photo of a picture to which that is nearer than the drawing; else the drawing, with a note if that is not
+    known.
+    """
+    try:
+        reason = photo_is_nearer(task, made)
+        if reason is None:
+            return made
+        photo = _photo_instead(task, made.style, reason)
+    except Exception as error:
+        return replace(made, notes=[*made.notes, f"the drawing stays, since {_failure('photo', error)}"])
+    except KeyboardInterrupt:
+        return _interrupted(made)
+    return _interrupted(made) if photo.interrupted else photo
+
+
+def _nearer_drawing(task: Task, photo: Made) -> Made:
+    """The drawing of a picture from which the photo is far, if that is nearer; else the photo, with a note if that is
+    not known.
+    """
+    level = level_db(task, photo.scene, photo.samples)
+    if level is None or level >= FAR_DB or photo.interrupted:
+        return photo
+    style = Style(ARTWORK, f"{photo.style.reason}, but as a photo it has only {level:.1f} dB")
+    try:
+        made = _suiting(task, style)
+        drawn = level_db(task, made.scene, made.samples, made.blur)
+    except PhotoIsNearer:
+        return photo
+    except Exception as error:
+        return replace(photo, notes=[*photo.notes, f"the photo stays, since {_failure('artwork', error)}"])
+    if made.interrupted:
+        return _interrupted(photo)
+    if drawn is not None and drawn <= level:
+        return photo
+    return replace(made, notes=[*made.notes, f"made as artwork: a photo has only {level:.1f} dB"])
+
+
+def _interrupted(made: Made) -> Made:
+    """A finished result that was still to be compared."""
+    return replace(made, facts={**made.facts, "interrupted": True})
+
+
+def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
+    """The photo of a picture that looks like a drawing, with a note."""
+    photo = _made(task, Style(PHOTO, f"{drawn.reason}, but {reason}"))
+    return replace(photo, notes=[*photo.notes, f"made as photo: {reason}"])
+
+
+def _made(task: Task, style: Style) -> Made:
+    """What a style makes of the picture."""
+    return replace(MAKERS[style.name](task), style=style)
+
+
+def _suiting(task: Task, style: Style) -> Made:
+    """The same of the style that was measured. Raises PhotoIsNearer where a drawing is not worth finishing."""
+    if style.cells is not None:
+        return replace(drawn_cells(task, style.cells), style=style)
+    if style.name == PHOTO:
+        return replace(_made(task, style), may_be_drawn=not task.bounded)
+    return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
+
+
+def _failure(style: str, error: Exception) -> str:
+    """What went wrong, in words for the user; an error that is not ours is a bug."""
+    if isinstance(error, CubicSplatError):
+        return f"{style} failed: {one_line(error)}"
+    if isinstance(error, MemoryError):
+        return f"there is not enough memory for {style}"
+    return f"{style} failed ({type(error).__name__}: {one_line(error)}); this is a bug, please report it"
+
+
+def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
+    """PSNR of a scene against what is fitted, at most JUDGED_SIDE px; None where they are alike, or there is no scene.
+
+    samples: edges per cubic. blur: px of the target by which the scene is blurred first.
+    """
+    if scene is None:
+        return None
+    judged, threads = resize_picture(task.target, JUDGED_SIDE), task.request.settings.threads
+    layer = of_scene(scene, judged.width, judged.height, samples, threads)
+    if blur:
+        from scipy import ndimage
+
+        sigma = blur * judged.width / task.target.width
+        layer = of_values(ndimage.gaussian_filter(layer.rows(0, judged.height), (sigma, sigma, 0.0), mode="nearest"))
+    return psnr_db(judged, layer, threads)
+
+
+def check_worth_finishing(task: Task, sketch: Made) -> None:
+    """Raises PhotoIsNearer where not even fitted outlines would bring a drawing near enough, and what a fit raises."""
+    reason = photo_is_nearer(task, sketch, MARGIN_DB + SKETCH_DB)
+    if reason is not None:
+        raise PhotoIsNearer(reason)
+
+
+def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str | None:
+    """Why the photo style suits the picture better than its drawing does, by so many dB; None where it does not.
+
+    Raises what a fit raises, and KeyboardInterrupt.
+    """
+    from cubicsplat_cli.photo import fit
+
+    drawn = level_db(task, made.scene, made.samples, made.blur)
+    if drawn is None or drawn >= ENOUGH_DB:
+        return None
+    size = len(made.write(task.title, task.comment()).encode())
+    curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), MOST))
+    quick = fit(resize_picture(task.target, SIDE).target(), task.settings().with_(curves=curves, steps=STEPS))
+    if quick.interrupted:
+        raise KeyboardInterrupt
+    fitted = level_db(task, quick.scene, made.samples)
+    if fitted is not None and fitted <= drawn + margin_db:
+        return None
+    near = "is identical" if fitted is None else f"has {fitted:.1f} dB"
+    return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB"
