@@ -40,22 +40,22 @@ if TYPE_CHECKING:
 
 def fitted_photo(task: Task) -> Made:
     """Curves that blend, fitted to the picture."""
-    from cubicsplat_cli.photo import Guide, fit
+    from cubicsplat_cli.photo import FitInputs, fit
 
     request, settings = task.request, _with_curves(task)
     start = None if request.init is None else request.init.scene
     rough, fine = copies_of(task.target, settings)
     # A drawing to begin with is as fine as it is.
-    begun = None if rough is fine or start is not None else (rough.target(), Guide(task.weights(rough)))
-    guide = Guide(task.weights(fine), start, request.freeze)
+    begun = None if rough is fine or start is not None else (rough.target(), FitInputs(task.weights(rough)))
+    inputs = FitInputs(task.weights(fine), start, request.freeze)
     pixels = fine.target()
 
     def fit_from(chosen: FitSettings, resizings: Sequence[Resizing], before: Scene | None) -> FitResult:
         if before is None:
-            return fit(pixels, chosen, task.on_progress, task.film, guide, begun, resizings)
-        return fit(pixels, chosen, task.on_progress, task.film, replace(guide, start=before))
+            return fit(pixels, chosen, task.on_progress, task.film, inputs, begun, resizings)
+        return fit(pixels, chosen, task.on_progress, task.film, replace(inputs, start=before))
 
-    within = _within(task, fine, settings, guide.weights, fit_from)
+    within = _within(task, fine, settings, inputs.weights, fit_from)
     fitted = within.fitted
     notes = [] if request.init is None else list(request.init.notes)
     notes += fitted_on(task.target, rough if begun else fine, fine)

@@ -9,13 +9,13 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
-from cubicsplat_cli.raster.engine import Engine, SceneArrays
+from cubicsplat_cli.raster.engine import Engine, EngineScene
 from cubicsplat_cli.raster.engines import cuda_engine
 from cubicsplat_cli.raster.settings import FLATNESS, RasterSettings
 from cubicsplat_cli.scene import Scene
 
 
-def scene_arrays(scene: Scene) -> SceneArrays:
+def scene_arrays(scene: Scene) -> EngineScene:
     """A scene as the CPU engine takes it: float32, contiguous, detached, in arrays of its kind on the host."""
 
     def plain(array: np.ndarray) -> np.ndarray:
@@ -24,10 +24,7 @@ def scene_arrays(scene: Scene) -> SceneArrays:
     given = scene.as_numpy().changed(plain)
     if not isinstance(scene.points, np.ndarray):
         given = given.as_torch()
-    return SceneArrays(
-        given.mode, given.width, given.height, given.points, given.colours, given.opacities, given.half_widths,
-        given.background, ring_ends=given.ring_ends, gradients=given.gradients,
-    )  # fmt: skip
+    return EngineScene(**vars(given))
 
 
 def render_scene(

@@ -8,6 +8,8 @@ tensor of it. On a GPU `xp.where` and `xp.clip` take plain numbers without waiti
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -78,3 +80,22 @@ def sigmoid(values: Array) -> Array:
 def logit(shares: Array) -> Array:
     """The inverse of `sigmoid`, for values in (0, 1)."""
     return namespace(shares).log(shares / (1.0 - shares))
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Within, torch computes on the calling thread alone, where it is in use at all.
+
+    The few tensor operations between the engine's steps are small, and OpenMP's threads go on spinning after each of
+    them: on two cores that took 8 % of a fit.
+    """
+    torch = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -16,7 +16,7 @@ from pathlib import Path
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda import cache, nvrtc
 from cubicsplat_cli.raster.cuda.frame import COSTS, FIXED_SHARED, Frame, StepValues
-from cubicsplat_cli.raster.engine import SceneArrays
+from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.settings import Mode
 
 KERNELS = Path(__file__).parents[1] / "kernels"
@@ -34,7 +34,7 @@ class Program:
     painted: bool = False
 
     @classmethod
-    def of(cls, scene: SceneArrays) -> Program:
+    def of(cls, scene: EngineScene) -> Program:
         """What draws a scene."""
         return cls(scene.mode, scene.channels, scene.gradients is not None)
 
