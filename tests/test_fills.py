@@ -90,10 +90,12 @@ def test_the_ends_move_with_the_curve_and_padding_does_not_move_them():
     points = 10.0 * torch.rand(3, 12, 2)
     curves = new_curves(points, torch.zeros(3, 3), 0.0, given, (9, 9))
     moved = replace(curves, points=points + torch.tensor([5.0, -2.0]))
-    starts, ends = ends_of(curves.gradients().frames, curves.middles())
-    for want, got in zip((starts, ends), ends_of(moved.gradients().frames, moved.middles()), strict=True):
+    starts, ends = ends_of(curves.for_engine().gradients.frames, curves.middles())
+    for want, got in zip((starts, ends), ends_of(moved.for_engine().gradients.frames, moved.middles()), strict=True):
         assert torch.allclose(want + torch.tensor([5.0, -2.0]), got, atol=1e-3)
-    assert torch.allclose(curves.with_room(21, 2).gradients().frames, curves.gradients().frames, atol=1e-5)
+    assert torch.allclose(
+        curves.with_room(21, 2).for_engine().gradients.frames, curves.for_engine().gradients.frames, atol=1e-5
+    )
     assert torch.allclose(middles_of(points, None), points.mean(1))
 
 
