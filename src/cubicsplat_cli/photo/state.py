@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
 from cubicsplat_cli.raster.engine import EngineScene, OptimiserState
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.arrays import Array, contiguous, copied, is_array, like, namespace, sigmoid
-from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, copied, is_array, like, namespace, sigmoid
 from cubicsplat_cli.settings import Mode
 
 Background = tuple[float, float, float] | None

@@ -82,7 +82,7 @@ def _within(
     fit_from: Callable[[FitSettings, Sequence[Resizing], Scene | None], FitResult],
 ) -> Within:  # fmt: skip
     """One fit, or those that meet the budget that was asked for."""
-    from cubicsplat_cli.raster.worth import worth_of
+    from cubicsplat_cli.raster.draw import leave_one_out_importance
 
     request, threads = task.request, settings.threads
     precision = _precision(request)
@@ -99,7 +99,7 @@ def _within(
         fit_from,
         lambda scene: len(packed(task.text(scene, precision), compressed=request.compress)),
         level,
-        lambda scene: worth_of(scene, target.target(), weights, settings.finish_samples, threads),
+        lambda scene: leave_one_out_importance(scene, target.target(), weights, settings.finish_samples, threads),
     )
     if request.max_bytes is not None:
         return within_bytes(request.max_bytes, _one_opacity(settings, target), precision, means)

@@ -11,8 +11,7 @@ from typing import Any
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.arrays import Array, namespace
-from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.arrays import Array, CurveArrays, namespace
 from cubicsplat_cli.settings import Recipe
 
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
