@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli.bench.step import synthetic_picture, total_steps, wait_for_gpu
-from cubicsplat_cli.photo.phases import raster_of
-from cubicsplat_cli.photo.threads import one_torch_thread
-from cubicsplat_cli.photo.trainer import Trainer
+from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings
 
 WARMUP, REPEATS = 40, 11
@@ -47,15 +46,15 @@ class Growth:
 def step_times(size: tuple[int, int], settings: FitSettings) -> StepTimes:
     """Times in a fit of the drawn picture of this size (width, height in px), WARMUP steps after its start."""
     settings = settings.with_(steps=max(settings.steps, total_steps(WARMUP, 3 * REPEATS, settings.recipe.finish)))
-    trainer = Trainer(synthetic_picture(*size), settings)
-    engine, goal = trainer.engine, trainer.goal
+    loop = Loop(synthetic_picture(*size), settings)
+    engine, goal = loop.engine, loop.goal
     with one_torch_thread():
         for _ in range(WARMUP):
-            trainer.advance()
-        raster = raster_of(trainer.schedule.phase(trainer.progress()), trainer.settings)
-        forward = _median_ms(lambda: engine.render(trainer.curves, raster))
-        both = _median_ms(lambda: engine.gradients(trainer.curves, raster, target=goal))
-        whole = _median_ms(trainer.advance)
+            loop.advance()
+        raster = loop.schedule.raster(loop.schedule.phase(loop.progress))
+        forward = _median_ms(lambda: engine.render(loop.stepper.scene, raster))
+        both = _median_ms(lambda: engine.gradients(loop.stepper.scene, raster, target=goal))
+        whole = _median_ms(loop.advance)
     engine.close()
     return StepTimes(forward, max(0.0, both - forward), whole)
 

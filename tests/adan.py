@@ -9,7 +9,7 @@ from scenes import TENSORS
 from torch import Tensor
 
 from cubicsplat_cli.raster import reference
-from cubicsplat_cli.raster.engine import Rates, SceneArrays
+from cubicsplat_cli.raster.engine import EngineScene, Rates
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 
@@ -45,7 +45,7 @@ class Adan:
 class ReferenceFit:
     """A scene of logits under training by the reference. Last step's picture and importance."""
 
-    scene: SceneArrays
+    scene: EngineScene
     target: Tensor
     rates: Rates
     values: dict[str, Tensor] = field(default_factory=dict)

@@ -16,7 +16,7 @@ from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.draw import scene_arrays
-from cubicsplat_cli.raster.engine import Engine, OptimiserState, SceneArrays
+from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
@@ -120,13 +120,13 @@ def truth(scene: Scene, settings: RasterSettings, target: Tensor, names: Sequenc
     return Truth(image.detach(), float(loss.detach()), gradients)
 
 
-def packed(scene: Scene | SceneArrays, device: torch.device | str = "cpu") -> SceneArrays:
+def packed(scene: Scene | EngineScene, device: torch.device | str = "cpu") -> EngineScene:
     """A copy of a scene's tensors on a device."""
     tensors = scene_arrays(scene) if isinstance(scene, Scene) else scene
     return tensors.changed(lambda t: t.to(device, copy=True))
 
 
-def state_for(scene: SceneArrays) -> OptimiserState:
+def state_for(scene: EngineScene) -> OptimiserState:
     """An empty optimiser state beside the scene's tensors."""
     return OptimiserState.zeros_for(scene.points)
 
@@ -154,7 +154,7 @@ def compared(scene: Scene) -> list[str]:
 
 
 def assert_like_cpu(
-    engine: Engine, scene: SceneArrays, settings, target: Tensor, share: float = 0.02, tolerance: float = 5e-4
+    engine: Engine, scene: EngineScene, settings, target: Tensor, share: float = 0.02, tolerance: float = 5e-4
 ) -> None:
     """Picture (up to `tolerance`), loss, every gradient and leave-one-out importance are those of the CPU engine."""
     cpu = CpuEngine(1)

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cuda import cache as kernel_cache
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda import nvrtc
 from cubicsplat_cli.raster.cuda.compile import Program
@@ -232,7 +231,7 @@ def test_without_a_home_folder_kernels_are_compiled_each_time(cache, monkeypatch
     _, calls = cache
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(Path, "home", homeless)
-    assert kernel_cache.cache_folder() is None
+    assert cuda_compile.cache_folder() is None
     assert get() == b"code 1"
     assert get() == b"code 2"
     assert len(calls) == 2

@@ -253,14 +253,14 @@ def test_the_order_of_threads_brings_out_a_missing_barrier():
 
 @pytest.mark.parametrize("fill", ["flat", "linear"])
 def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(monkeypatch, fill):
-    """The whole trainer with the CUDA engine in the CPU engine's place, exact finish included."""
-    from cubicsplat_cli.photo import fit, trainer
+    """A whole fit with the CUDA engine in the CPU engine's place, exact finish included."""
+    from cubicsplat_cli.photo import fit, loop
 
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 40, 32, background=PAPER), 4).numpy()
     levels = []
     for emulated in (False, True):
         if emulated:
-            monkeypatch.setattr(trainer, "open_engine", lambda *_, **__: CudaEngine(driver=EmulatedDriver()))
+            monkeypatch.setattr(loop, "open_engine", lambda *_, **__: CudaEngine(driver=EmulatedDriver()))
         result = fit(target, FitSettings.from_preset("draft", curves=16, steps=60, threads=1, fill=fill))
         assert result.steps == 60
         assert result.device["name"] == ("cuda" if emulated else "cpu")
@@ -270,19 +270,19 @@ def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(monkeypatch, fill):
 
 
 def test_a_fit_that_breaks_down_names_curve_and_step(monkeypatch):
-    """By what the engine has noted, which the trainer reads some steps later."""
-    from cubicsplat_cli.photo import trainer
+    """By what the engine has noted, which the loop reads some steps later."""
+    from cubicsplat_cli.photo import loop
 
-    monkeypatch.setattr(trainer, "open_engine", lambda *_, **__: CudaEngine(driver=EmulatedDriver()))
+    monkeypatch.setattr(loop, "open_engine", lambda *_, **__: CudaEngine(driver=EmulatedDriver()))
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 24, 20, background=PAPER), 4)
-    state = trainer.Trainer(target, FitSettings.from_preset("draft", curves=8, steps=200))
+    fit_loop = loop.Loop(target, FitSettings.from_preset("draft", curves=8, steps=200))
     for _ in range(20):
-        state.advance()
-    state.parameters.points[5, 2, 0] = float("nan")
+        fit_loop.advance()
+    fit_loop.state.curves.points[5, 2, 0] = float("nan")
     with pytest.raises(EngineError, match=r"at step 20: curve 5 has a non-finite value; lower the step sizes"):
         for _ in range(40):
-            state.advance()
-    assert state.step > 20, "nothing waited for the step that did it"
+            fit_loop.advance()
+    assert fit_loop.step > 20, "nothing waited for the step that did it"
 
 
 ASAN_PROGRAM = """

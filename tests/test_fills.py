@@ -10,16 +10,17 @@ import torch
 from adan import Adan
 from cli_runs import strict_json
 from PIL import Image
-from test_fit import picture, settings, trainer
+from test_fit import loop, picture, settings
 from test_gradients import one
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.photo import Guide, fit
-from cubicsplat_cli.photo.capacity import in_front, reallocate
+from cubicsplat_cli.photo import FitInputs, fit
 from cubicsplat_cli.photo.fills import ENDS_RATE, LinearFills, middles_of
 from cubicsplat_cli.photo.initial import new_curves
+from cubicsplat_cli.photo.seeding import Seeder
+from cubicsplat_cli.photo.state import FitState
 from cubicsplat_cli.raster import render_scene
-from cubicsplat_cli.raster.engine import OptimiserState, Rates
+from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, ends_of, linear_frames
 from cubicsplat_cli.settings import Mode
@@ -87,12 +88,14 @@ def test_ends_do_not_fall_together():
 def test_the_ends_move_with_the_curve_and_padding_does_not_move_them():
     given = settings(fill="linear")
     points = 10.0 * torch.rand(3, 12, 2)
-    curves = new_curves(points, torch.zeros(3, 3), 0.0, given)
+    curves = new_curves(points, torch.zeros(3, 3), 0.0, given, (9, 9))
     moved = replace(curves, points=points + torch.tensor([5.0, -2.0]))
-    starts, ends = ends_of(curves.gradients().frames, curves.middles())
-    for want, got in zip((starts, ends), ends_of(moved.gradients().frames, moved.middles()), strict=True):
+    starts, ends = ends_of(curves.for_engine().gradients.frames, curves.middles())
+    for want, got in zip((starts, ends), ends_of(moved.for_engine().gradients.frames, moved.middles()), strict=True):
         assert torch.allclose(want + torch.tensor([5.0, -2.0]), got, atol=1e-3)
-    assert torch.allclose(curves.with_room(21, 2).gradients().frames, curves.gradients().frames, atol=1e-5)
+    assert torch.allclose(
+        curves.with_room(21, 2).for_engine().gradients.frames, curves.for_engine().gradients.frames, atol=1e-5
+    )
     assert torch.allclose(middles_of(points, None), points.mean(1))
 
 
@@ -117,17 +120,13 @@ def test_gradients_show_slopes_that_flat_curves_do_not(mode, alpha):
 def test_curves_are_replaced_together_with_their_fills():
     given = settings(fill="linear", curves=10)
     target = torch.from_numpy(slopes())
-    curves = new_curves(20.0 * torch.rand(10, 12, 2), torch.randn(10, 3), 0.0, given)
+    curves = new_curves(20.0 * torch.rand(10, 12, 2), torch.randn(10, 3), 0.0, given, (36, 24))
     curves.fills.ages += torch.arange(1, 11, dtype=torch.int32)
-    state = OptimiserState.zeros_for(curves.points)
-    importance = torch.arange(10.0)
-    after, _, count = reallocate(
-        curves, state, importance, torch.zeros_like(target), target, 0.3, given, np.random.default_rng(0)
-    )
-    assert count == 3
+    seeds = Seeder(given, np.random.default_rng(0), None, target).seeds(3, torch.zeros_like(target))
+    after = FitState.beginning_with(curves).without_least(torch.arange(10.0), 3).with_seeds(seeds).curves
     assert after.fills.ages.tolist() == [0, 0, 0, 4, 5, 6, 7, 8, 9, 10]
-    assert torch.equal(after.fills.stop_logits[:3, 0], after.colour_logits[:3])
-    assert in_front(curves, after).fills.ends.shape == (20, 2, 2)
+    assert torch.equal(after.fills.stop_logits[:3, 0], after.colours[:3])
+    assert after.behind(curves).fills.ends.shape == (20, 2, 2)
 
 
 @pytest.mark.parametrize("threads", [2, 3])
@@ -138,11 +137,12 @@ def test_the_result_does_not_depend_on_the_threads(threads):
 
 
 def test_a_fit_that_goes_over_to_a_finer_copy_takes_its_fills_along():
-    coarse, fine = trainer(slopes(24, 16), fill="linear"), trainer(slopes(), fill="linear")
-    coarse.relax()
-    want = ends_of(coarse.parameters.gradients().frames, coarse.parameters.middles())
-    fine.go_on_from(coarse)
-    got = ends_of(fine.parameters.gradients().frames, fine.parameters.middles())
+    fit_loop = loop(slopes(24, 16), fill="linear")
+    fit_loop.relax()
+    curves = fit_loop.state.curves
+    want = ends_of(curves.for_engine().gradients.frames, curves.middles())
+    fit_loop.go_over_to(torch.from_numpy(slopes()), FitInputs())
+    got = ends_of(curves.for_engine().gradients.frames, curves.middles())
     for small, large in zip(want, got, strict=True):
         assert torch.allclose(2.0 * small, large, atol=1e-2)
 
@@ -150,16 +150,16 @@ def test_a_fit_that_goes_over_to_a_finer_copy_takes_its_fills_along():
 def test_the_file_of_a_fit_is_where_the_next_one_begins():
     target = slopes()
     first = read_svg(write_svg(fit(target, settings(fill="linear", steps=100)).scene))
-    refined = fit(target, settings(fill="linear", steps=40), guide=Guide(start=first)).scene
+    refined = fit(target, settings(fill="linear", steps=40), inputs=FitInputs(start=first)).scene
     assert final(target, refined) >= final(target, first) - 1e-4
     with pytest.raises(InputError, match="the drawing to begin with has gradients; use --fill linear"):
-        fit(target, settings(), guide=Guide(start=first))
+        fit(target, settings(), inputs=FitInputs(start=first))
 
 
 def test_a_flat_drawing_is_refined_to_gradients():
     target = slopes()
     first = fit(target, settings(steps=100)).scene
-    refined = fit(target, settings(fill="linear", steps=150), guide=Guide(start=first)).scene
+    refined = fit(target, settings(fill="linear", steps=150), inputs=FitInputs(start=first)).scene
     assert final(target, refined) > final(target, first) + 0.5
 
 
@@ -171,7 +171,7 @@ def test_gradients_of_another_kind_cannot_be_begun_with(change):
     fill = replace(one(LINEAR, frame, [0.0, 1.0], [[0.2, 0.4, 0.6, 1.0], [0.8, 0.4, 0.6, 1.0]]), **change)
     start = fit(slopes(), settings(curves=1)).scene
     with pytest.raises(InputError, match="gradients other than those of --fill linear"):
-        fit(slopes(), settings(fill="linear"), guide=Guide(start=replace(start, gradients=fill)))
+        fit(slopes(), settings(fill="linear"), inputs=FitInputs(start=replace(start, gradients=fill)))
 
 
 @pytest.mark.parametrize("fill", ["flat", "linear"])
@@ -179,7 +179,7 @@ def test_frozen_curves_keep_their_fills(fill):
     target = slopes()
     first = fit(target, settings(fill=fill)).scene
     given = settings(fill="linear", curves=first.curves + 8)
-    found = fit(target, given, guide=Guide(start=first, frozen=True)).scene
+    found = fit(target, given, inputs=FitInputs(start=first, frozen=True)).scene
     assert found.curves > first.curves
     kept = found.gradients.chosen(slice(-first.curves, None))
     if fill == "flat":

@@ -13,10 +13,11 @@ from scenes import rectangle, scene_of
 
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo import FitResult, fit
-from cubicsplat_cli.photo.best import Best
-from cubicsplat_cli.photo.result import psnr
-from cubicsplat_cli.photo.start import choose_background, parameters_of
-from cubicsplat_cli.photo.trainer import Trainer
+from cubicsplat_cli.photo.evaluator import psnr
+from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.schedule import Schedule
+from cubicsplat_cli.photo.start import choose_background, curves_of
+from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
@@ -38,8 +39,8 @@ def picture(width: int = 40, height: int = 28, *, alpha: bool = False) -> np.nda
     return values
 
 
-def trainer(target: np.ndarray, **overrides) -> Trainer:
-    return Trainer(torch.from_numpy(target), settings(**overrides))
+def loop(target: np.ndarray, **overrides) -> Loop:
+    return Loop(torch.from_numpy(target), settings(**overrides))
 
 
 def loss_of(scene: Scene, target: np.ndarray) -> float:
@@ -66,9 +67,9 @@ def same(first: FitResult, second: FitResult) -> bool:
 @pytest.mark.parametrize("alpha", [False, True])
 def test_a_fit_improves_much_over_its_start_and_over_the_background_alone(mode, alpha):
     target = picture(alpha=alpha)
-    state = trainer(target, mode=mode, steps=120)
-    start = state.judge.loss(state.parameters)
-    result = state.run()
+    fit_loop = loop(target, mode=mode, steps=120)
+    start = fit_loop.evaluator.loss(fit_loop.state.curves)
+    result = fit_loop.finish()
     nothing = float(((target - target.mean((0, 1))) ** 2).sum())
     assert loss_of(result.scene, target) < 0.35 * min(start, nothing)
     result.scene.validate()
@@ -79,19 +80,19 @@ def test_a_fit_improves_much_over_its_start_and_over_the_background_alone(mode, 
 @MODES
 def test_the_result_is_the_best_exact_picture_that_was_seen(mode, monkeypatch):
     target = picture()
-    state = trainer(target, mode=mode)
+    fit_loop = loop(target, mode=mode)
     seen: list[float] = []
-    original = Best.consider
+    original = BestCheckpoint.consider
 
-    def spy(self: Best, loss: float, parameters) -> None:
+    def spy(self: BestCheckpoint, loss: float, parameters) -> None:
         seen.append(loss)
         original(self, loss, parameters)
 
-    monkeypatch.setattr(Best, "consider", spy)
-    result = state.run()
+    monkeypatch.setattr(BestCheckpoint, "consider", spy)
+    result = fit_loop.finish()
     assert len(seen) >= 0.15 * 60, "every step of the exact finish, and the end"
-    assert state.best.loss == min(seen)
-    kept = state.judge.loss(state.best.parameters)
+    assert fit_loop.best.loss == min(seen)
+    kept = fit_loop.evaluator.loss(fit_loop.best.curves)
     # The steps of the finish flatten adaptively, this is the full polyline.
     assert kept == pytest.approx(min(seen), rel=2e-3)
     # Colours of 8 bits, and curves that only did harm left out.
@@ -100,17 +101,17 @@ def test_the_result_is_the_best_exact_picture_that_was_seen(mode, monkeypatch):
 
 def test_the_best_state_is_kept_when_the_last_steps_spoil_it(monkeypatch):
     target = picture()
-    state = trainer(target)
-    original = Trainer._rates
+    fit_loop = loop(target)
+    original = Schedule.rates
 
-    def wild_at_the_end(self: Trainer, phase):
-        rates = original(self, phase)
-        if self.step >= 57:
+    def wild_at_the_end(self: Schedule, phase, unit):
+        rates = original(self, phase, unit)
+        if fit_loop.step >= 57:
             rates.points, rates.colours = 50.0, 5.0
         return rates
 
-    monkeypatch.setattr(Trainer, "_rates", wild_at_the_end)
-    result = state.run()
+    monkeypatch.setattr(Schedule, "rates", wild_at_the_end)
+    result = fit_loop.finish()
     assert result.history[-1]["psnr_db"] < 0.9 * psnr(loss_of(result.scene, target), target.size)
 
 
@@ -186,13 +187,13 @@ def test_specks_beside_the_silhouette_go_and_one_of_two_curves_that_hide_each_ot
     scene = replace(scene, colours=torch.full((4, 3), 0.5), opacities=torch.ones(4)).as_numpy()
     target = np.zeros((28, 40, 4), np.float32)
     target[8:22, 10:30] = (0.5, 0.5, 0.5, 1.0)
-    state = trainer(target, segments=4)
-    begun = parameters_of(scene, state.settings, 40, 28).as_torch()
-    kept = state.judge.without_idle(begun, 0)
+    fit_loop = loop(target, segments=4)
+    begun = curves_of(scene, fit_loop.settings, 40, 28).as_torch()
+    kept = fit_loop.evaluator.without_idle(begun, 0)
     assert kept.curves == 1
     assert torch.equal(kept.points[0], twin)
-    assert state.judge.loss(kept) < state.judge.loss(begun)
-    assert torch.equal(state.judge.without_idle(begun, 2).points[-2:], begun.points[-2:]), "these are frozen"
+    assert fit_loop.evaluator.loss(kept) < fit_loop.evaluator.loss(begun)
+    assert torch.equal(fit_loop.evaluator.without_idle(begun, 2).points[-2:], begun.points[-2:]), "these are frozen"
 
 
 @pytest.mark.parametrize("shape", [(5, 5), (5, 5, 2), (0, 5, 3), (5, 0, 3), (5, 5, 5)])
@@ -308,14 +309,14 @@ def test_the_published_preset_runs_and_gets_better(mode):
 @pytest.mark.parametrize("at", [0, 1, 30, 58])
 def test_an_interrupt_returns_the_best_so_far(at, monkeypatch):
     target = picture()
-    original = Trainer.advance
+    original = Loop.advance
 
-    def interrupted(self: Trainer) -> None:
+    def interrupted(self: Loop) -> None:
         if self.step == at:
             raise KeyboardInterrupt
         original(self)
 
-    monkeypatch.setattr(Trainer, "advance", interrupted)
+    monkeypatch.setattr(Loop, "advance", interrupted)
     result = fit(target, settings())
     assert result.interrupted
     assert result.steps == at
@@ -326,15 +327,15 @@ def test_an_interrupt_returns_the_best_so_far(at, monkeypatch):
 
 def test_curves_that_do_nothing_are_replaced_however_late(monkeypatch):
     """At the last replacements the schedule asks for next to none."""
-    counts, original = [], Trainer._reallocate
+    counts, original = [], Loop._reallocate
 
-    def watched(self: Trainer, progress: float) -> None:
-        self.importance[:3], self.importance[3:] = 0.0, 1.0
-        before = self.diary.replaced
+    def watched(self: Loop, progress: float) -> None:
+        self.stepper.importance[:3], self.stepper.importance[3:] = 0.0, 1.0
+        before = self.log.replaced
         original(self, progress)
-        counts.append(self.diary.replaced - before)
+        counts.append(self.log.replaced - before)
 
-    monkeypatch.setattr(Trainer, "_reallocate", watched)
+    monkeypatch.setattr(Loop, "_reallocate", watched)
     fit(picture(), settings())
     assert counts[0] > 3
     assert counts[-1] == 3
@@ -343,16 +344,16 @@ def test_curves_that_do_nothing_are_replaced_however_late(monkeypatch):
 def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before(monkeypatch):
     """New curves first make the picture worse."""
     target, levels = picture(), []
-    original = Trainer._reallocate
+    original = Loop._reallocate
 
-    def interrupted(self: Trainer, progress: float) -> None:
-        levels.append(psnr(self.judge.loss(self.parameters), target.size))
+    def interrupted(self: Loop, progress: float) -> None:
+        levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
         original(self, progress)
         if self.step >= 20:
-            levels.append(psnr(self.judge.loss(self.parameters), target.size))
+            levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Trainer, "_reallocate", interrupted)
+    monkeypatch.setattr(Loop, "_reallocate", interrupted)
     result = fit(target, settings())
     *_, before, after = levels
     assert after < before - 0.5
@@ -369,22 +370,22 @@ def test_an_interrupt_out_of_the_progress_callback_does_the_same():
 
 
 @MODES
-@pytest.mark.parametrize("name", ["points", "colour_logits", "opacity_logits"])
+@pytest.mark.parametrize("name", ["points", "colours", "opacities"])
 @pytest.mark.parametrize("step", [5, 55])
 def test_values_that_are_not_finite_are_named_with_curve_and_step(mode, name, step):
-    state = trainer(picture(), mode=mode)
-    while state.step < step:
-        state.advance()
-    getattr(state.parameters, name)[7].view(-1)[0] = math.nan
+    fit_loop = loop(picture(), mode=mode)
+    while fit_loop.step < step:
+        fit_loop.advance()
+    getattr(fit_loop.state.curves, name)[7].view(-1)[0] = math.nan
     with pytest.raises(EngineError, match=rf"step {step}\b.*curve 7\b.*{name}"):
-        state.advance()
+        fit_loop.advance()
 
 
 def test_a_loss_that_is_not_finite_is_told_even_where_no_parameter_is_to_blame(monkeypatch):
-    state = trainer(picture())
-    monkeypatch.setattr(state.engine, "step", lambda *_, **__: math.inf)
+    fit_loop = loop(picture())
+    monkeypatch.setattr(fit_loop.engine, "step", lambda *_, **__: math.inf)
     with pytest.raises(EngineError, match=r"step 0.*loss is inf"):
-        state.advance()
+        fit_loop.advance()
 
 
 def test_a_device_that_is_not_there_is_an_error_and_no_fallback():

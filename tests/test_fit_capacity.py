@@ -11,16 +11,15 @@ from torch.nn.functional import avg_pool2d
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.photo import Resizing, fit
-from cubicsplat_cli.photo.blobs import blob_points, find_blobs
-from cubicsplat_cli.photo.capacity import error_density, gini, reallocate
-from cubicsplat_cli.photo.guide import UNGUIDED
-from cubicsplat_cli.photo.initial import colours_at, control_points, draw_pixels, new_curves, random_centres
-from cubicsplat_cli.photo.parameters import Parameters
-from cubicsplat_cli.photo.smoothing import box_mean
-from cubicsplat_cli.photo.trainer import Trainer
+from cubicsplat_cli.photo.blobs import blob_points, box_mean, find_blobs
+from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves
+from cubicsplat_cli.photo.inputs import NO_INPUTS
+from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.schedule import gini
+from cubicsplat_cli.photo.seeding import Seeder, draw_pixels, error_density, random_centres
+from cubicsplat_cli.photo.state import FitState
 from cubicsplat_cli.raster import render_scene
-from cubicsplat_cli.raster.engine import OptimiserState
-from cubicsplat_cli.settings import FitSettings, Mode
+from cubicsplat_cli.settings import FitSettings
 
 MODES = pytest.mark.parametrize("mode", ["closed", "open"])
 VALUES = st.lists(st.floats(-10, 1e6, allow_nan=False, width=32), min_size=1, max_size=30)
@@ -90,52 +89,52 @@ def test_pixels_are_drawn_in_proportion():
 # --- reallocation ------------------------------------------------------------------------------------------
 
 
-def population(mode: str, count: int = 10) -> tuple[Parameters, OptimiserState]:
+def population(mode: str, count: int = 10) -> FitState:
     """Curves and optimiser states that can be told apart by their numbers."""
     chosen = settings(mode)
     points = control_points(torch.full((count, 2), 20.0), 3.0, chosen, random_numbers())
-    parameters = new_curves(points, torch.arange(3.0 * count).reshape(count, 3) / 100, 1.5, chosen)
-    state = OptimiserState.zeros_for(points)
-    state.ages += torch.arange(1, count + 1, dtype=torch.int32)
-    return parameters, state
+    colours = torch.arange(3.0 * count).reshape(count, 3) / 100
+    state = FitState.beginning_with(new_curves(points, colours, 1.5, chosen, (50, 40)))
+    state.optimiser.ages += torch.arange(1, count + 1, dtype=torch.int32)
+    return state
+
+
+def reallocated(state: FitState, importance, image, target, count: int, chosen: FitSettings) -> FitState:
+    """With the least important curves replaced by new ones."""
+    return state.without_least(importance, count).with_seeds(
+        Seeder(chosen, random_numbers(2), None, target).seeds(count, image)
+    )
 
 
 @MODES
-@pytest.mark.parametrize(("fraction", "replaced"), [(0.35, 3), (0.05, 0), (0.0, 0), (0.9, 9)])
-def test_the_least_important_are_replaced_and_the_others_keep_their_order(mode, fraction, replaced):
-    parameters, state = population(mode)
+@pytest.mark.parametrize("replaced", [1, 3, 9])
+def test_the_least_important_are_replaced_and_the_others_keep_their_order(mode, replaced):
+    state = population(mode)
     importance = torch.tensor([5.0, -1.0, 3.0, 9.0, 0.5, 7.0, 8.0, 2.0, 6.0, 4.0])
     target = torch.tensor(random_numbers(1).random((40, 50, 3), np.float32))
-    image = torch.zeros_like(target)
-    after, states, count = reallocate(
-        parameters, state, importance, image, target, fraction, settings(mode), random_numbers(2)
-    )
-    assert count == replaced
+    both = reallocated(state, importance, torch.zeros_like(target), target, replaced, settings(mode))
+    before, after, states = state.curves, both.curves, both.optimiser
     assert after.curves == 10
     gone = set(importance.argsort()[:replaced].tolist())
     kept = [index for index in range(10) if index not in gone]
-    assert (after.points[replaced:] == parameters.points[kept]).all()
-    assert (after.colour_logits[replaced:] == parameters.colour_logits[kept]).all()
+    assert (after.points[replaced:] == before.points[kept]).all()
+    assert (after.colours[replaced:] == before.colours[kept]).all()
     assert states.ages.tolist() == [0] * replaced + [index + 1 for index in kept]
     assert (states.moments[:replaced] == 0).all()
     assert torch.isfinite(after.points).all()
-    if replaced:
-        assert not any((after.points[0] == points).all() for points in parameters.points)
+    assert not any((after.points[0] == points).all() for points in before.points)
 
 
 @MODES
 @pytest.mark.parametrize("channels", [3, 4])
 def test_new_curves_come_where_the_error_is_in_the_pictures_colour(mode, channels):
-    parameters, state = population(mode, 40)
     target = torch.zeros(60, 80, channels)
     target[35:50, 50:70] = torch.tensor([0.8, 0.3, 0.1, 1.0][:channels])
-    after, _, count = reallocate(
-        parameters, state, torch.arange(40.0), torch.zeros_like(target), target, 0.5, settings(mode), random_numbers()
-    )
-    assert count == 20
+    state = population(mode, 40)
+    after = reallocated(state, torch.arange(40.0), torch.zeros_like(target), target, 20, settings(mode)).curves
     centres = after.points[:20].mean(1)
     assert ((centres - torch.tensor([60.0, 42.5])).abs() < torch.tensor([16.0, 13.0])).all()
-    colours = after.colour_logits[:20].sigmoid()
+    colours = after.colours[:20].sigmoid()
     # One drawn beside the patch, in the blur of its error, is a mixture.
     assert (colours - torch.tensor([0.8, 0.3, 0.1])).abs().max(1).values.median() < 0.15
 
@@ -144,14 +143,10 @@ def test_new_curves_come_where_the_error_is_in_the_pictures_colour(mode, channel
 @pytest.mark.parametrize("seeding", ["blobs", "discs"])
 def test_reallocation_stays_on_the_device_and_never_waits_for_it(mode, seeding):
     """torch's "meta" device stands for a GPU: it has no values to wait for, and refuses to be mixed with the CPU."""
-    parameters, state = population(mode)
-    target, importance = torch.rand(40, 50, 3), torch.rand(10)
-    after, states, count = reallocate(
-        parameters.as_torch("meta"), state.as_torch("meta"), importance.to("meta"), target.to("meta"),
-        target.to("meta"), 0.5, settings(mode, seeding=seeding), random_numbers(),
-    )  # fmt: skip
-    assert count == 5
-    for tensor in (after.points, after.colour_logits, after.opacity_logits, after.half_widths, states.moments):
+    target, importance = torch.rand(40, 50, 3, device="meta"), torch.rand(10, device="meta")
+    chosen = settings(mode, seeding=seeding)
+    after = reallocated(population(mode).as_torch("meta"), importance, target, target, 5, chosen)
+    for tensor in after.arrays_by_name().values():
         assert tensor.device.type == "meta"
         assert len(tensor) == 10
 
@@ -226,23 +221,23 @@ def test_black_and_white_stay_within_reach_of_the_optimiser():
 
 
 def test_the_first_bad_value_is_named_by_curve_and_parameter():
-    parameters, _ = population("closed")
+    parameters = population("closed").curves
     assert parameters.first_non_finite() is None
-    parameters.opacity_logits[2] = float("inf")
-    assert parameters.first_non_finite() == (2, "opacity_logits")
+    parameters.opacities[2] = float("inf")
+    assert parameters.first_non_finite() == (2, "opacities")
     parameters.points[6, 3, 1] = float("nan")
     assert parameters.first_non_finite() == (6, "points")
 
 
 def test_copies_are_copies_and_scenes_are_activated():
-    parameters, _ = population("open")
+    parameters = population("open").curves
     copy = parameters.copy()
     copy.points += 1
     assert (copy.points != parameters.points).all()
-    scene = parameters.scene(Mode.OPEN, 40, 30, None, opaque=False)
+    scene = parameters.scene(opaque=False)
     assert scene.colours[1].tolist() == pytest.approx(torch.tensor([0.03, 0.04, 0.05]).sigmoid().tolist())
-    assert (parameters.scene(Mode.OPEN, 40, 30, None, opaque=True).opacities == 1).all()
-    assert (parameters.scene(Mode.CLOSED, 40, 30, None, opaque=False).half_widths == 0).all()
+    assert (parameters.scene(opaque=True).opacities == 1).all()
+    assert (population("closed").curves.scene(opaque=False).half_widths == 0).all()
 
 
 # --- another number of curves on the way -----------------------------------------------------------------------
@@ -278,16 +273,16 @@ def test_a_fit_grows_and_shrinks_on_its_way(mode):
 def test_an_interrupt_right_after_curves_were_added_returns_what_was_before(monkeypatch):
     picture = np.zeros((36, 48, 4), np.float32)
     picture[8:28, 10:40] = (0.8, 0.3, 0.1, 1.0)
-    losses, advance = [], Trainer.advance
+    losses, advance = [], Loop.advance
 
-    def interrupted(self: Trainer) -> None:
+    def interrupted(self: Loop) -> None:
         if self.settings.curves == 25:
-            losses.append(self.judge.loss(self.parameters))
+            losses.append(self.evaluator.loss(self.state.curves))
             raise KeyboardInterrupt
         advance(self)
-        losses.append(self.judge.loss(self.parameters))
+        losses.append(self.evaluator.loss(self.state.curves))
 
-    monkeypatch.setattr(Trainer, "advance", interrupted)
+    monkeypatch.setattr(Loop, "advance", interrupted)
     found = resized(picture, 25)
     *_, before, after = losses
     assert found.interrupted
@@ -299,7 +294,7 @@ def test_an_interrupt_right_after_curves_were_added_returns_what_was_before(monk
 def test_a_fit_to_a_smaller_copy_takes_its_number_of_curves_along():
     whole = np.random.default_rng(2).random((12, 16, 3)).repeat(6, 0).repeat(6, 1).astype(np.float32)
     grow = Resizing(0.5, lambda scene, _: (np.arange(scene.curves), 17))
-    found = fit(whole, settings(steps=60), rough=(whole[::2, ::2].copy(), UNGUIDED), resizings=[grow])
+    found = fit(whole, settings(steps=60), rough=(whole[::2, ::2].copy(), NO_INPUTS), resizings=[grow])
     assert found.scene.curves + found.dropped == 17
     assert (found.scene.width, found.scene.height) == (96, 72)
 

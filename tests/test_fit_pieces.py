@@ -9,12 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PAPER, random_scene, straight
 
-from cubicsplat_cli.photo.best import Best
 from cubicsplat_cli.photo.blobs import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
 from cubicsplat_cli.photo.geometric import crossing_gradient, crossing_penalty
-from cubicsplat_cli.photo.parameters import Parameters
 from cubicsplat_cli.photo.snap import snapped
-from cubicsplat_cli.photo.threads import one_torch_thread
+from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves
+from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings, Mode
 
 
@@ -124,16 +123,16 @@ def test_torch_threads_come_back():
 
 
 @pytest.mark.parametrize("loss_of", [float, lambda value: torch.tensor(value, dtype=torch.float64)], ids=["cpu", "gpu"])
-def test_the_best_parameters_are_kept_as_they_were(loss_of):
+def test_the_best_curves_are_kept_as_they_were(loss_of):
     """Losses that are tensors, as on a GPU, are compared without being read."""
-    best = Best()
-    with pytest.raises(ValueError, match="no parameters"):
-        _ = best.parameters
-    shapes = ((2, 6, 2), (2, 3), (2,), (2,), (2,))
-    parameters = Parameters(*(torch.zeros(shape) for shape in shapes))
+    best = BestCheckpoint()
+    with pytest.raises(ValueError, match="no curves"):
+        _ = best.curves
+    shapes = ((2, 6, 2), (2, 3), (2,), (2,))
+    curves = FitCurves(Mode.CLOSED, 9, 9, *(torch.zeros(shape) for shape in shapes))
     for i, loss in enumerate((5.0, 3.0, 4.0, float("nan"), 3.0, 2.0, 6.0)):
-        for tensor in parameters.arrays_by_name().values():
+        for tensor in curves.arrays_by_name().values():
             tensor.fill_(i)
-        best.consider(loss_of(loss), parameters)
+        best.consider(loss_of(loss), curves)
     assert best.loss == 2.0
-    assert all(bool((t == 5).all()) for t in best.parameters.arrays_by_name().values())
+    assert all(bool((t == 5).all()) for t in best.curves.arrays_by_name().values())

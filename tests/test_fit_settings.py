@@ -135,7 +135,7 @@ def test_backgrounds_are_read():
 
 
 def schedule(steps: int = 500, **changes) -> Schedule:
-    return Schedule(FitSettings.from_preset("standard", **changes).recipe, steps)
+    return Schedule(FitSettings.from_preset("standard", steps=steps, **changes))
 
 
 @given(first=SHARES, second=SHARES)
@@ -215,7 +215,7 @@ def test_the_published_rule_waits_for_inequality():
 @pytest.mark.parametrize("finish", [0.0, 0.15])
 def test_a_clock_that_overtakes_the_last_step_does_no_harm(finish):
     recipe = Recipe(finish=finish)
-    phase = Schedule(recipe, 100).phase(1.001)
+    phase = Schedule(FitSettings(recipe=recipe, steps=100)).phase(1.001)
     assert phase.exact is (finish > 0.0)
     assert 0.0 < phase.rate <= 1.0
 

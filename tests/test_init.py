@@ -13,7 +13,7 @@ from test_fit import picture, settings
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.photo import Guide, fit
+from cubicsplat_cli.photo import FitInputs, fit
 from cubicsplat_cli.photo.start import warmed
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -46,7 +46,7 @@ def final(target, scene) -> float:
 
 
 def test_refining_is_better_than_the_start_and_quicker_than_anew(target, first):
-    refined = fit(target, settings(steps=60), guide=Guide(start=first))
+    refined = fit(target, settings(steps=60), inputs=FitInputs(start=first))
     assert refined.scene.curves <= first.curves
     assert final(target, refined.scene) > final(target, first) + 0.05
 
@@ -54,18 +54,18 @@ def test_refining_is_better_than_the_start_and_quicker_than_anew(target, first):
 @pytest.mark.parametrize("steps", [1, 3])
 def test_a_result_is_never_worse_than_its_start(target, first, steps):
     """Few steps with new curves in front do harm; what went before is kept."""
-    found = fit(target, settings(steps=steps, curves=30), guide=Guide(start=first))
+    found = fit(target, settings(steps=steps, curves=30), inputs=FitInputs(start=first))
     assert final(target, found.scene) >= final(target, first) - 1e-4
 
 
 def test_growing_gives_more_curves_and_more_decibels(target, first):
-    grown = fit(target, settings(curves=24, steps=60), guide=Guide(start=first))
+    grown = fit(target, settings(curves=24, steps=60), inputs=FitInputs(start=first))
     assert grown.scene.curves > first.curves
     assert final(target, grown.scene) > final(target, first) + 1.0
 
 
 def test_shrinking_keeps_the_curves_of_most_use(target, first):
-    shrunk = fit(target, settings(curves=6, steps=60), guide=Guide(start=first))
+    shrunk = fit(target, settings(curves=6, steps=60), inputs=FitInputs(start=first))
     anew = fit(target, settings(curves=6, steps=60))
     assert shrunk.scene.curves <= 6
     assert final(target, shrunk.scene) > final(target, anew.scene) - 0.5
@@ -76,7 +76,7 @@ def test_shrinking_keeps_the_curves_of_most_use(target, first):
 def test_a_start_of_shorter_curves_is_refined_and_shrunk(target, mode, curves):
     """Curves that are seeded anew have more segments than those of the drawing, as with files of --max-bytes."""
     start = fit(target, settings(mode=mode, segments=1)).scene
-    found = fit(target, settings(mode=mode, curves=curves, segments=3), guide=Guide(start=start))
+    found = fit(target, settings(mode=mode, curves=curves, segments=3), inputs=FitInputs(start=start))
     assert found.replaced > 0
     found.scene.validate()
     if curves == 12:
@@ -86,7 +86,7 @@ def test_a_start_of_shorter_curves_is_refined_and_shrunk(target, mode, curves):
 @pytest.mark.parametrize("mode", list(Mode))
 def test_frozen_curves_stay_as_they_are_behind_the_new_ones(target, mode):
     first = fit(target, settings(mode=mode)).scene
-    found = fit(target, settings(mode=mode, curves=first.curves + 8), guide=Guide(start=first, frozen=True)).scene
+    found = fit(target, settings(mode=mode, curves=first.curves + 8), inputs=FitInputs(start=first, frozen=True)).scene
     assert found.curves > first.curves
     kept = slice(found.curves - first.curves, None)
     assert np.array_equal(found.points[kept], first.points)
@@ -107,26 +107,26 @@ def test_a_start_of_another_size_and_of_curves_of_different_lengths(target, firs
         Mode.CLOSED, 40, 28, points, first.colours[:2], first.opacities[:2], first.half_widths[:2],
         first.background, ends,
     )  # fmt: skip
-    found = fit(target, settings(curves=10), guide=Guide(start=scaled_scene(ragged, 80, 56))).scene
+    found = fit(target, settings(curves=10), inputs=FitInputs(start=scaled_scene(ragged, 80, 56))).scene
     assert found.ring_ends is not None
     found.validate()
     assert final(target, found) > final(target, ragged) + 1.0
     for penalty in ("crossing_penalty", "spike_penalty"):
-        judged = fit(target, settings(curves=10, **{penalty: 0.1}), guide=Guide(start=ragged)).scene
+        judged = fit(target, settings(curves=10, **{penalty: 0.1}), inputs=FitInputs(start=ragged)).scene
         assert final(target, judged) > final(target, ragged) + 1.0
 
 
 def test_a_start_without_a_background_and_a_picture_with_transparency(first):
     clear = picture(alpha=True)
-    found = fit(clear, settings(), guide=Guide(start=first)).scene
+    found = fit(clear, settings(), inputs=FitInputs(start=first)).scene
     assert found.background is None
-    again = fit(picture(), settings(), guide=Guide(start=found)).scene
+    again = fit(picture(), settings(), inputs=FitInputs(start=found)).scene
     assert again.background is not None
 
 
 def test_fills_are_not_a_start_for_strokes(target, first):
     with pytest.raises(InputError, match="has filled shapes; use --mode closed"):
-        fit(target, settings(mode="open"), guide=Guide(start=first))
+        fit(target, settings(mode="open"), inputs=FitInputs(start=first))
 
 
 def test_a_warm_recipe_is_the_usual_one_where_nothing_is_in_place():

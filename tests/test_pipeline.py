@@ -23,8 +23,8 @@ from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.png import encode_png
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import MemorySink, run_job
-from cubicsplat_cli.photo import fit
-from cubicsplat_cli.photo.trainer import Trainer
+from cubicsplat_cli.photo import FitInputs, fit
+from cubicsplat_cli.photo.loop import Loop
 from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture
 from cubicsplat_cli.pipeline import photo as photo_style
 from cubicsplat_cli.progress import COMMAND_BEGAN, Observer, Progress, StageTimer, Work
@@ -90,11 +90,11 @@ def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_
 
 
 def test_ctrl_c_during_the_comparison_keeps_the_drawing(monkeypatch):
-    def interrupted(_trainer) -> None:
+    def interrupted(_loop) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(choose, "choose_style", as_drawing)
-    monkeypatch.setattr(Trainer, "advance", interrupted)
+    monkeypatch.setattr(Loop, "advance", interrupted)
     task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer())
     first, last = candidates(task)
     assert [made.interrupted for made in (first, last)] == [False, True]
@@ -239,9 +239,9 @@ def fitted(monkeypatch):
     monkeypatch.setattr(photo_style, "FINISH_SCALE", 2)
     sizes = []
 
-    def noted(target, settings, on_progress, film, guide, rough=None, resizings=()):
+    def noted(target, settings, on_progress, film, inputs, rough=None, resizings=()):
         sizes.append((target.shape[1::-1], None if rough is None else rough[0].shape[1::-1]))
-        return fit(target, settings, on_progress, film, guide, rough, resizings)
+        return fit(target, settings, on_progress, film, inputs, rough, resizings)
 
     monkeypatch.setattr("cubicsplat_cli.photo.fit", noted)
     return sizes
@@ -267,14 +267,13 @@ def test_a_fit_that_goes_on_at_another_size_is_where_it_was():
     picture = as_picture((127.5 + 120 * waves).astype(np.uint8))
     small, large = (torch.from_numpy(resize_picture(picture, size).target()) for size in (24, 48))
     settings = SETTINGS.with_(steps=60)
-    begun = Trainer(small, settings)
-    assert begun.relax()
-    before = begun.judge.loss(begun.parameters)
-    trainer = Trainer(large, settings)
-    trainer.go_on_from(begun)
-    assert trainer.step == begun.step == 51
-    assert trainer.judge.loss(trainer.parameters) == pytest.approx(4 * before, rel=0.3)
-    assert torch.allclose(trainer.parameters.points, 2 * begun.parameters.points)
+    loop = Loop(small, settings)
+    assert loop.relax()
+    before, points = loop.evaluator.loss(loop.state.curves), loop.state.curves.points.clone()
+    loop.go_over_to(large, FitInputs())
+    assert loop.step == 51
+    assert loop.evaluator.loss(loop.state.curves) == pytest.approx(4 * before, rel=0.3)
+    assert torch.allclose(loop.state.curves.points, 2 * points)
 
 
 def test_a_published_recipe_is_fitted_on_the_picture_itself(fitted):

@@ -43,7 +43,7 @@ from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.raster import RasterSettings, reference, render, render_scene
-from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneArrays, Training
+from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState, Rates, Training
 from cubicsplat_cli.raster.settings import FLATNESS
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
@@ -333,7 +333,7 @@ def test_each_curve_gets_as_many_edges_as_its_flatness_needs(engine, mode):
     assert engine.counts()["edges"] < all_edges
 
 
-def untrained(scene: Scene, engine: Engine) -> tuple[SceneArrays, OptimiserState]:
+def untrained(scene: Scene, engine: Engine) -> tuple[EngineScene, OptimiserState]:
     """The scene's tensors as logits, to train in place, with a fresh optimiser."""
     logits = replace(scene, colours=scene.colours * 2 - 1, opacities=scene.opacities * 2)
     parameters = packed(logits, engine.device)

@@ -19,8 +19,8 @@ from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.files.weights import load_mask, pixel_weights
 from cubicsplat_cli.options import parse_focus
-from cubicsplat_cli.photo import Guide, fit
-from cubicsplat_cli.photo.guide import spread_of
+from cubicsplat_cli.photo import FitInputs, fit
+from cubicsplat_cli.photo.seeding import spread_of
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 
@@ -175,7 +175,7 @@ def test_the_fit_refuses_weights_that_are_none():
     target = np.zeros((4, 6, 3), np.float32)
     for weights in (np.zeros((4, 6)), np.ones((6, 4)), np.full((4, 6), -1.0), np.full((4, 6), np.inf)):
         with pytest.raises(InputError, match="weights must be"):
-            fit(target, FitSettings(curves=1, steps=1), guide=Guide(weights.astype(np.float32)))
+            fit(target, FitSettings(curves=1, steps=1), inputs=FitInputs(weights.astype(np.float32)))
 
 
 def test_the_weighted_figure_is_the_mean_of_the_weighted_squares(noisy):

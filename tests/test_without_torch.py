@@ -13,11 +13,11 @@ from conftest import smooth_pixels
 from PIL import Image
 from test_fit import picture, settings
 
-from cubicsplat_cli.photo.best import Best
+from cubicsplat_cli.photo import FitInputs
 from cubicsplat_cli.photo.geometric import Regulariser
-from cubicsplat_cli.photo.guide import Guide
 from cubicsplat_cli.photo.initial import new_curves
-from cubicsplat_cli.photo.trainer import Trainer
+from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.settings import Mode
@@ -96,16 +96,16 @@ def test_what_a_step_does_outside_the_engine_waits_for_no_value(mode, ragged):
 
     given = settings(mode=mode.value, fill="linear")
     here = new_curves(
-        *(np.random.default_rng(1).random(shape, np.float32) for shape in ((6, 13, 2), (6, 3))), 1.0, given
+        *(np.random.default_rng(1).random(shape, np.float32) for shape in ((6, 13, 2), (6, 3))), 1.0, given, (11, 9)
     )
     here = replace(here, points=here.points[:, : 12 + (mode is Mode.OPEN)].copy())
     there = (here.with_room(here.points.shape[1] + 3, 1) if ragged else here).as_torch("meta")
     frames, stops = torch.zeros(6, 2, 3, device="meta"), torch.zeros(6, 2, 4, device="meta")
     still = torch.zeros(6, dtype=torch.bool, device="meta")
-    assert there.gradients().frames.device == frames.device
+    assert there.for_engine().gradients.frames.device == frames.device
     for mask in (None, still):
         there.fills.learn(there.middles(), frames, stops, Rates(0.1, 0.1, 0.1, 0.1), mask)
-    best = Best()
+    best = BestCheckpoint()
     for _ in range(2):
         best.consider(torch.zeros((), device="meta"), there)
     recipe = replace(given.recipe, crossing_penalty=0.1, spike_penalty=0.1)
@@ -129,11 +129,11 @@ def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided, monkeypatch):
     import torch
 
     target, given = picture(), settings(steps=40, **changes)
-    guide = Guide()
+    inputs = FitInputs()
     if guided:
-        start = Trainer(target, settings(steps=20, curves=5, seed=3)).run().scene
+        start = Loop(target, settings(steps=20, curves=5, seed=3)).finish().scene
         weights = np.linspace(0.5, 2.0, target.shape[0] * target.shape[1], dtype=np.float32).reshape(target.shape[:2])
-        guide = Guide(weights, start, frozen=True)
+        inputs = FitInputs(weights, start, frozen=True)
     drawn = []
     whole = CpuEngine.step
 
@@ -142,8 +142,8 @@ def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided, monkeypatch):
         return whole(self, scene, settings, training)
 
     monkeypatch.setattr(CpuEngine, "step", step)
-    ours = Trainer(target, given, guide=guide).run()
-    theirs = Trainer(torch.from_numpy(target), given, guide=guide).run()
+    ours = Loop(target, given, inputs=inputs).finish()
+    theirs = Loop(torch.from_numpy(target), given, inputs=inputs).finish()
     assert drawn == [np.ndarray] * 40 + [torch.Tensor] * 40
     assert theirs.replaced == ours.replaced > 0
     assert theirs.history[-1]["psnr_db"] == pytest.approx(ours.history[-1]["psnr_db"], abs=0.02)

@@ -12,8 +12,8 @@ import numpy as np
 from cubicsplat_cli.bench.memory import Memory, memory
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.metrics import head
-from cubicsplat_cli.photo.threads import one_torch_thread
-from cubicsplat_cli.photo.trainer import Trainer
+from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings
 
 # Steps of the exact finish that are not timed: they bring its larger polylines and tile lists into memory.
@@ -45,24 +45,24 @@ def measure_step(
         raise UsageError(f"warmup-steps must be at least 0 and steps at least 1, not {warmup} and {steps}")
     finish = settings.recipe.finish
     settings = settings.with_(steps=max(settings.steps, total_steps(warmup, steps, finish)), time_limit=None)
-    trainer = Trainer(np.ascontiguousarray(target, dtype=np.float32), settings)
+    loop = Loop(np.ascontiguousarray(target, dtype=np.float32), settings)
     with one_torch_thread():
         for _ in range(warmup):
-            trainer.advance()
-        relaxed = _time(trainer, steps)
+            loop.advance()
+        relaxed = _time(loop, steps)
         exact = None
         if finish > 0:
-            trainer.step = math.ceil((1.0 - finish) * settings.steps)
+            loop.step = math.ceil((1.0 - finish) * settings.steps)
             for _ in range(_EXACT_WARMUP):
-                trainer.advance()
-            exact = _time(trainer, steps)
+                loop.advance()
+            exact = _time(loop, steps)
     height, width, channels = target.shape
     return {
         **head(),
         "bench": "step",
         "picture": {"name": name, "width": width, "height": height, "channels": channels},
         "settings": settings.public(),
-        "device": trainer.engine.describe(),
+        "device": loop.engine.describe(),
         "warmup_steps": warmup,
         "timed_steps": steps,
         "relaxed": relaxed,
@@ -78,24 +78,24 @@ def wait_for_gpu() -> None:
         torch.cuda.synchronize()
 
 
-def _time(trainer: Trainer, steps: int) -> dict[str, Any]:
+def _time(loop: Loop, steps: int) -> dict[str, Any]:
     """Times so many steps from where the fit stands."""
-    phase = trainer.schedule.phase(trainer.progress())
+    phase = loop.schedule.phase(loop.progress)
     seconds: list[float] = []
     stages: list[dict[str, float]] = []
     counts: list[dict[str, int]] = []
     for _ in range(steps):
-        replaced, started = trainer.diary.replaced, time.perf_counter()
-        trainer.advance()
+        replaced, started = loop.log.replaced, time.perf_counter()
+        loop.advance()
         wait_for_gpu()
         seconds.append(time.perf_counter() - started)
         # An engine that works asynchronously has no timings: its steps are timed as a whole.
-        engine = trainer.engine.timings() or {"engine": seconds[-1]}
+        engine = loop.engine.timings() or {"engine": seconds[-1]}
         # What a step takes beside the engine is Python and, now and then, the replacement of curves.
         rest = seconds[-1] - sum(engine.values())
-        changed = trainer.diary.replaced > replaced
+        changed = loop.log.replaced > replaced
         stages.append({**engine, "replacement": rest if changed else 0.0, "other": 0.0 if changed else rest})
-        counts.append(trainer.engine.counts())
+        counts.append(loop.engine.counts())
     total = sum(seconds)
     p10, median, p90 = (1e3 * float(value) for value in np.percentile(seconds, (10, 50, 90)))
     return {

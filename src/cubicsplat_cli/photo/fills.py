@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cubicsplat_cli.raster.engine import Rates
-from cubicsplat_cli.scene.arrays import Array, contiguous, like, namespace, sigmoid
-from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, like, namespace, sigmoid
 from cubicsplat_cli.scene.gradients import LINEAR, Gradients, linear_frames
 
 LEAST_LENGTH = 1.0  # px, of the way from one colour to the other

@@ -7,10 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.photo.guide import UNGUIDED, Guide
-from cubicsplat_cli.photo.resizing import Resizing
-from cubicsplat_cli.photo.result import FitResult
-from cubicsplat_cli.photo.trainer import Trainer
+from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, Resizing
+from cubicsplat_cli.photo.loop import Loop
 from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.settings import FitSettings
 
@@ -20,47 +18,41 @@ def fit(
     settings: FitSettings,
     on_progress: Callable[[Progress], None] | None = None,
     film: FrameRecorder | None = None,
-    guide: Guide = UNGUIDED,
-    rough: tuple[np.ndarray, Guide] | None = None,
+    inputs: FitInputs = NO_INPUTS,
+    rough: tuple[np.ndarray, FitInputs] | None = None,
     resizings: Sequence[Resizing] = (),
 ) -> FitResult:
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
-    film: keeps scenes on the way. guide: what else the fit is told. rough: a smaller copy of the picture, on which all
-    but the exact finish is done, and what a fit to it is told; only for fits that do not begin with a drawing.
-    resizings: when on the way the number of curves changes, in order; for such fits as well.
+    film: keeps scenes on the way. inputs: what else the fit is given. rough: a smaller copy of the picture, on which
+    all but the exact finish is done, and its inputs; only for fits that do not begin with a drawing. resizings: when on
+    the way the number of curves changes, in order; for such fits as well.
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
     form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
     leaves the state that the fit had come to, with a note.
     """
-    picture = _checked(target, guide)
+    picture = _checked(target, inputs)
     settings = settings.for_size(target.shape[1], target.shape[0])
-    smaller = rough is not None and settings.recipe.finish > 0.0
-    if rough is not None and smaller:
-        trainer = Trainer(_checked(*rough), settings, on_progress, film, rough[1])
-    else:
-        trainer = Trainer(picture, settings, on_progress, film, guide)
+    begun, given = picture, inputs
+    if rough is not None and settings.recipe.finish > 0.0:
+        begun, given = _checked(*rough), rough[1]
+    loop = Loop(begun, settings, given, on_progress, film)
     for resizing in resizings:
-        if not trainer.relax(resizing.at):
-            return trainer.run()
-        trainer = trainer.resized(resizing.choose)
-    if smaller:
-        if not trainer.relax():
-            return trainer.run()
-        whole = Trainer(picture, trainer.settings, on_progress, film, guide)
-        whole.go_on_from(trainer)
-        return whole.run()
-    return trainer.run()
+        if loop.relax(resizing.at):
+            loop.resize(resizing.choose)
+    if begun is not picture and loop.relax():
+        loop.go_over_to(picture, inputs)
+    return loop.finish()
 
 
-def _checked(target: np.ndarray, guide: Guide) -> np.ndarray:
+def _checked(target: np.ndarray, inputs: FitInputs) -> np.ndarray:
     """The picture as the engines take it. Raises InputError where it, or its weights, cannot be fitted."""
     if target.ndim != 3 or target.shape[2] not in (3, 4) or 0 in target.shape:
         raise InputError(f"the picture must have shape (height, width, 3 or 4), not {target.shape}")
     if not np.isfinite(target).all():
         raise InputError("the picture has values that are not finite")
-    weights = guide.weights
+    weights = inputs.weights
     if weights is not None and (
         weights.shape != target.shape[:2] or not np.isfinite(weights).all() or weights.min() < 0 or not weights.any()
     ):

@@ -1,4 +1,4 @@
-"""New curves: small discs or short strokes with the picture's colour at their place."""
+"""What new curves look like: small discs or short strokes with the picture's colour at their place."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
-from cubicsplat_cli.photo.parameters import Parameters
+from cubicsplat_cli.photo.state import Background, FitCurves
 from cubicsplat_cli.scene.arrays import Array, contiguous, like, logit, namespace
 from cubicsplat_cli.settings import FitSettings, Mode, Recipe
 
@@ -16,32 +16,25 @@ ABOUT_FARTHEST = 0.999  # of the squared distance
 OPAQUE_LOGIT = 9.0  # an opacity of 0.99988
 
 
-def new_curves(points: Array, colour_logits: Array, half_width: float, settings: FitSettings) -> Parameters:
-    """Curves at control points (n, K, 2), with colour logits (n, 3), a half-width in px and the recipe's opacity."""
+def new_curves(
+    points: Array, colours: Array, half_width: float, settings: FitSettings, size: tuple[int, int],
+    background: Background = None,
+) -> FitCurves:  # fmt: skip
+    """Curves with control points (n, K, 2), colours (n, 3) as logits, a half-width in px and the recipe's opacity.
+
+    size: width and height of the canvas, px.
+    """
     recipe, xp = settings.recipe, namespace(points)
 
     def all_alike(value: float) -> Array:
         return xp.full((points.shape[0],), value, dtype=points.dtype, device=points.device)
 
-    return Parameters(
-        contiguous(points),
-        contiguous(colour_logits),
-        all_alike(first_opacity(recipe)),
-        all_alike(half_width),
-        all_alike(recipe.soft_edge),
-        fills=LinearFills.flat(colour_logits, farthest(points)) if settings.fill == "linear" else None,
-    )
-
-
-def first_curves(
-    target: Array, settings: FitSettings, generator: np.random.Generator, unit: float, weights: Array | None
-) -> Parameters:
-    """The usual start of a fit to a target (H, W, C): discs or strokes at random places. unit: of the recipe's lengths,
-    px.
-    """
-    recipe, centres = settings.recipe, random_centres(settings.curves, target, generator, weights)
-    points = control_points(centres, recipe.start_size * unit, settings, generator)
-    return new_curves(points, colours_at(centres, target), recipe.half_width_size * unit, settings)
+    return FitCurves(
+        settings.mode, *size, contiguous(points), contiguous(colours), all_alike(first_opacity(recipe)),
+        all_alike(half_width), background,
+        edge_widths=all_alike(recipe.soft_edge) if recipe.edges == "soft" else None,
+        fills=LinearFills.flat(colours, farthest(points)) if settings.fill == "linear" else None,
+    )  # fmt: skip
 
 
 def first_opacity(recipe: Recipe) -> float:
@@ -100,24 +93,3 @@ def colour_to_logits(colours: Array) -> Array:
     if colours.shape[-1] == 4:
         colours = colours[:, :3] / xp.clip(colours[:, 3:], min=1e-3)
     return logit(xp.clip(colours, COLOUR_MARGIN, 1.0 - COLOUR_MARGIN))
-
-
-def random_centres(count: int, target: Array, generator: np.random.Generator, weights: Array | None = None) -> Array:
-    """Random places (n, 2) px, by the pixels' weights; where there is transparency, only where there is something."""
-    xp, (height, width, channels) = namespace(target), target.shape
-    if channels == 4 or weights is not None:
-        there = xp.clip(target[..., 3], min=1e-6) if channels == 4 else xp.ones_like(target[..., 0])
-        return draw_pixels(there if weights is None else there * weights, count, generator)
-    return like(target, generator.random((count, 2)) * (width, height))
-
-
-def draw_pixels(density: Array, count: int, generator: np.random.Generator) -> Array:
-    """Centres (count, 2) of pixels drawn, with replacement, in proportion to a density (H, W) >= 0."""
-    xp, (height, width) = namespace(density), density.shape
-    total = xp.cumulative_sum(xp.reshape(density, (-1,)), dtype=xp.float64)
-    share = like(total, generator.random(count))
-    pixels = height * width
-    pixel = xp.clip(xp.searchsorted(total, share * total[-1], side="right"), max=pixels - 1)
-    # Without any density all are alike; decided without a look at the value, which would wait for a GPU.
-    pixel = xp.where(total[-1] > 0, pixel, xp.clip(xp.astype(share * pixels, pixel.dtype), max=pixels - 1))
-    return xp.astype(xp.stack([pixel % width, pixel // width], axis=-1), xp.float32) + 0.5

@@ -1,4 +1,4 @@
-"""What changes in the course of a fit: edge width, step sizes, replacements, and the exact finish.
+"""What a fit does at which step: edge width, step sizes, reallocations, and the exact finish.
 
 Nearly all is a function of the progress in [0, 1]: the share of the steps or, under a time limit, of the time.
 """
@@ -8,10 +8,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from cubicsplat_cli.settings import Recipe
+import numpy as np
+
+from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene.arrays import Array, as_numpy
+from cubicsplat_cli.settings import FitSettings
 
 # The published course of the step sizes: (from this share of the steps on, factor).
 PUBLISHED_RATES = ((0.0, 1.0), (0.5, 0.5), (0.6, 0.2), (0.9, 0.1))
+FLATNESS = 0.5  # px, of de Casteljau subdivision
+FINISH_TOLERANCE = 0.1  # px: cairo's own, so that the file is drawn no finer than it was fitted
+AFTER_STEPS = 5  # what comes after the last step takes about as long as so many
 
 
 @dataclass(frozen=True)
@@ -24,15 +32,24 @@ class Phase:
 
 
 class Schedule:
-    """The course of a fit."""
+    """The course of a fit with these settings."""
 
-    def __init__(self, recipe: Recipe, steps: int) -> None:
-        self.recipe = recipe
-        # Long fits gain from more reallocations, but each needs more steps for its new curves to settle.
-        self.reallocations = round(recipe.reallocation_density * math.sqrt(steps)) if recipe.prune else 0
+    def __init__(self, settings: FitSettings) -> None:
+        self.settings, self.recipe = settings, settings.recipe
+        # Long fits gain from more reallocations, but each needs more steps for its new curves to fall into place.
+        density = self.recipe.reallocation_density if self.recipe.prune else 0.0
+        self.reallocations = round(density * math.sqrt(settings.steps))
         self._done = 0
-        self.finish_start = 1.0 - recipe.finish
-        self.reallocations_end = recipe.reallocate_until * self.finish_start
+        self.finish_start = 1.0 - self.recipe.finish
+        self.reallocations_end = self.recipe.reallocate_until * self.finish_start
+
+    def progress(self, step: int, elapsed: float) -> float:
+        """Share of the steps done or, where that is more, of the time used up; elapsed: seconds."""
+        share, limit = step / self.settings.steps, self.settings.time_limit
+        if limit is None or step == 0:
+            return share
+        after = AFTER_STEPS * elapsed / step
+        return max(share, elapsed / max(limit - after, 1e-9))
 
     def phase(self, progress: float) -> Phase:
         """Settings at a progress in [0, 1], or a little beyond where the clock overtook the last step."""
@@ -50,14 +67,37 @@ class Schedule:
             return _fall(along, self.recipe.rate_end)
         return [factor for start, factor in PUBLISHED_RATES if along >= start][-1]
 
-    def reallocation(self, progress: float, gini: float | None = None, idle: float = 0.0) -> float:
+    def raster(self, phase: Phase) -> RasterSettings:
+        """How a step of this phase is drawn."""
+        coverage = "exact" if phase.exact else "relaxed"
+        if self.recipe.flatten == "de-casteljau":
+            return RasterSettings(coverage, phase.edge_width, 64, FLATNESS, subdivide=True)
+        samples = self.settings.finish_samples if phase.exact else self.settings.samples
+        tolerance = FINISH_TOLERANCE if phase.exact and self.recipe.tolerance > 0.0 else self.recipe.tolerance
+        return RasterSettings(coverage, phase.edge_width, samples, tolerance)
+
+    def rates(self, phase: Phase, unit: float) -> Rates:
+        """The step sizes of this phase; unit: of the recipe's lengths, px."""
+        recipe = self.recipe
+        return Rates(
+            points=phase.rate * recipe.rate_points * unit,
+            colours=phase.rate * recipe.rate_colours,
+            opacities=0.0 if recipe.opaque else phase.rate * recipe.rate_opacities,
+            half_widths=phase.rate * recipe.rate_half_widths * unit,
+            edge_widths=phase.rate * recipe.rate_edge_widths,
+            keep=(recipe.keep_mean, recipe.keep_change, recipe.keep_square),
+            epsilon=recipe.epsilon,
+        )
+
+    def reallocation(self, progress: float, inequality: float = 0.0, idle: float = 0.0) -> float:
         """Fraction of the curves to replace at this progress.
 
-        idle: the fraction that the picture is no worse without, which all go unless the published rule is asked for.
+        inequality: `gini` of their importance, which the published rule goes by. idle: the fraction that the picture
+        is no worse without, which all go by the usual rule.
         """
         recipe = self.recipe
         if recipe.prune_rule == "gini":
-            return recipe.prune_fraction * min(1.0, max(0.0, ((gini or 0.0) - recipe.gini_threshold) / 0.5))
+            return recipe.prune_fraction * min(1.0, max(0.0, (inequality - recipe.gini_threshold) / 0.5))
         return max(idle, recipe.prune_fraction * (1.0 - progress / self.reallocations_end))
 
     def take_reallocation(self, progress: float) -> bool:
@@ -67,6 +107,17 @@ class Schedule:
             return False
         self._done += 1
         return True
+
+
+def gini(importance: Array) -> float:
+    """Gini coefficient (0: all equal, towards 1: few carry everything) of the positive parts of (N,) values."""
+    values = np.sort(np.maximum(as_numpy(importance).astype(np.float64), 0.0))
+    total = float(values.sum())
+    n = len(values)
+    if n == 0 or total <= 0:
+        return 0.0
+    ranks = np.arange(1, n + 1)
+    return float((2 * ranks - n - 1) @ values) / (n * total)
 
 
 def _fall(along: float, end: float) -> float:

@@ -4,8 +4,12 @@ closer than about a third of a pixel.
 
 from __future__ import annotations
 
+from ctypes import c_float, c_int32, c_void_p
+
+import numpy as np
+
 from cubicsplat_cli.photo.segments import Segments, length, segments_of, taken, together
-from cubicsplat_cli.raster.slivers import slivers
+from cubicsplat_cli.raster.cpu import library
 from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace
 from cubicsplat_cli.settings import Mode
 
@@ -25,10 +29,23 @@ def sliver_gradient(
     and height of the canvas, px, beyond which nothing counts. ring_ends: as in `Scene`.
     """
     if str(points.device) == "cpu":
-        ends = None if ring_ends is None else as_numpy(ring_ends)
-        found = slivers(as_numpy(points), ends, EDGES, THINNEST, OPPOSITE, size)
-        return weight * like(points, found)
+        return weight * like(points, _native_gradient(as_numpy(points), size, ring_ends))
     return weight * gradient_by_arrays(points, size, ring_ends)
+
+
+def _native_gradient(points: np.ndarray, size: tuple[int, int], ring_ends: Array | None) -> np.ndarray:
+    """The same with weight 1, float32, by the native library. Raises EngineError where that is missing."""
+    points = np.ascontiguousarray(points, np.float32)
+    ends = None if ring_ends is None else np.ascontiguousarray(as_numpy(ring_ends), np.int32)
+    found = np.empty_like(points)
+    call = library().cs_slivers
+    call.restype = None
+    call.argtypes = [c_void_p, c_int32, c_int32, c_void_p, c_int32, c_int32, *[c_float] * 4, c_void_p]
+    call(
+        points.ctypes.data, points.shape[0], points.shape[1] // 3, None if ends is None else ends.ctypes.data,
+        0 if ends is None else ends.shape[1], EDGES, THINNEST, OPPOSITE, *size, found.ctypes.data,
+    )  # fmt: skip
+    return found
 
 
 def gradient_by_arrays(points: Array, size: tuple[int, int], ring_ends: Array | None = None) -> Array:

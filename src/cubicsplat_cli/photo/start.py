@@ -7,7 +7,7 @@ from dataclasses import replace
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
 from cubicsplat_cli.photo.initial import COLOUR_MARGIN, farthest
-from cubicsplat_cli.photo.parameters import Background, Parameters
+from cubicsplat_cli.photo.state import Background, FitCurves
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.scene.arrays import Array, contiguous, copied, logit, namespace
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of
@@ -34,7 +34,9 @@ def choose_background(target: Array, settings: FitSettings, weights: Array | Non
     return mean[0], mean[1], mean[2]
 
 
-def parameters_of(scene: Scene, settings: FitSettings, width: int, height: int) -> Parameters:
+def curves_of(
+    scene: Scene, settings: FitSettings, width: int, height: int, background: Background = None
+) -> FitCurves:  # fmt: skip
     """A scene's curves as a fit has them, on a canvas of width x height px.
 
     Raises InputError for strokes where the settings ask for fills, and the other way round, and for gradients other
@@ -44,15 +46,14 @@ def parameters_of(scene: Scene, settings: FitSettings, width: int, height: int) 
         what = "filled shapes" if scene.mode.value == "closed" else "strokes"
         raise InputError(f"the drawing to begin with has {what}; use --mode {scene.mode.value}")
     sized, xp = scaled_scene(scene, width, height), namespace(scene.points)
-    return Parameters(
-        contiguous(copied(sized.points)),
-        _logits(sized.colours),
+    soft = settings.recipe.edges == "soft"
+    return FitCurves(
+        settings.mode, width, height, contiguous(copied(sized.points)), _logits(sized.colours),
         xp.clip(logit(xp.clip(sized.opacities, 1e-6, 1.0 - 1e-6)), -MOST_LOGIT, MOST_LOGIT),
-        xp.clip(sized.half_widths, min=LEAST_HALF_WIDTH),
-        xp.full_like(sized.half_widths, settings.recipe.soft_edge),
-        sized.ring_ends,
-        _fills(sized, settings),
-    )
+        xp.clip(sized.half_widths, min=LEAST_HALF_WIDTH), background, sized.ring_ends,
+        edge_widths=xp.full_like(sized.half_widths, settings.recipe.soft_edge) if soft else None,
+        fills=_fills(sized, settings),
+    )  # fmt: skip
 
 
 def _fills(scene: Scene, settings: FitSettings) -> LinearFills | None:
@@ -94,7 +95,7 @@ def keep_frozen(scene: Scene, start: Scene, count: int) -> None:
 
 
 def _keep_fills(found: Gradients, start: Gradients | None, count: int) -> None:
-    """Gives the last `count` curves back the fills of a start that `parameters_of` took, flat ones if it has none."""
+    """Gives the last `count` curves back the fills of a start that `curves_of` took, flat ones if it has none."""
     if start is None:
         found.kinds[-count:] = FLAT
         return

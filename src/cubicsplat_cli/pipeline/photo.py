@@ -45,22 +45,22 @@ FINISH_SCALE = 3
 
 def fitted_photo(task: Task) -> Made:
     """Curves that blend, fitted to the picture."""
-    from cubicsplat_cli.photo import Guide, fit
+    from cubicsplat_cli.photo import FitInputs, fit
 
     request, settings = task.request, _with_curves(task)
     start = None if request.init is None else request.init.scene
     rough, fine = copies_of(task.target, settings)
     # A drawing to begin with is as fine as it is.
-    begun = None if rough is fine or start is not None else (rough.target(), Guide(task.weights(rough)))
-    guide = Guide(task.weights(fine), start, request.freeze)
+    begun = None if rough is fine or start is not None else (rough.target(), FitInputs(task.weights(rough)))
+    inputs = FitInputs(task.weights(fine), start, request.freeze)
     pixels = fine.target()
 
     def fit_from(chosen: FitSettings, resizings: Sequence[Resizing], before: Scene | None) -> FitResult:
         if before is None:
-            return fit(pixels, chosen, task.on_progress, task.recorder, guide, begun, resizings)
-        return fit(pixels, chosen, task.on_progress, task.recorder, replace(guide, start=before))
+            return fit(pixels, chosen, task.on_progress, task.recorder, inputs, begun, resizings)
+        return fit(pixels, chosen, task.on_progress, task.recorder, replace(inputs, start=before))
 
-    within = _within(task, fine, settings, guide.weights, fit_from)
+    within = _within(task, fine, settings, inputs.weights, fit_from)
     fitted = within.fitted
     notes = [] if request.init is None else list(request.init.notes)
     notes += fitted_on(task.target, rough if begun else fine, fine)
@@ -87,7 +87,7 @@ def _within(
     fit_from: Callable[[FitSettings, Sequence[Resizing], Scene | None], FitResult],
 ) -> Within:  # fmt: skip
     """One fit, or those that meet the budget that was asked for."""
-    from cubicsplat_cli.raster.worth import worth_of
+    from cubicsplat_cli.raster.draw import leave_one_out_importance
 
     request, threads = task.request, settings.threads
     precision = _precision(request)
@@ -104,7 +104,7 @@ def _within(
         fit_from,
         lambda scene: len(packed(task.text(scene, precision), compressed=request.compress)),
         level,
-        lambda scene: worth_of(scene, target.target(), weights, settings.finish_samples, threads),
+        lambda scene: leave_one_out_importance(scene, target.target(), weights, settings.finish_samples, threads),
     )
     if request.max_bytes is not None:
         return within_bytes(request.max_bytes, _one_opacity(settings, target), precision, means)

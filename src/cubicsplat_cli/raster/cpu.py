@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, SceneArrays, Training, values_per_curve
+from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, EngineScene, Training, values_per_curve
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.arrays import Array, kind_of, namespace
 from cubicsplat_cli.settings import Mode, cpu_count
@@ -177,7 +177,7 @@ class CpuEngine(Engine):
     def describe(self) -> dict[str, object]:
         return {"name": self.name, "isa": self.isa, "threads": self.threads}
 
-    def _scene(self, scene: SceneArrays) -> _Scene:
+    def _scene(self, scene: EngineScene) -> _Scene:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         closed = scene.mode is Mode.CLOSED
         rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
@@ -195,7 +195,7 @@ class CpuEngine(Engine):
         )  # fmt: skip
 
     @staticmethod
-    def _gradient_fills(scene: SceneArrays, n: int) -> tuple[int | None, ...]:
+    def _gradient_fills(scene: EngineScene, n: int) -> tuple[int | None, ...]:
         given = scene.gradients
         if given is None:
             return None, None, None, None, None, 0
@@ -210,7 +210,7 @@ class CpuEngine(Engine):
 
     def _images(
         self,
-        scene: SceneArrays,
+        scene: EngineScene,
         *,
         target: Array | None = None,
         weights: Array | None = None,
@@ -233,7 +233,7 @@ class CpuEngine(Engine):
             IMPORTANCE[importance], *penalty,
         )  # fmt: skip
 
-    def _pointers(self, scene: SceneArrays, arrays: dict[str, Array]) -> _Gradients:
+    def _pointers(self, scene: EngineScene, arrays: dict[str, Array]) -> _Gradients:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         shapes: dict[str, tuple[int, ...]] = {
             "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
@@ -247,7 +247,7 @@ class CpuEngine(Engine):
         if status:
             raise EngineError(f"{self._failed}: {self._library.cs_error(self._opened()).decode()}")
 
-    def render(self, scene: SceneArrays, settings: RasterSettings) -> Array:
+    def render(self, scene: EngineScene, settings: RasterSettings) -> Array:
         xp = namespace(scene.points)
         image = xp.empty((scene.height, scene.width, scene.channels), dtype=xp.float32)
         images, _ = self._images(scene, image=image)
@@ -255,14 +255,14 @@ class CpuEngine(Engine):
         self._check(self._library.cs_render(self._opened(), s, t, images))
         return image
 
-    def _gradients(self, scene: SceneArrays, settings: RasterSettings, wanted: Backward) -> float:
+    def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
         images, loss = self._images(scene, target=wanted.target, weights=wanted.weights, gradient=wanted.gradient)
         s, t = self._scene(scene), self._settings(settings, wanted.importance, wanted.penalty)
         g = self._pointers(scene, wanted.out)
         self._check(self._library.cs_gradients(self._opened(), s, t, images, g))
         return loss.value
 
-    def step(self, scene: SceneArrays, settings: RasterSettings, training: Training) -> float:
+    def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float:
         n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         images, loss = self._images(
             scene, target=training.target, weights=training.weights, gradient=training.image_gradient,

@@ -1,4 +1,4 @@
-"""Drawing a finished scene, and saying what draws it."""
+"""Finished scenes: their pictures, the importance of their curves, and which engines can draw them."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
-from cubicsplat_cli.raster.engine import Engine, SceneArrays
+from cubicsplat_cli.raster.engine import Engine, EngineScene
 from cubicsplat_cli.raster.engines import cuda_engine
 from cubicsplat_cli.raster.settings import FLATNESS, RasterSettings
 from cubicsplat_cli.scene import Scene
 
 
-def scene_arrays(scene: Scene) -> SceneArrays:
+def scene_arrays(scene: Scene) -> EngineScene:
     """A scene as the CPU engine takes it: float32, contiguous, detached, in arrays of its kind on the host."""
 
     def plain(array: np.ndarray) -> np.ndarray:
@@ -24,10 +24,7 @@ def scene_arrays(scene: Scene) -> SceneArrays:
     given = scene.as_numpy().changed(plain)
     if not isinstance(scene.points, np.ndarray):
         given = given.as_torch()
-    return SceneArrays(
-        given.mode, given.width, given.height, given.points, given.colours, given.opacities, given.half_widths,
-        given.background, ring_ends=given.ring_ends, gradients=given.gradients,
-    )  # fmt: skip
+    return EngineScene(**vars(given))
 
 
 def render_scene(
@@ -42,6 +39,26 @@ def render_scene(
     engine = CpuEngine(threads)
     try:
         return engine.render(scene_arrays(scene.as_numpy()), RasterSettings(coverage, edge_width, samples, FLATNESS))
+    finally:
+        engine.close()
+
+
+def leave_one_out_importance(
+    scene: Scene, target: np.ndarray, weights: np.ndarray | None, samples: int, threads: int | None = None
+) -> tuple[float, np.ndarray]:
+    """The squared error of the exact picture against a target (H, W, C) of the scene's size, and (N,) how much it would
+    rise without each curve. weights (H, W): of the pixels. samples: edges per cubic at most.
+    """
+    goal = np.ascontiguousarray(target, dtype=np.float32)
+    if scene.background is None and goal.shape[2] == 3:
+        goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
+    engine = CpuEngine(threads)
+    try:
+        loss, found = engine.gradients(
+            scene_arrays(scene.as_numpy()), RasterSettings("exact", 1.0, samples, FLATNESS), target=goal,
+            importance="loo", weights=None if weights is None else np.ascontiguousarray(weights),
+        )  # fmt: skip
+        return loss, found["importance"]
     finally:
         engine.close()
 

@@ -10,10 +10,9 @@ from typing import Any
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
-from cubicsplat_cli.scene.arrays import Array, namespace
-from cubicsplat_cli.scene.curvearrays import CurveArrays
-from cubicsplat_cli.scene.gradients import Gradients
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.arrays import Array, CurveArrays, namespace
+from cubicsplat_cli.settings import Recipe
 
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
 RATED = 5  # groups of parameters with a rate of their own, in the order of `Rates`
@@ -26,31 +25,15 @@ def values_per_curve(points_per_curve: int) -> int:
 
 
 @dataclass
-class SceneArrays(CurveArrays):
-    """The parameters of a scene as an engine takes them; float32, contiguous, on its device.
+class EngineScene(Scene):
+    """A scene as an engine takes it: float32, contiguous, on its device.
 
-    points (N, K, 2) px, colours (N, 3), opacities (N,), half_widths (N,) px; colours and opacities are logits where
-    `logits` is set. background: the colour behind an opaque picture, or None for premultiplied RGBA. edge_widths (N,):
-    px, each curve's own relaxed edge in place of the settings' one. ring_ends (N, R) int32 and gradients as in `Scene`;
-    the gradients' stops are values even where `logits` is set.
+    logits: colours and opacities are logits of the values that are drawn; the gradients' stops are values all the same.
+    edge_widths: (N,) px, each curve's own relaxed edge in place of the settings' one, or None.
     """
 
-    mode: Mode
-    width: int
-    height: int
-    points: Array
-    colours: Array
-    opacities: Array
-    half_widths: Array
-    background: tuple[float, float, float] | None
     logits: bool = False
     edge_widths: Array | None = None
-    ring_ends: Array | None = None
-    gradients: Gradients | None = None
-
-    @property
-    def channels(self) -> int:
-        return 3 if self.background is not None else 4
 
 
 @dataclass
@@ -58,7 +41,7 @@ class Rates:
     """Step sizes (0 freezes a group, its moments included) and constants of one Adan update.
 
     keep: fractions of the running means of gradient, change and square that stay from step to step (one minus the betas
-    of Xie et al., 2022). epsilon: added to the gradient's scale. The defaults are the recipe's.
+    of Xie et al., 2022). epsilon: added to the gradient's scale.
     """
 
     points: float
@@ -66,8 +49,8 @@ class Rates:
     opacities: float
     half_widths: float
     edge_widths: float = 0.0
-    keep: tuple[float, float, float] = (0.98, 0.999, 0.99)
-    epsilon: float = 1e-3
+    keep: tuple[float, float, float] = (Recipe.keep_mean, Recipe.keep_change, Recipe.keep_square)
+    epsilon: float = Recipe.epsilon
 
 
 @dataclass
@@ -187,12 +170,12 @@ class Engine(ABC):
         return None
 
     @abstractmethod
-    def render(self, scene: SceneArrays, settings: RasterSettings) -> Array:
+    def render(self, scene: EngineScene, settings: RasterSettings) -> Array:
         """Draws the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
 
     def gradients(
         self,
-        scene: SceneArrays,
+        scene: EngineScene,
         settings: RasterSettings,
         *,
         gradient: Array | None = None,
@@ -228,11 +211,11 @@ class Engine(ABC):
         return self._gradients(scene, settings, Backward(gradient, target, weights, penalty, importance, out)), out
 
     @abstractmethod
-    def _gradients(self, scene: SceneArrays, settings: RasterSettings, wanted: Backward) -> float:
+    def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
         """Fills `wanted.out`, whose tensors are zero, and returns the loss."""
 
     @abstractmethod
-    def step(self, scene: SceneArrays, settings: RasterSettings, training: Training) -> float | Array:
+    def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float | Array:
         """One fused training step: forward, error, backward and Adan on the scene's own tensors, in place.
 
         Returns the loss (sum over the pixels) before the update. A parameter whose rate is 0 is not written. Raises

@@ -7,111 +7,139 @@ the whole picture between the two operators would cost more than it saves.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.raster.engine import SceneArrays
+from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.raster.engines import shared_engine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.arrays import Array
 from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
-# An operator takes plain tensors and numbers: canvas = [closed, width, height], background = [] or RGB, counts =
-# [exact, samples, subdivide], lengths = [edge_width, tolerance] in px.
-# frames .. tallies are the gradients' (see `Gradients`).
+
+class _Inputs(NamedTuple):
+    """What the operators take: plain tensors and numbers only. The names are those of `Scene` and `Gradients`.
+
+    canvas: closed (0 or 1), width, height. background: empty, or RGB. counts: exact (0 or 1), samples, subdivide (0 or
+    1). lengths: edge width and tolerance, px.
+    """
+
+    points: Tensor
+    colours: Tensor
+    opacities: Tensor
+    half_widths: Tensor
+    frames: Tensor | None
+    stops: Tensor | None
+    offsets: Tensor | None
+    kinds: Tensor | None
+    stop_counts: Tensor | None
+    ring_ends: Tensor | None
+    canvas: list[int]
+    background: list[float]
+    counts: list[int]
+    lengths: list[float]
+
+    @classmethod
+    def of(cls, scene: Scene, settings: RasterSettings) -> _Inputs:
+        fills = scene.gradients
+        return cls(
+            scene.points.float(), scene.colours.float(), scene.opacities.float(), scene.half_widths.float(),
+            None if fills is None else fills.frames.float(),
+            None if fills is None else fills.stops.float(),
+            None if fills is None else _plain(fills.offsets.float()),
+            None if fills is None else _plain(fills.kinds),
+            None if fills is None else _plain(fills.counts),
+            _plain(scene.ring_ends),
+            [int(scene.mode is Mode.CLOSED), scene.width, scene.height],
+            list(scene.background or ()),
+            [int(settings.coverage == "exact"), settings.samples, int(settings.subdivide)],
+            [settings.edge_width, settings.tolerance],
+        )  # fmt: skip
+
+    def scene(self) -> EngineScene:
+        closed, width, height = self.canvas
+        gradients = None
+        if self.frames is not None:
+            gradients = Gradients(self.kinds, _plain(self.frames), self.stop_counts, self.offsets, _plain(self.stops))
+        r, g, b = self.background or (0.0, 0.0, 0.0)
+        return EngineScene(
+            Mode.CLOSED if closed else Mode.OPEN, width, height, _plain(self.points), _plain(self.colours),
+            _plain(self.opacities), _plain(self.half_widths), (r, g, b) if self.background else None, self.ring_ends,
+            gradients,
+        )  # fmt: skip
+
+    def settings(self) -> RasterSettings:
+        exact, samples, subdivide = self.counts
+        return RasterSettings(
+            "exact" if exact else "relaxed", self.lengths[0], samples, self.lengths[1], bool(subdivide)
+        )
 
 
-def _scene(
-    points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, frames: Tensor | None,
-    stops: Tensor | None, offsets: Tensor | None, kinds: Tensor | None, tallies: Tensor | None,
-    ring_ends: Tensor | None, canvas: list[int], background: list[float],
-) -> SceneArrays:  # fmt: skip
-    closed, width, height = canvas
-    gradients = None
-    if frames is not None:
-        assert stops is not None and offsets is not None and kinds is not None and tallies is not None
-        gradients = Gradients(kinds, frames.detach().contiguous(), tallies, offsets, stops.detach().contiguous())
-    points, colours, opacities, half_widths = (
-        t.detach().contiguous() for t in (points, colours, opacities, half_widths)
-    )
-    behind = (background[0], background[1], background[2]) if background else None
-    mode = Mode.CLOSED if closed else Mode.OPEN
-    return SceneArrays(
-        mode, width, height, points, colours, opacities, half_widths, behind, ring_ends=ring_ends, gradients=gradients
-    )  # fmt: skip
+_TENSORS = _Inputs._fields.index("canvas")  # how many of the inputs are tensors
+_DIFFERENTIABLE = 6  # of them the first ones, of which frames and stops may be missing
+_SCHEMA = ", ".join(
+    [f"Tensor {name}" for name in _Inputs._fields[:4]]
+    + [f"Tensor? {name}" for name in _Inputs._fields[4:_TENSORS]]
+    + ["int[] canvas, float[] background, int[] counts, float[] lengths"]
+)
+_DEVICES = ("cpu", "cuda")
 
 
-def _settings(counts: list[int], lengths: list[float]) -> RasterSettings:
-    exact, samples, subdivide = counts
-    edge_width, tolerance = lengths
-    return RasterSettings("exact" if exact else "relaxed", edge_width, samples, tolerance, bool(subdivide))
+def _plain(tensor: Array) -> Array:
+    return None if tensor is None else tensor.detach().contiguous()
 
 
-@torch.library.custom_op("cubicsplat::render", mutates_args=(), device_types=("cpu", "cuda"))
-def render_op(
-    points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, frames: Tensor | None,
-    stops: Tensor | None, offsets: Tensor | None, kinds: Tensor | None, tallies: Tensor | None,
-    ring_ends: Tensor | None, canvas: list[int], background: list[float], counts: list[int], lengths: list[float],
-) -> Tensor:  # fmt: skip
-    scene = _scene(
-        points, colours, opacities, half_widths, frames, stops, offsets, kinds, tallies, ring_ends, canvas, background
-    )  # fmt: skip
-    return shared_engine(points.device).render(scene, _settings(counts, lengths))
+def _draw(*inputs: Any) -> Tensor:
+    given = _Inputs(*inputs)
+    return shared_engine(given.points.device).render(given.scene(), given.settings())
+
+
+def _differentiate(gradient: Tensor, *inputs: Any) -> tuple[Tensor, ...]:
+    given = _Inputs(*inputs)
+    engine = shared_engine(given.points.device)
+    _, out = engine.gradients(given.scene(), given.settings(), gradient=gradient.detach().contiguous())
+    names = _Inputs._fields[:_DIFFERENTIABLE]
+    return tuple(out[name] if name in out else given.points.new_empty(0) for name in names)
+
+
+render_op = torch.library.custom_op(
+    "cubicsplat::render", _draw, mutates_args=(), device_types=_DEVICES, schema=f"({_SCHEMA}) -> Tensor"
+)
+render_backward_op = torch.library.custom_op(
+    "cubicsplat::render_backward",
+    _differentiate,
+    mutates_args=(),
+    device_types=_DEVICES,
+    schema=f"(Tensor gradient, {_SCHEMA}) -> ({', '.join(['Tensor'] * _DIFFERENTIABLE)})",
+)
 
 
 @render_op.register_fake
-def _render_fake(
-    points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, frames: Tensor | None,
-    stops: Tensor | None, offsets: Tensor | None, kinds: Tensor | None, tallies: Tensor | None,
-    ring_ends: Tensor | None, canvas: list[int], background: list[float], counts: list[int], lengths: list[float],
-) -> Tensor:  # fmt: skip
-    return points.new_empty((canvas[2], canvas[1], 3 if background else 4))
-
-
-@torch.library.custom_op("cubicsplat::render_backward", mutates_args=(), device_types=("cpu", "cuda"))
-def render_backward_op(
-    gradient: Tensor, points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, frames: Tensor | None,
-    stops: Tensor | None, offsets: Tensor | None, kinds: Tensor | None, tallies: Tensor | None,
-    ring_ends: Tensor | None, canvas: list[int], background: list[float], counts: list[int], lengths: list[float],
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
-    scene = _scene(
-        points, colours, opacities, half_widths, frames, stops, offsets, kinds, tallies, ring_ends, canvas, background
-    )  # fmt: skip
-    engine, settings = shared_engine(points.device), _settings(counts, lengths)
-    _, out = engine.gradients(scene, settings, gradient=gradient.detach().contiguous())
-    frames, stops = (out.get(name, points.new_empty(0)) for name in ("frames", "stops"))
-    return out["points"], out["colours"], out["opacities"], out["half_widths"], frames, stops
+def _draw_fake(*inputs: Any) -> Tensor:
+    given = _Inputs(*inputs)
+    return given.points.new_empty((given.canvas[2], given.canvas[1], 3 if given.background else 4))
 
 
 @render_backward_op.register_fake
-def _render_backward_fake(
-    gradient: Tensor, points: Tensor, colours: Tensor, opacities: Tensor, half_widths: Tensor, frames: Tensor | None,
-    stops: Tensor | None, offsets: Tensor | None, kinds: Tensor | None, tallies: Tensor | None,
-    ring_ends: Tensor | None, canvas: list[int], background: list[float], counts: list[int], lengths: list[float],
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
-    return (
-        torch.empty_like(points),
-        torch.empty_like(colours),
-        torch.empty_like(opacities),
-        torch.empty_like(half_widths),
-        points.new_empty(0) if frames is None else torch.empty_like(frames),
-        points.new_empty(0) if stops is None else torch.empty_like(stops),
-    )
+def _differentiate_fake(gradient: Tensor, *inputs: Any) -> tuple[Tensor, ...]:
+    return tuple(inputs[0].new_empty(0) if t is None else torch.empty_like(t) for t in inputs[:_DIFFERENTIABLE])
 
 
 def _remember(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-    ctx.save_for_backward(*inputs[:10])
-    ctx.settings = inputs[10:]
+    ctx.save_for_backward(*inputs[:_TENSORS])
+    ctx.numbers = inputs[_TENSORS:]
 
 
 def _backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-    *found, frames, stops = render_backward_op(gradient, *ctx.saved_tensors, *ctx.settings)
-    of_gradients = (frames, stops) if ctx.saved_tensors[4] is not None else (None, None)
-    return *found, *of_gradients, *([None] * 8)
+    found = render_backward_op(gradient, *ctx.saved_tensors, *ctx.numbers)
+    given = ctx.saved_tensors[:_DIFFERENTIABLE]
+    of_inputs = [None if t is None else of_t for t, of_t in zip(given, found, strict=True)]
+    return *of_inputs, *([None] * (len(_Inputs._fields) - _DIFFERENTIABLE))
 
 
 render_op.register_autograd(_backward, setup_context=_remember)
@@ -133,22 +161,4 @@ def render(scene: Scene, settings: RasterSettings | None = None) -> Tensor:
         scene.validate_form()
     else:
         scene.validate()
-    settings = settings or RasterSettings()
-    tensors = (t.float() for t in (scene.points, scene.colours, scene.opacities, scene.half_widths))
-    return render_op(
-        *tensors,
-        *_fills(scene.gradients),
-        None if scene.ring_ends is None else scene.ring_ends.contiguous(),
-        [int(scene.mode is Mode.CLOSED), scene.width, scene.height],
-        list(scene.background or ()),
-        [int(settings.coverage == "exact"), settings.samples, int(settings.subdivide)],
-        [settings.edge_width, settings.tolerance],
-    )
-
-
-def _fills(gradients: Gradients | None) -> tuple[Tensor | None, ...]:
-    """The five tensors in the operators' order."""
-    if gradients is None:
-        return None, None, None, None, None
-    floats = (gradients.frames.float(), gradients.stops.float(), gradients.offsets.detach().float().contiguous())
-    return *floats, gradients.kinds.contiguous(), gradients.counts.contiguous()
+    return render_op(*_Inputs.of(scene, settings or RasterSettings()))

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene.arrays import Array, copied, is_array, kind_of, like, namespace
-from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.arrays import Array, CurveArrays, copied, is_array, kind_of, like, namespace
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene.arrays import Array, is_array, kind_of, like, namespace
-from cubicsplat_cli.scene.curvearrays import CurveArrays
+from cubicsplat_cli.scene.arrays import Array, CurveArrays, is_array, kind_of, like, namespace
 from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 

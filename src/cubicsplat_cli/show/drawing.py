@@ -10,7 +10,7 @@ from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.measurable import measurable
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.raster.worth import worth_of
+from cubicsplat_cli.raster.draw import leave_one_out_importance
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg import read_svg
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
@@ -69,7 +69,7 @@ def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | Non
     reference = measurable(picture)
     sized = scaled_scene(scene, reference.width, reference.height)
     target = reference.premultiplied() if sized.background is None else reference.premultiplied()[..., :3]
-    loss, values = worth_of(sized, target, None, _SAMPLES, threads)
+    loss, values = leave_one_out_importance(sized, target, None, _SAMPLES, threads)
     worth = dict.fromkeys(names[::-1], 0.0)
     for name, value in zip(names, values.tolist(), strict=True):
         worth[name] += value

@@ -44,7 +44,7 @@ from cubicsplat_cli.raster.engine import (
     RATED,
     Backward,
     Engine,
-    SceneArrays,
+    EngineScene,
     Training,
     values_per_curve,
 )
@@ -108,7 +108,7 @@ class CudaEngine(Engine):
     def describe(self) -> dict[str, object]:
         return {"name": self.name, **self._driver.describe()}
 
-    def render(self, scene: SceneArrays, settings: RasterSettings) -> Tensor:
+    def render(self, scene: EngineScene, settings: RasterSettings) -> Tensor:
         with self._driver.active():
             image = self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
             values = step_values(scene, settings, None)
@@ -116,7 +116,7 @@ class CudaEngine(Engine):
             self._run(scene, settings, values, backward=False)
         return image.view(scene.height, scene.width, scene.channels)
 
-    def _gradients(self, scene: SceneArrays, settings: RasterSettings, wanted: Backward) -> float:
+    def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
         target, importance, out = wanted.target, wanted.importance, wanted.out
         values = step_values(scene, settings, importance, penalty=wanted.penalty)
         values.background_gradient = out["background"].data_ptr()
@@ -132,7 +132,7 @@ class CudaEngine(Engine):
             self._run(scene, settings, values, backward=True, **pictures, outputs=parameters)
             return float(loss) if target is not None else 0.0  # reading it waits for the GPU
 
-    def step(self, scene: SceneArrays, settings: RasterSettings, training: Training) -> Tensor:
+    def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> Tensor:
         """It does not wait: the loss comes as a float64 tensor without dimensions on the GPU, and float() of it waits.
 
         A step on the same tensors as before is replayed from a CUDA graph, so change tensors in place where you can.
@@ -209,7 +209,7 @@ class CudaEngine(Engine):
 
     def _run(
         self,
-        scene: SceneArrays,
+        scene: EngineScene,
         settings: RasterSettings,
         values: StepValues,
         *,
@@ -233,13 +233,13 @@ class CudaEngine(Engine):
         self._set_step(kernels, values, step)
         self._launch(kernels, frame)
 
-    def _picture_for(self, scene: SceneArrays, importance: str | None) -> Tensor | None:
+    def _picture_for(self, scene: EngineScene, importance: str | None) -> Tensor | None:
         """Where the kernels keep the picture that leave-one-out importance is reckoned from."""
         if importance != "loo":
             return None
         return self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
 
-    def _training_frame(self, scene: SceneArrays, settings: RasterSettings, training: Training) -> Frame:
+    def _training_frame(self, scene: EngineScene, settings: RasterSettings, training: Training) -> Frame:
         state, shape = training.state, (scene.height, scene.width, scene.channels)
         sizes = Sizes.of(scene, settings, True, self.most_looks)
         n, k = sizes.curves, sizes.points_per_curve
@@ -256,7 +256,7 @@ class CudaEngine(Engine):
             frame.out_stops = pointer(training.stops_gradient, "stops_gradient", of_stops, self.device)
         return frame
 
-    def _training_values(self, scene: SceneArrays, settings: RasterSettings, training: Training) -> StepValues:
+    def _training_values(self, scene: EngineScene, settings: RasterSettings, training: Training) -> StepValues:
         n, k, channels = int(scene.points.shape[0]), int(scene.points.shape[1]), scene.channels
         values = step_values(scene, settings, training.wanted_importance, self._number, training.penalty)
         set_rates(values, training.rates)
@@ -267,7 +267,7 @@ class CudaEngine(Engine):
         values.rate_scale = pointer(training.rate_scale, "rate_scale", (n, RATED), self.device)
         return values
 
-    def _plan(self, frame: Frame, scene: SceneArrays, settings: RasterSettings, kept: tuple[object, ...]) -> _Plan:
+    def _plan(self, frame: Frame, scene: EngineScene, settings: RasterSettings, kept: tuple[object, ...]) -> _Plan:
         """The prepared step for these tensors and settings; what differs from step to step is not part of a frame.
 
         A stream has plans of its own: their buffers are of its memory, which is given out again in its order.

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import IMPORTANCE, Rates, SceneArrays
+from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Rates
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
@@ -159,7 +159,7 @@ class Sizes:
     most_looks: int
 
     @classmethod
-    def of(cls, scene: SceneArrays, settings: RasterSettings, backward: bool, most_looks: int = MOST_LOOKS) -> Sizes:
+    def of(cls, scene: EngineScene, settings: RasterSettings, backward: bool, most_looks: int = MOST_LOOKS) -> Sizes:
         """Sizes of a scene; raises EngineError where this engine cannot draw it.
 
         most_looks: of tiles at curves; where there would be more, curves are sorted into super-tiles first.
@@ -240,7 +240,7 @@ def order_places(frame: Frame) -> int:
     return 2 * COSTS * (1 + tiles) if tiles <= MOST_ORDERED else 0
 
 
-def make_frame(scene: SceneArrays, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device) -> Frame:
+def make_frame(scene: EngineScene, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device) -> Frame:
     """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors."""
     n, k = sizes.curves, sizes.points_per_curve
     rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
@@ -281,7 +281,7 @@ def attach(frame: Frame, tensors: dict[str, Tensor]) -> None:
 
 
 def step_values(
-    scene: SceneArrays,
+    scene: EngineScene,
     settings: RasterSettings,
     importance: str | None,
     number: int = 0,

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.engine import Engine, OptimiserState, Rates, SceneArrays, Training
+from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState, Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import points_from_segments
 from cubicsplat_cli.scene.gradients import Gradients
@@ -63,7 +63,7 @@ EXPECTED_STEPS: dict[tuple[Mode, int, str], tuple[float, ...]] = {
 }
 
 
-def scene(program: Program, device: torch.device | str = "cpu") -> SceneArrays:
+def scene(program: Program, device: torch.device | str = "cpu") -> EngineScene:
     """Overlapping faint curves, some of them partly outside the canvas."""
     count = points_from_segments(program.mode, SEGMENTS)
     along = torch.arange(count) / count
@@ -83,7 +83,7 @@ def scene(program: Program, device: torch.device | str = "cpu") -> SceneArrays:
     given = (torch.stack(shapes), colours, opacities, half_widths)
     points, colours, opacities, half_widths = (t.float().contiguous().to(device) for t in given)
     fills = gradients(device) if program.painted else None
-    return SceneArrays(
+    return EngineScene(
         program.mode, WIDTH, HEIGHT, points, colours, opacities, half_widths, background, gradients=fills
     )  # fmt: skip
 
@@ -109,7 +109,7 @@ def target(program: Program, device: torch.device | str = "cpu") -> Tensor:
     return torch.stack(planes, -1).float().contiguous().to(device)
 
 
-def untrained(program: Program, device: torch.device | str = "cpu") -> SceneArrays:
+def untrained(program: Program, device: torch.device | str = "cpu") -> EngineScene:
     """The scene as a fit has it, with logits."""
     start = scene(program, device)
     start.logits = True

@@ -1,0 +1,108 @@
+"""What exact pictures say of a fit's curves: how good they are, and what each of them contributes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cubicsplat_cli.photo.objective import Objective
+from cubicsplat_cli.photo.state import FitCurves
+from cubicsplat_cli.raster.engine import Engine
+from cubicsplat_cli.raster.loss import image_loss
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene.arrays import Array, as_numpy, like
+
+CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike
+# dB of the finished picture. A curve that adds less shows in no pixel, but takes its bytes and may be a speck beside a
+# silhouette; and all that are left out may cost no more than a hundredth, the last digit that fits are compared by.
+IDLE_DB, IDLE_TOTAL_DB = 1e-4, 0.01
+IDLE_ROUNDS = 3  # since curves contribute something else without the others; each round takes as long as two steps
+
+
+class Evaluator:
+    """Compares curves with the goal of a fit. samples: edges per cubic of the exact pictures."""
+
+    def __init__(self, engine: Engine, objective: Objective, samples: int) -> None:
+        self.engine, self.objective = engine, objective
+        self.exact = RasterSettings("exact", 1.0, samples)
+        self.values = objective.goal.shape[0] * objective.goal.shape[1] * CHANNELS_COMPARED
+
+    def picture(self, curves: FitCurves) -> Array:
+        return self.engine.render(curves.for_engine(), self.exact)
+
+    def loss(self, curves: FitCurves) -> float:
+        """That of the exact picture."""
+        objective = self.objective
+        if not objective.pixelwise:
+            return float(objective.of(self.picture(curves)))
+        return self.engine.gradients(
+            curves.for_engine(), self.exact, target=objective.goal, weights=objective.weights,
+            penalty=objective.penalty,
+        )[0]  # fmt: skip
+
+    def importance(self, curves: FitCurves) -> tuple[float, Array]:
+        """The loss of the pixels of the exact picture, and (N,) by how much it would rise without each curve."""
+        loss, found = self.engine.gradients(
+            curves.for_engine(), self.exact, target=self.objective.goal, weights=self.objective.weights,
+            penalty=self.objective.judged_by, importance="loo",
+        )  # fmt: skip
+        return loss, found["importance"]
+
+    def psnr_db(self, loss: float | Array, image: Array) -> float:
+        """That of a picture whose loss is known."""
+        if self.objective.squared:
+            return psnr(float(loss), self.values)
+        return psnr(float(image_loss(image, self.objective.goal, self.objective.weights)), self.values)
+
+    def without_idle(self, curves: FitCurves, frozen: int) -> FitCurves:
+        """Without the curves, but the last `frozen`, whose leave-one-out importance is less than IDLE_DB: as many as
+        cost less than IDLE_TOTAL_DB together.
+        """
+        kept, loss = curves, self.loss(curves)
+        most = loss * db_ratio(IDLE_TOTAL_DB)
+        for _ in range(IDLE_ROUNDS):
+            idle = self._idle(kept, frozen, (most - loss) / max(loss, 1e-300))
+            # Two curves may each be of no use only while the other is there.
+            while len(idle) and (without := self.loss(rest := _left(kept, idle))) > most:
+                idle = idle[: len(idle) // 2]
+            if not len(idle):
+                break
+            kept, loss, most = rest, without, min(most, without * db_ratio(IDLE_TOTAL_DB))
+        return kept
+
+    def _idle(self, curves: FitCurves, frozen: int, allowed: float) -> np.ndarray:
+        """The curves of less importance than IDLE_DB, the least important first: as many as have at most `allowed`
+        times the loss together, and never all.
+        """
+        loss, found = self.importance(curves)
+        importance = as_numpy(found)[: curves.curves - frozen].astype(np.float64) / max(loss, 1e-300)
+        order = np.argsort(importance, kind="stable")[: curves.curves - 1]
+        importance = importance[order]
+        return order[(importance <= db_ratio(IDLE_DB) - 1.0) & (np.maximum(importance, 0.0).cumsum() <= allowed)]
+
+    def cost_of_crisp_edges(self, curves: FitCurves, samples: int) -> str:
+        """What a file loses against soft edges, drawn with so many edges per cubic, in a sentence."""
+        soft, crisp = (
+            psnr(self.engine.gradients(curves.for_engine(), raster, target=self.objective.goal)[0], self.values)
+            for raster in (RasterSettings("relaxed", 1.0, samples), self.exact)
+        )
+        return (
+            f"no SVG can show soft edges: with them the fit has {soft:.2f} dB, with the file's crisp edges "
+            f"{crisp:.2f} dB"
+        )
+
+
+def _left(curves: FitCurves, left_out: np.ndarray) -> FitCurves:
+    keep = np.setdiff1d(np.arange(curves.curves), left_out)
+    return curves.chosen(like(curves.points, keep, "int64"))
+
+
+def db_ratio(db: float) -> float:
+    """The factor of a loss that is so many dB worse."""
+    return 10.0 ** (db / 10.0)
+
+
+def psnr(loss: float, values: int) -> float:
+    """dB of a sum of squared errors over so many values in [0, 1]; at most 100."""
+    return min(100.0, 10.0 * math.log10(values / max(loss, 1e-300)))

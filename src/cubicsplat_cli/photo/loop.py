@@ -1,0 +1,284 @@
+"""The loop of a fit: takes its state through the schedule, replaces curves on the way, and keeps the best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.errors import DeviceError
+from cubicsplat_cli.photo.evaluator import Evaluator
+from cubicsplat_cli.photo.inputs import NO_INPUTS, Choose, FitInputs, FitResult
+from cubicsplat_cli.photo.objective import Objective
+from cubicsplat_cli.photo.schedule import Schedule, gini
+from cubicsplat_cli.photo.seeding import Seeder
+from cubicsplat_cli.photo.snap import snapped
+from cubicsplat_cli.photo.start import choose_background, curves_of, keep_frozen, warmed
+from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState
+from cubicsplat_cli.photo.stepper import Stepper
+from cubicsplat_cli.photo.traininglog import TrainingLog
+from cubicsplat_cli.progress import FrameRecorder, Progress
+from cubicsplat_cli.raster.engine import Engine
+from cubicsplat_cli.raster.engines import open_engine
+from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace, one_torch_thread
+from cubicsplat_cli.settings import FitSettings
+
+LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
+
+
+class Loop:
+    """Advances the state of one fit.
+
+    target: (H, W, C) float32. Its kind is that of all arrays on the CPU: numpy's, unless torch's are to be tried there.
+    """
+
+    def __init__(
+        self,
+        target: Array,
+        settings: FitSettings,
+        inputs: FitInputs = NO_INPUTS,
+        on_progress: Callable[[Progress], None] | None = None,
+        film: FrameRecorder | None = None,
+    ) -> None:
+        self.settings = _settings_for(target, settings, inputs)
+        self.film, self.inputs = film, inputs
+        self.generator = np.random.default_rng(self.settings.seed)
+        self.schedule = Schedule(self.settings)
+        self.engine = _engine_for(target, self.settings, inputs)
+        self.step, self.stopped = 0, False  # stopped: before its last step
+        self._look_at(target, inputs)
+        self.start_loss = math.inf  # of the drawing to begin with, where all of it is in the fit
+        self._go_on_with(FitState.beginning_with(self._first_curves()))
+        self.saved: tuple[int, FitCurves] | None = None  # what the host has of a GPU's fit, and of which step
+        self.log = TrainingLog(on_progress)
+
+    def _look_at(self, target: Array, inputs: FitInputs) -> None:
+        """Makes the picture (H, W, C) and the pixels' weights the goal of the fit, where the engine is."""
+        if target.shape[2] == 3 and self.settings.background == "none":
+            xp = namespace(target)
+            target = xp.concat([target, xp.ones_like(target[..., :1])], axis=-1)
+        self.target = target
+        self.weights = None if inputs.weights is None else like(target, np.ascontiguousarray(inputs.weights))
+        weights = None if self.weights is None else self.engine.take(self.weights)
+        objective = Objective(self.settings.loss, self.engine.take(target), weights)
+        self.evaluator = Evaluator(self.engine, objective, self.settings.finish_samples)
+
+    def _first_curves(self) -> FitCurves:
+        start, background = self.inputs.start, choose_background(self.target, self.settings, self.weights)
+        if start is None:
+            seeder = Seeder(self.settings, self.generator, background, self.target, self.weights)
+            return seeder.first().changed(self.engine.take)
+        if background is not None and self.settings.background == "auto" and start.background is not None:
+            background = start.background
+        height, width, _ = self.target.shape
+        curves = curves_of(start.as_kind_of(self.goal), self.settings, width, height, background)
+        return self._as_many_as_wanted(curves)
+
+    def _as_many_as_wanted(self, curves: FitCurves) -> FitCurves:
+        """A drawing's curves, without the least important where there are too many, behind new ones where too few."""
+        wanted, room = self.settings.curves, 3 * self.settings.segments + (self.settings.mode.value == "open")
+        if curves.curves > wanted:
+            xp, (_, importance) = namespace(self.goal), self.evaluator.importance(curves)
+            return curves.chosen(xp.sort(xp.argsort(-importance)[:wanted])).with_room_for(room)
+        self.start_loss = self.evaluator.loss(curves)
+        if curves.curves == wanted:
+            return curves.copy().with_room_for(room)
+        return curves.behind(self._seeds(wanted - curves.curves, curves))
+
+    def _seeds(self, count: int, curves: FitCurves) -> FitCurves:
+        """New curves where the exact picture of others is far from the goal."""
+        return self._seeder(curves).seeds(count, self.evaluator.picture(curves))
+
+    def _seeder(self, curves: FitCurves) -> Seeder:
+        objective = self.evaluator.objective
+        return Seeder(self.settings, self.generator, curves.background, objective.goal, objective.weights)
+
+    def _go_on_with(self, state: FitState) -> None:
+        """Makes a state the fit's own, of which no step has been done yet, however many there were of others."""
+        self.state = state
+        self.seeder = self._seeder(state.curves)
+        self.stepper = Stepper(state, self.evaluator, self.schedule, self.seeder.unit, self.inputs.frozen_curves)
+        self.best = BestCheckpoint()  # of the exact finish
+        # By the loss of the last step, before curves were replaced or added: new ones first make the picture worse.
+        self.checkpoint = BestCheckpoint()
+
+    @property
+    def goal(self) -> Array:
+        """The picture, where the engine is."""
+        return self.evaluator.objective.goal
+
+    @property
+    def progress(self) -> float:
+        """See `Schedule.progress`."""
+        return self.schedule.progress(self.step, self.log.elapsed)
+
+    def run_to(self, progress: float) -> bool:
+        """The steps up to this progress. Returns whether they ended as they should; if not, only `finish` is left."""
+        if self.stopped:
+            return False
+        try:
+            with one_torch_thread(), self.engine.guarded():
+                while self.progress < progress:
+                    self.advance()
+        except KeyboardInterrupt:
+            self.log.interrupted = self.stopped = True
+        except DeviceError as error:
+            self._rescue(error)
+            self.stopped = True
+        return not self.stopped
+
+    def relax(self, share: float = 1.0) -> bool:
+        """`run_to` the exact finish, or a share of the way there."""
+        return self.run_to(share * self.schedule.finish_start)
+
+    def finish(self) -> FitResult:
+        """All steps that are left, or as many as there is time for, and what they gave."""
+        self.run_to(1.0)
+        self.stepper.check_finite(self.step, wait=True)
+        candidates = [self.state.curves]
+        if self.best.empty and self.step < self.settings.steps and not self.checkpoint.empty:
+            candidates.append(self.checkpoint.curves)
+        for candidate in candidates:
+            self.best.consider(self.evaluator.loss(candidate), candidate)
+        best = kept = self.best.curves
+        if self.settings.recipe.prune:
+            kept = self.evaluator.without_idle(best, self.inputs.frozen_curves)
+        scene = self._finished(kept)
+        if self.settings.recipe.edges == "soft":
+            self.log.notes.append(self.evaluator.cost_of_crisp_edges(kept, self.settings.samples))
+        seconds = self.log.elapsed
+        return FitResult(
+            scene, self.step, seconds, 1e3 * seconds / max(self.step, 1), self.log.history, self.log.interrupted,
+            self.engine.describe(), samples=self.settings.finish_samples, replaced=self.log.replaced,
+            dropped=best.curves - kept.curves, settings=self.settings, notes=self.log.notes,
+        )  # fmt: skip
+
+    def _finished(self, curves: FitCurves) -> Scene:
+        """The result: nothing worse than the drawing to begin with, and what was frozen of it as it was to the bit."""
+        scene, start = snapped(self._scene(curves)), self.inputs.start
+        if start is None:
+            return scene
+        sized = replace(scaled_scene(start.as_numpy(), scene.width, scene.height), background=scene.background)
+        if self.start_loss <= self.evaluator.loss(curves):
+            self.log.notes.append(
+                "no step came nearer to the picture than the drawing that the fit began with, which it stays"
+            )
+            return sized
+        if self.inputs.frozen:
+            keep_frozen(scene, sized, start.curves)
+        return scene
+
+    def resize(self, choose: Choose) -> None:
+        """Goes on with the curves that `choose` keeps, and new ones in front where it wants more.
+
+        Not for fits that began with a drawing.
+        """
+        before = self.state.curves
+        kept, count = choose(self._scene(before), as_numpy(self.evaluator.importance(before)[1]))
+        state = self.state.chosen(like(self.goal, np.sort(kept), "int64"))
+        self.settings = self.settings.with_(curves=count)
+        fresh, loss = count - len(kept), self.stepper.loss
+        if fresh > 0:
+            state = state.with_seeds(self._seeds(fresh, before))
+        if self.settings.recipe.shared_opacity > 0.0:
+            state.share_opacity()
+        self._go_on_with(state)
+        if fresh > 0 and self.step > 0:
+            self.checkpoint.consider(loss, before)
+        self._save()
+
+    def go_over_to(self, target: Array, inputs: FitInputs) -> None:
+        """Goes on with a copy of the picture of another size."""
+        self.inputs = inputs
+        self._look_at(target, inputs)
+        height, width, _ = target.shape
+        self.state.resize(width, height)
+        self._go_on_with(self.state)
+        self._save()
+
+    def _save(self) -> None:
+        """Copies a GPU's curves to the host, for when it fails. Waits for it."""
+        if self.engine.runs_ahead:
+            self.saved = (self.step, self.state.curves.copy().as_kind_of(self.target))
+
+    def _rescue(self, error: DeviceError) -> None:
+        """After a GPU's failure: the last curves that the host has, on the CPU; `error` where it has none."""
+        if self.saved is None:
+            raise error
+        step, curves = self.saved
+        self.engine = open_engine("cpu", self.settings.threads, mode=curves.mode, channels=curves.channels)
+        self._look_at(self.target, self.inputs)
+        self._go_on_with(FitState.beginning_with(curves))
+        unfinished = "" if self.schedule.phase(step / self.settings.steps).exact else ", without the exact finish"
+        self.log.notes.append(
+            f"{error}; the result is what the fit had come to by step {step} of {self.settings.steps}{unfinished}"
+        )
+
+    def advance(self) -> None:
+        """One step, with the reallocation that the schedule may ask for after it."""
+        if self._looks():
+            self.stepper.check_finite(self.step)
+        progress = self.progress
+        phase = self.schedule.phase(progress)
+        due = self.schedule.take_reallocation(progress)
+        before = self.state.curves.copy() if phase.exact else None
+        loss = self.stepper.step(phase, progress, measured=due)
+        self.stepper.check_loss(self.step)
+        if before is not None:
+            self.best.consider(loss, before)
+        if due:
+            self.checkpoint.consider(loss, self.state.curves)
+            self._reallocate(progress)
+        if self.film is not None and self._looks() and self.film.due(level := self._psnr_db()):
+            self.film.keep(level, self._scene(self.state.curves))
+        self.step += 1
+        if self.log.record(self.step, self.settings.steps, self.progress, self._psnr_db):
+            self._save()  # the engine has just been waited for
+
+    def _psnr_db(self) -> float:
+        """Of the picture before the last step."""
+        return self.evaluator.psnr_db(self.stepper.loss, self.stepper.image)
+
+    def _reallocate(self, progress: float) -> None:
+        """Replaces the least important curves by new ones where the error is high."""
+        found = as_numpy(self.stepper.importance)
+        self.log.inequality = gini(found)
+        frozen = self.inputs.frozen_curves
+        free = self.state.curves.curves - frozen
+        idle = (int((found[:free] <= 0.0).sum()) + 0.5) / free  # will be rounded down to whole curves
+        count = int(free * self.schedule.reallocation(progress, self.log.inequality, idle))
+        state = self.state
+        if count > 0:
+            kept = state.without_least(self.stepper.importance, count, frozen)
+            state = kept.with_seeds(self.seeder.seeds(count, self.stepper.image))
+        self.stepper.replace(state)
+        self.log.replaced += count
+
+    def _scene(self, curves: FitCurves) -> Scene:
+        return curves.scene(opaque=self.settings.recipe.opaque)
+
+    def _looks(self) -> bool:
+        """Whether to look at this step's numbers: always where that costs nothing, now and then on a GPU."""
+        return not self.engine.runs_ahead or self.step % LOOK_EVERY == 0
+
+
+def _settings_for(target: Array, settings: FitSettings, inputs: FitInputs) -> FitSettings:
+    """The settings with a number of curves, and with smaller steps where some of the curves are in place already."""
+    settings = settings.for_size(int(target.shape[1]), int(target.shape[0]))
+    if inputs.start is None or inputs.frozen:
+        return settings
+    share = min(1.0, inputs.start.curves / settings.curves)
+    return settings.with_(recipe=warmed(settings.recipe, share))
+
+
+def _engine_for(target: Array, settings: FitSettings, inputs: FitInputs) -> Engine:
+    transparent = target.shape[2] == 4 or settings.background == "none"
+    return open_engine(
+        settings.device, settings.threads, mode=settings.mode, channels=4 if transparent else 3,
+        painted=settings.fill == "linear", subdivide=settings.recipe.flatten == "de-casteljau",
+        segments=max(settings.segments, 0 if inputs.start is None else inputs.start.segments),
+        samples=max(settings.samples, settings.finish_samples),
+    )  # fmt: skip

@@ -1,0 +1,174 @@
+"""The arrays of a fit: its curves, as the optimiser moves them, and the optimiser's own numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from cubicsplat_cli.photo.fills import LinearFills, middles_of
+from cubicsplat_cli.raster.engine import EngineScene, OptimiserState
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, copied, is_array, like, namespace, sigmoid
+from cubicsplat_cli.settings import Mode
+
+Background = tuple[float, float, float] | None
+
+
+@dataclass
+class FitCurves(EngineScene):
+    """The curves of a fit: colours and opacities are logits, `edge_widths` are there where edges are soft.
+
+    fills: what a fit with gradients optimises in place of the colours, which then count for nothing; `gradients` stays
+    None, since they follow from the fills. See `for_engine`.
+    """
+
+    logits: bool = True
+    fills: LinearFills | None = None
+
+    def middles(self) -> Array:
+        """(N, 2) px: from where the fills' ends are seen."""
+        return middles_of(self.points, self.ring_ends)
+
+    def for_engine(self) -> EngineScene:
+        """What an engine draws: these arrays, not copies, and the gradients of the fills as they are now."""
+        return self if self.fills is None else replace(self, gradients=self.fills.gradients(self.middles()))
+
+    def scene(self, *, opaque: bool) -> Scene:
+        """The curves as they look, in numpy arrays of their own."""
+        own = self.as_numpy().for_engine()
+        xp = namespace(own.points)
+        return Scene(
+            own.mode, own.width, own.height, copied(own.points), sigmoid(own.colours),
+            xp.ones_like(own.opacities) if opaque else sigmoid(own.opacities),
+            xp.zeros_like(own.half_widths) if own.mode is Mode.CLOSED else copied(own.half_widths),
+            own.background, own.ring_ends, own.gradients,
+        )  # fmt: skip
+
+    def resize(self, width: int, height: int) -> None:
+        """Scales the curves, in place, to a canvas of another size."""
+        across, down = width / self.width, height / self.height
+        self.points *= like(self.points, [across, down])
+        self.half_widths *= math.sqrt(across * down)
+        if self.fills is not None:
+            self.fills.resize(across, down)
+        self.width, self.height = width, height
+
+    def with_room(self, points: int, rings: int) -> FitCurves:
+        """The same curves with room for so many points and rings each, as a table of rings."""
+        xp, (count, own), device = namespace(self.points), self.points.shape[:2], self.points.device
+        ends = self.ring_ends
+        if ends is None:
+            ends = xp.full((count, 1), own // 3, dtype=xp.int32, device=device)
+        room = xp.broadcast_to(ends[:, -1:], (count, rings - ends.shape[1]))
+        padding = xp.zeros((count, points - own, 2), dtype=self.points.dtype, device=device)
+        padded = xp.concat((self.points, padding), axis=1)
+        return replace(self, points=contiguous(padded), ring_ends=contiguous(xp.concat((ends, room), axis=1)))
+
+    def with_room_for(self, points: int) -> FitCurves:
+        """The curves with room for at least so many points each; the same object where there is enough."""
+        if self.points_per_curve >= points:
+            return self
+        return self.with_room(points, 1 if self.ring_ends is None else int(self.ring_ends.shape[1]))
+
+    def behind(self, fresh: FitCurves) -> FitCurves:
+        """New curves in front of these, which may have more points, or several rings."""
+        if self.ring_ends is None and fresh.points_per_curve == self.points_per_curve:
+            return fresh.joined(self)
+        room = max(fresh.points_per_curve, self.points_per_curve)
+        rings = 1 if self.ring_ends is None else int(self.ring_ends.shape[1])
+        return fresh.with_room(room, rings).joined(self.with_room(room, rings))
+
+    def first_non_finite(self) -> tuple[int, str] | None:
+        """(curve, array) of the first value that is not finite."""
+        # One bad value makes the sum bad: asked before every step, this must cost next to nothing.
+        arrays = self.arrays_by_name()
+        if math.isfinite(float(sum(array.sum() for array in arrays.values()))):
+            return None
+        xp = namespace(self.points)
+        for name, array in arrays.items():
+            bad = ~xp.all(xp.reshape(xp.isfinite(array), (self.curves, -1)), axis=1)
+            if bad.any():
+                return int(xp.nonzero(bad)[0][0]), name
+        return None
+
+
+@dataclass
+class FitState(CurveArrays):
+    """All that a fit changes from step to step. Every operation keeps a curve and its optimiser state together."""
+
+    curves: FitCurves
+    optimiser: OptimiserState
+
+    @classmethod
+    def beginning_with(cls, curves: FitCurves) -> FitState:
+        """Curves that have not moved yet."""
+        return cls(curves, OptimiserState.zeros_for(curves.points))
+
+    def with_seeds(self, fresh: FitCurves) -> FitState:
+        """With new curves in front, whose optimiser state is empty."""
+        curves = self.curves.behind(fresh)
+        empty = OptimiserState.zeros_for(curves.points[: fresh.curves])
+        return FitState(curves, empty.joined(self.optimiser))
+
+    def without_least(self, importance: Array, count: int, frozen: int = 0) -> FitState:
+        """Without so many curves of the least importance (N,), of which the last `frozen` stay."""
+        xp, total = namespace(importance), self.curves.curves
+        free = total - frozen
+        order = xp.sort(xp.argsort(importance[:free])[count:])
+        return self.chosen(xp.concat((order, xp.arange(free, total, device=order.device))))
+
+    def resize(self, width: int, height: int) -> None:
+        """Goes over, in place, to a picture of another size."""
+        across, down = width / self.curves.width, height / self.curves.height
+        self.curves.resize(width, height)
+        self.optimiser.resize(across, down)
+
+    def share_opacity(self) -> None:
+        """Gives all curves the opacity of the last one, in place: new ones are in front."""
+        self.curves.opacities[...] = copied(self.curves.opacities[-1:])
+
+
+class BestCheckpoint:
+    """A copy of the curves whose picture has had the least loss, where they live.
+
+    A loss that comes as an array on a GPU is compared there: nothing waits for it before `loss` is read.
+    """
+
+    def __init__(self) -> None:
+        self._loss: float | Array = math.inf
+        self._curves: FitCurves | None = None
+
+    @property
+    def empty(self) -> bool:
+        return self._curves is None
+
+    @property
+    def loss(self) -> float:
+        return float(self._loss)
+
+    @property
+    def curves(self) -> FitCurves:
+        """Raises ValueError before any were considered."""
+        if self._curves is None:
+            raise ValueError("no curves have been considered yet")
+        return self._curves
+
+    def consider(self, loss: float | Array, curves: FitCurves) -> None:
+        """Keeps the curves if their loss is the least so far."""
+        known = self._curves
+        if known is None:
+            self._loss, self._curves = loss, curves.copy()
+        elif known.curves != curves.curves:
+            if float(loss) < self.loss:
+                self._loss, self._curves = loss, curves.copy()
+        elif is_array(loss):
+            self._choose(loss, curves)
+        elif loss < self.loss:
+            self._loss = loss
+            known.overwrite(curves)
+
+    def _choose(self, loss: Array, curves: FitCurves) -> None:
+        xp, better, theirs = namespace(loss), loss < self._loss, curves.arrays_by_name()
+        for name, mine in self.curves.arrays_by_name().items():
+            mine[...] = xp.where(better, theirs[name], mine)
+        self._loss = xp.where(better, loss, self._loss)
