@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from torch.nn.functional import avg_pool2d
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.photo import Resizing, fit
+from cubicsplat_cli.photo import Fitting, fit
 from cubicsplat_cli.photo.blobs import blob_points, box_mean, find_blobs
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves
 from cubicsplat_cli.photo.inputs import NO_INPUTS
@@ -246,11 +246,11 @@ def test_copies_are_copies_and_scenes_are_activated():
 def resized(picture, *counts: int, at=(0.3, 0.6), **changes):
     """A short fit of ten curves, of which the most useful stay, with so many in all."""
 
-    def choose(count):
-        return lambda scene, worth: (np.argsort(-worth)[:count], count)
-
-    resizings = [Resizing(share, choose(count)) for share, count in zip(at, counts, strict=False)]
-    return fit(picture, settings(steps=60, **changes), resizings=resizings)
+    fitting = Fitting(picture, settings(steps=60, **changes))
+    for share, count in zip(at, counts, strict=False):
+        if fitting.relax(share):
+            fitting.resize(np.argsort(-fitting.importance())[:count], count)
+    return fitting.finish()
 
 
 @MODES
@@ -293,8 +293,10 @@ def test_an_interrupt_right_after_curves_were_added_returns_what_was_before(monk
 
 def test_a_fit_to_a_smaller_copy_takes_its_number_of_curves_along():
     whole = np.random.default_rng(2).random((12, 16, 3)).repeat(6, 0).repeat(6, 1).astype(np.float32)
-    grow = Resizing(0.5, lambda scene, _: (np.arange(scene.curves), 17))
-    found = fit(whole, settings(steps=60), rough=(whole[::2, ::2].copy(), NO_INPUTS), resizings=[grow])
+    fitting = Fitting(whole, settings(steps=60), rough=(whole[::2, ::2].copy(), NO_INPUTS))
+    assert fitting.relax(0.5)
+    fitting.resize(np.arange(fitting.scene().curves), 17)
+    found = fitting.finish()
     assert found.scene.curves + found.dropped == 17
     assert (found.scene.width, found.scene.height) == (96, 72)
 
@@ -308,5 +310,5 @@ def test_curves_share_an_opacity_where_the_recipe_says_so(shared):
         assert 0.003 < abs(float(opacities[0]) - shared) < 0.2  # learnt
     else:
         assert opacities.std() > 0.01
-    with pytest.raises(UsageError, match="shared_opacity must lie between 0 and 1"):
+    with pytest.raises(UsageError, match=r"shared_opacity must be a number from 0 to 0\.999"):
         settings(shared_opacity=1.0)

@@ -23,7 +23,7 @@ from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.png import encode_png
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import MemorySink, run_job
-from cubicsplat_cli.photo import FitInputs, fit
+from cubicsplat_cli.photo import FitInputs, Fitting
 from cubicsplat_cli.photo.loop import Loop
 from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture
 from cubicsplat_cli.pipeline import photo as photo_style
@@ -239,11 +239,12 @@ def fitted(monkeypatch):
     monkeypatch.setattr(photo_style, "FINISH_SCALE", 2)
     sizes = []
 
-    def noted(target, settings, on_progress, film, inputs, rough=None, resizings=()):
-        sizes.append((target.shape[1::-1], None if rough is None else rough[0].shape[1::-1]))
-        return fit(target, settings, on_progress, film, inputs, rough, resizings)
+    class Noted(Fitting):
+        def __init__(self, target, settings, on_progress, film, inputs, rough=None):
+            sizes.append((target.shape[1::-1], None if rough is None else rough[0].shape[1::-1]))
+            super().__init__(target, settings, on_progress, film, inputs, rough)
 
-    monkeypatch.setattr("cubicsplat_cli.photo.fit", noted)
+    monkeypatch.setattr("cubicsplat_cli.photo.Fitting", Noted)
     return sizes
 
 

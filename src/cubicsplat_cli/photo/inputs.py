@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,18 +30,6 @@ class FitInputs:
 
 
 NO_INPUTS = FitInputs()
-
-# Of the scene and (N,) the leave-one-out importance of its curves: the numbers of those that stay, at least one, and
-# how many there shall be then, at least as many.
-Choose = Callable[[Scene, np.ndarray], tuple[np.ndarray, int]]
-
-
-@dataclass(frozen=True)
-class Resizing:
-    """at: the share in [0, 1] of the steps before the exact finish after which the number of curves is chosen."""
-
-    at: float
-    choose: Choose
 
 
 @dataclass

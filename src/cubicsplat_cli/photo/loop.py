@@ -10,7 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import DeviceError
 from cubicsplat_cli.photo.evaluator import Evaluator
-from cubicsplat_cli.photo.inputs import NO_INPUTS, Choose, FitInputs, FitResult
+from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult
 from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.schedule import Schedule, gini
 from cubicsplat_cli.photo.seeding import Seeder
@@ -171,13 +171,20 @@ class Loop:
             keep_frozen(scene, sized, start.curves)
         return scene
 
-    def resize(self, choose: Choose) -> None:
-        """Goes on with the curves that `choose` keeps, and new ones in front where it wants more.
+    def scene(self) -> Scene:
+        """What the curves are now."""
+        return self._scene(self.state.curves)
+
+    def importance(self) -> np.ndarray:
+        """(N,): by how much the loss would rise without each curve."""
+        return as_numpy(self.evaluator.importance(self.state.curves)[1])
+
+    def resize(self, kept: np.ndarray, count: int) -> None:
+        """Goes on with these curves, by number, and with new ones in front, so many in all.
 
         Not for fits that began with a drawing.
         """
         before = self.state.curves
-        kept, count = choose(self._scene(before), as_numpy(self.evaluator.importance(before)[1]))
         state = self.state.chosen(like(self.goal, np.sort(kept), "int64"))
         self.settings = self.settings.with_(curves=count)
         fresh, loss = count - len(kept), self.stepper.loss

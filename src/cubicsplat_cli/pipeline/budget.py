@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.settings import FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitResult, Resizing
+    from cubicsplat_cli.photo import FitResult, Fitting
     from cubicsplat_cli.scene import Scene
 
 # All measured on Kodak photos, docs/lab/photos.md.
@@ -43,16 +43,23 @@ PIXELS_PER_CURVE = 16.0  # with fewer there would be more numbers than the pictu
 ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
 
-@dataclass(frozen=True)
-class Means:
-    """How things are done: fit(settings, resizings, start), size(scene) of the file in bytes, level(scene) of it in dB,
-    and worth(scene): the loss, and (N,) by how much it would rise without each curve.
-    """
+class PhotoFits(Protocol):
+    """The fits of one picture, and the files of their scenes."""
 
-    fit: Callable[[FitSettings, Sequence[Resizing], Scene | None], FitResult]
-    size: Callable[[Scene], int]
-    level: Callable[[Scene], float]
-    worth: Callable[[Scene], tuple[float, np.ndarray]]
+    def begin(self, settings: FitSettings) -> Fitting:
+        """A fit in parts."""
+
+    def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
+        """A fit that begins with a scene."""
+
+    def size(self, scene: Scene) -> int:
+        """Bytes of the file."""
+
+    def level(self, scene: Scene) -> float:
+        """PSNR of the file in dB."""
+
+    def importance(self, scene: Scene) -> tuple[float, np.ndarray]:
+        """The loss, and (N,) by how much it would rise without each curve."""
 
 
 @dataclass(frozen=True)
@@ -63,79 +70,78 @@ class Within:
     notes: list[str]
 
 
-def within_bytes(most: int, settings: FitSettings, precision: int, means: Means) -> Within:
+def within_bytes(most: int, settings: FitSettings, precision: int, photo: PhotoFits) -> Within:
     """The best picture in at most so many bytes. settings: with about as many curves as they are for. precision: the
     file's decimals.
 
     Raises InputError where not even one curve fits.
     """
-    from cubicsplat_cli.photo import Resizing
-
-    def fitting(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, float]:
-        """The curves by use, and how many of them the file can hold; that may be more than there are."""
-        order = _by_use(scene, worth, precision)
-        size, head = means.size(scene), means.size(scene.chosen(order[:1]))
-        if head > most:
-            raise InputError(f"not even one curve fits into {most} bytes; allow at least {head}")
-        each = max(1.0, (size - head) / max(1, scene.curves - 1))
-        return order, 1 + (most - head) / each
-
-    def midway(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, int]:
-        order, count = fitting(scene, worth)
-        wanted = max(1, math.ceil(SPARE * count))
-        return order[:wanted], wanted
-
-    def before_finish(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, int]:
-        order, count = fitting(scene, worth)
-        keep = order[: max(1, math.ceil(SPARE_AT_FINISH * count))]
-        return keep, len(keep)
-
-    fitted = means.fit(settings, [Resizing(MIDWAY, midway), Resizing(1.0, before_finish)], None)
+    fitting = photo.begin(settings)
+    for share, spare in ((MIDWAY, SPARE), (1.0, SPARE_AT_FINISH)):
+        if not fitting.relax(share):
+            break
+        scene = fitting.scene()
+        order, count = _fitting_curves(scene, fitting.importance(), most, precision, photo)
+        wanted = max(1, math.ceil(spare * count))
+        kept = order[:wanted]
+        # New curves come midway only: at the finish they would not become good any more.
+        fitting.resize(kept, wanted if share < 1.0 else len(kept))
+    fitted = fitting.finish()
     scene = fitted.scene
-    if means.size(scene) <= most:
+    if photo.size(scene) <= most:
         return Within(fitted, [])
-    order, _ = fitting(scene, means.worth(scene)[1])
-    count = most_within(scene.curves, most, lambda n: means.size(_kept(scene, order, n)))
+    order, _ = _fitting_curves(scene, photo.importance(scene)[1], most, precision, photo)
+    count = most_within(scene.curves, most, lambda n: photo.size(_kept(scene, order, n)))
     return Within(_trimmed(fitted, order, count), [])
 
 
-def within_level(least: float, settings: FitSettings, means: Means, pixels: int) -> Within:
+def _fitting_curves(
+    scene: Scene, importance: np.ndarray, most: int, precision: int, photo: PhotoFits
+) -> tuple[np.ndarray, float]:
+    """The curves by use, and how many of them the file can hold; that may be more than there are."""
+    order = _by_use(scene, importance, precision)
+    size, head = photo.size(scene), photo.size(scene.chosen(order[:1]))
+    if head > most:
+        raise InputError(f"not even one curve fits into {most} bytes; allow at least {head}")
+    each = max(1.0, (size - head) / max(1, scene.curves - 1))
+    return order, 1 + (most - head) / each
+
+
+def within_level(least: float, settings: FitSettings, photo: PhotoFits, pixels: int) -> Within:
     """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was. pixels: of the
     picture.
     """
-    from cubicsplat_cli.photo import Resizing
-
     limit = max(1, min(1_000_000, int(pixels / PIXELS_PER_CURVE)))
-
-    def grown(curves: int, missing: float) -> int:
-        factor = min(MOST_GROWTH, 2.0 ** (missing / DB_PER_DOUBLING))
-        return max(1, min(limit, math.ceil(factor * curves)))
-
-    def look(at: float, rise: float) -> Resizing:
-        def choose(scene: Scene, worth: np.ndarray) -> tuple[np.ndarray, int]:
-            wanted = grown(scene.curves, least + AIM - means.level(scene) - rise)
-            return np.argsort(-worth, kind="stable")[:wanted], wanted
-
-        return Resizing(at, choose)
-
-    looks = [look(at, rise) for at, rise in LOOKS]
-    fitted = means.fit(settings.with_(curves=min(limit, BEGINNING)), looks, None)
-    level = means.level(fitted.scene)
+    fitting = photo.begin(settings.with_(curves=min(limit, BEGINNING)))
+    for share, rise in LOOKS:
+        if not fitting.relax(share):
+            break
+        scene = fitting.scene()
+        wanted = _grown(scene.curves, least + AIM - photo.level(scene) - rise, limit)
+        fitting.resize(np.argsort(-fitting.importance(), kind="stable")[:wanted], wanted)
+    fitted = fitting.finish()
+    level = photo.level(fitted.scene)
     for number in range(ROUNDS):
         if level >= least or fitted.interrupted or settings.time_limit is not None:
             break
         more = settings.with_(
             steps=max(1, round(ROUND_SHARE * settings.steps)),
-            curves=grown(math.ceil(LEAST_GROWTH * fitted.scene.curves), least - level),
+            curves=_grown(math.ceil(LEAST_GROWTH * fitted.scene.curves), least - level, limit),
             seed=(settings.seed + 1 + number) % 2**31,
         )
-        fitted = _joined(fitted, means.fit(more, [], fitted.scene))
-        level = means.level(fitted.scene)
+        fitted = _joined(fitted, photo.refine(fitted.scene, more))
+        level = photo.level(fitted.scene)
     if level < least:
         hint = "more --steps" if settings.time_limit is None else "a longer --time-limit"
         return Within(fitted, [f"reached {level:.2f} dB of the {least:g} dB asked for; allow {hint}"])
-    order, spare = _to_spare(fitted.scene, least, level, means)
+    order, spare = _to_spare(fitted.scene, least, level, photo)
     return Within(_trimmed(fitted, order, fitted.scene.curves - spare), [])
+
+
+def _grown(curves: int, missing: float, limit: int) -> int:
+    """How many curves give so many dB more than these, at most `limit`."""
+    factor = min(MOST_GROWTH, 2.0 ** (missing / DB_PER_DOUBLING))
+    return max(1, min(limit, math.ceil(factor * curves)))
 
 
 def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
@@ -164,13 +170,13 @@ def guessed_curves(most: float, segments: int, precision: int) -> int:
     return max(1, min(1_000_000, int(SPARE * most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
 
 
-def _to_spare(scene: Scene, least: float, level: float, means: Means) -> tuple[np.ndarray, int]:
+def _to_spare(scene: Scene, least: float, level: float, photo: PhotoFits) -> tuple[np.ndarray, int]:
     """The curves, those of most worth first, and how many of the last of them a file of at least `least` dB can spare.
 
     The loss without several curves is about what it is with them and what they are worth; files that are drawn say
     how nearly so.
     """
-    loss, worth = means.worth(scene)
+    loss, worth = photo.importance(scene)
     order = np.argsort(-worth, kind="stable")
     rises = list(accumulate((np.maximum(worth[order[::-1]].astype(np.float64), 0.0) / loss).tolist()))
     allowed, factor, reached = _rise(level, least), 1.0, level
@@ -179,7 +185,7 @@ def _to_spare(scene: Scene, least: float, level: float, means: Means) -> tuple[n
         if reached < least + NEAR or high - low < 2:
             break
         number = max(low + 1, min(high - 1, bisect_right(rises, allowed / factor)))
-        found = means.level(_kept(scene, order, scene.curves - number))
+        found = photo.level(_kept(scene, order, scene.curves - number))
         factor = max(LEAST_FACTOR, _rise(level, found) / max(rises[number - 1], 1e-12))
         if found >= least:
             low, reached = number, found

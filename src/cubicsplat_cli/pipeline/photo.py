@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +21,6 @@ from cubicsplat_cli.pipeline.budget import (
     BYTES_PRECISION,
     COMPRESSED,
     SHARED_OPACITY,
-    Means,
     Within,
     guessed_curves,
     within_bytes,
@@ -34,7 +33,7 @@ from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 from cubicsplat_cli.svg import write_svg
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitResult, Resizing
+    from cubicsplat_cli.photo import FitInputs, FitResult, Fitting
 
 
 # The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
@@ -45,25 +44,14 @@ FINISH_SCALE = 3
 
 def fitted_photo(task: Task) -> Made:
     """Curves that blend, fitted to the picture."""
-    from cubicsplat_cli.photo import FitInputs, fit
-
     request, settings = task.request, _with_curves(task)
-    start = None if request.init is None else request.init.scene
     rough, fine = copies_of(task.target, settings)
     # A drawing to begin with is as fine as it is.
-    begun = None if rough is fine or start is not None else (rough.target(), FitInputs(task.weights(rough)))
-    inputs = FitInputs(task.weights(fine), start, request.freeze)
-    pixels = fine.target()
-
-    def fit_from(chosen: FitSettings, resizings: Sequence[Resizing], before: Scene | None) -> FitResult:
-        if before is None:
-            return fit(pixels, chosen, task.on_progress, task.recorder, inputs, begun, resizings)
-        return fit(pixels, chosen, task.on_progress, task.recorder, replace(inputs, start=before))
-
-    within = _within(task, fine, settings, inputs.weights, fit_from)
+    photo = Photo(task, fine if request.init is not None else rough, fine)
+    within = _within(photo, settings)
     fitted = within.fitted
     notes = [] if request.init is None else list(request.init.notes)
-    notes += fitted_on(task.target, rough if begun else fine, fine)
+    notes += fitted_on(task.target, photo.rough, fine)
     scene = scaled_scene(fitted.scene, *task.picture.size)
     return Made(
         scene,
@@ -82,34 +70,75 @@ def fitted_photo(task: Task) -> Made:
     )
 
 
-def _within(
-    task: Task, target: Picture, settings: FitSettings, weights: np.ndarray | None,
-    fit_from: Callable[[FitSettings, Sequence[Resizing], Scene | None], FitResult],
-) -> Within:  # fmt: skip
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """The fits of one picture, and the files of their scenes.
+
+    rough, fine: what most of a fit is done on, and what its exact finish.
+    """
+
+    task: Task
+    rough: Picture
+    fine: Picture
+
+    @cached_property
+    def inputs(self) -> FitInputs:
+        """Of fits to the fine picture."""
+        from cubicsplat_cli.photo import FitInputs
+
+        request = self.task.request
+        start = None if request.init is None else request.init.scene
+        return FitInputs(self.task.weights(self.fine), start, request.freeze)
+
+    def begin(self, settings: FitSettings) -> Fitting:
+        """A fit in parts."""
+        from cubicsplat_cli.photo import FitInputs, Fitting
+
+        task, rough = self.task, None
+        if self.rough is not self.fine:
+            rough = self.rough.target(), FitInputs(task.weights(self.rough))
+        return Fitting(self.fine.target(), settings, task.on_progress, task.recorder, self.inputs, rough)
+
+    def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
+        """A fit that begins with a scene."""
+        from cubicsplat_cli.photo import fit
+
+        task, inputs = self.task, replace(self.inputs, start=scene)
+        return fit(self.fine.target(), settings, task.on_progress, task.recorder, inputs)
+
+    def size(self, scene: Scene) -> int:
+        """Bytes of the file."""
+        request = self.task.request
+        return len(packed(self.task.text(scene, _precision(request)), compressed=request.compress))
+
+    @cached_property
+    def _reference(self) -> Picture:
+        return measurable(self.task.picture, math.inf)
+
+    def level(self, scene: Scene) -> float:
+        """PSNR of the file in dB."""
+        request, reference = self.task.request, self._reference
+        text = self.task.text(scene, _precision(request))
+        drawn = rerender(text.encode(), reference.width, reference.height)
+        level = psnr_db(reference, of_pixels(drawn.pixels), request.settings.threads)
+        return math.inf if level is None else level
+
+    def importance(self, scene: Scene) -> tuple[float, np.ndarray]:
+        """The loss, and (N,) by how much it would rise without each curve."""
+        from cubicsplat_cli.raster.draw import leave_one_out_importance
+
+        settings, weights = self.task.request.settings, self.inputs.weights
+        return leave_one_out_importance(scene, self.fine.target(), weights, settings.finish_samples, settings.threads)
+
+
+def _within(photo: Photo, settings: FitSettings) -> Within:
     """One fit, or those that meet the budget that was asked for."""
-    from cubicsplat_cli.raster.draw import leave_one_out_importance
-
-    request, threads = task.request, settings.threads
-    precision = _precision(request)
-    if request.max_bytes is None and request.target_psnr is None:
-        return Within(fit_from(settings, (), None), [])
-    reference = measurable(task.picture, math.inf)
-
-    def level(scene: Scene) -> float:
-        drawn = rerender(task.text(scene, precision).encode(), reference.width, reference.height)
-        found = psnr_db(reference, of_pixels(drawn.pixels), threads)
-        return math.inf if found is None else found
-
-    means = Means(
-        fit_from,
-        lambda scene: len(packed(task.text(scene, precision), compressed=request.compress)),
-        level,
-        lambda scene: leave_one_out_importance(scene, target.target(), weights, settings.finish_samples, threads),
-    )
+    request, target = photo.task.request, photo.fine
     if request.max_bytes is not None:
-        return within_bytes(request.max_bytes, _one_opacity(settings, target), precision, means)
-    assert request.target_psnr is not None
-    return within_level(request.target_psnr, settings, means, target.width * target.height)
+        return within_bytes(request.max_bytes, _one_opacity(settings, target), _precision(request), photo)
+    if request.target_psnr is not None:
+        return within_level(request.target_psnr, settings, photo, target.width * target.height)
+    return Within(photo.begin(settings).finish(), [])
 
 
 def _precision(request: Request) -> int:
