@@ -18,17 +18,16 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.html_report import charts
+from cubicsplat_cli.html_report.drawing import shown
+from cubicsplat_cli.html_report.embed import picture_url
+from cubicsplat_cli.html_report.index import Entry, index
+from cubicsplat_cli.html_report.page import Subject, command, page
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Focus
 from cubicsplat_cli.pipeline import vectorize_picture
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.show import charts
-from cubicsplat_cli.show.drawing import shown
-from cubicsplat_cli.show.index import Entry, index
-from cubicsplat_cli.show.original import picture_url
-from cubicsplat_cli.show.page import Subject, page
-from cubicsplat_cli.show.repeat import command
 from cubicsplat_cli.svg import read_svg
 
 ROOT = Path(__file__).resolve().parents[1]

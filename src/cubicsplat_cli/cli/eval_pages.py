@@ -16,7 +16,7 @@ from cubicsplat_cli.metrics import Report
 
 if TYPE_CHECKING:
     from cubicsplat_cli.evaluate.comparison import Comparison
-    from cubicsplat_cli.show.index import Entry
+    from cubicsplat_cli.html_report.index import Entry
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def write_pages(
 ) -> Path:
     """Writes a page for each pair, and the index of several; the page to begin with."""
     from cubicsplat_cli.files.atomic import write_atomically
-    from cubicsplat_cli.show.index import Entry, index
+    from cubicsplat_cli.html_report.index import Entry, index
 
     if pages.folder is None:
         write_atomically(pages.first, _page(compared[0], threads))
@@ -69,7 +69,7 @@ def write_pages(
 def _page(comparison: Comparison, threads: int | None) -> bytes:
     from cubicsplat_cli.files.load import load_picture
     from cubicsplat_cli.files.read import read_whole
-    from cubicsplat_cli.show.page import Subject, page
+    from cubicsplat_cli.html_report.page import Subject, page
 
     candidate = comparison.candidate
     path = Path(candidate.path)
@@ -103,8 +103,8 @@ def _made_with(path: Path, data: bytes) -> Report | None:
 
 def _entry(comparison: Comparison, page: Path) -> Entry:
     from cubicsplat_cli.files.load import load_picture
-    from cubicsplat_cli.show.index import Entry, svg_thumbnail
-    from cubicsplat_cli.show.original import picture_thumbnail
+    from cubicsplat_cli.html_report.embed import picture_thumbnail
+    from cubicsplat_cli.html_report.index import Entry, svg_thumbnail
 
     candidate, reference = comparison.candidate, comparison.reference
     if candidate.kind == "svg":

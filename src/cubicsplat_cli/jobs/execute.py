@@ -134,7 +134,7 @@ def with_page(outcome: Outcome, request: Request) -> Outcome:
     if outcome.status != UNCHANGED or report is None or has_page(job, report):
         return outcome
     from cubicsplat_cli.files.read import read_file
-    from cubicsplat_cli.show.page import page, subject_of
+    from cubicsplat_cli.html_report.page import page, subject_of
 
     assert job.outputs.svg is not None and job.outputs.html_report is not None
     try:
@@ -154,7 +154,7 @@ def planned_page(outcome: Outcome) -> Outcome:
 
 def write_index(path: Path, outcomes: list[Outcome]) -> None:
     """The page that leads to the pages of all pictures, in the order given. Raises InputError as all writing does."""
-    from cubicsplat_cli.show.index import Entry, entry_of, index
+    from cubicsplat_cli.html_report.index import Entry, entry_of, index
 
     entries = []
     for outcome, name in zip(outcomes, _short_names([outcome.job.name for outcome in outcomes]), strict=True):

@@ -177,7 +177,7 @@ def _write_others(
         _put_animation(outputs.animation, task, made, output, sink)
     report = report_of(task, made, found, output, path=job.name)
     if outputs.html_report is not None:
-        from cubicsplat_cli.show.page import page, subject_of
+        from cubicsplat_cli.html_report.page import page, subject_of
 
         timer.observer.stage("html_report", job.name)
         subject = subject_of(task.source, job.source(), svg.encode(), report)
@@ -192,7 +192,7 @@ def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sin
         timer.note(f"{task.target.source}: is transparent throughout, so there is no animation")
         return
     from cubicsplat_cli.artwork.style import PHOTO
-    from cubicsplat_cli.show.animation import animation
+    from cubicsplat_cli.html_report.animation import animation
 
     timer.observer.stage("animation", timer.job)
     threads = task.request.settings.threads

@@ -1,11 +1,18 @@
-"""The picture that an SVG was made from, in a form that every browser shows and that is no larger than needed."""
+"""What report pages are made of: templates, and pictures as data URLs.
+
+Whatever a template is given is text until the template says otherwise.
+"""
 
 from __future__ import annotations
 
 import base64
 import io
+import re
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
 from cubicsplat_cli.files.load import Picture
@@ -16,6 +23,9 @@ _ORIENTATION = 0x0112  # EXIF
 _QUALITY = 95
 THUMBNAIL = 144  # px: 72 on the page, for dense screens
 _THUMBNAIL_QUALITY = 80
+_INDENTATION = re.compile(r"\n\s+")
+_COMMENTS = re.compile(r"(?m)^\s*// .*\n")  # of scripts, on lines of their own
+_AROUND = re.compile(r"\s*([{};,])\s*|(:) ")  # what style sheets do not need spaces about
 
 
 def picture_url(picture: Picture, data: bytes) -> str:
@@ -77,3 +87,28 @@ def _webp(image: Image.Image, **options: object) -> bytes:
     buffer = io.BytesIO()
     image.save(buffer, "WEBP", **options)
     return buffer.getvalue()
+
+
+def rendered(template: str, **values: Any) -> str:
+    """The text of a template, without the spaces that only its authors need; a value that it asks for and does not get
+    is an error.
+    """
+    return _INDENTATION.sub("\n", _environment().get_template(template).render(**values))
+
+
+class _Shortened(PackageLoader):
+    """Loads style sheets and scripts without what only their authors need."""
+
+    def get_source(self, environment: Environment, template: str) -> Any:
+        text, *rest = super().get_source(environment, template)
+        if template.endswith(".js"):
+            text = _COMMENTS.sub("", text)
+        elif template.endswith(".css"):
+            text = _AROUND.sub(r"\1\2", text)
+        return text, *rest
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    loader = _Shortened("cubicsplat_cli.html_report")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

@@ -17,9 +17,8 @@ from cubicsplat_cli.files.marks import PROGRAM, made_mark
 from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number
+from cubicsplat_cli.html_report.embed import THUMBNAIL, rendered, thumbnail_url
 from cubicsplat_cli.metrics import Quality, Report
-from cubicsplat_cli.show.original import THUMBNAIL, thumbnail_url
-from cubicsplat_cli.show.template import rendered
 
 _HEADINGS = ("PSNR, dB", "SSIM", "shapes", "file", "time")
 
