@@ -11,7 +11,7 @@ import typer
 
 from benchmarks import main
 from cubicsplat_cli.bench.quality import configuration_name
-from cubicsplat_cli.bench.runs import Fit, Run, Runs
+from cubicsplat_cli.bench.runs import Fit, FitFigures, Runs
 from cubicsplat_cli.cli.bench import (
     Cache,
     Csv,
@@ -108,7 +108,7 @@ def figures(runs: Runs, row: str, mode: str, curves: int) -> dict[str, float | i
     }
 
 
-def _steps_per_minute(runs: Sequence[Run]) -> float | None:
+def _steps_per_minute(runs: Sequence[FitFigures]) -> float | None:
     seconds = sum(run.fit_seconds for run in runs)
     return 60.0 * sum(run.steps for run in runs) / seconds if seconds > 0 else None
 

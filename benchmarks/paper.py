@@ -12,7 +12,7 @@ import typer
 from benchmarks import main, step_times
 from cubicsplat_cli.bench.memory import memory
 from cubicsplat_cli.bench.quality import configuration_name, means, quality_jobs
-from cubicsplat_cli.bench.runs import Fit, Run, Runs
+from cubicsplat_cli.bench.runs import Fit, FitFigures, Runs
 from cubicsplat_cli.cli.bench import Cache, Limit, Markdown, end_with, parts_of, pictures_of, print_json, run_fits
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, takes_options
@@ -155,7 +155,7 @@ def magnify(session: Session) -> Table:
     return Table([asdict(each) for each in found], header, rows, runs.failed)
 
 
-def _magnified(run: Run, svg: bytes, path: Path, threads: int | None) -> Magnified:
+def _magnified(run: FitFigures, svg: bytes, path: Path, threads: int | None) -> Magnified:
     picture = load_picture(path)
     name = f"{run.picture}.svg"
     found = compare_with(picture, str(path), svg, name, is_svg=True, scale=MAGNIFICATION, threads=threads).scale

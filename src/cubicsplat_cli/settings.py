@@ -1,7 +1,6 @@
 """The settings of a fit: what the user chooses, and the recipe (numbers found by measurement, see docs/lab/photos.md).
 
-A field made by `setting` is at the same time an option of the command: its help and its limits stand here alone.
-Imports nothing heavy, since the command line is built from it.
+A field made by `setting` is also an option: its help and limits stand here alone. Imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -28,8 +27,7 @@ from cubicsplat_cli.options import (
     unknown_setting,
 )
 
-# The default of a field whose value the preset says, or the picture. Resolved before anybody computes with it, hence
-# not in the field's type.
+# Defaults that the preset or the picture decides, before anybody computes with them; hence not in the field's type.
 FROM_PRESET: Any = None
 AUTO: Any = None
 USUAL_CURVES = 512  # of a photo of ordinary size
@@ -66,9 +64,8 @@ class Recipe:
     """
 
     length_unit: str = _choice(
-        "Length unit: `spacing`, the side of a curve's share of the picture, or `canvas`, half the picture's width.",
-        "spacing", "canvas",
-    )  # fmt: skip
+        "Length unit: the side of a curve's share of the picture, or half the picture's width.", "spacing", "canvas"
+    )
     rate_points: float = _number(0.24, "Step size of control points, in length units.")
     rate_colours: float = _number(0.05, "Step size of colours.")
     rate_opacities: float = _number(0.05, "Step size of opacity logits.")
@@ -91,46 +88,29 @@ class Recipe:
     shared_opacity: float = _number(0.0, "One opacity for all curves, starting here; 0: each has its own.", most=0.999)
     opaque: bool = setting(False, "flag", "All curves are opaque.", by_set=True, hidden_option=True)
     start_size: float = _number(0.14, "Radius of the first curves, in length units.")
-    prune: bool = setting(
-        True, "flag", "Curves of little use move to where the error is largest.", by_set=True, hidden_option=True
-    )
+    prune: bool = setting(True, "flag", "Move curves of little use.", by_set=True, hidden_option=True)
     importance: str = _choice(
-        "Rank of curves: by the loss without each (loo), or by how much of each is visible, as published.",
-        "loo", "visibility", hidden_option=True,
-    )  # fmt: skip
+        "Rank of curves: by the loss without each, or by how much shows.", "loo", "visibility", hidden_option=True
+    )
     prune_rule: str = _choice(
-        "Share of curves to move: falls linearly to 0 (decay), or depends on the Gini coefficient, as published.",
-        "decay", "gini",
-    )  # fmt: skip
+        "Share of curves to move: falls linearly to 0, or depends on the Gini coefficient.", "decay", "gini"
+    )
     gini_threshold: float = _number(0.35, "Gini coefficient above which the rule `gini` moves curves.", most=1.0)
     prune_fraction: float = _number(0.6, "Largest share of curves to move at once.", most=1.0)
     reallocation_density: float = _number(0.8, "Reallocations per square root of the steps.")
     reallocate_until: float = _number(0.9, "Share of the relaxed phase in which curves move.", most=1.0)
-    seeding: str = _choice(
-        "New curves: ellipses over patches of similar error (blobs), or discs at pixels, as published.",
-        "blobs", "discs",
-    )  # fmt: skip
+    seeding: str = _choice("New curves: ellipses over patches of similar error, or discs at pixels.", "blobs", "discs")
     seed_size: float = _number(0.27, "Size of new curves, in length units: window of blobs, or radius of discs.")
-    seed_blur: int = setting(
-        9, "count", "Blur of the error map before seeding, in px; odd.", least=1, most=999, by_set=True
-    )
+    seed_blur: int = setting(9, "count", "Blur of the error map, in px; odd.", least=1, most=999, by_set=True)
     seed_power: float = _number(1.25, "Exponent of the error map when seeding.")
     half_width_size: float = _number(0.07, "Half-width of new strokes, in length units.")
-    crossing_penalty: float = _number(
-        0.0, "Weight of the penalty on cubics that cross themselves.", most=1e6, hidden_option=True
-    )
-    spike_penalty: float = _number(
-        0.0, "Weight of the penalty on joins that turn back and on slivers.", most=1e6, hidden_option=True
-    )
+    crossing_penalty: float = _number(0.0, "Weight of the penalty on self-crossings.", most=1e6, hidden_option=True)
+    spike_penalty: float = _number(0.0, "Weight of the penalty on spikes and slivers.", most=1e6, hidden_option=True)
     flatten: str = _choice(
-        "Polylines: uniform in the parameter, or de Casteljau subdivision, on the CPU only.",
-        "uniform", "de-casteljau", hidden_option=True,
-    )  # fmt: skip
+        "Polylines: uniform steps, or subdivision on the CPU.", "uniform", "de-casteljau", hidden_option=True
+    )
     tolerance: float = _number(0.05, "Flatness of polylines, in px; 0: always `samples` edges per cubic.", most=1e4)
-    edges: str = _choice(
-        "Edges during the fit: crisp as in an SVG, or soft as published, which no SVG can show.",
-        "crisp", "soft", hidden_option=True,
-    )  # fmt: skip
+    edges: str = _choice("Edges: as in an SVG, or as published.", "crisp", "soft", hidden_option=True)
     soft_edge: float = _number(2.7, "Width of soft edges at the start, in px.")
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
-from cubicsplat_cli.bench.runs import Fit, Run, Runs
+from cubicsplat_cli.bench.runs import Fit, FitFigures, Runs
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.colour import WHITE, over
 from cubicsplat_cli.evaluate.further import straight
@@ -47,7 +47,7 @@ def quality_jobs(
     return jobs
 
 
-def means(runs: Sequence[Run]) -> dict[str, float | int | None]:
+def means(runs: Sequence[FitFigures]) -> dict[str, float | int | None]:
     """Means of one configuration; the worst agreement is given too, since a mean hides it."""
     agreements = [run.agreement_db for run in runs if run.agreement_db is not None]
     return {
@@ -105,7 +105,7 @@ def _row(name: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def sheet_png(runs: Sequence[tuple[Run, bytes]], paths: Mapping[str, Path]) -> bytes:
+def sheet_png(runs: Sequence[tuple[FitFigures, bytes]], paths: Mapping[str, Path]) -> bytes:
     """PNG bytes: one row per run, original | SVG | difference x 4; longer sides over 768 px are scaled down.
 
     runs: figures and SVG. paths: of the originals by the run's picture name. Transparency is shown over white.
@@ -113,7 +113,7 @@ def sheet_png(runs: Sequence[tuple[Run, bytes]], paths: Mapping[str, Path]) -> b
     return stacked([_sheet_row(run, svg, paths[run.picture]) for run, svg in runs])
 
 
-def _sheet_row(run: Run, svg: bytes, path: Path) -> Image.Image:
+def _sheet_row(run: FitFigures, svg: bytes, path: Path) -> Image.Image:
     picture = load_picture(path)
     original = over(straight(picture), WHITE)
     drawn = over(rerender(svg, picture.width, picture.height).pixels, WHITE)

@@ -39,7 +39,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Run:
+class FitFigures:
     """Figures of one fitted picture. psnr_db, ssim: of the SVG file, drawn by `renderer`. own_psnr_db: of the engine's
     picture. agreement_db: between the two pictures. gap_db: own minus SVG. seconds: with writing and measuring.
     """
@@ -68,10 +68,10 @@ class Runs:
     of a picture that cannot be read is empty.
     """
 
-    done: list[tuple[Run, bytes]] = field(default_factory=list)
+    done: list[tuple[FitFigures, bytes]] = field(default_factory=list)
     failed: list[tuple[str, str, str]] = field(default_factory=list)
 
-    def of(self, configuration: str) -> list[Run]:
+    def of(self, configuration: str) -> list[FitFigures]:
         """The figures of one configuration, in the order of the pictures."""
         return [run for run, _ in self.done if run.configuration == configuration]
 
@@ -115,7 +115,7 @@ def _fail(runs: Runs, picture: str, configuration: str, error: Exception, tell: 
     tell(f"{picture}{', ' if configuration else ''}{configuration}: failed: {text}")
 
 
-def _run(fit: Fit, picture: Picture, cache: Path | None, watch: Watch) -> tuple[Run, bytes]:
+def _run(fit: Fit, picture: Picture, cache: Path | None, watch: Watch) -> tuple[FitFigures, bytes]:
     entry = None if cache is None else CacheEntry(cache, fit, picture)
     found = None if entry is None else entry.read()
     if found is not None:
@@ -131,13 +131,13 @@ def _run(fit: Fit, picture: Picture, cache: Path | None, watch: Watch) -> tuple[
     return run, svg
 
 
-def run_of_report(fit: Fit, report: Report) -> Run:
+def run_of_report(fit: Fit, report: Report) -> FitFigures:
     """The figures in the report of one picture, which was measured."""
     # As the report's file has them, so that a result is the same from the cache.
     report = Report.from_json(report.to_json())
     quality, timing = report.quality, report.timing
     assert quality is not None
-    return Run(
+    return FitFigures(
         picture=fit.path.name,
         configuration=fit.configuration,
         mode=fit.settings.mode.value,
@@ -172,19 +172,19 @@ class CacheEntry:
         stem = f"{fit.path.stem}-{fit.settings.mode.value}-{fit.settings.curves}-{settings_hash(decisive)}"
         self.json, self.svg = folder / f"{stem}.json", folder / f"{stem}.svg"
 
-    def read(self) -> tuple[Run, bytes] | None:
+    def read(self) -> tuple[FitFigures, bytes] | None:
         """What was kept, or None where nothing was, or not all of it."""
         if not (self.json.is_file() and self.svg.is_file()):
             return None
         kept, svg = json.loads(self.json.read_text(encoding="utf-8")), self.svg.read_bytes()
-        known = {member.name for member in fields(Run)}
+        known = {member.name for member in fields(FitFigures)}
         if kept.get("sha256") != hashlib.sha256(svg).hexdigest() or set(kept.get("run", ())) != known:
             return None
         # The same fit may belong to another configuration by now.
         named = {"picture": self.fit.path.name, "configuration": self.fit.configuration, "cached": True}
-        return Run(**kept["run"] | named), svg
+        return FitFigures(**kept["run"] | named), svg
 
-    def write(self, run: Run, svg: bytes) -> None:
+    def write(self, run: FitFigures, svg: bytes) -> None:
         """Keeps a result; the JSON, which makes it count, comes last."""
         self.json.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(self.svg, svg)

@@ -34,7 +34,7 @@ class Options:
 
 
 @dataclass
-class Pairs:
+class ComparedPairs:
     """Of two folders: comparisons, failures as (reference, error), and candidates that nobody asked about."""
 
     compared: list[Comparison] = field(default_factory=list)
@@ -93,7 +93,7 @@ def evaluate(
         pairs = _folders(reference, candidate, options, reporter, show=not json)
         found = _folder_report(reference, candidate, pairs)
     else:
-        pairs = Pairs([_compare(reference, candidate, options, reporter)])
+        pairs = ComparedPairs([_compare(reference, candidate, options, reporter)])
         found = {**head(), **pairs.compared[0].public()}
         if not json:
             _show(pairs.compared[0], options.metrics)
@@ -132,12 +132,12 @@ def _compare(reference: Path, candidate: Path, options: Options, reporter: Repor
     return comparison
 
 
-def _folders(reference: Path, candidate: Path, options: Options, reporter: Reporter, *, show: bool) -> Pairs:
+def _folders(reference: Path, candidate: Path, options: Options, reporter: Reporter, *, show: bool) -> ComparedPairs:
     """All pairs of two folders; one that fails does not stop the others."""
     from cubicsplat_cli.evaluate.folders import match_folders
 
     matches = match_folders(reference, candidate)
-    pairs = Pairs(extra=matches.extra)
+    pairs = ComparedPairs(extra=matches.extra)
     pairs.failed = [(path, f"nothing in {candidate} has its name") for path in matches.missing]
     for first, second in matches.pairs:
         try:
@@ -187,7 +187,7 @@ def _change_text(change: Change) -> str:
     return "  ".join([*_quality_parts(change.scaled), f"(native {native}{difference})"])
 
 
-def _mean_line(pairs: Pairs) -> str:
+def _mean_line(pairs: ComparedPairs) -> str:
     means = _means(pairs)
     parts = [f"mean of {means['pairs']}"]
     parts += [] if means["psnr_db"] is None else [f"{means['psnr_db']:.2f} dB"]
@@ -199,7 +199,7 @@ def _mean_line(pairs: Pairs) -> str:
     return "  ".join(parts)
 
 
-def _means(pairs: Pairs) -> dict[str, Any]:
+def _means(pairs: ComparedPairs) -> dict[str, Any]:
     """Means over the pairs that have a figure; an identical pair has no PSNR and is counted apart."""
     qualities = [comparison.quality for comparison in pairs.compared]
     scales = [comparison.scale for comparison in pairs.compared if comparison.scale is not None]
@@ -220,12 +220,12 @@ def _means(pairs: Pairs) -> dict[str, Any]:
     return found
 
 
-def _further_members(pairs: Pairs) -> list[str]:
+def _further_members(pairs: ComparedPairs) -> list[str]:
     """The members of the further measures that were asked for."""
     return list(pairs.compared[0].measures) if pairs.compared else []
 
 
-def _folder_report(reference: Path, candidate: Path, pairs: Pairs) -> dict[str, Any]:
+def _folder_report(reference: Path, candidate: Path, pairs: ComparedPairs) -> dict[str, Any]:
     return {
         **head(),
         "reference": {"path": str(reference)},

@@ -17,7 +17,7 @@ from cubicsplat_cli.files.ownership import check_ownership
 from cubicsplat_cli.files.stdout import write_stdout
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, printable, text_table
 from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, look, planned_page, write_index
-from cubicsplat_cli.jobs.plan import Plan
+from cubicsplat_cli.jobs.plan import JobPlan
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
 from cubicsplat_cli.metrics import Report, plain
 from cubicsplat_cli.progress import interrupt
@@ -74,10 +74,10 @@ class Tally:
 
 
 @dataclass
-class Run:
+class BatchRun:
     """One run: what it is to do, and what came of it so far."""
 
-    plan: Plan
+    plan: JobPlan
     request: Request
     options: ExecutionOptions
     reporter: Reporter
@@ -197,7 +197,7 @@ class Run:
             signal.signal(signal.SIGINT, before)
 
 
-def check_stdout(plan: Plan, *, json: bool, cluster: bool) -> None:
+def check_stdout(plan: JobPlan, *, json: bool, cluster: bool) -> None:
     """Raise UsageError where two things would go to standard output, or none can."""
     for job in plan.jobs:
         if job.outputs.svg is None and json:

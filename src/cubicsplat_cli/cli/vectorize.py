@@ -82,7 +82,7 @@ def vectorize(
     if values["weights"] is not None and Path(values["weights"]).is_dir():
         values["masks"] = Path(values.pop("weights"))
     request = request_of(values)
-    from cubicsplat_cli.cli.run import Run, check_stdout
+    from cubicsplat_cli.cli.run import BatchRun, check_stdout
     from cubicsplat_cli.files.read import read_stdin
     from cubicsplat_cli.jobs.execute import ExecutionOptions
 
@@ -94,6 +94,6 @@ def vectorize(
         planned = replace(planned, jobs=[replace(planned.jobs[0], data=read_stdin(request.max_pixels))])
     execution = ExecutionOptions(workers=jobs, cluster=cluster, inline=cluster is None and planned.pictures == 1)
     reporter = Reporter(quiet=quiet, verbose=verbose, bars=not (json and sys.stdout.isatty()))
-    code = Run(planned, request, execution, reporter, json=json, dry_run=dry_run).go()
+    code = BatchRun(planned, request, execution, reporter, json=json, dry_run=dry_run).go()
     if code:
         raise typer.Exit(code)

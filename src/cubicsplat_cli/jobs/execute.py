@@ -14,7 +14,7 @@ from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.files.ownership import read_head
 from cubicsplat_cli.files.paths import is_file
 from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare
-from cubicsplat_cli.jobs.plan import Job, Plan
+from cubicsplat_cli.jobs.plan import Job, JobPlan
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure, load_job
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
@@ -40,7 +40,7 @@ class ExecutionOptions:
 
 
 def execute(
-    plan: Plan, request: Request, options: ExecutionOptions, observer: Observer, stopping: Callable[[], bool]
+    plan: JobPlan, request: Request, options: ExecutionOptions, observer: Observer, stopping: Callable[[], bool]
 ) -> Iterator[Outcome]:
     """An outcome for each job of the plan. What an earlier run has done is looked at when it is a job's turn.
 

@@ -64,7 +64,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Plan:
+class JobPlan:
     """jobs, in a fixed order; problems: arguments that led to none, by name; left_out: pictures not taken, and why;
     index: the page that leads to those of all pictures, where they have pages.
     """
@@ -80,14 +80,14 @@ class Plan:
         return len(self.jobs) + len(self.problems)
 
 
-def plan(arguments: list[str], output: str | None, request: Request, *, recursive: bool) -> Plan:
+def plan(arguments: list[str], output: str | None, request: Request, *, recursive: bool) -> JobPlan:
     """A job for everything the arguments lead to. Raises UsageError where they make no sense together."""
     if is_batch(arguments):
         if request.animation is not None:
             raise UsageError("--animation is of one picture, and there may be several; give one")
         found = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs(found.sources, output, request)
-        made = Plan(jobs, list(found.problems), found.left_out)
+        made = JobPlan(jobs, list(found.problems), found.left_out)
         return with_pages(made, output) if request.html_report else made
     name = arguments[0]
     path = None if name == STDIO else Path(name)
@@ -96,11 +96,11 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     outputs = plan_outputs(
         path, output, png=request.png, metrics=request.metrics, compress=request.compress, ending=request.suffix
     )
-    made = Plan([Job(name, path, replace(outputs, animation=request.animation))])
+    made = JobPlan([Job(name, path, replace(outputs, animation=request.animation))])
     return with_pages(made, output) if request.html_report else made
 
 
-def with_pages(made: Plan, output: str | None) -> Plan:
+def with_pages(made: JobPlan, output: str | None) -> JobPlan:
     """The plan with a page for each picture, beside its SVG, and for several an index in the folder of them all.
 
     Raises UsageError where an SVG goes to standard output.
@@ -169,7 +169,7 @@ def make_folders(job: Job) -> None:
         make_folder_of(path)
 
 
-def with_masks(made: Plan, folder: Path) -> Plan:
+def with_masks(made: JobPlan, folder: Path) -> JobPlan:
     """The plan with the mask of each picture that has one: of its name, whatever it ends in, where it lies below
     `folder` as the picture does below its own. Raises UsageError where there is none for any, or two for one.
     """
