@@ -197,7 +197,7 @@ def parse_focus(given: str | Sequence[float] | Focus) -> Focus:
 
 
 LOSSES = ("l2", "l1", "huber", "ms-ssim")
-_LOSS_FORM = "must be l2, l1, huber or ms-ssim, or a mixture by weight such as l2:0.7,ms-ssim:0.3"
+_LOSS_FORM = f"must be {listed(LOSSES)}, or a mixture by weight such as l2:0.7,ms-ssim:0.3"
 
 
 def parse_loss(text: str) -> dict[str, float]:
