@@ -165,7 +165,7 @@ def test_documented_defaults_are_the_real_ones(command):
 
 def test_documented_choices_are_the_real_ones():
     rows = option_rows(section("vectorize"))
-    for owner in (Request, FitSettings, ArtworkSettings):
+    for owner in (FitSettings, ArtworkSettings):
         for field, known in settings_of(owner):
             if known.choices and not known.by_set and not known.only_off:
                 option = f"--{field.name.replace('_', '-')}"
@@ -437,7 +437,7 @@ def test_the_library_takes_the_same_names_and_those_of_earlier_versions():
     [
         ("edge_strat=3", "--set knows no 'edge_strat'; did you mean edge_start?; docs/cli.md lists the names"),
         ("importance=lo", "--set importance must be loo or visibility, not 'lo'; did you mean loo?"),
-        ("edge-start=x", "--set edge-start must be a number of at least 0, not 'x'"),
+        ("seed-size=x", "--set seed-size must be a number of at least 0, not 'x'"),
         ("finish=1", "--set finish must be a number from 0 to 0.999, not 1.0"),
         ("opaque", "--set takes NAME=VALUE, such as importance=visibility, not 'opaque'"),
     ],

@@ -18,6 +18,7 @@ from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.formatting import duration
 from cubicsplat_cli.html_report import charts
 from cubicsplat_cli.html_report.drawing import shown
 from cubicsplat_cli.html_report.embed import picture_url
@@ -139,6 +140,7 @@ def test_summary_report_page_and_file_count_alike(kind, tmp_path, run_cli):
     assert done.returncode == 0, done.stderr
     svg = (tmp_path / "x.svg").read_text()
     report = Report.from_json((tmp_path / "x.json").read_bytes())
+    assert f"<dt>time</dt><dd>{duration(report.timing.total_s)}</dd>" in (tmp_path / "x.html").read_text()
     elements = len(re.findall(r"<(?:path|circle|ellipse|rect)\b", svg)) - (kind == "photo")  # the photo's background
     shapes = elements if kind == "cells" else read_svg(svg).curves  # all cells of one colour are one shape
     assert report.output.paths == elements
