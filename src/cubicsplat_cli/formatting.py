@@ -18,11 +18,11 @@ def one_line(text: object) -> str:
     return " ".join(str(text).split())
 
 
-def did_you_mean(given: object, known: Iterable[str]) -> str:
-    """`; did you mean white?`, the nearest of the known names; empty where none is near."""
+def did_you_mean(given: object, names: Iterable[str]) -> str:
+    """`; did you mean white?`, the nearest of the names; empty where none is near."""
     import difflib
 
-    close = difflib.get_close_matches(str(given), known, 1)
+    close = difflib.get_close_matches(str(given), names, 1)
     return f"; did you mean {close[0]}?" if close else ""
 
 
@@ -101,5 +101,5 @@ def number(value: float | None, decimals: int, *, sign: bool = False) -> str:
 
 def mean(values: Iterable[float | None]) -> float | None:
     """Mean of the values that there are; None where there is none."""
-    known = [value for value in values if value is not None]
-    return sum(known) / len(known) if known else None
+    numbers = [value for value in values if value is not None]
+    return sum(numbers) / len(numbers) if numbers else None

@@ -245,9 +245,9 @@ def _built(kind: type[T], value: Any) -> T:
         raise ValueError(f"{kind.__name__} must be an object, not {type(value).__name__}")
     hints = get_type_hints(kind)
     # Members that a newer version adds are no reason to refuse the rest.
-    known = {name: _typed(hint, value[name], name) for name, hint in hints.items() if name in value}
+    members = {name: _typed(hint, value[name], name) for name, hint in hints.items() if name in value}
     try:
-        return kind(**known)
+        return kind(**members)
     except TypeError as error:
         raise ValueError(f"{kind.__name__} is incomplete: {error}") from error
 
@@ -257,11 +257,11 @@ def _typed(hint: Any, value: Any, name: str) -> Any:
         return _built(hint, value)  # type: ignore[arg-type]
     if get_origin(hint) in (Union, types.UnionType):
         return None if value is None else _typed(get_args(hint)[0], value, name)
-    wanted = get_origin(hint) or hint
-    if wanted is float and isinstance(value, int) and not isinstance(value, bool):
+    kind = get_origin(hint) or hint
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
-    if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
-        raise ValueError(f"{name} must be {wanted.__name__}, not {value!r}")
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise ValueError(f"{name} must be {kind.__name__}, not {value!r}")
     return value
 
 

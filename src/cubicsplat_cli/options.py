@@ -113,9 +113,9 @@ def renamed(values: Mapping[str, Any]) -> dict[str, Any]:
     return {RENAMED.get(name, name): value for name, value in values.items()}
 
 
-def unknown_setting(name: str, known: Iterable[str]) -> UsageError:
+def unknown_setting(name: str, names: Iterable[str]) -> UsageError:
     """The error for a name that is none of the settings, with the one that was probably meant."""
-    return UsageError(f"unknown setting {name!r}{did_you_mean(name, known)}")
+    return UsageError(f"unknown setting {name!r}{did_you_mean(name, names)}")
 
 
 def parse_background(text: str) -> str:
@@ -152,8 +152,8 @@ MOST_BYTES = 1_000_000_000
 
 def parse_bytes(given: str | int) -> int:
     """`20k`, `1.5MB` or a number of bytes, 1 to a thousand million; k is 1000. Raises UsageError for anything else."""
-    found = _AMOUNT.fullmatch(str(given).strip())
-    amount = int(float(found[1]) * _FACTORS[(found[2] or "").lower()]) if found and len(str(given)) < 20 else 0
+    match = _AMOUNT.fullmatch(str(given).strip())
+    amount = int(float(match[1]) * _FACTORS[(match[2] or "").lower()]) if match and len(str(given)) < 20 else 0
     if not 1 <= amount <= MOST_BYTES:
         raise UsageError(f"must be an amount of bytes such as 20k or 1.5M, not {given!r}", "max_bytes")
     return amount
@@ -202,19 +202,19 @@ _LOSS_FORM = f"must be {listed(LOSSES)}, or a mixture by weight such as l2:0.7,m
 
 def parse_loss(text: str) -> dict[str, float]:
     """Weights, above 0, by name, in the order of `LOSSES`. Raises UsageError for anything that is no such mixture."""
-    found: dict[str, float] = {}
+    weights: dict[str, float] = {}
     for part in text.lower().split(",") if isinstance(text, str) else ():
         name, given, weight = part.partition(":")
         name = name.strip()
         try:
-            found[name] = float(weight) if given else 1.0 if name not in found else math.nan
+            weights[name] = float(weight) if given else 1.0 if name not in weights else math.nan
         except ValueError:
-            found[name] = math.nan
-    if not found or not set(found) <= set(LOSSES) or not all(0.0 < w < 1e6 for w in found.values()):
+            weights[name] = math.nan
+    if not weights or not set(weights) <= set(LOSSES) or not all(0.0 < w < 1e6 for w in weights.values()):
         raise UsageError(f"{_LOSS_FORM}, not {text!r}", "loss")
-    if "l1" in found and "huber" in found:
+    if "l1" in weights and "huber" in weights:
         raise UsageError(f"takes l1 or huber, not both, since both are linear for large errors: {text!r}", "loss")
-    return {name: found[name] for name in LOSSES if name in found}
+    return {name: weights[name] for name in LOSSES if name in weights}
 
 
 def loss_text(weights: dict[str, float]) -> str:

@@ -90,8 +90,8 @@ class Request:
     compress: bool = setting(False, "flag", "Write the SVG compressed, as OUT.svgz.", option="svgz", **_OF_FILES)
 
     def __post_init__(self) -> None:
-        for each, known in settings_of(Request):
-            known.check(each.name, getattr(self, each.name))
+        for each, spec in settings_of(Request):
+            spec.check(each.name, getattr(self, each.name))
         if self.style in ("artwork", "pixel") and self.of_photos():
             raise UsageError(
                 f"is for photos, not for {self.style}; leave it out, or use style photo", self.of_photos()[0]
@@ -145,8 +145,8 @@ class Request:
         return [
             each.name
             for holder in (self, self.settings, self.artwork)
-            for each, known in settings_of(type(holder))
-            if known.group == group and getattr(holder, each.name) != each.default
+            for each, spec in settings_of(type(holder))
+            if spec.group == group and getattr(holder, each.name) != each.default
         ]
 
     def with_threads(self, threads: int | None) -> Request:
@@ -155,7 +155,7 @@ class Request:
 
     def deciding(self) -> dict[str, Any]:
         """Everything that decides the file, and what it is computed with, as plain values."""
-        own = {each.name: _plain(getattr(self, each.name)) for each, known in settings_of(Request) if known.decides}
+        own = {each.name: _plain(getattr(self, each.name)) for each, spec in settings_of(Request) if spec.decides}
         return {**self.settings.public(), **own, "artwork": self.artwork.public()}
 
     def describe(self) -> str:
@@ -179,7 +179,7 @@ def _plain(value: Any) -> Any:
 
 def names_for_library() -> set[str]:
     """The options that decide a result, by the names under which the library takes them."""
-    own = {each.name for each, known in settings_of(Request) if known.decides}
+    own = {each.name for each, spec in settings_of(Request) if spec.decides}
     artwork = {each.name for each, _ in settings_of(ArtworkSettings)}
     # The library is given one picture.
     return (own | artwork | FitSettings.names() | {"measure"}) - {"frame"}
@@ -194,9 +194,9 @@ def request_of(options: Mapping[str, Any]) -> Request:
     given = {name: value for name, value in renamed(options).items() if value is not None}
     artwork = {each.name: given.pop(each.name) for each, _ in settings_of(ArtworkSettings) if each.name in given}
     fit = {name: given.pop(name) for name in FitSettings.names() if name in given}
-    for each, known in settings_of(Request):
-        if known.parse is not None and each.name in given:
-            given[each.name] = known.parse(given[each.name])
+    for each, spec in settings_of(Request):
+        if spec.parse is not None and each.name in given:
+            given[each.name] = spec.parse(given[each.name])
     # Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
     if "max_bytes" in given and fit.get("mode", "closed") == "closed":
         fit.setdefault("segments", 2)

@@ -114,8 +114,8 @@ class Recipe:
     soft_edge: float = _number(2.7, "Width of soft edges at the start, in px.")
 
     def __post_init__(self) -> None:
-        for each, known in settings_of(Recipe):
-            known.check(each.name, getattr(self, each.name))
+        for each, spec in settings_of(Recipe):
+            spec.check(each.name, getattr(self, each.name))
 
     def unit(self, width: int, height: int, curves: int) -> float:
         """The length unit in px."""
@@ -229,9 +229,9 @@ class FitSettings:
         self._set("loss", loss_text(parse_loss(self.loss)))
         given = self.background
         self._set("background", parse_background(base.get("background", "auto") if given is None else given))
-        for each, known in settings_of(FitSettings):
+        for each, spec in settings_of(FitSettings):
             if each.name != "mode":
-                known.check(each.name, getattr(self, each.name))
+                spec.check(each.name, getattr(self, each.name))
         if self.device == "cuda" and self.recipe.flatten == "de-casteljau":
             raise UsageError("de-casteljau runs on the CPU only; use device cpu or auto, or flatten uniform", "flatten")
 
@@ -289,7 +289,7 @@ def _mode(mode: Mode | str) -> Mode:
 
 
 def _setting(name: str) -> Setting:
-    return next(known for each, known in settings_of(FitSettings) if each.name == name)
+    return next(spec for each, spec in settings_of(FitSettings) if each.name == name)
 
 
 def cpu_count() -> int:

@@ -28,8 +28,8 @@ def memory() -> Memory:
 
 def from_status(text: str) -> Memory:
     """The figures in the text of /proc/self/status."""
-    found = {name: 1024 * int(kilobytes) for name, kilobytes in re.findall(r"^(Vm\w+):\s*(\d+) kB$", text, re.M)}
-    return Memory(found.get("VmRSS"), found.get("VmHWM"))
+    sizes = {name: 1024 * int(kilobytes) for name, kilobytes in re.findall(r"^(Vm\w+):\s*(\d+) kB$", text, re.M)}
+    return Memory(sizes.get("VmRSS"), sizes.get("VmHWM"))
 
 
 def _peak_of_getrusage() -> int | None:

@@ -79,9 +79,9 @@ def quality_tables(runs: Runs, configurations: Sequence[str], *, markdown: bool)
     """A table per configuration, each ending with its mean row, and one of all means."""
     parts = []
     for name in configurations:
-        found = runs.of(name)
-        rows = [_row(run.picture, asdict(run)) for run in found]
-        rows.append(_row(f"mean of {len(found)}", means(found)))
+        fits = runs.of(name)
+        rows = [_row(run.picture, asdict(run)) for run in fits]
+        rows.append(_row(f"mean of {len(fits)}", means(fits)))
         parts.append(titled(name, text_table(_HEADER, rows, markdown=markdown), markdown=markdown))
     if len(configurations) > 1:
         rows = [_row(name, means(runs.of(name))) for name in configurations]

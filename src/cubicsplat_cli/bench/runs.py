@@ -117,9 +117,9 @@ def _fail(runs: Runs, picture: str, configuration: str, error: Exception, tell: 
 
 def _run(fit: Fit, picture: Picture, cache: Path | None, watch: Watch) -> tuple[FitFigures, bytes]:
     entry = None if cache is None else CacheEntry(cache, fit, picture)
-    found = None if entry is None else entry.read()
-    if found is not None:
-        return found
+    kept = None if entry is None else entry.read()
+    if kept is not None:
+        return kept
     with watch(f"{fit.path.name}, {fit.configuration}") as on_progress:
         request = Request(fit.settings, style="photo", precision=PRECISION)
         result = vectorize_picture(picture, request, title=fit.path.name, on_progress=on_progress)

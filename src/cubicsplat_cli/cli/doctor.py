@@ -28,14 +28,14 @@ def doctor(
     """
     from cubicsplat_cli.metrics import to_json
 
-    found = examine()
+    report = examine()
     if json:
-        typer.echo(to_json(found), nl=False)
+        typer.echo(to_json(report), nl=False)
     else:
-        for line in _lines(found):
+        for line in _lines(report):
             for part in _folded(line):
                 typer.echo(part)
-    if found["problems"]:
+    if report["problems"]:
         raise typer.Exit(1)
 
 
@@ -99,14 +99,14 @@ def _folded(line: str) -> list[str]:
     return textwrap.wrap(line, width, subsequent_indent=" " * _INDENT, break_long_words=False, break_on_hyphens=False)
 
 
-def _lines(found: dict[str, Any]) -> list[str]:
+def _lines(report: dict[str, Any]) -> list[str]:
     lines = [
-        f"cubicsplat {found['version']}",
-        f"python     {found['python']} ({found['executable']})",
-        f"platform   {found['platform']}",
-        "packages   " + ", ".join(f"{name} {version}" for name, version in found["packages"].items()),
+        f"cubicsplat {report['version']}",
+        f"python     {report['python']} ({report['executable']})",
+        f"platform   {report['platform']}",
+        "packages   " + ", ".join(f"{name} {version}" for name, version in report["packages"].items()),
     ]
-    lines += [f"renderer   {name}: {state}" for name, state in found["renderers"].items()]
-    lines += [f"engine     {name}: {_engine_text(state)}" for name, state in found["engine"].items()]
-    lines += [f"PROBLEM    {problem}" for problem in found["problems"]]
+    lines += [f"renderer   {name}: {state}" for name, state in report["renderers"].items()]
+    lines += [f"engine     {name}: {_engine_text(state)}" for name, state in report["engine"].items()]
+    lines += [f"PROBLEM    {problem}" for problem in report["problems"]]
     return lines

@@ -91,17 +91,17 @@ def evaluate(
     reporter = Reporter(quiet=quiet)
     if reference.is_dir():
         pairs = _folders(reference, candidate, options, reporter, show=not json)
-        found = _folder_report(reference, candidate, pairs)
+        printed = _folder_report(reference, candidate, pairs)
     else:
         pairs = ComparedPairs([_compare(reference, candidate, options, reporter)])
-        found = {**head(), **pairs.compared[0].public()}
+        printed = {**head(), **pairs.compared[0].public()}
         if not json:
             _show(pairs.compared[0], options.metrics)
     write_csv(csv, [_row(comparison) for comparison in pairs.compared])
     if pages is not None:
         reporter.summary(f"to look at: {write_pages(pages, pairs.compared, pairs.failed, threads)}")
     if json:
-        typer.echo(to_json(found), nl=False)
+        typer.echo(to_json(printed), nl=False)
     for path, error in pairs.failed:
         reporter.error(error if str(path) in error else f"{path}: {error}")
     if pairs.failed:
@@ -203,7 +203,7 @@ def _means(pairs: ComparedPairs) -> dict[str, Any]:
     """Means over the pairs that have a figure; an identical pair has no PSNR and is counted apart."""
     qualities = [comparison.quality for comparison in pairs.compared]
     scales = [comparison.scale for comparison in pairs.compared if comparison.scale is not None]
-    found: dict[str, Any] = plain(
+    means: dict[str, Any] = plain(
         {
             "pairs": len(qualities),
             "identical": sum(quality.identical for quality in qualities),
@@ -217,7 +217,7 @@ def _means(pairs: ComparedPairs) -> dict[str, Any]:
             "engine_change_db": mean(scale.engine.change_db for scale in scales if scale.engine is not None),
         }
     )
-    return found
+    return means
 
 
 def _further_members(pairs: ComparedPairs) -> list[str]:

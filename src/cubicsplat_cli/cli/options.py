@@ -72,9 +72,9 @@ def fit_settings(options: dict[str, Any], **more: Any) -> FitSettings:
 def chosen(options: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """The values of all settings by their names. overrides: of --set. Raises UsageError for one that makes no sense."""
     values = {name: value for name, value in options.items() if not name.startswith("no_")}
-    for _, each, known in _settings():
-        if known.only_off and options.get(f"no_{each.name}"):
-            values[each.name] = False if known.kind == "flag" else known.choices[-1]
+    for _, each, spec in _settings():
+        if spec.only_off and options.get(f"no_{each.name}"):
+            values[each.name] = False if spec.kind == "flag" else spec.choices[-1]
     return {**values, **dict(_override(text) for text in overrides)}
 
 
@@ -82,7 +82,7 @@ def _override(text: str) -> tuple[str, Any]:
     """Name and value of `NAME=VALUE`; hyphens and underscores in names are the same."""
     said, equals, value = text.partition("=")
     name = said.strip().replace("-", "_")
-    settings = {each.name: known for _, each, known in _settings() if known.by_set}
+    settings = {each.name: spec for _, each, spec in _settings() if spec.by_set}
     if not equals:
         raise UsageError(f"--set takes NAME=VALUE, such as importance=visibility, not {text!r}")
     name = RENAMED.get(name, name)
@@ -93,45 +93,45 @@ def _override(text: str) -> tuple[str, Any]:
 
 def _settings() -> Iterator[tuple[type[Any], Field[Any], Setting]]:
     for owner in _OWNERS:
-        for each, known in settings_of(owner):
-            yield owner, each, known
+        for each, spec in settings_of(owner):
+            yield owner, each, spec
 
 
 def _parameters() -> Iterator[inspect.Parameter]:
     """The options of all settings, in the order of the help."""
-    for owner, each, known in _settings():
-        if known.only_off:
+    for owner, each, spec in _settings():
+        if spec.only_off:
             off = Option(
-                f"--no-{known.option or each.name}", help=known.help, rich_help_panel=known.group, hidden=known.hidden
+                f"--no-{spec.option or each.name}", help=spec.help, rich_help_panel=spec.group, hidden=spec.hidden
             )
             yield _parameter(f"no_{each.name}", False, Annotated[bool, off])
-        if (known.only_off and known.kind == "flag") or (known.by_set and not known.hidden_option):
+        if (spec.only_off and spec.kind == "flag") or (spec.by_set and not spec.hidden_option):
             continue
         # A preset decides about its recipe.
         default = None if owner is Recipe or each.default == () else getattr(each.default, "value", each.default)
-        from_preset = owner is FitSettings and default is None and not known.optional
-        text = known.help + ("  [default: from the preset]" if from_preset else "")
-        yield _parameter(each.name, default, _annotation(each.name, known, default, text))
+        from_preset = owner is FitSettings and default is None and not spec.optional
+        text = spec.help + ("  [default: from the preset]" if from_preset else "")
+        yield _parameter(each.name, default, _annotation(each.name, spec, default, text))
 
 
 def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _annotation(name: str, known: Setting, default: Any, text: str) -> Any:
+def _annotation(name: str, spec: Setting, default: Any, text: str) -> Any:
     """What Typer needs to know. Limits are left to `Setting.check`, whose words are those of every other error."""
-    facts: dict[str, Any] = {"help": text, "rich_help_panel": known.group, "show_default": default not in ("", True)}
-    facts["hidden"] = known.hidden or known.by_set or known.only_off
-    kind: Any = str if known.auto or known.parse is not None else _KINDS.get(known.kind)
-    if known.kind == "choice":
-        kind = Literal[known.choices]
+    facts: dict[str, Any] = {"help": text, "rich_help_panel": spec.group, "show_default": default not in ("", True)}
+    facts["hidden"] = spec.hidden or spec.by_set or spec.only_off
+    kind: Any = str if spec.auto or spec.parse is not None else _KINDS.get(spec.kind)
+    if spec.kind == "choice":
+        kind = Literal[spec.choices]
         facts["case_sensitive"] = False
-    elif known.kind != "flag":
-        facts["metavar"] = known.metavar
-    if known.auto:
+    elif spec.kind != "flag":
+        facts["metavar"] = spec.metavar
+    if spec.auto:
         facts["parser"] = _number_or_word
-    option = "--" + (known.option or name).replace("_", "-")
-    if known.kind == "flag" and default is not False:
+    option = "--" + (spec.option or name).replace("_", "-")
+    if spec.kind == "flag" and default is not False:
         option += f"/--no-{option[2:]}"
     return Annotated[kind | None if default is None else kind, Option(option, **facts)]
 

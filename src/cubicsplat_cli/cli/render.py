@@ -109,11 +109,11 @@ def _may_hold_several(output: str) -> bool:
 
 def _files(sources: list[str]) -> list[Path | None]:
     """The files named, and of folders the SVGs in them; each once."""
-    found: dict[Path | None, None] = {}
+    files: dict[Path | None, None] = {}
     for name in sources:
         folder = Path(name)
         if name == STDIO or not is_folder(folder):
-            found[None if name == STDIO else folder] = None
+            files[None if name == STDIO else folder] = None
             continue
         try:
             inside = sorted(p for p in folder.iterdir() if p.suffix.lower() in SVG_SUFFIXES and not is_folder(p))
@@ -123,8 +123,8 @@ def _files(sources: list[str]) -> list[Path | None]:
             ) from error
         if not inside:
             raise InputError(f"{printable(name)}: is a folder without SVGs; give one with .svg files")
-        found.update(dict.fromkeys(inside))
-    return list(found)
+        files.update(dict.fromkeys(inside))
+    return list(files)
 
 
 def _place(source: Path | None, output: str | None, *, inside: bool) -> Path | None:

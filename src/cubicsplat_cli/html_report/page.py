@@ -171,28 +171,28 @@ def _times(report: Report | None) -> list[tuple[str, str, float]]:
         ("read", timing.read_s), ("fit", timing.fit_s), ("write", timing.write_s), ("draw", timing.draw_s),
         ("measure", timing.measure_s),
     )  # fmt: skip
-    known = [(name, seconds) for name, seconds in stages if seconds is not None]
-    total = sum(seconds for _, seconds in known) or 1.0
-    return [(name, duration(seconds), 100.0 * seconds / total) for name, seconds in known]
+    timed = [(name, seconds) for name, seconds in stages if seconds is not None]
+    total = sum(seconds for _, seconds in timed) or 1.0
+    return [(name, duration(seconds), 100.0 * seconds / total) for name, seconds in timed]
 
 
 def _settings(settings: Mapping[str, Any]) -> dict[str, str]:
     """Every setting by name, those of a group behind its name and a dot."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for name, value in settings.items():
         if isinstance(value, Mapping):
-            found |= {f"{name}.{key}": text for key, text in _settings(value).items()}
+            texts |= {f"{name}.{key}": text for key, text in _settings(value).items()}
         else:
-            found[name] = "-" if value is None or value == [] else str(value)
-    return found
+            texts[name] = "-" if value is None or value == [] else str(value)
+    return texts
 
 
 def command(report: Report) -> str:
     """`cubicsplat vectorize ...` with every option that is not what it would be without being given."""
     parts = ["cubicsplat", "vectorize", report.input.path]
     parts += [] if report.output.svg is None else ["-o", report.output.svg]
-    for name, known, value in _differing(report.settings):
-        parts += _option(name, known, value)
+    for name, spec, value in _differing(report.settings):
+        parts += _option(name, spec, value)
     return shlex.join(parts)
 
 
@@ -206,20 +206,20 @@ def _differing(settings: Mapping[str, Any]) -> Iterator[tuple[str, Setting, Any]
         (ArtworkSettings, artwork, ArtworkSettings()),
     )
     for owner, given, default in held:
-        for field, known in settings_of(owner):
+        for field, spec in settings_of(owner):
             name = field.name
             # What preset and mode are by default must not depend on the preset and mode that were given.
             before = getattr(FitSettings() if name in ("preset", "mode") else default, name)
             value = given.get(name)
-            if known.decides and name not in _OF_THE_MACHINE and value not in (None, []) and value != before:
-                yield name, known, value
+            if spec.decides and name not in _OF_THE_MACHINE and value not in (None, []) and value != before:
+                yield name, spec, value
 
 
-def _option(name: str, known: Setting, value: Any) -> list[str]:
-    option = f"--{(known.option or name).replace('_', '-')}"
-    if known.by_set:
+def _option(name: str, spec: Setting, value: Any) -> list[str]:
+    option = f"--{(spec.option or name).replace('_', '-')}"
+    if spec.by_set:
         return ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
-    if known.only_off or value is False:
+    if spec.only_off or value is False:
         return [f"--no-{option[2:]}"]
     if value is True:
         return [option]

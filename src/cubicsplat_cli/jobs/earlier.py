@@ -42,9 +42,11 @@ def check_may_write(job: Job, *, force: bool) -> None:
 def edited(job: Job) -> list[Path]:
     """Files of `job` that are no longer what the report beside them, or the SVG's own comment, says was written."""
     report = earlier_report(job)
-    wanted = {job.outputs.svg: None} if report is None else _written(job, report)
-    found = [(path, digest, path.read_bytes()) for path, digest in wanted.items() if path is not None and is_file(path)]
-    return [path for path, digest, data in found if _is_whole(path, data) and _is_other(path, digest, data)]
+    hashes = {job.outputs.svg: None} if report is None else _written(job, report)
+    present = [
+        (path, path.read_bytes(), digest) for path, digest in hashes.items() if path is not None and is_file(path)
+    ]
+    return [path for path, data, digest in present if _is_whole(path, data) and _is_other(path, digest, data)]
 
 
 def holds_edited(path: Path) -> bool:

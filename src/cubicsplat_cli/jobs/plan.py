@@ -85,9 +85,9 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     if is_batch(arguments):
         if request.animation is not None:
             raise UsageError("--animation is of one picture, and there may be several; give one")
-        found = find_sources(arguments, recursive=recursive)
-        jobs = plan_jobs(found.sources, output, request)
-        made = JobPlan(jobs, list(found.problems), found.left_out)
+        search = find_sources(arguments, recursive=recursive)
+        jobs = plan_jobs(search.sources, output, request)
+        made = JobPlan(jobs, list(search.problems), search.left_out)
         return with_pages(made, output) if request.html_report else made
     name = arguments[0]
     path = None if name == STDIO else Path(name)
@@ -186,8 +186,8 @@ def _mask_of(job: Job, folder: Path, listed: dict[Path, list[Path]]) -> Path | N
     place = folder / job.below
     if place not in listed:
         listed[place] = sorted(path for path in place.iterdir() if is_picture_name(path)) if place.is_dir() else []
-    found = [path for path in listed[place] if path.stem == job.path.stem]
-    same = [path for path in found if path.name == job.path.name]
-    if len(found) > 1 and not same:
-        raise UsageError(f"has two masks for {job.name}, {found[0]} and {found[1]}; take one away", "weights")
-    return next(iter(same or found), None)
+    masks = [path for path in listed[place] if path.stem == job.path.stem]
+    same = [path for path in masks if path.name == job.path.name]
+    if len(masks) > 1 and not same:
+        raise UsageError(f"has two masks for {job.name}, {masks[0]} and {masks[1]}; take one away", "weights")
+    return next(iter(same or masks), None)

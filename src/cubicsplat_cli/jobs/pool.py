@@ -81,12 +81,12 @@ class _Pool:
     deaths: dict[str, int] = field(default_factory=dict)
 
     def run(self, jobs: Iterator[Job], stopping: Callable[[], bool]) -> Iterator[Outcome]:
-        told = False
+        stopped = False
         while True:
             if not stopping():
                 self._hand_out(jobs)
-            elif not told:
-                told = True
+            elif not stopped:
+                stopped = True
                 self._tell_to_stop()
             busy = [worker for worker in self.workers if worker.job is not None]
             if not busy:
@@ -230,7 +230,7 @@ def _receive(pipe: Connection, jobs: SimpleQueue[Job | None], stops: _Stops) -> 
         while True:
             message = pipe.recv()
             if message == _STOP:
-                stops.told = True
+                stops.requested = True
                 _thread.interrupt_main()
             else:
                 jobs.put(message)
@@ -245,13 +245,13 @@ class _Stops:
     """
 
     def __init__(self) -> None:
-        self.told = False
+        self.requested = False
         self._open = False
 
     def signalled(self, _number: int, _frame: FrameType | None) -> None:
         """The handler of SIGINT."""
-        if self.told and self._open:
-            self.told = False
+        if self.requested and self._open:
+            self.requested = False
             interrupt()
 
     @contextlib.contextmanager

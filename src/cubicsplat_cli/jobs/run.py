@@ -97,14 +97,14 @@ class FileSink:
 
     def _replaced(self) -> dict[Path, bytes]:
         """The files of this run in whose places lie others of ours by now, or none; an edited one stays as it is."""
-        found = {}
+        replaced = {}
         for kind, data in self.files.items():
             place = getattr(self.job.outputs, kind)
             if kind == "metrics" or place is None or (is_file(place) and place.read_bytes() == data):
                 continue
             if is_replaceable(place) and not holds_edited(place):
-                found[place] = data
-        return found
+                replaced[place] = data
+        return replaced
 
 
 @dataclass
@@ -148,34 +148,34 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
             sink.put("svg", data)
     if job.outputs.svg is None:  # what went to standard output could not be replaced
         sink.put("svg", data)
-    found = measured(task, made, svg) if request.measure else None
-    report = _write_others(job, task, made, found, svg, data, sink)
+    figures = measured(task, made, svg) if request.measure else None
+    report = _write_others(job, task, made, figures, svg, data, sink)
     _say_overtime(report, task)
     sink.put("metrics", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
 
 
 def _write_others(
-    job: Job, task: Task, made: Made, found: Measured | None, svg: str, data: bytes, sink: Sink
+    job: Job, task: Task, made: Made, figures: Measured | None, svg: str, data: bytes, sink: Sink
 ) -> Report:
     """Put out the PNG, the animation and the page, where they are wanted; the figures of all."""
     from cubicsplat_cli.pipeline import output_of, report_of
 
     timer, outputs = task.timer, job.outputs
-    for note in [*task.target.notes, *made.notes, *(found.notes if found else ())][len(task.source.notes) :]:
+    for note in [*task.target.notes, *made.notes, *(figures.notes if figures else ())][len(task.source.notes) :]:
         timer.note(f"{task.source.source}: {note}")
     files = {} if outputs.svg is None else {"svg": str(outputs.svg)}
-    if outputs.png is not None and found is not None:
+    if outputs.png is not None and figures is not None:
         from cubicsplat_cli.files.png import encode_png
 
         with timer("draw"):
-            png = encode_png(found.pixels)
+            png = encode_png(figures.pixels)
             sink.put("png", png)
         files |= {"png": str(outputs.png), "png_sha256": sha256_of(png)}
     output = output_of(made, svg, data, **files)
     if outputs.animation is not None:
         _put_animation(outputs.animation, task, made, output, sink)
-    report = report_of(task, made, found, output, path=job.name)
+    report = report_of(task, made, figures, output, path=job.name)
     if outputs.html_report is not None:
         from cubicsplat_cli.html_report.page import page, subject_of
 

@@ -27,7 +27,7 @@ class Source:
 
 
 @dataclass
-class Found:
+class Search:
     """What the arguments led to: pictures in a fixed order, and by name what could not be followed."""
 
     sources: list[Source] = field(default_factory=list)
@@ -45,7 +45,7 @@ def is_batch(arguments: list[str]) -> bool:
     return len(arguments) > 1 or (first != STDIO and (is_folder(Path(first)) or _is_pattern(first)))
 
 
-def find_sources(arguments: list[str], *, recursive: bool) -> Found:
+def find_sources(arguments: list[str], *, recursive: bool) -> Search:
     """Follow every argument: a file as it is, a folder to the pictures in it (with `recursive` at any depth), and a
     pattern (`*`, `?`, `[]`, `**`) that no shell has resolved to the files that match.
 
@@ -54,36 +54,36 @@ def find_sources(arguments: list[str], *, recursive: bool) -> Found:
     """
     if STDIO in arguments:
         raise UsageError("standard input (-) can only be the one input; name files and folders in another run")
-    found = Found()
+    search = Search()
     for argument in arguments:
         path = Path(argument)
         if is_folder(path):
-            _take_folder(path, recursive, found)
+            _take_folder(path, recursive, search)
         elif _is_pattern(argument):
-            _take_pattern(argument, found)
+            _take_pattern(argument, search)
         else:
-            _take_file(Source(path), found)
-    found.sources = list(_without_repetition(found.sources))
-    return found
+            _take_file(Source(path), search)
+    search.sources = list(_without_repetition(search.sources))
+    return search
 
 
 def _is_pattern(argument: str) -> bool:
     return glob.has_magic(argument) and not os.path.lexists(argument)
 
 
-def _take_file(source: Source, found: Found) -> None:
+def _take_file(source: Source, search: Search) -> None:
     if is_ours(source.path):
-        found.leave_out(source.path, "drawn by cubicsplat itself")
+        search.leave_out(source.path, "drawn by cubicsplat itself")
     else:
-        found.sources.append(source)
+        search.sources.append(source)
 
 
-def _take_pattern(pattern: str, found: Found) -> None:
+def _take_pattern(pattern: str, search: Search) -> None:
     matches = sorted({path for path in _matching(pattern) if not is_folder(path)})
     if not matches:
-        found.problems.append((pattern, InputError(f"{pattern}: no file matches; check the pattern")))
+        search.problems.append((pattern, InputError(f"{pattern}: no file matches; check the pattern")))
     for path in matches:
-        _take_file(Source(path), found)
+        _take_file(Source(path), search)
 
 
 def _matching(pattern: str) -> Iterator[Path]:
@@ -103,10 +103,10 @@ def _matching(pattern: str) -> Iterator[Path]:
                     yield path
 
 
-def _take_folder(folder: Path, recursive: bool, found: Found) -> None:
+def _take_folder(folder: Path, recursive: bool, search: Search) -> None:
     def unreadable(error: OSError) -> None:
         message = f"{error.filename}: folder cannot be read ({error.strerror}); check its permissions"
-        found.problems.append((str(error.filename), InputError(message)))
+        search.problems.append((str(error.filename), InputError(message)))
 
     count, deeper = 0, False
     for place, folders, files in os.walk(folder, onerror=unreadable):
@@ -116,17 +116,17 @@ def _take_folder(folder: Path, recursive: bool, found: Found) -> None:
             path = Path(place, name)
             if is_picture_name(path) or (is_heic_name(path) and reads_heic()):
                 count += 1
-                _take_file(Source(path, Path(place).relative_to(folder)), found)
+                _take_file(Source(path, Path(place).relative_to(folder)), search)
             elif is_heic_name(path):
-                found.leave_out(path, "HEIC, which pip install pillow-heif has read")
+                search.leave_out(path, "HEIC, which pip install pillow-heif has read")
             elif not name.startswith(".") and not is_ours(path):
-                found.leave_out(path, "not a picture by its name")
+                search.leave_out(path, "not a picture by its name")
         if not recursive:
             deeper = bool(folders)
             break
-    if count == 0 and not found.problems:
+    if count == 0 and not search.problems:
         hint = "with -r the folders in it are searched too" if deeper else "give a folder with pictures"
-        found.problems.append((str(folder), InputError(f"{folder}: is a folder without pictures; {hint}")))
+        search.problems.append((str(folder), InputError(f"{folder}: is a folder without pictures; {hint}")))
 
 
 def _without_repetition(sources: list[Source]) -> Iterator[Source]:

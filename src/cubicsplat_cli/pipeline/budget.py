@@ -1,4 +1,4 @@
-"""As many curves as fit into so many bytes, or as few as give so many decibels: found on the way of one fit.
+"""As many curves as fit into so many bytes, or as few as give so many decibels: decided during one fit.
 
 The fit begins with a guess. On its way the file of what it has come to is written, or drawn, and says what a curve
 takes, or how far it still is; then curves go, those of the least use first, or new ones come. Before the exact finish
@@ -36,7 +36,7 @@ DB_PER_DOUBLING = 1.4
 BEGINNING = 256  # curves of a fit that is to reach a level
 AIM = 0.35  # dB above the level asked for: what is left to rise is known to 0.16 dB (standard deviation) at the last
 NEAR = 0.1  # dB above it, at which no more curves are tried to leave out
-MOST_DRAWN, LEAST_FACTOR = 8, 0.01  # files drawn to find how many curves can go; of what they are worth, counted
+MOST_DRAWN, LEAST_FACTOR = 8, 0.01  # files drawn to find how many curves can go; of their importance, counted
 MOST_GROWTH = 8.0  # times the curves, at one look
 PIXELS_PER_CURVE = 16.0  # with fewer there would be more numbers than the picture has
 # Of growing after the fit, of its steps; and times the curves, without which so few steps give nothing.
@@ -151,16 +151,16 @@ def most_within(limit: int, most: int, size: Callable[[int], int]) -> int:
     low, high, number = 0, limit + 1, limit
     before: tuple[int, int] | None = None
     while high - low > 1:
-        found = size(number)
-        if found <= most:
+        taken = size(number)
+        if taken <= most:
             low = number
-            if found >= CLOSE * most:
+            if taken >= CLOSE * most:
                 break
         else:
             high = number
-        here = (number, found)
-        each = found / number if before is None else (found - before[1]) / (number - before[0])
-        number = max(low + 1, min(high - 1, number + math.floor((most - found) / max(each, 1e-3))))
+        here = (number, taken)
+        each = taken / number if before is None else (taken - before[1]) / (number - before[0])
+        number = max(low + 1, min(high - 1, number + math.floor((most - taken) / max(each, 1e-3))))
         before = here
     return low
 
@@ -176,19 +176,19 @@ def _to_spare(scene: Scene, least: float, level: float, photo: PhotoFits) -> tup
     The loss without several curves is about what it is with them and what they are worth; files that are drawn say
     how nearly so.
     """
-    loss, worth = photo.importance(scene)
-    order = np.argsort(-worth, kind="stable")
-    rises = list(accumulate((np.maximum(worth[order[::-1]].astype(np.float64), 0.0) / loss).tolist()))
+    loss, importance = photo.importance(scene)
+    order = np.argsort(-importance, kind="stable")
+    rises = list(accumulate((np.maximum(importance[order[::-1]].astype(np.float64), 0.0) / loss).tolist()))
     allowed, factor, reached = _rise(level, least), 1.0, level
     low, high = 0, scene.curves
     for _ in range(MOST_DRAWN):
         if reached < least + NEAR or high - low < 2:
             break
         number = max(low + 1, min(high - 1, bisect_right(rises, allowed / factor)))
-        found = photo.level(_kept(scene, order, scene.curves - number))
-        factor = max(LEAST_FACTOR, _rise(level, found) / max(rises[number - 1], 1e-12))
-        if found >= least:
-            low, reached = number, found
+        level_now = photo.level(_kept(scene, order, scene.curves - number))
+        factor = max(LEAST_FACTOR, _rise(level, level_now) / max(rises[number - 1], 1e-12))
+        if level_now >= least:
+            low, reached = number, level_now
         else:
             high = number
     return order, low
@@ -199,11 +199,11 @@ def _rise(before: float, after: float) -> float:
     return 10.0 ** ((before - after) / 10.0) - 1.0
 
 
-def _by_use(scene: Scene, worth: np.ndarray, precision: int) -> np.ndarray:
+def _by_use(scene: Scene, importance: np.ndarray, precision: int) -> np.ndarray:
     """The curves' numbers, those of most use for a byte first."""
     from cubicsplat_cli.svg.sizes import bytes_by_curve
 
-    return np.argsort(-worth.astype(np.float64) / bytes_by_curve(scene, precision), kind="stable")
+    return np.argsort(-importance.astype(np.float64) / bytes_by_curve(scene, precision), kind="stable")
 
 
 def _kept(scene: Scene, order: np.ndarray, count: int) -> Scene:

@@ -38,9 +38,9 @@ def vectorize_picture(
     task = task_of(picture, request or Request(), timer or StageTimer(), title=title, on_progress=on_progress)
     *_, made = candidates(task)
     svg = task.svg(made)
-    found = measured(task, made, svg) if task.request.measure else None
-    report = report_of(task, made, found, output_of(made, svg, svg.encode()))
-    return Result(svg, made.scene, report, None if found is None else found.pixels)
+    figures = measured(task, made, svg) if task.request.measure else None
+    report = report_of(task, made, figures, output_of(made, svg, svg.encode()))
+    return Result(svg, made.scene, report, None if figures is None else figures.pixels)
 
 
 def task_of(
@@ -100,7 +100,7 @@ def output_of(made: Made, text: str, data: bytes, **files: Any) -> Output:
     return Output(paths, len(data), sha256_of(data), **files)
 
 
-def report_of(task: Task, made: Made, found: Measured | None, output: Output, *, path: str | None = None) -> Report:
+def report_of(task: Task, made: Made, figures: Measured | None, output: Output, *, path: str | None = None) -> Report:
     """The figures of a finished result, with the seconds until now. path: of the picture, as the user named it."""
     source, request, seconds = task.source, task.request, task.timer.seconds
     facts = {"device": {"name": "cpu"}, "timing": Timing(0.0, seconds["fit"]), **made.facts}
@@ -113,8 +113,8 @@ def report_of(task: Task, made: Made, found: Measured | None, output: Output, *,
         settings_hash=request.digest(),
         style=made.style.name,
         style_reason=made.style.reason,
-        notes=[*task.target.notes, *made.notes, *([] if found is None else found.notes)],
-        quality=None if found is None else found.quality,
+        notes=[*task.target.notes, *made.notes, *([] if figures is None else figures.notes)],
+        quality=None if figures is None else figures.quality,
         timing=timing,
         **facts,
     )
