@@ -49,7 +49,7 @@ def vectorize(
 
 
 def compare(reference: PictureLike, candidate: PictureLike | Result) -> Quality:
-    """How close a picture or an SVG is to a reference picture: PSNR and SSIM.
+    """Compare a picture or an SVG with a reference picture: PSNR and SSIM.
 
     candidate: what `vectorize` returned, the path, bytes or text of an SVG (drawn by an independent renderer at the
     reference's size), or any picture. Where either has transparency both are laid over black and over white, and the

@@ -50,7 +50,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Input:
-    """Which picture it was. path: as the user named it. alpha: whether any pixel is not opaque."""
+    """The input picture. path: as the user named it. alpha: whether any pixel is not opaque."""
 
     path: str
     sha256: str
@@ -61,7 +61,7 @@ class Input:
 
 @dataclass(frozen=True)
 class Output:
-    """What was made of it. svg, png: files (None: not written, or standard output). bytes, paths: of the SVG;
+    """The written files. svg, png: paths (None: not written, or standard output). bytes, paths: of the SVG;
     paths are the elements that it draws: a photo's curves, and of a drawing those that its shapes are in. The
     hashes are of the files as written; by them a later run knows whether they are complete.
     """
@@ -93,7 +93,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Quality:
-    """How close a picture is to its reference.
+    """Similarity of a picture to its reference.
 
     psnr_db: peak signal-to-noise ratio in dB, None when the pictures are identical. ssim: mean structural
     similarity in [-1, 1], None when the picture is too small for the window (`ssim_note` says so). identical:
@@ -108,14 +108,14 @@ class Quality:
 
 @dataclass(frozen=True)
 class FileQuality(Quality):
-    """Of the SVG file. renderer: name and version of what drew it."""
+    """Quality of the SVG file. renderer: name and version of what drew it."""
 
     renderer: str = ""
 
 
 @dataclass(frozen=True)
 class OwnQuality(Quality):
-    """Of the engine's own picture. samples: edges per cubic."""
+    """Quality of the engine's own picture. samples: edges per cubic."""
 
     samples: int = 0
 
@@ -182,7 +182,7 @@ class Report:
         return replace(self, output=output)
 
     def count(self) -> int:
-        """How many curves a photo has, or shapes a drawing."""
+        """Number of curves of a photo, or of shapes of a drawing."""
         return self.output.paths if self.shapes is None else self.shapes
 
     def public(self) -> dict[str, Any]:
@@ -203,7 +203,7 @@ class Report:
 
 
 def head() -> dict[str, Any]:
-    """What every JSON of ours begins with."""
+    """The first members of every JSON of ours."""
     return {"schema": SCHEMA, "program": PROGRAM, "version": __version__}
 
 

@@ -1,4 +1,4 @@
-"""What an option is, and the values that options take: amounts of bytes, rectangles, losses, colours.
+"""Description of options, and parsers of their values: amounts of bytes, rectangles, losses, colours.
 
 Imports nothing heavy, since the command line is built from it.
 """
@@ -27,7 +27,7 @@ RENAMED = {"thorn_reg": "spike_penalty", "geometric_reg": "crossing_penalty"}
 
 @dataclass(frozen=True)
 class Setting:
-    """What the command line shows of a field, and the values that the field may have.
+    """Description of a field that is an option, and the limits of its values.
 
     kind: a whole number or a number in [least, most], one of `choices`, a yes or no, or a text. metavar: what the help
     calls the value. optional: the value may be None. auto: it may be the word "auto". group: of the help.

@@ -1,4 +1,4 @@
-"""Where the work on a picture stands, and how it is stopped. Imports nothing heavy: the command shows it at once."""
+"""Progress of the work on a picture, and ways to stop it. Imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ REPORT_SECONDS = 0.1  # between two calls of `on_progress`
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a fit or a drawing stands.
+    """Progress of a fit or a drawing.
 
     share: of the work or, under a time limit, of the time, 0..1. stage: what is being done. Of the fit of a photo only:
     step of steps (else 0), psnr_db of the engine's own picture and ms_per_step (else None), replaced: curves re-seeded
@@ -39,15 +39,15 @@ class Progress:
 
 
 class Stopped(Exception):
-    """The work ends with what it has: its time is up, or it was interrupted."""
+    """Ends the work with the result so far: the time is up, or the user interrupted."""
 
 
 @dataclass
 class Work:
-    """Work in stages that can be stopped between any two of its steps, and still has a result.
+    """Work in stages that can be stopped between any two steps, and still has a result.
 
-    on_progress: told of every stage as it begins, and about ten times a second within. deadline: by
-    `time.perf_counter`. stopped: nothing more is begun; interrupted: by a KeyboardInterrupt, not by the deadline.
+    on_progress: called at the start of every stage, and about ten times a second within. deadline: by
+    `time.perf_counter`. stopped: no further step starts; interrupted: by a KeyboardInterrupt, not by the deadline.
     """
 
     on_progress: Callable[[Progress], None] | None = None
@@ -60,8 +60,8 @@ class Work:
     _told: float = -math.inf
 
     def at(self, stage: str = "", share: float = 0.0) -> None:
-        """The work is in this stage and has come so far, 0..1 of all; nothing given: where it was. Raises Stopped where
-        it is to end, and what `on_progress` raises.
+        """Report the stage and the share done, 0..1; by default the last ones. Raises Stopped if the work must end, and
+        what `on_progress` raises.
         """
         now = time.perf_counter()
         if self.stopped or now >= self.deadline:
@@ -78,10 +78,9 @@ class Work:
 
     @contextmanager
     def stoppable(self) -> Iterator[None]:
-        """Within, a stop ends the block and nothing else: what it has come to by then is the result.
+        """Within, a stop ends only the block: its state so far is the result.
 
-        A KeyboardInterrupt stops all that is left of the work under way; a second one, and elsewhere the first, is not
-        held back.
+        A KeyboardInterrupt also stops the rest of the current work. A second one, or one outside of it, is raised.
         """
         try:
             yield
@@ -97,13 +96,13 @@ _WORK: ContextVar[Work | None] = ContextVar("_WORK", default=None)
 
 
 def work() -> Work:
-    """The work under way; one that nobody watches or stops where there is none."""
+    """The current work; without one, work that nobody watches or stops."""
     return _WORK.get() or Work()
 
 
 @contextmanager
 def under_way(one: Work) -> Iterator[Work]:
-    """Within, this is the work under way."""
+    """Within, this is the current work."""
     token = _WORK.set(one)
     try:
         yield one
@@ -135,7 +134,7 @@ class Observer:
         """A stage begins: read, start (the engine is loaded), fit, write, draw, measure, animation or html_report."""
 
     def step(self, progress: Progress, job: str) -> None:
-        """How far its fit or drawing is."""
+        """Its fit or drawing has come this far."""
 
     def note(self, text: str, job: str = "") -> None:
         """Something the user should know that is no error."""
@@ -216,7 +215,7 @@ class FrameRecorder:
         self._kept: list[tuple[float, Scene]] = []
 
     def due(self, psnr_db: float) -> bool:
-        """Whether a picture of this quality is the next to keep."""
+        """Whether to keep a scene of this quality."""
         return not self._kept or psnr_db >= self._kept[-1][0] + self._step_db
 
     def keep(self, psnr_db: float, scene: Scene) -> None:

@@ -1,4 +1,4 @@
-"""What is asked for of one picture or many: everything that decides a result. Imports nothing heavy."""
+"""The request of a user: everything that decides a result, as a table of options. Imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000, "optional": True}
 
 @dataclass(frozen=True)
 class Request:
-    """What the options ask for, the same for every input. Raises UsageError for values that make no sense.
+    """The values of all options, the same for every input. Raises UsageError for values that make no sense.
 
     settings: of a photo; artwork: of a drawing. masks: a folder that holds a mask for each picture's name. The style
     "auto" is "photo" or "artwork" if any option is given that implies it (`of_photos`, `of_artwork`).
@@ -132,12 +132,12 @@ class Request:
         return self.artwork.strokes or self.settings.mode is Mode.OPEN
 
     def of_photos(self) -> list[str]:
-        """What is asked for that only the fit of a photo can do."""
+        """The given options that only the fit of a photo has."""
         names = self._given(PHOTOS)
         return names if self.masks is None else ["weights", *names]
 
     def of_artwork(self) -> list[str]:
-        """What is asked for that only a drawing can have."""
+        """The given options that only a drawing has."""
         return self._given(DRAWINGS)
 
     def _given(self, group: str) -> list[str]:

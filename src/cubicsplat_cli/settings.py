@@ -35,7 +35,7 @@ PIXELS_PER_CURVE = 96  # at the least, unless more curves are asked for
 
 
 class Mode(str, Enum):
-    """What a primitive is: a filled ring of cubics (closed) or a round-ended stroke along a chain (open)."""
+    """Kind of a curve: a filled ring of cubics (closed), or a stroke with round ends along a chain (open)."""
 
     CLOSED = "closed"
     OPEN = "open"
@@ -147,7 +147,7 @@ PRESETS: dict[str, dict[Mode, dict[str, Any]]] = {
 
 @dataclass(frozen=True)
 class FitSettings:
-    """What to fit, and for how long; the preset gives what is None. Raises UsageError for senseless values.
+    """Settings of a fit; the preset gives those that are None. Raises UsageError for senseless values.
 
     curves: None (auto) until the picture is known, see `for_size`. loss: see `options.parse_loss`. samples: a curve
     gets as many of these edges as its flatness needs. finish_samples: by default the preset's, or `samples` if that is
@@ -240,7 +240,7 @@ class FitSettings:
 
     @classmethod
     def names(cls) -> set[str]:
-        """Of the settings that `from_preset` takes."""
+        """Names of the settings that `from_preset` takes."""
         return {*cls.__dataclass_fields__, *_RECIPE}
 
     @classmethod

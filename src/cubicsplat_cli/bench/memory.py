@@ -1,4 +1,4 @@
-"""How much memory this process has: now, and at most so far."""
+"""Memory of this process, now and at its peak."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Memory:
 
 
 def memory() -> Memory:
-    """From Linux's process status, else the peak that `getrusage` knows; Windows has neither."""
+    """Read Linux's process status, or elsewhere the peak of `getrusage`; Windows has neither."""
     try:
         return from_status(_STATUS.read_text(encoding="ascii"))
     except OSError:

@@ -64,7 +64,7 @@ class FitFigures:
 
 @dataclass
 class Runs:
-    """What came out: figures with the SVG of each, and failures as (picture, configuration, error); the configuration
+    """Results: figures with the SVG of each, and failures as (picture, configuration, error); the configuration
     of a picture that cannot be read is empty.
     """
 
@@ -158,7 +158,7 @@ def run_of_report(fit: Fit, report: Report) -> FitFigures:
 
 
 class CacheEntry:
-    """Where the result of one job is kept: a JSON and an SVG whose names hold all that decides the result."""
+    """Cache files of one fit: a JSON and an SVG, named by a hash of all that decides the result."""
 
     def __init__(self, folder: Path, fit: Fit, picture: Picture) -> None:
         decisive = fit.settings.public() | {
@@ -173,7 +173,7 @@ class CacheEntry:
         self.json, self.svg = folder / f"{stem}.json", folder / f"{stem}.svg"
 
     def read(self) -> tuple[FitFigures, bytes] | None:
-        """What was kept, or None where nothing was, or not all of it."""
+        """The cached result; None if it is missing or incomplete."""
         if not (self.json.is_file() and self.svg.is_file()):
             return None
         kept, svg = json.loads(self.json.read_text(encoding="utf-8")), self.svg.read_bytes()

@@ -1,4 +1,4 @@
-"""What one training step costs in the middle of a fit, and where the time goes: `cubicsplat bench step`."""
+"""Time and memory of one training step in the middle of a fit: `cubicsplat bench step`."""
 
 from __future__ import annotations
 

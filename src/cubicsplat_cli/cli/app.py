@@ -59,7 +59,7 @@ app.add_typer(bench, name="bench")
 
 
 def meant(arguments: list[str]) -> list[str]:
-    """What was meant: `help` or nothing is --help, and a picture in place of a command is to be vectorised."""
+    """Complete the arguments: `help` or nothing means --help, and a picture without a command means `vectorize`."""
     if not arguments:
         return ["--help"]
     first = arguments[0]

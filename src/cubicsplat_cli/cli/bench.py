@@ -126,7 +126,7 @@ def quality(
 
 
 def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
-    """Of the first pictures, each with all its configurations below one another."""
+    """Write a sheet of the first pictures, with all configurations of a picture below one another."""
     from cubicsplat_cli.bench.quality import sheet_png
     from cubicsplat_cli.files.atomic import write_atomically
 

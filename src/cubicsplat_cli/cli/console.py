@@ -1,4 +1,4 @@
-"""What goes to stderr: notes, progress, summary lines and errors. stdout is for results alone."""
+"""Output to stderr: notes, progress, summary lines and errors. stdout is for results alone."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Reporter(Observer):
             self._print(printable(text))
 
     def error(self, text: str) -> None:
-        """What went wrong, said to the quiet too."""
+        """An error, printed even when quiet."""
         self._print(f"cubicsplat: error: {printable(text)}")
 
     def raw(self, text: str) -> None:
@@ -122,7 +122,7 @@ def _can_hold_a_bar() -> bool:
 
 
 class Whole:
-    """How far all pictures are together; of those that had nothing to do, nobody learns how long the others take."""
+    """Progress of all pictures together. Unchanged pictures do not count for the time left."""
 
     def __init__(self, pictures: int) -> None:
         self.pictures = pictures
@@ -137,7 +137,7 @@ class Whole:
         self._shares[job] = 0.0
 
     def step(self, job: str, share: float) -> None:
-        """How far its fit is, 0 to 1."""
+        """Record the progress of a fit, 0 to 1."""
         if job in self._shares:
             self._shares[job] = share
 

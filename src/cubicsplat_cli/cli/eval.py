@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Options:
-    """What holds for every pair."""
+    """Options that hold for every pair."""
 
     renderer: str | None
     max_pixels: int
@@ -35,7 +35,7 @@ class Options:
 
 @dataclass
 class ComparedPairs:
-    """Of two folders: comparisons, failures as (reference, error), and candidates that nobody asked about."""
+    """Results of two folders: comparisons, failures as (reference, error), and candidates without a reference."""
 
     compared: list[Comparison] = field(default_factory=list)
     failed: list[tuple[Path, str]] = field(default_factory=list)

@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pages:
-    """Where they go. folder: of the pages of all pairs; None where there is one pair, whose page is `first`."""
+    """Paths of the pages. folder: holds the pages of all pairs; None if there is one pair, whose page is `first`."""
 
     first: Path
     folder: Path | None = None
 
 
 def planned_pages(where: Path, *, folders: bool) -> Pages:
-    """Where the pages go, before anything is compared. Raises UsageError for a name that cannot be a page's, or that of
-    a file which cubicsplat did not write; InputError where nothing can be written.
+    """Choose the paths of the pages before anything is compared. Raises UsageError for a name that no page can have, or
+    of a file that cubicsplat did not write; InputError if nothing can be written.
     """
     if not folders:
         if where.suffix.lower() != PAGE:

@@ -119,7 +119,7 @@ def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
 
 
 def _annotation(name: str, spec: Setting, default: Any, text: str) -> Any:
-    """What Typer needs to know. Limits are left to `Setting.check`, whose words are those of every other error."""
+    """The annotation for Typer. `Setting.check` checks limits, so that all errors have the same form."""
     facts: dict[str, Any] = {"help": text, "rich_help_panel": spec.group, "show_default": default not in ("", True)}
     facts["hidden"] = spec.hidden or spec.by_set or spec.only_off
     kind: Any = str if spec.auto or spec.parse is not None else _KINDS.get(spec.kind)

@@ -23,7 +23,7 @@ _SIDE = Setting("count", "", least=1, most=32_767, optional=True)
 
 @dataclass(frozen=True)
 class _Size:
-    """How large to draw: a factor, or one side or both in px."""
+    """Size of the drawing: a factor, or one side or both in px."""
 
     scale: float
     width: int | None
@@ -128,7 +128,7 @@ def _files(sources: list[str]) -> list[Path | None]:
 
 
 def _place(source: Path | None, output: str | None, *, inside: bool) -> Path | None:
-    """Where the PNG goes; None: standard output. inside: whether `output` is a folder for it."""
+    """Return the path of the PNG; None: standard output. inside: whether `output` is a folder for it."""
     if output == STDIO or (output is None and source is None):
         return None
     if output is None:

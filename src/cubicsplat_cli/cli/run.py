@@ -61,7 +61,7 @@ class Tally:
             row.reports.append(outcome.report)
 
     def ended(self) -> int:
-        """How many pictures ended, in whatever way."""
+        """Number of pictures that ended, with any status."""
         return sum(row.pictures for row in self.rows.values())
 
     def table(self, planned: int, seconds: float) -> list[str]:
@@ -145,7 +145,7 @@ class BatchRun:
                 self.record_outcome(outcome)
 
     def _note_cores(self) -> None:
-        """That more jobs than there are cores would be of no use, where they were asked for."""
+        """Note that more jobs than cores would not be faster, if more were asked for."""
         asked, at_once = self.options.workers, self.options.at_once()
         if asked is not None and self.options.cluster is None and min(asked, self.plan.pictures) > at_once:
             self.reporter.note(f"--jobs {asked}: {counted(at_once, 'core')}, so {counted(at_once, 'picture')} at once")
@@ -207,7 +207,7 @@ def check_stdout(plan: JobPlan, *, json: bool, cluster: bool) -> None:
 
 
 def _print_plan(outcome: Outcome) -> None:
-    """What a dry run says of a job."""
+    """Print the line of a dry run about a job."""
     outputs = outcome.job.outputs
     path = outputs.svg if outcome.report is None or outcome.status == UNCHANGED else outputs.html_report
     target = "standard output" if path is None else printable(str(path))

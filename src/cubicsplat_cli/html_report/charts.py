@@ -60,7 +60,7 @@ def course(title: str, about: str, seconds: Sequence[float], values: Sequence[fl
 
 
 def histogram(title: str, about: str, values: Sequence[float]) -> Chart:
-    """How many of the values in dB are how large, on a logarithmic axis; what is not above 0 is in the first bar."""
+    """Histogram of values in dB on a logarithmic axis; values up to 0 are in the first bar."""
     clipped = np.clip(np.asarray(values, dtype=float), _LEAST_DB, None)
     first, last = math.floor(math.log10(clipped.min())), math.ceil(math.log10(clipped.max()) + 1e-9)
     last = max(last, first + 1)

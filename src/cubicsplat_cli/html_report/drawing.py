@@ -1,4 +1,4 @@
-"""What a page shows of an SVG: an own file goes into it element by element, any other one as a picture."""
+"""Prepare an SVG for a page: an own file is embedded element by element, any other one as a picture."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _scene(svg: bytes) -> tuple[Scene | None, list[str]]:
 
 
 def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | None) -> list[float]:
-    """Of each element, back to front."""
+    """Loss in dB without each element, back to front."""
     reference = measurable(picture)
     sized = scaled_scene(scene, reference.width, reference.height)
     target = reference.premultiplied() if sized.background is None else reference.premultiplied()[..., :3]
@@ -79,5 +79,5 @@ def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | Non
 
 
 def kind_of(svg: bytes) -> str:
-    """What its elements are called: "curve" of a photo, "shape" of artwork."""
+    """Name of its elements: "curve" for a photo, "shape" for artwork."""
     return "shape" if is_drawing(svg) else "curve"

@@ -1,4 +1,4 @@
-"""What report pages are made of: templates, and pictures as data URLs.
+"""Parts of report pages: templates, and pictures as data URLs.
 
 Whatever a template is given is text until the template says otherwise.
 """

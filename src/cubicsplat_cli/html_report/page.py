@@ -27,7 +27,7 @@ _OF_THE_MACHINE = ("device", "threads")
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What a page is about.
+    """The subject of a page.
 
     picture, data: the original, and the bytes of its file. name: of the candidate. candidate: its bytes, an SVG
     (unpacked), or of the picture `raster`. quality: measured of the candidate, None where it was not; drawn_by: the

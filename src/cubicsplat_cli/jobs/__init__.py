@@ -1,1 +1,1 @@
-"""From picture files to result files: what to make from which input, what is there already, and who makes it."""
+"""From picture files to result files: plan jobs, skip finished ones, and run the rest."""

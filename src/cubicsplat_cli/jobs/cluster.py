@@ -31,7 +31,7 @@ _ADDRESS = re.compile(r"(?:ray://)?\[?([^\[\]/]+)\]?:(\d+)")
 
 @dataclasses.dataclass(frozen=True)
 class Share:
-    """What one task asks of the cluster, and how many may run at once."""
+    """Resources of one task, and the number of tasks at once."""
 
     cpus: int
     gpus: int
@@ -72,7 +72,7 @@ def run_on_cluster(
 
 
 def work(job: Job, request: Request, threads: int) -> tuple[Outcome, dict[str, bytes]]:
-    """What runs on the cluster: the outcome of a job, and its files by kind."""
+    """Run a job on the cluster; return its outcome, and its files by kind."""
     sink = MemorySink()
     outcome = attempt(job, request.with_threads(threads), sink=sink, observer=Observer())
     # The picture need not travel back.

@@ -1,4 +1,4 @@
-"""What an earlier run left for a job: finished work, work cut short, or files that somebody has edited since."""
+"""Results of earlier runs: finished, interrupted, or edited since."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def edited(job: Job) -> list[Path]:
 
 
 def holds_edited(path: Path) -> bool:
-    """Whether a file is an SVG of ours that is no longer what its own comment says."""
+    """Whether a file is an SVG of ours that was edited: its checksum is no longer right."""
     if path.suffix.lower() not in SVG_SUFFIXES or not is_file(path):
         return False
     data = path.read_bytes()
@@ -58,7 +58,7 @@ def holds_edited(path: Path) -> bool:
 
 
 def _written(job: Job, report: Report) -> dict[Path | None, str | None]:
-    """What the report says was written: the SHA-256 of each file."""
+    """SHA-256 of each file, as the JSON says it was written."""
     digests = {job.outputs.svg: report.output.svg_sha256, job.outputs.png: report.output.png_sha256}
     return {path: digest for path, digest in digests.items() if digest}
 
@@ -68,7 +68,7 @@ def _is_other(path: Path, digest: str | None, data: bytes) -> bool:
 
 
 def _is_whole(path: Path, data: bytes) -> bool:
-    """Whether a file has its end: one that was cut short, by a disk that crashed say, is nobody's work."""
+    """Whether a file is complete; one that was cut short, such as by a crash, may be replaced."""
     if path.suffix.lower() == ".png":
         return data.endswith(_PNG_END)
     try:
@@ -85,13 +85,13 @@ def forget(job: Job) -> None:
 
 
 def _report_of(job: Job) -> Path | None:
-    """Where a report lies if there is one, wanted or not."""
+    """Path of the JSON of an earlier run, even if this run writes none."""
     svg = job.outputs.svg
     return job.outputs.metrics or (None if svg is None else beside(svg, png=False).metrics)
 
 
 def earlier_report(job: Job) -> Report | None:
-    """What the report beside the SVG says; None where there is none as this version writes it, or not a whole one."""
+    """The report beside the SVG; None if there is none, or none that this version can read."""
     path = _report_of(job)
     if path is None or not is_file(path):
         return None

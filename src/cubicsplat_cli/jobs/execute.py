@@ -56,7 +56,7 @@ def execute(
 
 
 def look(job: Job, request: Request) -> Outcome:
-    """What would become of a job; changes nothing on the disk."""
+    """Say whether a job is to be done, unchanged or impossible; changes nothing on the disk."""
     svg = job.outputs.svg
     if request.skip_existing and svg is not None and is_file(svg) and svg.stat().st_size > 0:
         return Outcome(job, UNCHANGED, earlier_report(job))
@@ -121,7 +121,7 @@ def _taken(finished_before: list[Outcome]) -> Iterator[Outcome]:
 
 
 def has_page(job: Job, report: Report) -> bool:
-    """Whether the page of a job is there, and about the SVG that the report is about; true where none is wanted."""
+    """Whether the page of a job exists and shows the SVG of its report; true if the job has no page."""
     path = job.outputs.html_report
     if path is None:
         return True
@@ -147,7 +147,7 @@ def with_page(outcome: Outcome, request: Request) -> Outcome:
 
 
 def planned_page(outcome: Outcome) -> Outcome:
-    """What a dry run says in place of the outcome of a job that lacks nothing but its page."""
+    """The outcome for a dry run: a finished job that lacks only its page is planned."""
     done = outcome.status != UNCHANGED or outcome.report is None or has_page(outcome.job, outcome.report)
     return outcome if done else replace(outcome, status=PLANNED)
 

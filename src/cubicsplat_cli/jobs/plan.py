@@ -50,7 +50,7 @@ class Job:
         return read_whole(self.path)
 
     def request(self, request: Request) -> Request:
-        """What is asked for of this picture: the request, with its own mask. Raises InputError if that is no mask."""
+        """The request for this picture, with the picture's own mask. Raises InputError if that is no mask."""
         if self.mask is None:
             return request
         from cubicsplat_cli.files.weights import load_mask
@@ -76,7 +76,7 @@ class JobPlan:
 
     @property
     def pictures(self) -> int:
-        """How many outcomes there will be."""
+        """Number of outcomes to expect."""
         return len(self.jobs) + len(self.problems)
 
 

@@ -34,7 +34,7 @@ DONE, UNCHANGED, INTERRUPTED, FAILED, PLANNED = "done", "unchanged", "interrupte
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a job ended, or that it would be begun (planned). report: None where it was not made; of one that is planned
+    """Result of a job, or that it would be done (planned). report: None where it was not made; of one that is planned
     that of an earlier run, to which only the page is missing. error: one line, None where it did not fail; trace: the
     traceback where the failure is a bug.
     """
@@ -47,7 +47,7 @@ class Outcome:
     trace: str | None = None
 
     def public(self) -> dict[str, Any]:
-        """What `--json` prints for the job, as plain values."""
+        """The object that `--json` prints for the job."""
         if self.report is not None and self.status != PLANNED:
             return {"status": self.status, **self.report.public()}
         named = {"status": self.status, **head(), "input": {"path": self.job.name}}
@@ -186,7 +186,7 @@ def _write_others(
 
 
 def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sink) -> None:
-    """Of the fit of a photo as it develops, or of a drawing as it is laid down."""
+    """Write an animation of a photo's fit, or of a drawing built up from the back."""
     timer, recorder = task.timer, task.recorder
     if made.scene is None or recorder is None:
         timer.note(f"{task.target.source}: is transparent throughout, so there is no animation")

@@ -1,4 +1,4 @@
-"""From what the user named (files, patterns, folders) to the pictures to vectorise."""
+"""Find the pictures that files, patterns and folders name."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Source:
 
 @dataclass
 class Search:
-    """What the arguments led to: pictures in a fixed order, and by name what could not be followed."""
+    """Result of a search: pictures in a fixed order, and by name the arguments that failed."""
 
     sources: list[Source] = field(default_factory=list)
     problems: list[tuple[str, InputError]] = field(default_factory=list)
@@ -87,8 +87,8 @@ def _take_pattern(pattern: str, search: Search) -> None:
 
 
 def _matching(pattern: str) -> Iterator[Path]:
-    """What matches a pattern. `**` is any number of folders, none of them hidden and none a link: `glob` follows links,
-    without end where two lead to their own folder.
+    """Paths that match a pattern. `**` is any number of folders, but no hidden ones and no links: `glob` follows links,
+    and never ends if they form a cycle.
     """
     before, *after = _ANY_DEPTH.split(pattern, maxsplit=1)
     if not after:

@@ -1,8 +1,8 @@
-"""As many curves as fit into so many bytes, or as few as give so many decibels: decided during one fit.
+"""The most curves that fit into a number of bytes, or the fewest that reach a PSNR, found during one fit.
 
-The fit begins with a guess. On its way the file of what it has come to is written, or drawn, and says what a curve
-takes, or how far it still is; then curves go, those of the least use first, or new ones come. Before the exact finish
-all but a few go that will not be in the file, so that the finish settles what is left.
+The fit starts with a guess. At some steps a trial SVG is written or rendered: its size tells the bytes of a curve, its
+PSNR what is missing. The least important curves are then removed, or new ones added. Before the exact finish nearly
+all surplus curves go, so that the finish optimises those that the file will hold.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def within_level(least: float, settings: FitSettings, photo: PhotoFits, pixels: 
 
 
 def _grown(curves: int, missing: float, limit: int) -> int:
-    """How many curves give so many dB more than these, at most `limit`."""
+    """Number of curves that give `missing` dB more than these, at most `limit`."""
     factor = min(MOST_GROWTH, 2.0 ** (missing / DB_PER_DOUBLING))
     return max(1, min(limit, math.ceil(factor * curves)))
 

@@ -1,4 +1,4 @@
-"""Whether a picture becomes a photo or a drawing: what is asked for, what suits it, and which result is nearer."""
+"""Choose between photo and drawing: by request, by measurement, and by comparing both results with the picture."""
 
 from __future__ import annotations
 
@@ -40,9 +40,8 @@ class PhotoIsNearer(Exception):
 
 
 def candidates(task: Task) -> Iterator[Made]:
-    """What is made of the picture. Where the style is "auto", the result of the style that suits it comes first, and
-    behind it that of the other style, if that is nearer, or what is to be said of it. Each is a finished result, to be
-    kept until the next.
+    """Yield finished results, each to replace the one before. With the style "auto", the result of the style that suits
+    the picture comes first. A second one follows if the other style is nearer, or if there is a note on the comparison.
     """
     with task.timer("fit"):
         made = _first(task)
@@ -56,7 +55,7 @@ def candidates(task: Task) -> Iterator[Made]:
 
 
 def _first(task: Task) -> Made:
-    """What the style that is asked for, or suits the picture, makes of it; the other style where that fails."""
+    """The result of the style that is asked for or suits the picture; if that fails, of the other style."""
     request = task.request
     ink = only_ink(task.picture)
     if ink is not None:
@@ -141,7 +140,7 @@ def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
 
 
 def _made(task: Task, style: Style) -> Made:
-    """What a style makes of the picture."""
+    """The result of a style."""
     return replace(MAKERS[style.name](task), style=style)
 
 
@@ -155,7 +154,7 @@ def _suiting(task: Task, style: Style) -> Made:
 
 
 def _failure(style: str, error: Exception) -> str:
-    """What went wrong, in words for the user; an error that is not ours is a bug."""
+    """Describe an error to the user; one that is not ours is a bug."""
     if isinstance(error, CubicSplatError):
         return f"{style} failed: {one_line(error)}"
     if isinstance(error, MemoryError):

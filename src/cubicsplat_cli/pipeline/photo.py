@@ -83,7 +83,7 @@ class Photo:
 
     @cached_property
     def inputs(self) -> FitInputs:
-        """Of fits to the fine picture."""
+        """The inputs of fits to the fine picture."""
         from cubicsplat_cli.photo import FitInputs
 
         request = self.task.request
@@ -180,7 +180,7 @@ def _with_curves(task: Task) -> FitSettings:
 
 
 def fitted_on(picture: Picture, rough: Picture, fine: Picture) -> list[str]:
-    """What the report says of copies."""
+    """Notes of the report about copies."""
     if fine is picture and rough is picture:
         return []
     finish = "" if rough is fine else f", with the exact finish at {fine.width} x {fine.height}"
@@ -188,7 +188,7 @@ def fitted_on(picture: Picture, rough: Picture, fine: Picture) -> list[str]:
 
 
 def copies_of(picture: Picture, settings: FitSettings) -> tuple[Picture, Picture]:
-    """What most of a fit is done on, and what its exact finish: a large picture's copies, or the picture itself twice.
+    """Return the pictures for most of a fit and for its exact finish: copies of a large one, or the same one twice.
 
     A recipe in fractions of the canvas is a published one, and works on the picture.
     """

@@ -1,4 +1,4 @@
-"""What goes through the stages: the task, what a style makes of it, and the result."""
+"""The data of the pipeline: the task, the result of a style, its figures, and the final result."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What a style made of a picture.
+    """The result of a style, before it is written.
 
     scene: None where the SVG holds no shape. write: gives the SVG's text for a title and a comment. samples: edges per
     cubic of the engine's own picture. paths: how many curves or shapes there are. facts: members of the report that are
@@ -85,7 +85,7 @@ class Made:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the work on it ended early, by a Ctrl-C."""
+        """Whether a Ctrl-C ended the work early."""
         return bool(self.facts.get("interrupted"))
 
 
@@ -117,7 +117,7 @@ class Task:
 
     @property
     def bounded(self) -> bool:
-        """Whether the result may have so many curves or bytes, be so good, or take so long, and no more."""
+        """Whether the request limits curves, bytes, quality or time."""
         settings, request = self.request.settings, self.request
         bounds = (settings.curves, settings.time_limit, request.max_bytes, request.target_psnr)
         return any(each is not None for each in bounds)
@@ -143,7 +143,7 @@ class Task:
         return math.inf if limit is None else limit - self.timer.total()
 
     def settings(self) -> FitSettings:
-        """Of a fit that leaves time for what comes after it, where there is a limit."""
+        """Settings of a fit; under a time limit they leave time for what comes after it."""
         limit = self.request.settings.time_limit
         if limit is None:
             return self.request.settings
@@ -159,5 +159,5 @@ class Task:
         return max(left - after, LEAST_FITTED * limit, 0.5 * left, 1e-3)
 
     def weights(self, copy: Picture) -> np.ndarray | None:
-        """How much each pixel of the picture, or of a smaller copy of it, matters; None: all alike."""
+        """Weights (H, W) of the pixels of the picture or a smaller copy; None if all are equal."""
         return pixel_weights(copy, self.request.weights, self.request.focus, self.picture.size)

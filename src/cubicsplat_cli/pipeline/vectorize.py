@@ -89,13 +89,13 @@ def measured(task: Task, made: Made, svg: str) -> Measured:
 
 
 def _may_be_nearer(task: Task, made: Made) -> bool:
-    """Whether a result is to be as near to its picture as it can be: nobody asked for few curves or colours."""
+    """Whether the result should be as near as possible: no option asks for few curves or colours."""
     as_it_is = made.style.name == PHOTO or (task.request.artwork.free_inks and not made.of_scan)
     return as_it_is and not task.bounded
 
 
 def output_of(made: Made, text: str, data: bytes, **files: Any) -> Output:
-    """What the report says of files. text: of the SVG; data: its file, which may be compressed. files: more members."""
+    """The report's member `output`. text: of the SVG; data: its file, which may be compressed. files: more members."""
     paths = drawn_elements(text) if "shapes" in made.facts else made.paths
     return Output(paths, len(data), sha256_of(data), **files)
 
