@@ -25,7 +25,7 @@ from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.report import head
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.reader import read_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
 from cubicsplat_cli.tables import mean, number, text_table
 from cubicsplat_cli.words import printable
 

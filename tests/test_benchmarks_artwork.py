@@ -22,7 +22,7 @@ from benchmarks.artwork.scores import Truth, count, minified
 from benchmarks.artwork.sheet import wireframe
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.colour import MOST_DB, mean_delta_e, psnr
-from cubicsplat_cli.svg.pathparse import count_numbers, pieces
+from cubicsplat_cli.svg.paths import count_numbers, pieces
 
 
 def svg(body: str, width: int = 64, height: int = 48, root: str = "") -> bytes:
@@ -184,6 +184,12 @@ def test_leaks_are_gaps_and_hairlines_and_nothing_else():
 )
 def test_primitives_are_known_however_they_are_written(body, kinds):
     assert [form.kind or "-" for form in forms_of(document(body))] == kinds.split()
+
+
+def test_a_stroke_is_as_wide_as_its_root_or_its_style_says():
+    drawing = Document(svg('<circle cx="9" cy="9" r="5"/>', root='stroke="red" stroke-width="3"'), "t", 64)
+    assert [form.width for form in forms_of(drawing)] == [3.0]
+    assert [f.width for f in forms_of(document('<circle r="5" style="stroke:red;stroke-width:2px"/>'))] == [2.0]
 
 
 def counts(truth: str, made: str) -> tuple[int, int, int, int]:

@@ -17,12 +17,12 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import compare_premultiplied, rerender, scaled, tiles
 from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg, scaled_samples
 from cubicsplat_cli.evaluate.tiles import Tile, area_means, crop
-from cubicsplat_cli.evaluate.untrusted import SvgSize
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import quantise_scene, write_svg
+from cubicsplat_cli.svg.untrusted import SvgSize
 
 BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])
 GROUNDS = pytest.mark.parametrize("background", [None, PAPER])

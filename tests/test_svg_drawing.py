@@ -28,10 +28,10 @@ from cubicsplat_cli.evaluate import agreement_db, rerender
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg
-from cubicsplat_cli.svg.drawing import write_drawing
+from cubicsplat_cli.svg.drawing_paths import grid_ring
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
-from cubicsplat_cli.svg.pathparse import count_numbers, pieces
-from cubicsplat_cli.svg.ringgrid import grid_ring
+from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.paths import count_numbers, pieces
 
 RED, BLACK, GLASS = (255, 0, 0, 255), (0, 0, 0, 255), (0, 18, 171, 51)
 

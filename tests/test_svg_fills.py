@@ -23,9 +23,9 @@ from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_ink
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg, write_svg
-from cubicsplat_cli.svg.drawing import write_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.quantise import quantise_scene
-from cubicsplat_cli.svg.sizes import bytes_by_curve
+from cubicsplat_cli.svg.scene_writer import bytes_by_curve
 
 
 def assert_same(one: Scene, other: Scene) -> None:

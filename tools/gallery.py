@@ -16,8 +16,8 @@ from pathlib import Path
 from PIL import Image
 
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-from cubicsplat_cli.evaluate.untrusted import check_untrusted
 from cubicsplat_cli.report import Report
+from cubicsplat_cli.svg.untrusted import check_untrusted
 from cubicsplat_cli.words import counted, file_size
 
 ROOT = Path(__file__).resolve().parents[1]

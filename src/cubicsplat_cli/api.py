@@ -9,7 +9,6 @@ from typing import Any
 
 from cubicsplat_cli.amounts import parse_bytes, with_segments
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.beginning import load_beginning
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.files.convert import PictureLike, as_picture
@@ -21,6 +20,7 @@ from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.report import Quality
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Mode, unknown_setting
+from cubicsplat_cli.svg.initial import load_initial_drawing
 
 
 def vectorize(
@@ -82,7 +82,7 @@ def vectorize(
         focus=None if focus is None else parse_focus(focus),
         init=None
         if init is None
-        else load_beginning(init.svg.encode() if isinstance(init, Result) else init, Mode(mode)),
+        else load_initial_drawing(init.svg.encode() if isinstance(init, Result) else init, Mode(mode)),
         freeze=freeze,
         max_bytes=None if max_bytes is None else parse_bytes(max_bytes),
         target_psnr=target_psnr,

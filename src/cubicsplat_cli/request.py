@@ -14,8 +14,8 @@ from cubicsplat_cli.focus import Focus
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode, Setting
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.beginning import Beginning
     from cubicsplat_cli.files.weights import Mask
+    from cubicsplat_cli.svg.initial import InitialDrawing
 
 STYLE = Setting(
     "choice",
@@ -67,7 +67,7 @@ class Request:
     weights: Mask | None = None
     masks: Path | None = None
     focus: Focus | None = None
-    init: Beginning | None = None
+    init: InitialDrawing | None = None
     freeze: bool = False
     max_bytes: int | None = None
     target_psnr: float | None = None
@@ -157,5 +157,5 @@ class Request:
         return settings_hash({**self.deciding(), **{name: each and each.sha256 for name, each in named.items()}})
 
 
-def _source(given: Mask | Beginning | None) -> dict[str, str] | None:
+def _source(given: Mask | InitialDrawing | None) -> dict[str, str] | None:
     return None if given is None else {"name": given.name, "sha256": given.sha256}

@@ -21,8 +21,8 @@ from cubicsplat_cli.request import STYLE, Request
 from cubicsplat_cli.settings import MAX_PIXELS, Mode, Setting
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.beginning import Beginning
     from cubicsplat_cli.files.weights import Mask
+    from cubicsplat_cli.svg.initial import InitialDrawing
 
 _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 
@@ -193,10 +193,10 @@ Verbose = Annotated[
 ]
 
 
-def _beginning(path: str, mode: str) -> Beginning:
-    from cubicsplat_cli.beginning import load_beginning
+def _initial_drawing(path: str, mode: str) -> InitialDrawing:
+    from cubicsplat_cli.svg.initial import load_initial_drawing
 
-    return load_beginning(path, Mode(mode))
+    return load_initial_drawing(path, Mode(mode))
 
 
 def _mask(path: str, max_pixels: int) -> Mask:
@@ -275,7 +275,7 @@ def vectorize(
         weights=None if weights is None or Path(weights).is_dir() else _mask(weights, max_pixels),
         masks=Path(weights) if weights is not None and Path(weights).is_dir() else None,
         focus=None if focus is None else parse_focus(focus),
-        init=None if init is None else _beginning(init, fit["mode"]),
+        init=None if init is None else _initial_drawing(init, fit["mode"]),
         freeze=freeze,
         max_bytes=None if max_bytes is None else parse_bytes(max_bytes),
         target_psnr=target_psnr,

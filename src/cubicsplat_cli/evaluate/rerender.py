@@ -16,7 +16,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate import cairo
-from cubicsplat_cli.evaluate.untrusted import SvgSize, check_untrusted, with_size
+from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted, with_size
 from cubicsplat_cli.words import one_line
 
 # cairo's image surfaces end at 32767 px a side; the area bounds the memory (4 bytes a pixel, with resvg more).

@@ -14,8 +14,8 @@ import numpy as np
 
 from cubicsplat_cli.evaluate.rerender import choose_renderer, drawing_with, full_name
 from cubicsplat_cli.evaluate.tiles import Tile, area_means, draw_tile, tiles
-from cubicsplat_cli.evaluate.untrusted import check_untrusted
 from cubicsplat_cli.settings import SCALE
+from cubicsplat_cli.svg.untrusted import check_untrusted
 
 if TYPE_CHECKING:
     from cubicsplat_cli.scene import Scene

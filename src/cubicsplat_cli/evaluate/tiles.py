@@ -18,7 +18,7 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import cairo
 from cubicsplat_cli.evaluate.rerender import decode_png
-from cubicsplat_cli.evaluate.untrusted import SvgSize
+from cubicsplat_cli.svg.untrusted import SvgSize
 
 # cairo's image surfaces end at 32767 px a side.
 MAX_TILE_SIDE = 16_384

@@ -28,7 +28,7 @@ from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
-from cubicsplat_cli.svg.drawing import drawn_elements
+from cubicsplat_cli.svg.drawing_writer import drawn_elements
 from cubicsplat_cli.words import printable
 
 UNDECIDED = Style(PHOTO, "")

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring
-from cubicsplat_cli.artwork.geometry.stroke import Stroke
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.scene.paint import Gradient, Ink
-from cubicsplat_cli.svg.strokes import joinable
 
 # Two shapes of one ink may be a pair of eyes; so many are lettering or a pattern.
 LEAST_SHAPES = 3
@@ -67,7 +66,7 @@ def _groups(shapes: Sequence[Shape], leaders: np.ndarray, sign: bool) -> list[li
 def _primitive(shape: Shape) -> bool:
     """Whether a shape is a circle, ellipse or rectangle, which is worth more as such; of strokes, what cannot join."""
     if shape.stroke is not None:
-        return not joinable(shape.stroke)
+        return not isinstance(shape.stroke.path, (Chain, Ring))
     return len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
 
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.geometry.steps import to_steps
-from cubicsplat_cli.svg.pathparse import Piece, Point
-from cubicsplat_cli.svg.ringpath import PathText
+from cubicsplat_cli.svg.drawing_paths import PathText
+from cubicsplat_cli.svg.paths import Piece, Point
 
 # Letters of the kinds: round at the left and right ends, at the upper and lower ones, at four corners either way round.
 LETTERS = ("HAHAZ", "VAVAZ", "HAVAHAVAZ", "VAHAVAHAZ")

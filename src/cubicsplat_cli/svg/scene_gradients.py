@@ -99,14 +99,14 @@ def as_written(gradient: Gradient, precision: int) -> Gradient:
 
     if isinstance(gradient, LinearGradient):
         x1, y1, x2, y2 = (rounded(v) for v in (gradient.x1, gradient.y1, gradient.x2, gradient.y2))
-        return settled(LinearGradient(x1, y1, x2, y2, gradient.stops))
+        return without_noise(LinearGradient(x1, y1, x2, y2, gradient.stops))
     if rounded(gradient.rx) == rounded(gradient.ry):
         cx, cy, radius = (rounded(v) for v in (gradient.cx, gradient.cy, gradient.rx))
-        return settled(RadialGradient(cx, cy, radius, radius, 0.0, gradient.stops))
-    return settled(radial_from(np.rint(gradient.matrix() * steps) / steps, gradient.stops))
+        return without_noise(RadialGradient(cx, cy, radius, radius, 0.0, gradient.stops))
+    return without_noise(radial_from(np.rint(gradient.matrix() * steps) / steps, gradient.stops))
 
 
-def settled(gradient: Gradient) -> Gradient:
+def without_noise(gradient: Gradient) -> Gradient:
     """A gradient read from a file, without what rounding has left of its coordinates on the way."""
     if isinstance(gradient, LinearGradient):
         x1, y1, x2, y2 = (round(v, _DECIMALS) for v in (gradient.x1, gradient.y1, gradient.x2, gradient.y2))

@@ -7,17 +7,17 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.beginning.outlines import Line, closed, straight
+from cubicsplat_cli.svg.paths import Subpath, straight
 
 _SHORT = 1e-9
 
 
-def stroke_rings(line: Line, half: float, cap: str, join: str, limit: float) -> list[np.ndarray]:
+def stroke_rings(line: Subpath, half: float, cap: str, join: str, limit: float) -> list[np.ndarray]:
     """The closed cubics (M, 4, 2) around a stroke of half-width `half`: one ring, of a closed subpath two.
 
     cap, join, limit: as in SVG. Each cubic is offset in halves, by its ends and the direction of its handles.
     """
-    cubics = _halves(closed(line) if line.closed else line.cubics)
+    cubics = _halves(line.ring() if line.closed else line.cubics)
     back = cubics[::-1, ::-1]
     if line.closed:
         return [_side(cubics, half, join, limit, around=True), _side(back, half, join, limit, around=True)]
