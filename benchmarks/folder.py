@@ -21,15 +21,15 @@ from PIL import Image
 
 from benchmarks import main
 from benchmarks.artwork.document import Document
+from benchmarks.artwork.pixels import psnr
 from benchmarks.artwork.scores import count
 from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
 from cubicsplat_cli.cli.bench import Limit, end_with, pictures_of
 from cubicsplat_cli.errors import CubicSplatError, UsageError
-from cubicsplat_cli.evaluate.colour import WHITE, mean_delta_e, over, psnr
-from cubicsplat_cli.evaluate.further import straight
+from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over, straight
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.tables import number
 from cubicsplat_cli.words import one_line
 

@@ -20,7 +20,7 @@ from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, end_with, par
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.evaluate.colour import mean_delta_e
+from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.report import head
 from cubicsplat_cli.settings import Setting
 from cubicsplat_cli.tables import number, text_table

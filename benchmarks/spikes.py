@@ -20,7 +20,7 @@ from benchmarks import main
 from cubicsplat_cli.cli.bench import Markdown, print_json
 from cubicsplat_cli.cli.options import Json
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.tiles import Tile, tiles
+from cubicsplat_cli.evaluate.scaled import Tile, tiles
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.report import head
 from cubicsplat_cli.scene import Scene

@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.evaluate.colour import mean_delta_e
+from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 

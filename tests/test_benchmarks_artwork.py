@@ -16,12 +16,12 @@ from benchmarks.artwork.degradations import CLEAN, DEGRADATIONS, OPAQUE, degrade
 from benchmarks.artwork.document import Document
 from benchmarks.artwork.outlines import forms_of
 from benchmarks.artwork.pieces import Pieces, completed, pieces_of, visible_error
-from benchmarks.artwork.pixels import edge_displacement, exact_colours, leak_areas, opaque_inside
+from benchmarks.artwork.pixels import MOST_DB, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.artwork.scores import Truth, count, minified
 from benchmarks.artwork.sheet import wireframe
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.colour import MOST_DB, mean_delta_e, psnr
+from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.svg.paths import count_numbers, pieces
 
 

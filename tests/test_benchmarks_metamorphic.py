@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import metamorphic, tools
 from benchmarks.artwork.document import Document
-from cubicsplat_cli.evaluate.colour import psnr
+from benchmarks.artwork.pixels import psnr
 
 # Its edges lie on the borders of JPEG's blocks, so that they stay sharp.
 DRAWING = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 48"><path d="M16 16H48V32H16z" fill="{}"/></svg>'

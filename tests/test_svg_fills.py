@@ -15,8 +15,7 @@ from cubicsplat_cli.artwork.scene import scene_of as scene_of_drawing
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.evaluate.scaled import draw_part
-from cubicsplat_cli.evaluate.tiles import Tile
+from cubicsplat_cli.evaluate.scaled import Tile, draw_part
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames

@@ -20,7 +20,7 @@ from cubicsplat_cli.cli.bench import Csv, Limit, Markdown, check_limit, check_pn
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, check_csv, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError
-from cubicsplat_cli.files.atomic import write_atomically
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.report import head
 from cubicsplat_cli.settings import Setting
 from cubicsplat_cli.tables import number, text_table, titled

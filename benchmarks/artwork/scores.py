@@ -14,10 +14,10 @@ import numpy as np
 from benchmarks.artwork.degradations import CLEAN, degraded, with_background
 from benchmarks.artwork.document import PRIMITIVES, Document
 from benchmarks.artwork.pieces import Pieces, completed, pieces_of, visible_error
-from benchmarks.artwork.pixels import Opaque, edge_displacement, exact_colours, leak_areas, opaque_inside
+from benchmarks.artwork.pixels import Opaque, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.tools import Tool
-from cubicsplat_cli.evaluate.colour import mean_delta_e, psnr
+from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.svg.elements import XLINK_HREF, local_name
 from cubicsplat_cli.svg.paths import count_numbers
 from cubicsplat_cli.svg.values import NUMBERS

@@ -14,7 +14,7 @@ from benchmarks.artwork.degradations import CLEAN, degraded, with_background
 from benchmarks.artwork.document import Document
 from benchmarks.artwork.scores import Scores
 from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
-from cubicsplat_cli.evaluate.colour import WHITE, over
+from cubicsplat_cli.evaluate.perceptual import WHITE, over
 from cubicsplat_cli.svg.elements import SVG, StyledShape
 from cubicsplat_cli.svg.paths import Piece, pieces
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
-from cubicsplat_cli.files.ownership import MOVING
+from cubicsplat_cli.files.paths import MOVING
 from cubicsplat_cli.focus import Focus
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode, Setting
 

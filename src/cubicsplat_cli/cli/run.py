@@ -15,8 +15,8 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.display import Display
 from cubicsplat_cli.cli.summary import Tally, summary_line
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.ownership import check_ownership
-from cubicsplat_cli.files.stdout import write_stdout
+from cubicsplat_cli.files.paths import check_ownership
+from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.jobs.events import Events
 from cubicsplat_cli.jobs.execute import Means, execute, look
 from cubicsplat_cli.jobs.interrupt import interrupt

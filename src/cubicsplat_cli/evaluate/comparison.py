@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate.further import further, straight
 from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied
+from cubicsplat_cli.evaluate.perceptual import further, straight
 from cubicsplat_cli.evaluate.rerender import Rendered, rerender_untrusted
 from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
 from cubicsplat_cli.files.load import Picture, load_picture

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import CubicSplatError
-from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.marks import made_mark
-from cubicsplat_cli.files.ownership import read_head
-from cubicsplat_cli.files.paths import is_file
+from cubicsplat_cli.files.paths import is_file, read_head
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, Outcome, failure, load_job
 from cubicsplat_cli.request import Request

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import COMPRESSED, PAGE, PLAIN, STDIO, Outputs, beside, place_for, plan_outputs
-from cubicsplat_cli.files.ownership import is_svg
-from cubicsplat_cli.files.paths import is_folder, is_there, make_folder_of
+from cubicsplat_cli.files.paths import is_folder, is_svg, is_there, make_folder_of
 from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.words import printable

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
-from cubicsplat_cli.files.ownership import is_replaceable
-from cubicsplat_cli.files.paths import is_file
-from cubicsplat_cli.files.stdout import STDOUT, write_stdout
+from cubicsplat_cli.files.paths import is_file, is_replaceable
+from cubicsplat_cli.files.write import STDOUT, write_stdout
 from cubicsplat_cli.film import FRAMES, Film
 from cubicsplat_cli.jobs.earlier import forget, holds_edited, is_finished
 from cubicsplat_cli.jobs.events import Events, logged_to
@@ -76,7 +75,7 @@ class FileSink:
     files: dict[str, bytes] = field(default_factory=dict)
 
     def put(self, kind: str, data: bytes) -> None:
-        from cubicsplat_cli.files.atomic import folder_locked, write_atomically
+        from cubicsplat_cli.files.write import folder_locked, write_atomically
 
         path, svg = getattr(self.job.outputs, kind), self.job.outputs.svg
         if kind == "svg" and path is None:
@@ -131,8 +130,8 @@ def run_job(job: Job, request: Request, *, sink: Sink, events: Events) -> Outcom
     events.detail(job.name, f"{picture.source}: {picture.size[0]} x {picture.size[1]} px; {request.describe()}")
     # What comes now takes a while to import: what is wrong with the picture is said before.
     events.stage(job.name, "start")
-    from cubicsplat_cli.files.png import encode_png
     from cubicsplat_cli.files.read import packed
+    from cubicsplat_cli.files.write import encode_png
     from cubicsplat_cli.pipeline import candidates, measured, task_of, timed
 
     request = replace(request, compress=request.compress or is_compressed_name(job.outputs.svg))

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cubicsplat_cli.artwork.style import PHOTO
-from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
-from cubicsplat_cli.evaluate.measurable import measurable
-from cubicsplat_cli.evaluate.metrics import measure, weighted_psnr_db
+from cubicsplat_cli.evaluate.images import of_pixels, of_scene
+from cubicsplat_cli.evaluate.metrics import measurable, measure, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.pipeline.nearer import FAR_DB
 from cubicsplat_cli.pipeline.task import Made, Result, Task

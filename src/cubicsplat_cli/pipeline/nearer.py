@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cubicsplat_cli.evaluate.layers import of_scene, of_values
+from cubicsplat_cli.evaluate.images import of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.pipeline.task import Made, Task
