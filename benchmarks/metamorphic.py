@@ -13,7 +13,7 @@ import typer
 
 from benchmarks import main
 from benchmarks.artwork.degradations import jpeg, lay_over_white
-from benchmarks.artwork.document import Document, Only, Skip, drawings_in
+from benchmarks.artwork.document import SIZE, Document, Drawings, Only, Size, Skip, drawings_in
 from benchmarks.artwork.scores import count
 from benchmarks.tools import TOOLS
 from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, end_with, parts_of, print_json
@@ -22,7 +22,6 @@ from cubicsplat_cli.cli.options import Json, Quiet
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.report import head
-from cubicsplat_cli.settings import Setting
 from cubicsplat_cli.tables import number, text_table
 from cubicsplat_cli.words import one_line
 
@@ -31,7 +30,6 @@ DELTA_E, ROUGH_DELTA_E = 0.05, 0.25  # by which the difference to the truth may 
 CROP, MARGIN = (3, 5), 0.25  # px from the left and the top; share of the longer side, on each side
 FINE = 16  # samples along each side of a pixel
 _STRIP = 64  # px, rows that are drawn finely at a time
-_SIZE = Setting("count", "", least=16, most=2048)
 
 _LEVELS = np.arange(256, dtype=np.float32) / 255
 _LINEAR = np.where(_LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4).astype(
@@ -161,9 +159,9 @@ def table_of(
 
 
 def metamorphic(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)],
+    folder: Drawings,
     ways: Annotated[str, typer.Option("--ways", metavar="WAY,...", help="Only these.")] = ",".join(WAYS),
-    size: Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")] = 512,
+    size: Size = 512,
     only: Only = None,
     skip: Skip = None,
     limit: Limit = None,
@@ -179,7 +177,7 @@ def metamorphic(
     chosen = parts_of(ways)
     if not chosen or not set(chosen) <= set(WAYS):
         raise UsageError(f"--ways must be of {', '.join(WAYS)}, with commas between them, not {ways!r}")
-    _SIZE.check("size", size)
+    SIZE.check("size", size)
     check_limit(limit)
     reporter = Reporter(quiet=quiet)
     pairs: list[Pair] = []

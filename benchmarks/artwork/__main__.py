@@ -12,7 +12,7 @@ import typer
 
 from benchmarks import main
 from benchmarks.artwork.degradations import CLEAN, check_kind
-from benchmarks.artwork.document import Only, Skip, drawings_in
+from benchmarks.artwork.document import SIZE, Drawings, Only, Size, Skip, drawings_in
 from benchmarks.artwork.scores import Scores, Truth, measure, run_tool
 from benchmarks.artwork.sheet import sheet_png
 from benchmarks.tools import Tool, chosen_tools
@@ -22,11 +22,9 @@ from cubicsplat_cli.cli.options import Json, Quiet, check_csv, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.report import head
-from cubicsplat_cli.settings import Setting
 from cubicsplat_cli.tables import number, text_table, titled
 from cubicsplat_cli.words import one_line
 
-_SIZE = Setting("count", "", least=16, most=2048)
 # Member, heading, decimals.
 _COLUMNS = (
     ("delta_e", "dE00", 3),
@@ -150,11 +148,11 @@ def _row(name: str, values: dict[str, Any]) -> tuple[str, ...]:
 
 
 def artwork(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)],
+    folder: Drawings,
     tools: Annotated[
         str, typer.Option("--tools", metavar="TOOL,...", help="Of ours, photo, vtracer, potrace and diffvg.")
     ] = "ours",
-    size: Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")] = 512,
+    size: Size = 512,
     kind: Annotated[
         str,
         typer.Option("--input", metavar="KIND", help="clean, jpeg, webp, blurred, enlarged, noisy or palette."),
@@ -180,7 +178,7 @@ def artwork(
 
     Each drawing is drawn as a picture, and what a tool makes of that is held against the drawing itself.
     """
-    _SIZE.check("size", size)
+    SIZE.check("size", size)
     check_limit(limit)
     check_csv(csv)
     check_png(sheet, "sheet")

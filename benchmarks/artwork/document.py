@@ -14,9 +14,13 @@ import typer
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.settings import Setting
 from cubicsplat_cli.svg.elements import NOT_DRAWN, StyledShape, StyledTree, local_name
 from cubicsplat_cli.svg.untrusted import check_untrusted
 
+SIZE = Setting("count", "", least=16, most=2048)  # px of the longer side
+Drawings = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)]
+Size = Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")]
 Only = Annotated[
     str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")
 ]

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 
 from benchmarks.artwork.document import PRIMITIVES, Document
 from cubicsplat_cli.svg.elements import StyledShape
-from cubicsplat_cli.svg.paths import Piece, arc_of, subpaths
+from cubicsplat_cli.svg.paths import PathSegment, arc_of, subpaths
 from cubicsplat_cli.svg.values import length
 
 # px, and shares of its size, that an outline may be off the primitive that it is, and off one that it might be.
@@ -74,7 +74,7 @@ def without_repeats(points: np.ndarray) -> np.ndarray:
     return points[moved] if moved.any() else points[:1]
 
 
-def along(piece: Piece) -> list[tuple[float, float]]:
+def along(piece: PathSegment) -> list[tuple[float, float]]:
     """Points of a piece of a path, its start left out, its end included."""
     start, end = np.array(piece.start), np.array(piece.end)
     t = _STEPS

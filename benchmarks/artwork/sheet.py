@@ -16,7 +16,7 @@ from benchmarks.artwork.scores import Scores
 from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
 from cubicsplat_cli.evaluate.perceptual import WHITE, over
 from cubicsplat_cli.svg.elements import SVG, StyledShape
-from cubicsplat_cli.svg.paths import Piece, pieces
+from cubicsplat_cli.svg.paths import PathSegment, path_segments
 
 CELL = 640  # px, the longer side
 _ENLARGED = 4  # times
@@ -66,7 +66,7 @@ def wireframe(document: Document, pixel: float) -> bytes:
     for shape in document.shapes():
         root.append(_outline(shape, pixel))
         if shape.name == "path":
-            marks += _marks(pieces(shape.path_data()), shape.matrix, pixel)
+            marks += _marks(path_segments(shape.path_data()), shape.matrix, pixel)
     root.extend(marks)
     return ElementTree.tostring(root)
 
@@ -82,7 +82,7 @@ def _outline(shape: StyledShape, unit: float) -> ElementTree.Element:
     )
 
 
-def _marks(found: list[Piece], matrix: np.ndarray, unit: float) -> list[ElementTree.Element]:
+def _marks(found: list[PathSegment], matrix: np.ndarray, unit: float) -> list[ElementTree.Element]:
     """Lines to the handles with a dot each, and a square at every anchor."""
     lines, dots, squares = [], [], []
     for piece in found:

@@ -53,7 +53,7 @@ class ScaleFigures:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class ComparedFile:
     """What is compared. renderer: what draws it, None for a picture."""
 
     path: str
@@ -71,7 +71,7 @@ class Comparison:
 
     reference: Picture
     reference_path: str
-    candidate: Candidate
+    candidate: ComparedFile
     quality: Quality
     scale: ScaleFigures | None = None
     notes: list[str] = field(default_factory=list)
@@ -137,7 +137,7 @@ def compare_with(
         notes.extend(f"{picture.source}: {note}" for note in picture.notes)
         quality = compare_premultiplied(reference, picture.target())
         found = further(reference, straight(picture), measures) if measures else {}
-        candidate = Candidate(candidate_path, data, None)
+        candidate = ComparedFile(candidate_path, data, None)
         return Comparison(reference, reference_path, candidate, quality, notes=notes, measures=found)
     drawn = _draw_svg(reference, data, candidate_path, renderer, notes)
     quality, found = compare(reference, drawn.pixels), further(reference, drawn.pixels, measures)
@@ -148,7 +148,7 @@ def compare_with(
         )
         file = Change(quality, compare_premultiplied(reference, large.pixels))
         figures = ScaleFigures(scale, file, _engine(reference, data, candidate_path, scale, threads, notes))
-    candidate = Candidate(candidate_path, data, drawn.renderer)
+    candidate = ComparedFile(candidate_path, data, drawn.renderer)
     return Comparison(reference, reference_path, candidate, quality, figures, notes, found)
 
 

@@ -18,7 +18,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene.paint import Ink, mean_ink
 from cubicsplat_cli.svg.gradient_reader import GradientReader
 from cubicsplat_cli.svg.own import OwnElement, canvas_size, own_elements, own_subpaths
-from cubicsplat_cli.svg.paths import Piece
+from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.rounded import rounded_of
 from cubicsplat_cli.svg.values import hex_colour, number
@@ -161,7 +161,7 @@ def _rotated(path: AnyPath, given: dict[str, str]) -> AnyPath:
     return replace(path, angle=_angle(given))
 
 
-def _letters(subpath: Sequence[Piece]) -> str:
+def _letters(subpath: Sequence[PathSegment]) -> str:
     """The commands of a subpath. Raises ValueError where a point of it is too far away."""
     coordinates = [v for piece in subpath for point in (piece.start, piece.end, *piece.handles) for v in point]
     if not all(abs(coordinate) <= MAX_COORDINATE for coordinate in coordinates):  # false for NaN too
@@ -169,7 +169,7 @@ def _letters(subpath: Sequence[Piece]) -> str:
     return "".join(piece.command for piece in subpath)
 
 
-def _outline(subpath: Sequence[Piece]) -> tuple[Outline, bool]:
+def _outline(subpath: Sequence[PathSegment]) -> tuple[Outline, bool]:
     """A closed subpath, and whether it runs clockwise as seen."""
     letters = _letters(subpath)
     if letters == "AAZ":
@@ -185,7 +185,7 @@ def _outline(subpath: Sequence[Piece]) -> tuple[Outline, bool]:
     return ring, signed_area(ring) > 0.0
 
 
-def _centre_line(subpath: Sequence[Piece]) -> Path:
+def _centre_line(subpath: Sequence[PathSegment]) -> Path:
     """The path of a stroke: an outline if it is closed."""
     if subpath and subpath[-1].command == "Z":
         return _outline(subpath)[0]
@@ -196,7 +196,7 @@ def _centre_line(subpath: Sequence[Piece]) -> Path:
     return Chain(anchors, controls, lines, np.zeros(len(anchors), dtype=bool))
 
 
-def _ellipse(first: Piece, second: Piece) -> Outline:
+def _ellipse(first: PathSegment, second: PathSegment) -> Outline:
     rx, ry, degrees = first.numbers[:3]
     centre = ((first.start[0] + first.end[0]) / 2.0, (first.start[1] + first.end[1]) / 2.0)
     if second.end != first.start or first.numbers != second.numbers or min(rx, ry) <= 0.0:
@@ -216,7 +216,7 @@ def extent_of(rings: list[Ring]) -> tuple[np.ndarray, np.ndarray]:
     return every.min(axis=0), every.max(axis=0)
 
 
-def _ring(subpath: Sequence[Piece]) -> Ring:
+def _ring(subpath: Sequence[PathSegment]) -> Ring:
     """Of pieces of which the last one closes the ring: a line of its own where that has a length."""
     if math.dist(subpath[-1].start, subpath[-1].end) < 1e-9 and len(subpath) > 1:
         subpath = subpath[:-1]
@@ -225,7 +225,7 @@ def _ring(subpath: Sequence[Piece]) -> Ring:
     return Ring(anchors, controls, lines, _smooth(anchors, controls))
 
 
-def _controls(subpath: Sequence[Piece], ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _controls(subpath: Sequence[PathSegment], ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Both control points (n, 2, 2) of each piece, of lines at their thirds, and which of them (n,) are lines."""
     starts = np.array([piece.start for piece in subpath])
     controls = starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0

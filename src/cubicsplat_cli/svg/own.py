@@ -8,7 +8,7 @@ from typing import NamedTuple
 from xml.parsers import expat
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.svg.paths import Piece, subpaths
+from cubicsplat_cli.svg.paths import PathSegment, subpaths
 from cubicsplat_cli.words import printable
 
 MAX_SVG_BYTES, MAX_ELEMENTS = 256 * 1024 * 1024, 2_000_000
@@ -117,7 +117,7 @@ def canvas_size(root: OwnElement) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def own_subpaths(element: OwnElement) -> list[list[Piece]]:
+def own_subpaths(element: OwnElement) -> list[list[PathSegment]]:
     """The subpaths of a path. Raises ValueError for bad path data and for none."""
     try:
         found = subpaths(element.attributes.get("d", ""))

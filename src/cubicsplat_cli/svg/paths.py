@@ -34,7 +34,7 @@ class TooLong(InputError):
     """Path data of more commands or segments than are read."""
 
 
-class Piece(NamedTuple):
+class PathSegment(NamedTuple):
     """One command: its capital letter, where it starts and ends, and its handles (none, one or two), absolute.
 
     numbers: of an arc, its radii, the angle in degrees and the two flags.
@@ -116,17 +116,17 @@ def _arcs(d: str, begin: int, end: int) -> Iterator[tuple[float, ...]]:
             return
 
 
-def pieces(d: str) -> list[Piece]:
+def path_segments(d: str) -> list[PathSegment]:
     """All commands but M as absolute pieces; of S and T the mirrored handle too. An arc has no handles."""
     return [piece for ring in subpaths(d) for piece in ring]
 
 
-def subpaths(d: str) -> list[list[Piece]]:
+def subpaths(d: str) -> list[list[PathSegment]]:
     """The absolute pieces of each subpath, which ends with Z or before the next M.
 
     Raises InputError for bad path data, TooLong for too much of it.
     """
-    found: list[list[Piece]] = []
+    found: list[list[PathSegment]] = []
     here = start = (0.0, 0.0)
     for letter, numbers in commands(d):
         command = letter.upper()
@@ -144,7 +144,7 @@ def subpaths(d: str) -> list[list[Piece]]:
         handles = tuple(points[:-1])
         if command in "ST":
             handles = (_mirrored(found[-1], here, command), *handles)
-        found[-1].append(Piece(command, here, points[-1], handles, numbers[:5] if command == "A" else ()))
+        found[-1].append(PathSegment(command, here, points[-1], handles, numbers[:5] if command == "A" else ()))
         here = points[-1]
     return found
 
@@ -167,7 +167,7 @@ def _sum(first: float, second: float) -> float:
     return total if total.is_integer() else round(total, _DECIMALS)
 
 
-def _mirrored(found: list[Piece], here: Point, command: str) -> Point:
+def _mirrored(found: list[PathSegment], here: Point, command: str) -> Point:
     """The first handle of S or T: the last one of a curve of the same kind before it, mirrored at the joint."""
     kin = "CS" if command == "S" else "QT"
     if not found or found[-1].command not in kin or found[-1].end != here:
@@ -194,7 +194,7 @@ class Arc:
         return ((self.centre + points) * self.radii) @ self.turn.T + self.origin
 
 
-def arc_of(piece: Piece) -> Arc:
+def arc_of(piece: PathSegment) -> Arc:
     """The arc of a piece that `is_arc`. Radii that are too short are scaled up. Source: SVG 2, appendix B.2.4."""
     start, end = np.array(piece.start), np.array(piece.end)
     rx, ry, degrees, large, sweep = piece.numbers
@@ -244,7 +244,7 @@ def straight(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return start + (end - start) * np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
 
 
-def _cubics(piece: Piece) -> list[np.ndarray]:
+def _cubics(piece: PathSegment) -> list[np.ndarray]:
     start, end = np.array(piece.start), np.array(piece.end)
     if len(piece.handles) == 2:
         return [np.array([start, *piece.handles, end])]
@@ -254,7 +254,7 @@ def _cubics(piece: Piece) -> list[np.ndarray]:
     return _arc_cubics(piece) if piece.is_arc else [straight(start, end)]
 
 
-def _arc_cubics(piece: Piece) -> list[np.ndarray]:
+def _arc_cubics(piece: PathSegment) -> list[np.ndarray]:
     """An elliptical arc in quarters or less."""
     arc = arc_of(piece)
     count = max(1, math.ceil(abs(arc.span) / (math.pi / 2.0) - 1e-9))

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.geometry.steps import to_steps
 from cubicsplat_cli.svg.drawing_paths import PathText
-from cubicsplat_cli.svg.paths import Piece, Point
+from cubicsplat_cli.svg.paths import PathSegment, Point
 
 # Letters of the kinds: round at the left and right ends, at the upper and lower ones, at four corners either way round.
 LETTERS = ("HAHAZ", "VAVAZ", "HAVAHAVAZ", "VAHAVAHAZ")
@@ -36,7 +36,7 @@ def add_rounded(path: PathText, box: Rectangle, precision: int, *, clockwise: bo
     path.close()
 
 
-def rounded_of(subpath: Sequence[Piece]) -> tuple[Rectangle, bool] | None:
+def rounded_of(subpath: Sequence[PathSegment]) -> tuple[Rectangle, bool] | None:
     """The rectangle that `add_rounded` wrote as these pieces, and whether clockwise as seen; None for other pieces."""
     if "".join(piece.command for piece in subpath) not in LETTERS:
         return None

@@ -16,7 +16,7 @@ from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
 from cubicsplat_cli.svg.gradient_reader import GradientReader
 from cubicsplat_cli.svg.own import OwnElement, canvas_size, check_attributes, own_elements, own_subpaths
-from cubicsplat_cli.svg.paths import Piece
+from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_gradients import without_noise
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
@@ -177,7 +177,7 @@ class _SceneReader:
         return scene
 
 
-def _rings(subpaths: list[list[Piece]], mode: Mode, scale: float) -> list[np.ndarray]:
+def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[np.ndarray]:
     """Control points (K, 2) float64 in px of each subpath of a path with `scale` units to the px."""
     if len(subpaths) > 1 and mode is Mode.OPEN:
         raise ValueError("has a stroke of several subpaths")
@@ -187,7 +187,7 @@ def _rings(subpaths: list[list[Piece]], mode: Mode, scale: float) -> list[np.nda
     return rings
 
 
-def _control_points(subpath: list[Piece], mode: Mode) -> list[tuple[float, float]]:
+def _control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
     if mode is Mode.CLOSED:
         if not subpath or subpath[-1].command != "Z":
             raise ValueError("has a closed curve whose path does not end with z")
