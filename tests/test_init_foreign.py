@@ -130,6 +130,7 @@ BOX = '<rect width="9" height="9"/>'
             "'much' is no length",
         ),
         (f'{ROOT} width="9" height="9"><image href="a.png"/></svg>', "holds a <image> element"),
+        (f'{ROOT} width="9" height="9"><path d="M0 0h1e999v1z"/></svg>', "shows no filled shape"),
         (f"{ROOT}><rect/></svg>", "says no size"),
         ("<html/>", "is XML but no SVG"),
         ("no svg", "is no SVG"),

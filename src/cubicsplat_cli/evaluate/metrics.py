@@ -88,8 +88,8 @@ def measure(
 
 def psnr_db(reference: Picture, candidate: ImageSource, threads: int | None = None) -> float | None:
     """PSNR alone, of a candidate of the reference's size; None when no value differs."""
-    found = _compared(of_picture(reference), [candidate], similarity=False, threads=threads)
-    return _worst_psnr([ground[0] for ground in found])
+    sums = _compared(of_picture(reference), [candidate], similarity=False, threads=threads)
+    return _worst_psnr([ground[0] for ground in sums])
 
 
 def weighted_psnr_db(reference: Picture, candidate: ImageSource, weights: np.ndarray) -> float | None:
@@ -188,15 +188,15 @@ def _tile(parts: Sequence[np.ndarray], ground: float, rows: slice, columns: slic
         slice(rows.start - tall.start, rows.stop - tall.start),
         slice(columns.start - wide.start, columns.stop - wide.start),
     )
-    found = [_differences(first[inner], second[inner]) for first, second in combinations(pictures, 2)]
+    pairs = [_differences(first[inner], second[inner]) for first, second in combinations(pictures, 2)]
     windows = (pictures[0].shape[1] - 2 * REACH, pictures[0].shape[2] - 2 * REACH)
     if similarity and min(windows) > 0:
         for channel in range(_CHANNELS):
             sums = similarity_sums(pictures[0][channel], [other[channel] for other in pictures[1:]])
-            for each, more in zip(found, sums, strict=False):
+            for each, more in zip(pairs, sums, strict=False):
                 each.similarity += more
                 each.windows += windows[0] * windows[1]
-    return found
+    return pairs
 
 
 def _planes(part: np.ndarray, ground: float) -> np.ndarray:
@@ -227,8 +227,8 @@ def _worst(grounds: Sequence[Quality]) -> Quality:
         return grounds[0]
     psnr = min(each.psnr_db for each in grounds if each.psnr_db is not None)
     note = next((each.ssim_note for each in grounds if each.ssim_note is not None), None)
-    known = [each.ssim for each in grounds if each.ssim is not None]
-    return Quality(psnr, None if note is not None else min(known), False, note)
+    similarities = [each.ssim for each in grounds if each.ssim is not None]
+    return Quality(psnr, None if note is not None else min(similarities), False, note)
 
 
 def _worst_psnr(grounds: Sequence[_Sums]) -> float | None:

@@ -60,7 +60,7 @@ def rerender(svg: bytes, width: int, height: int, *, renderer: str | None = None
     """Draw SVG bytes that this package made at width x height px, transparent background kept.
 
     source: the file's name for messages. renderer: "cairosvg", "resvg", or None for the first that works; a fallback
-    is told in `Rendered.note`. Raises UsageError for another name, InputError for an impossible size or bytes that
+    is named in `Rendered.note`. Raises UsageError for another name, InputError for an impossible size or bytes that
     cannot be drawn, EngineError when the renderer (or, for None, every renderer) is missing.
     """
     _check_size(width, height)

@@ -1,8 +1,8 @@
 """Scale consistency: a picture drawn K times as large, tile by tile, and averaged back to its own size.
 
 The native picture composites anti-aliased coverages, one number per pixel and curve; the large picture composites K x K
-places of a pixel first and averages then. The two differ where outlines share a pixel (conflation), so both figures
-are worth having. cairosvg draws each tile of the unchanged file on a surface that is shifted under the drawing (cairo's
+places of a pixel first and averages then. The two differ where outlines share a pixel (conflation), so both are
+measured. cairosvg draws each tile of the unchanged file on a surface that is shifted under the drawing (cairo's
 device offset); resvg draws the file inside an SVG whose viewBox is the tile.
 """
 
@@ -211,16 +211,16 @@ def crop(svg: bytes, size: SvgSize, width: int, height: int, part: Tile) -> str:
 
 def _root(svg: bytes) -> tuple[str, dict[str, str], int]:
     """Name and attributes of the root element, and the byte at which its tag begins."""
-    found: list[tuple[str, dict[str, str], int]] = []
+    root: list[tuple[str, dict[str, str], int]] = []
     parser = expat.ParserCreate("utf-8")
 
     def start(name: str, attributes: dict[str, str]) -> None:
-        if not found:
-            found.append((name, attributes, parser.CurrentByteIndex))
+        if not root:
+            root.append((name, attributes, parser.CurrentByteIndex))
 
     parser.StartElementHandler = start
     parser.Parse(svg, True)
-    return found[0]
+    return root[0]
 
 
 def _tag_end(text: str) -> int:

@@ -167,10 +167,10 @@ def pictures_in(folder: Path) -> list[Path]:
 
     Raises InputError where the folder cannot be read or has none.
     """
-    found = [path for path in _files(folder, is_picture_name) if not is_ours(path)]
-    if not found:
+    pictures = [path for path in _files(folder, is_picture_name) if not is_ours(path)]
+    if not pictures:
         raise InputError(f"{folder}: holds no pictures; give a folder with PNG, JPEG or other picture files")
-    return found
+    return pictures
 
 
 def match_folders(references: Path, candidates: Path) -> Matches:

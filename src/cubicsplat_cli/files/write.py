@@ -127,10 +127,10 @@ def _remove_left_behind(target: Path) -> None:
     """Remove temporary files of writers of `target` that were killed."""
     pattern = re.compile(re.escape(f".{target.name[:_NAME_PART]}.") + r"[0-9a-f]{12}\.tmp")
     try:
-        found = [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]
-    except OSError:  # a folder that can be written but not listed: there is nothing to be found out
+        temporaries = [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]
+    except OSError:  # a folder that can be written but not listed: there is nothing to be temporaries out
         return
-    for path in found:
+    for path in temporaries:
         # An error here means that the file is in use, or gone already, or not ours to touch.
         with contextlib.suppress(OSError):
             _remove_if_dead(path)

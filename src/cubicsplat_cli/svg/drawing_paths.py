@@ -51,9 +51,9 @@ def grid_ring(ring: Ring, precision: int, exact: bool = False) -> GridRing:
     exact: every point goes to the nearest step, as in the rings that share it; otherwise handles keep joints smooth.
     """
     anchors, controls = to_steps(ring.anchors, precision), to_steps(ring.controls, precision)
-    found = GridRing(anchors, controls, np.asarray(ring.lines, bool), np.asarray(ring.smooth, bool))
-    found = _begun_after_a_line(_without_points(found))
-    return found if exact else GridRing(found.anchors, _smoothed(found), found.lines, found.smooth)
+    on_grid = GridRing(anchors, controls, np.asarray(ring.lines, bool), np.asarray(ring.smooth, bool))
+    on_grid = _begun_after_a_line(_without_points(on_grid))
+    return on_grid if exact else GridRing(on_grid.anchors, _smoothed(on_grid), on_grid.lines, on_grid.smooth)
 
 
 def _without_points(ring: GridRing) -> GridRing:
@@ -99,7 +99,7 @@ def _smoothed(ring: GridRing) -> np.ndarray:
 
 def _evened(ring: GridRing, controls: np.ndarray, joint: np.ndarray) -> np.ndarray:
     """Controls of which the two at a joint (A,) bool that are each other's mirror images but for a step are so: both
-    are as the shorter one, whichever way round the ring runs, so that what is symmetric stays so.
+    are as the shorter one, whichever direction the ring runs in, so that what is symmetric stays so.
     """
     back, ahead = np.roll(controls[:, 1], 1, axis=0) - ring.anchors, controls[:, 0] - ring.anchors
     even = joint & (np.abs(back + ahead).max(axis=1) <= MIRROR_REACH)
@@ -166,7 +166,7 @@ class PathText:
         # At equal length the relative form, but for the first point, where both mean the same.
         if not self.text:
             forms.reverse()
-        text, self._letter, self._last = forms[0] if self._relative else min(forms, key=lambda found: len(found[0]))
+        text, self._letter, self._last = forms[0] if self._relative else min(forms, key=lambda form: len(form[0]))
         self.text += text
         self.here = to
 

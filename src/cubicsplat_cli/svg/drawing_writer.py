@@ -107,7 +107,7 @@ class _GridRings:
     def __init__(self, shapes: Sequence[Shape], precision: int, exact: bool) -> None:
         self.exact = exact
         self._precision = precision
-        self._known: dict[tuple[int, bool], tuple[Ring, GridRing]] = {}
+        self._cache: dict[tuple[int, bool], tuple[Ring, GridRing]] = {}
         forms = Counter(
             self.of(outline, index == 0).form
             for shape in shapes
@@ -119,12 +119,12 @@ class _GridRings:
 
     def of(self, ring: Ring, clockwise: bool) -> GridRing:
         """One of them, as seen clockwise or not."""
-        known = self._known.get((id(ring), clockwise))
-        if known is None:
+        cached = self._cache.get((id(ring), clockwise))
+        if cached is None:
             turned = ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
-            known = ring, grid_ring(turned, self._precision, self.exact)
-            self._known[id(ring), clockwise] = known
-        return known[1]
+            cached = ring, grid_ring(turned, self._precision, self.exact)
+            self._cache[id(ring), clockwise] = cached
+        return cached[1]
 
 
 def _element(group: Sequence[Shape], precision: int, rings: _GridRings) -> ElementTree.Element | None:

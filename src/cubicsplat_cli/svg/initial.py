@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import read_file
@@ -224,21 +225,18 @@ class _Collected:
 
 
 def _points(rings: list[np.ndarray], mode: Mode) -> list[np.ndarray]:
-    found = []
+    points_of_rings = []
     for cubics in rings:
         points = cubics[:, :3].reshape(-1, 2)
         if mode is Mode.OPEN:
             points = np.concatenate([points, cubics[-1, 3:]])
-        found.append(points.astype(np.float32))
-    return found
+        points_of_rings.append(points.astype(np.float32))
+    return points_of_rings
 
 
 def _polygon(ring: np.ndarray) -> np.ndarray:
     """(8 M, 2) points along a ring."""
-    t = np.arange(8)[:, None, None] / 8.0
-    a, b, c, d = ring.transpose(1, 0, 2)
-    along = (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d
-    return along.transpose(1, 0, 2).reshape(-1, 2)
+    return points_at(ring, np.arange(8) / 8.0).reshape(-1, 2)
 
 
 def _area(ring: np.ndarray) -> float:
@@ -265,12 +263,12 @@ def _oriented(rings: list[np.ndarray]) -> list[np.ndarray]:
     if len(rings) < 2:
         return rings
     polygons = [_polygon(ring) for ring in rings]
-    found = []
+    oriented = []
     for index, ring in enumerate(rings):
         depth = sum(_holds(polygon, polygons[index][0]) for other, polygon in enumerate(polygons) if other != index)
         outwards = _area(ring) > 0.0
-        found.append(ring if outwards == (depth % 2 == 0) else ring[::-1, ::-1])
-    return found
+        oriented.append(ring if outwards == (depth % 2 == 0) else ring[::-1, ::-1])
+    return oriented
 
 
 def _holds(polygon: np.ndarray, point: np.ndarray) -> bool:

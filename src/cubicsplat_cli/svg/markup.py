@@ -53,12 +53,12 @@ class Identifiers:
         """Letters, digits, underscores, dots and single hyphens, never beginning with a digit."""
         text = _NOT_ID.sub("-", name).strip("-.") or "shape"
         text = text if text[0].isalpha() or text[0] == "_" else f"_{text}"
-        found = text
-        while found in self._last:
+        identifier = text
+        while identifier in self._last:
             self._last[text] += 1
-            found = f"{text}-{self._last[text]}"
-        self._last[found] = 1
-        return found
+            identifier = f"{text}-{self._last[text]}"
+        self._last[identifier] = 1
+        return identifier
 
 
 def short_colour(red: int, green: int, blue: int) -> str:

@@ -67,7 +67,7 @@ def own_elements(text: str | bytes) -> list[OwnElement]:
     if len(data) > MAX_SVG_BYTES:
         raise InputError(f"the SVG has {len(data)} bytes; at most {MAX_SVG_BYTES} are read")
     parser = expat.ParserCreate("utf-8")
-    found: list[OwnElement] = []
+    elements: list[OwnElement] = []
     places = [""]
 
     def start(name: str, attributes: dict[str, str]) -> None:
@@ -80,9 +80,9 @@ def own_elements(text: str | bytes) -> list[OwnElement]:
             check_attributes(element, _OWN[place])
         if place == "svg":
             canvas_size(element)
-        if len(found) == MAX_ELEMENTS:
+        if len(elements) == MAX_ELEMENTS:
             raise element.refused(f"is one of more than {MAX_ELEMENTS} elements")
-        found.append(element)
+        elements.append(element)
 
     def end(_name: str) -> None:
         places.pop()
@@ -93,13 +93,13 @@ def own_elements(text: str | bytes) -> list[OwnElement]:
         parser.Parse(data, True)
     except expat.ExpatError as error:
         raise InputError(f"the SVG is not well-formed XML: {error}; it may be cut short, write it again") from error
-    return found
+    return elements
 
 
-def check_attributes(element: OwnElement, known: Iterable[str]) -> None:
-    """Raise InputError where an element has an attribute that is not in `known`, nor names a namespace."""
+def check_attributes(element: OwnElement, allowed: Iterable[str]) -> None:
+    """Raise InputError where an element has an attribute that is not in `allowed`, nor names a namespace."""
     for name in element.attributes:
-        if name not in known and name.partition(":")[0] != "xmlns":
+        if name not in allowed and name.partition(":")[0] != "xmlns":
             raise element.refused(f"has an unexpected attribute {name!r}")
 
 
@@ -120,9 +120,9 @@ def canvas_size(root: OwnElement) -> tuple[int, int]:
 def own_subpaths(element: OwnElement) -> list[list[PathSegment]]:
     """The subpaths of a path. Raises ValueError for bad path data and for none."""
     try:
-        found = subpaths(element.attributes.get("d", ""))
+        paths = subpaths(element.attributes.get("d", ""))
     except InputError as error:
         raise ValueError(f"has {error}") from error
-    if not found:
+    if not paths:
         raise ValueError("has a path without data")
-    return found
+    return paths

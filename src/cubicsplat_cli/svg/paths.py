@@ -65,15 +65,15 @@ def commands(d: str) -> Iterator[tuple[str, tuple[float, ...]]]:
     # What a glance shows need not be read first.
     if len(d) > MAX_COMMANDS and sum(map(d.count, LETTERS)) > MAX_COMMANDS:
         raise TooLong(f"path data of more than {MAX_COMMANDS} commands; simplify it")
-    found = _COMMAND.search(d)
-    begin = len(d) if found is None else found.start()
+    command = _COMMAND.search(d)
+    begin = len(d) if command is None else command.start()
     if not _BLANK.fullmatch(d, 0, begin):
         raise InputError(f"path data that cannot be read at {d[:12]!r}")
     count = 0
-    while found is not None:
-        letter, begin = found[0], found.end()
-        found = _COMMAND.search(d, begin)
-        end = len(d) if found is None else found.start()
+    while command is not None:
+        letter, begin = command[0], command.end()
+        command = _COMMAND.search(d, begin)
+        end = len(d) if command is None else command.start()
         for numbers in _grouped(letter, d, begin, end):
             if count == MAX_COMMANDS:
                 raise TooLong(f"path data of more than {MAX_COMMANDS} commands; simplify it")
@@ -126,27 +126,27 @@ def subpaths(d: str) -> list[list[PathSegment]]:
 
     Raises InputError for bad path data, TooLong for too much of it.
     """
-    found: list[list[PathSegment]] = []
+    result: list[list[PathSegment]] = []
     here = start = (0.0, 0.0)
     for letter, numbers in commands(d):
         command = letter.upper()
-        if not found and command != "M":
+        if not result and command != "M":
             raise InputError(f"path data that does not begin with M at {d[:12]!r}")
         if command == "M":
             here = start = _points(letter, numbers, here)[0]
-            found.append([])
+            result.append([])
             continue
-        if len(found[-1]) > MAX_SEGMENTS:
+        if len(result[-1]) > MAX_SEGMENTS:
             raise TooLong(f"path data of more than {MAX_SEGMENTS} commands in a row; simplify it")
-        if found[-1] and found[-1][-1].command == "Z":
-            found.append([])
+        if result[-1] and result[-1][-1].command == "Z":
+            result.append([])
         points = _points(letter, numbers, here) or [start]
         handles = tuple(points[:-1])
         if command in "ST":
-            handles = (_mirrored(found[-1], here, command), *handles)
-        found[-1].append(PathSegment(command, here, points[-1], handles, numbers[:5] if command == "A" else ()))
+            handles = (_mirrored(result[-1], here, command), *handles)
+        result[-1].append(PathSegment(command, here, points[-1], handles, numbers[:5] if command == "A" else ()))
         here = points[-1]
-    return found
+    return result
 
 
 def _points(letter: str, numbers: tuple[float, ...], here: Point) -> list[Point]:
@@ -167,12 +167,12 @@ def _sum(first: float, second: float) -> float:
     return total if total.is_integer() else round(total, _DECIMALS)
 
 
-def _mirrored(found: list[PathSegment], here: Point, command: str) -> Point:
+def _mirrored(before: list[PathSegment], here: Point, command: str) -> Point:
     """The first handle of S or T: the last one of a curve of the same kind before it, mirrored at the joint."""
     kin = "CS" if command == "S" else "QT"
-    if not found or found[-1].command not in kin or found[-1].end != here:
+    if not before or before[-1].command not in kin or before[-1].end != here:
         return here
-    x, y = found[-1].handles[-1]
+    x, y = before[-1].handles[-1]
     return _sum(2.0 * here[0], -x), _sum(2.0 * here[1], -y)
 
 
@@ -231,12 +231,14 @@ class Subpath:
 
 def cubic_subpaths(d: str) -> list[Subpath]:
     """The subpaths that have a length. Raises InputError for path data that cannot be read."""
-    found = []
+    result = []
     for subpath in subpaths(d):
         cubics = [cubic for piece in subpath for cubic in _cubics(piece) if np.ptp(cubic, axis=0).any()]
+        if not np.isfinite(cubics).all():
+            raise InputError("path data with a point that is infinitely far away")
         if cubics:
-            found.append(Subpath(np.stack(cubics), subpath[-1].command == "Z"))
-    return found
+            result.append(Subpath(np.stack(cubics), subpath[-1].command == "Z"))
+    return result
 
 
 def straight(start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -69,7 +69,7 @@ def check_untrusted(data: bytes, source: str, *, otherwise: SvgSize | None = Non
 
 
 def with_size(data: bytes, size: SvgSize) -> bytes:
-    """The bytes of an SVG in UTF-8 that says no size, saying this one: renderers know no other way of being told."""
+    """The bytes of an SVG in UTF-8 with this size in its root: renderers get it no other way."""
 
     def said(match: re.Match[bytes]) -> bytes:
         tag = _SIZES.sub(b"", match[0])
@@ -160,17 +160,17 @@ class _Scan:
             if self._drawn(self.open[0], {}, following_all, 0) - self.elements > most:
                 raise InputError(f"{self.source}: draws more than {most} elements by references; simplify it")
 
-    def _drawn(self, named: _Named, known: dict[int, int], following_all: bool, depth: int) -> int:
-        """How many elements are drawn for one and what is in it; `known` has what is known already."""
+    def _drawn(self, named: _Named, counts: dict[int, int], following_all: bool, depth: int) -> int:
+        """How many elements are drawn for one and what is in it; `counts` has what is counts already."""
         if depth > MAX_DEPTH:
             raise InputError(f"{self.source}: has references to themselves, or {MAX_DEPTH} in one another; simplify it")
-        if id(named) not in known:
+        if id(named) not in counts:
             referred = named.uses + (named.paints if following_all else [])
             parts = [*named.inside, *(self.named[name] for name in referred if name in self.named)]
-            known[id(named)] = named.elements + sum(
-                [self._drawn(part, known, following_all, depth + 1) for part in parts]
+            counts[id(named)] = named.elements + sum(
+                [self._drawn(part, counts, following_all, depth + 1) for part in parts]
             )
-        return known[id(named)]
+        return counts[id(named)]
 
     def _check_attributes(self, element: str, attributes: dict[str, str]) -> None:
         for name, value in attributes.items():
