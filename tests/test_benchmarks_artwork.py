@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from benchmarks import tools
+from benchmarks.artwork.contact_sheet import wireframe
 from benchmarks.artwork.degradations import CLEAN, DEGRADATIONS, OPAQUE, degraded, with_background
 from benchmarks.artwork.document import Document
 from benchmarks.artwork.outlines import forms_of
@@ -19,7 +20,6 @@ from benchmarks.artwork.pieces import Pieces, completed, pieces_of, visible_erro
 from benchmarks.artwork.pixels import MOST_DB, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.artwork.scores import Truth, count, minified
-from benchmarks.artwork.sheet import wireframe
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.svg.paths import count_numbers, path_segments

@@ -11,10 +11,10 @@ import numpy as np
 import typer
 
 from benchmarks import main
+from benchmarks.artwork.contact_sheet import sheet_png
 from benchmarks.artwork.degradations import CLEAN, check_kind
 from benchmarks.artwork.document import SIZE, Drawings, Only, Size, Skip, drawings_in
 from benchmarks.artwork.scores import Scores, Truth, measure, run_tool
-from benchmarks.artwork.sheet import sheet_png
 from benchmarks.tools import Tool, chosen_tools
 from cubicsplat_cli.cli.bench import Csv, Limit, Markdown, check_limit, check_png, end_with, parts_of, print_json
 from cubicsplat_cli.cli.console import Reporter
@@ -103,14 +103,14 @@ def _run(runs: Runs, truth: Truth, name: str, tool: Tool, tell: Callable[[str], 
 
 def summary(scores: Sequence[Scores]) -> dict[str, dict[str, float | None]]:
     """Mean, median and p90 of each column; p90 is the bound that nine in ten drawings keep to (or reach)."""
-    found: dict[str, dict[str, float | None]] = {"mean": {}, "median": {}, "p90": {}}
+    statistics: dict[str, dict[str, float | None]] = {"mean": {}, "median": {}, "p90": {}}
     for member, _, _ in _COLUMNS:
         values = [value for value in (getattr(each, member) for each in scores) if value is not None]
         worst = 10 if member in _MORE_IS_BETTER else 90
-        found["mean"][member] = float(np.mean(values)) if values else None
-        found["median"][member] = float(np.median(values)) if values else None
-        found["p90"][member] = float(np.percentile(values, worst)) if values else None
-    return found
+        statistics["mean"][member] = float(np.mean(values)) if values else None
+        statistics["median"][member] = float(np.median(values)) if values else None
+        statistics["p90"][member] = float(np.percentile(values, worst)) if values else None
+    return statistics
 
 
 def report_of(runs: Runs, tools: Sequence[str], size: int, kind: str) -> dict[str, Any]:

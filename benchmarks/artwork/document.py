@@ -92,21 +92,21 @@ class Document:
         box = f"{left!r} {top!r} {self.width * self.unit!r} {self.height * self.unit!r}"
         root = ElementTree.Element(self.root.tag, self.root.attrib | {"viewBox": box})
         root.extend(self.root)
-        found = StyledTree(root).shapes(self.width, self.height)
-        return [shape for shape in found if (shape.style["fill"], shape.style["stroke"]) != ("none", "none")]
+        shapes = StyledTree(root).shapes(self.width, self.height)
+        return [shape for shape in shapes if (shape.style["fill"], shape.style["stroke"]) != ("none", "none")]
 
 
 def alone(shape: StyledShape, part: str) -> ElementTree.Element:
     """The element of a shape with nothing but its groups around it, and only its "fill" or its "stroke" drawn."""
     other = {"fill": "stroke", "stroke": "fill"}[part]
-    found = ElementTree.Element(shape.element.tag, dict(shape.element.attrib))
+    branch = ElementTree.Element(shape.element.tag, dict(shape.element.attrib))
     style = shape.element.get("style", "").rstrip("; ")
-    found.set("style", f"{style};{other}:none".lstrip(";"))
+    branch.set("style", f"{style};{other}:none".lstrip(";"))
     for group in reversed(shape.above):
         shell = ElementTree.Element(group.tag, dict(group.attrib))
-        shell.append(found)
-        found = shell
-    return found
+        shell.append(branch)
+        branch = shell
+    return branch
 
 
 def drawings_in(folder: Path, only: str | None, skip: str | None, limit: int | None) -> list[Path]:
@@ -129,11 +129,11 @@ def _matches(path: Path, patterns: str) -> bool:
 
 def resources(root: ElementTree.Element) -> list[ElementTree.Element]:
     """What shapes may refer to: definitions, clips, gradients, styles."""
-    found, waiting = [], list(root)
+    definitions, waiting = [], list(root)
     while waiting:
         element = waiting.pop(0)
         if local_name(element) in NOT_DRAWN:
-            found.append(element)
+            definitions.append(element)
         else:
             waiting += list(element)
-    return found
+    return definitions

@@ -38,7 +38,7 @@ class Form:
 
 def forms_of(document: Document) -> list[Form]:
     """Every closed outline of a drawing."""
-    found = []
+    forms = []
     for number, shape in enumerate(document.shapes()):
         matrix, width = shape.matrix, 0.0
         if shape.style["stroke"] != "none":
@@ -47,19 +47,19 @@ def forms_of(document: Document) -> list[Form]:
             placed = points @ matrix[:2, :2].T + matrix[:2, 2]
             if len(placed) >= 3 and np.ptp(placed, axis=0).min() > 0.0:
                 near = kind_of(placed, NEAR_SHARE)
-                found.append(Form(number, near and kind_of(placed), near, written, placed, width))
-    return found
+                forms.append(Form(number, near and kind_of(placed), near, written, placed, width))
+    return forms
 
 
 def _outlines(shape: StyledShape) -> Iterator[tuple[np.ndarray, bool]]:
     """(n, 2) points of each closed outline, in the element's own units, and whether it is written as a primitive."""
     if shape.name in ("line", "polyline"):
         return
-    found = subpaths(shape.path_data())
-    for pieces in found:
+    paths = subpaths(shape.path_data())
+    for pieces in paths:
         points = [point for piece in pieces for point in along(piece)]
         letters = "".join(piece.command for piece in pieces)
-        written = bool(_ARCS.fullmatch(letters) or (len(found) > 1 and _LEVEL.fullmatch(letters)))
+        written = bool(_ARCS.fullmatch(letters) or (len(paths) > 1 and _LEVEL.fullmatch(letters)))
         if points:
             yield without_repeats(np.array(points)), written or shape.name in PRIMITIVES
 
@@ -81,15 +81,15 @@ def along(piece: PathSegment) -> list[tuple[float, float]]:
     if piece.is_arc:
         arc = arc_of(piece)
         angle = arc.first + arc.span * t[:, 0]
-        found = arc.placed(np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        points = arc.placed(np.stack([np.cos(angle), np.sin(angle)], axis=1))
     elif len(piece.handles) == 2:
         a, b = np.array(piece.handles)
-        found = (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * a + 3 * (1 - t) * t**2 * b + t**3 * end
+        points = (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * a + 3 * (1 - t) * t**2 * b + t**3 * end
     elif len(piece.handles) == 1:
-        found = (1 - t) ** 2 * start + 2 * (1 - t) * t * np.array(piece.handles[0]) + t**2 * end
+        points = (1 - t) ** 2 * start + 2 * (1 - t) * t * np.array(piece.handles[0]) + t**2 * end
     else:
-        found = end[None]
-    return [(float(x), float(y)) for x, y in found]
+        points = end[None]
+    return [(float(x), float(y)) for x, y in points]
 
 
 def kind_of(points: np.ndarray, share: float = OFF_SHARE, slack: float = 0.0) -> str:

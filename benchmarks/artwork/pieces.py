@@ -118,12 +118,12 @@ def completed(truth: Pieces, made: Pieces) -> tuple[int, int]:
     """
     whole = total = 0
     for name in truth.counting():
-        wanted = truth.silhouette(name)
-        if truth.seen[name] > (1.0 - COVERED) * wanted.sum():
+        covered = truth.silhouette(name)
+        if truth.seen[name] > (1.0 - COVERED) * covered.sum():
             continue
         total += 1
-        rivals = np.unique(made.shown[wanted & (truth.shown == name)])
-        whole += any(_overlap(wanted, made.silhouette(int(n))) > COMPLETED for n in rivals if n >= 0)
+        rivals = np.unique(made.shown[covered & (truth.shown == name)])
+        whole += any(_overlap(covered, made.silhouette(int(n))) > COMPLETED for n in rivals if n >= 0)
     return whole, total
 
 

@@ -56,12 +56,12 @@ def minified(root: ElementTree.Element) -> bytes:
     """
     root = copy.deepcopy(root)
     text = ElementTree.tostring(root, encoding="unicode")
-    wanted = set(_REFERENCE.findall(text))
+    referenced = set(_REFERENCE.findall(text))
     for element in root.iter():
         for child in list(element):
             if local_name(child) in (*_INVISIBLE, ""):
                 element.remove(child)
-        if element.get("id") not in wanted:
+        if element.get("id") not in referenced:
             element.attrib.pop("id", None)
         for name in [name for name in element.attrib if name.startswith("{") and name != XLINK_HREF]:
             del element.attrib[name]
@@ -198,9 +198,14 @@ def _structure(truth: Truth, document: Document) -> tuple[float | None, float | 
     pieces = pieces_of(document)
     if truth.pieces is None or pieces is None:
         return None, None, None, None
-    found, wanted, right, written = primitive_counts(truth.document, truth.pieces, document, pieces)
+    recalled, expected, right, written = primitive_counts(truth.document, truth.pieces, document, pieces)
     whole, covered = completed(truth.pieces, pieces)
-    return _share(found, wanted), _share(right, written), _share(whole, covered), visible_error(truth.pieces, pieces)
+    return (
+        _share(recalled, expected),
+        _share(right, written),
+        _share(whole, covered),
+        visible_error(truth.pieces, pieces),
+    )
 
 
 def _share(part: int, whole: int) -> float | None:
