@@ -21,15 +21,15 @@ from PIL import Image
 
 from benchmarks import main
 from benchmarks.artwork.document import Document
+from benchmarks.artwork.pixels import psnr
 from benchmarks.artwork.scores import count
 from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
 from cubicsplat_cli.cli.bench import Limit, end_with, pictures_of
 from cubicsplat_cli.errors import CubicSplatError, UsageError
-from cubicsplat_cli.evaluate.colour import WHITE, mean_delta_e, over, psnr
-from cubicsplat_cli.evaluate.further import straight
+from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over, straight
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import number, one_line
 
 CELL, ROWS = 480, 6  # px of a picture's longer side on a contact sheet, and pictures on one sheet
@@ -75,13 +75,13 @@ def run_process(command: Sequence[str], pythonpath: str | None, seconds: float, 
         wall = time.perf_counter() - began
         text, lines = (os.pread(stream.fileno(), 2**24, 0).decode(errors="replace") for stream in (output, errors))
         peak = usage.ru_maxrss * (1e-9 if sys.platform == "darwin" else 1.024e-6)  # bytes there, elsewhere kilobytes
-        found: Result = {"seconds": wall, "cpu_seconds": usage.ru_utime + usage.ru_stime, "peak_gb": peak}
+        result: Result = {"seconds": wall, "cpu_seconds": usage.ru_utime + usage.ru_stime, "peak_gb": peak}
         if code == -signal.SIGKILL and wall >= seconds:
-            found["error"] = f"took over {seconds:g} s"
+            result["error"] = f"took over {seconds:g} s"
         elif code:
             ours = [line.removeprefix(ERROR) for line in lines.splitlines() if line.startswith(ERROR)]
-            found["error"] = one_line([f"ended with exit code {code}", *lines.strip().splitlines()[-1:], *ours][-1])
-        return text, found
+            result["error"] = one_line([f"ended with exit code {code}", *lines.strip().splitlines()[-1:], *ours][-1])
+        return text, result
 
 
 def measure(
@@ -89,21 +89,21 @@ def measure(
 ) -> tuple[Result, np.ndarray | None]:
     """Vectorize a picture within these limits; the result, and the SVG's drawing (H, W, 3) uint8 over white, if any."""
     command = [sys.executable, "-m", "cubicsplat_cli", "vectorize", str(picture), "-o", str(svg), "--force", "--json"]
-    output, found = run_process([*command, *options], pythonpath, seconds, gigabytes)
-    found["picture"] = f"{picture.parent.name}/{picture.name}"
-    if "error" in found:
-        return found, None
+    output, result = run_process([*command, *options], pythonpath, seconds, gigabytes)
+    result["picture"] = f"{picture.parent.name}/{picture.name}"
+    if "error" in result:
+        return result, None
     data = svg.read_bytes()
-    found |= {"bytes": len(data), "style": json.loads(output.splitlines()[-1])["style"]}
+    result |= {"bytes": len(data), "style": json.loads(output.splitlines()[-1])["style"]}
     try:
-        wanted = _opaque(straight(load_picture(picture)))
-        height, width = wanted.shape[:2]
+        original = _opaque(straight(load_picture(picture)))
+        height, width = original.shape[:2]
         drawn = _opaque(rerender_untrusted(data, source=svg.name, width=width, height=height)[0].pixels)
         counts = count(Document(data, svg.name))
     except CubicSplatError as problem:
-        return found | {"error": one_line(problem)}, None
-    found |= {"shapes": counts.shapes, "coordinates": counts.coordinates}
-    return found | {"psnr_db": psnr(wanted, drawn), "delta_e": mean_delta_e(wanted, drawn)}, drawn[..., :3]
+        return result | {"error": one_line(problem)}, None
+    result |= {"shapes": counts.shapes, "coordinates": counts.coordinates}
+    return result | {"psnr_db": psnr(original, drawn), "delta_e": mean_delta_e(original, drawn)}, drawn[..., :3]
 
 
 def _opaque(pixels: np.ndarray) -> np.ndarray:
@@ -113,8 +113,8 @@ def _opaque(pixels: np.ndarray) -> np.ndarray:
 
 def texts_of(result: Result) -> tuple[str, str, str]:
     """Version and style, time and memory, and the figures of the file or its error."""
-    known = [name for name in FIGURES if name in result]
-    texts = [f"{name} {number(result[name], FIGURES[name])}" for name in known]
+    measured = [name for name in FIGURES if name in result]
+    texts = [f"{name} {number(result[name], FIGURES[name])}" for name in measured]
     end = result.get("error") or "  ".join(texts[3:])
     return f"{result['version']}  {result.get('style', '')}".rstrip(), "  ".join(texts[:3]), end
 

@@ -13,24 +13,22 @@ import typer
 
 from benchmarks import main
 from benchmarks.artwork.degradations import jpeg, lay_over_white
-from benchmarks.artwork.document import Document, Only, Skip, drawings_in
+from benchmarks.artwork.document import SIZE, Document, Drawings, Only, Size, Skip, drawings_in
 from benchmarks.artwork.scores import count
 from benchmarks.tools import TOOLS
 from cubicsplat_cli.cli.bench import Limit, Markdown, check_limit, end_with, parts_of, print_json
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.evaluate.colour import mean_delta_e
+from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.formatting import number, one_line, text_table
 from cubicsplat_cli.metrics import head
-from cubicsplat_cli.options import Setting
 
 SHAPES = 0.10  # share by which the number of shapes may differ
 DELTA_E, ROUGH_DELTA_E = 0.05, 0.25  # by which the difference to the truth may differ; of aliased and JPEG pictures
 CROP, MARGIN = (3, 5), 0.25  # px from the left and the top; share of the longer side, on each side
 FINE = 16  # samples along each side of a pixel
 _STRIP = 64  # px, rows that are drawn finely at a time
-_SIZE = Setting("count", "", least=16, most=2048)
 
 _LEVELS = np.arange(256, dtype=np.float32) / 255
 _LINEAR = np.where(_LEVELS <= 0.04045, _LEVELS / 12.92, ((_LEVELS + 0.055) / 1.055) ** 2.4).astype(
@@ -65,7 +63,7 @@ def _finely(document: Document, *, linear: bool) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Way:
+class Variation:
     """draw: the input of a document. change: of pixels (H, W, 4), at so many times the input's size, of input and truth
     alike. tolerance: by which the difference to the truth may differ from the plain drawing's.
     """
@@ -75,27 +73,27 @@ class Way:
     tolerance: float = DELTA_E
 
 
-PLAIN = Way()
-WAYS = {
-    "margin": Way(change=_with_margin),
-    "crop": Way(change=_cropped),
-    "flip": Way(change=lambda pixels, _: pixels[:, ::-1]),
-    "turn": Way(change=lambda pixels, _: np.rot90(pixels)),
-    "hue": Way(change=partial(_with_colours, lambda colours: np.roll(colours, 1, axis=2))),
-    "inverted": Way(change=partial(_with_colours, lambda colours: 255 - colours)),
-    "level": Way(change=partial(_with_colours, lambda colours: np.minimum(colours, 254) + 1)),
-    "cairo": Way(partial(Document.draw, renderer="cairosvg")),
-    "area": Way(partial(_finely, linear=False)),
-    "linear": Way(partial(_finely, linear=True)),
-    "larger": Way(partial(Document.draw, scale=1.5)),
-    "aliased": Way(partial(Document.draw, smooth=False), tolerance=ROUGH_DELTA_E),
-    **{f"jpeg{q}": Way(partial(jpeg, quality=q), tolerance=ROUGH_DELTA_E) for q in (70, 80, 90, 95)},
+PLAIN = Variation()
+VARIATIONS = {
+    "margin": Variation(change=_with_margin),
+    "crop": Variation(change=_cropped),
+    "flip": Variation(change=lambda pixels, _: pixels[:, ::-1]),
+    "turn": Variation(change=lambda pixels, _: np.rot90(pixels)),
+    "hue": Variation(change=partial(_with_colours, lambda colours: np.roll(colours, 1, axis=2))),
+    "inverted": Variation(change=partial(_with_colours, lambda colours: 255 - colours)),
+    "level": Variation(change=partial(_with_colours, lambda colours: np.minimum(colours, 254) + 1)),
+    "cairo": Variation(partial(Document.draw, renderer="cairosvg")),
+    "area": Variation(partial(_finely, linear=False)),
+    "linear": Variation(partial(_finely, linear=True)),
+    "larger": Variation(partial(Document.draw, scale=1.5)),
+    "aliased": Variation(partial(Document.draw, smooth=False), tolerance=ROUGH_DELTA_E),
+    **{f"jpeg{q}": Variation(partial(jpeg, quality=q), tolerance=ROUGH_DELTA_E) for q in (70, 80, 90, 95)},
 }
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A drawing in one way beside the plain one: its shapes, and mean CIEDE2000 to the truth at twice the size."""
+    """A variation of a drawing beside the plain one: its shapes, and mean CIEDE2000 to the truth at twice the size."""
 
     drawing: str
     way: str
@@ -106,15 +104,15 @@ class Pair:
 
     @property
     def agrees(self) -> bool:
-        """Whether the way made no difference."""
+        """Whether the variation made no difference."""
         few = abs(self.shapes - self.plain_shapes) <= SHAPES * self.plain_shapes
-        return few and abs(self.delta_e - self.plain_delta_e) <= WAYS[self.way].tolerance
+        return few and abs(self.delta_e - self.plain_delta_e) <= VARIATIONS[self.way].tolerance
 
 
-def scored(document: Document, way: Way) -> tuple[int, float]:
+def scored(document: Document, variation: Variation) -> tuple[int, float]:
     """Shapes of the vectorized drawing, and its mean CIEDE2000 to the truth."""
-    pixels = np.ascontiguousarray(way.change(way.draw(document), 1))
-    truth = np.ascontiguousarray(way.change(document.draw(2), 2))
+    pixels = np.ascontiguousarray(variation.change(variation.draw(document), 1))
+    truth = np.ascontiguousarray(variation.change(document.draw(2), 2))
     made = Document(TOOLS["ours"](pixels), "the result", max(truth.shape[:2]) // 2)
     return count(made).shapes, mean_delta_e(truth, made.draw(2))
 
@@ -128,7 +126,7 @@ def pairs_of(path: Path, ways: Sequence[str], size: int, failed: list[tuple[str,
     plain: tuple[int, float] | None = None
     for name in ("plain", *ways):
         try:
-            found = scored(document, WAYS.get(name, PLAIN))
+            figures = scored(document, VARIATIONS.get(name, PLAIN))
         except Exception as error:
             # Whatever it raises, a way that fails does not agree.
             failed.append((path.stem, name, one_line(error) or type(error).__name__))
@@ -136,9 +134,9 @@ def pairs_of(path: Path, ways: Sequence[str], size: int, failed: list[tuple[str,
                 return
             continue
         if plain is None:
-            plain = found
+            plain = figures
         else:
-            yield Pair(path.stem, name, *found, *plain)
+            yield Pair(path.stem, name, *figures, *plain)
 
 
 def table_of(
@@ -160,9 +158,9 @@ def table_of(
 
 
 def metamorphic(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)],
-    ways: Annotated[str, typer.Option("--ways", metavar="WAY,...", help="Only these.")] = ",".join(WAYS),
-    size: Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")] = 512,
+    folder: Drawings,
+    ways: Annotated[str, typer.Option("--ways", metavar="WAY,...", help="Only these.")] = ",".join(VARIATIONS),
+    size: Size = 512,
     only: Only = None,
     skip: Skip = None,
     limit: Limit = None,
@@ -176,9 +174,9 @@ def metamorphic(
     plain drawing's. All lie over white.
     """
     chosen = parts_of(ways)
-    if not chosen or not set(chosen) <= set(WAYS):
-        raise UsageError(f"--ways must be of {', '.join(WAYS)}, with commas between them, not {ways!r}")
-    _SIZE.check("size", size)
+    if not chosen or not set(chosen) <= set(VARIATIONS):
+        raise UsageError(f"--ways must be of {', '.join(VARIATIONS)}, with commas between them, not {ways!r}")
+    SIZE.check("size", size)
     check_limit(limit)
     reporter = Reporter(quiet=quiet)
     pairs: list[Pair] = []

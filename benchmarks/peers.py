@@ -37,10 +37,10 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, check_csv, takes_options, write_csv
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.comparison import compare_with
-from cubicsplat_cli.evaluate.further import straight
-from cubicsplat_cli.files.atomic import write_atomically
+from cubicsplat_cli.evaluate.perceptual import straight
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import mean, number, one_line, text_table
 from cubicsplat_cli.metrics import head
 

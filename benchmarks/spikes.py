@@ -20,13 +20,13 @@ from benchmarks import main
 from cubicsplat_cli.cli.bench import Markdown, print_json
 from cubicsplat_cli.cli.options import Json
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.tiles import Tile, tiles
+from cubicsplat_cli.evaluate.scaled import Tile, tiles
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import mean, number, printable, text_table
 from cubicsplat_cli.metrics import head
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.reader import read_svg
+from cubicsplat_cli.svg.scene_reader import read_svg
 
 CUSP = math.radians(150.0)  # radians
 EDGES = 32  # of a segment, between whose directions turns are measured

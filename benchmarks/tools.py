@@ -68,7 +68,7 @@ def _ours(pixels: np.ndarray) -> bytes:
     """The artwork style as it is without options."""
     from cubicsplat_cli.artwork.vectorize import draw
     from cubicsplat_cli.files.convert import as_picture
-    from cubicsplat_cli.svg.drawing import write_drawing
+    from cubicsplat_cli.svg.drawing_writer import write_drawing
 
     drawing = draw(as_picture(pixels).target())
     return write_drawing(drawing, title="drawing.png", comment="benchmarks.artwork").encode()

@@ -9,7 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.svg.pathparse import subpaths
+from cubicsplat_cli.svg.paths import subpaths
 
 SIZE, FINE = 256, 8
 

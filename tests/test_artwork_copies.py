@@ -17,8 +17,8 @@ from cubicsplat_cli.artwork.regularities.regularities import with_copies
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.svg.drawing import write_drawing
 from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 WIDTH, HEIGHT, FINE = 160, 96, 8
 DROP = "M0 -26C12 -14 20 -4 18 8 16 22 -10 24 -16 12 -20 2 -8 -12 0 -26z"

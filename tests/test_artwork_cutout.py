@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.svg import read_drawing, write_drawing
-from cubicsplat_cli.svg.pathparse import subpaths
+from cubicsplat_cli.svg.paths import subpaths
 
 SIZE = 100
 INKS = [(255, 0, 0, 255), (0, 128, 0, 255), (0, 0, 255, 255), (255, 200, 0, 255), (20, 20, 20, 255)]

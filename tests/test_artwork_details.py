@@ -20,9 +20,9 @@ from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.evaluate.colour import mean_delta_e
+from cubicsplat_cli.evaluate.perceptual import mean_delta_e
 from cubicsplat_cli.files.convert import as_picture
-from cubicsplat_cli.svg.drawing import write_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 WHITE, BLUE, RED = (255, 255, 255, 255), (20, 60, 200, 255), (220, 30, 20, 255)
 GROUND = '<rect width="64" height="48" fill="#fff"/><rect x="4" y="4" width="24" height="40" fill="#143cc8"/>'

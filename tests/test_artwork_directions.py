@@ -16,8 +16,8 @@ from cubicsplat_cli.artwork.regularities.tied import tied_ring
 from cubicsplat_cli.artwork.regularities.ties import null_basis
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.svg.drawing import write_drawing
 from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 SIZE, FINE = 128, 8
 # An arrow that points to the right, its head at 45 degrees, with a round tail that keeps it from being its own mirror

@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, painted
-from cubicsplat_cli.svg.drawing import write_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 WIDTH, HEIGHT = 256, 192
 

@@ -14,8 +14,8 @@ from cubicsplat_cli.artwork.regularities.alike import Track
 from cubicsplat_cli.artwork.regularities.rotational import Rotation, rotated, rotational
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.svg.drawing import write_drawing
 from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 SIZE, FINE, RED = 128, 8, (204, 34, 0, 255)
 

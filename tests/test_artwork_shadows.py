@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.scene.paint import RadialGradient
-from cubicsplat_cli.svg.drawing import write_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 WIDTH, HEIGHT = 200, 150
 WHITE, BLUE = (255, 255, 255), (40, 90, 200)

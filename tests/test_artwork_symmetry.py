@@ -13,8 +13,8 @@ from cubicsplat_cli.artwork.regularities.mirrored import Axis, mirrored_freedom,
 from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.svg.drawing import write_drawing
 from cubicsplat_cli.svg.drawing_reader import read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 SIZE, FINE = 160, 8
 # A shield: level above, bulging sides, a point below; {} px is where its right side bulges to.

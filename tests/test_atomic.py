@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files.atomic import check_writable, write_atomically
+from cubicsplat_cli.files.write import check_writable, write_atomically
 
 both = pytest.mark.parametrize("act", [lambda path: write_atomically(path, b"new"), check_writable])
 posix = pytest.mark.skipif(os.name != "posix", reason="POSIX permissions and links")
@@ -223,9 +223,9 @@ def test_temporary_files_of_the_dead_are_removed_and_those_of_the_living_stay(tm
 
 @pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
 def test_a_temporary_file_that_was_taken_for_a_dead_ones_is_made_again(tmp_path, monkeypatch):
-    from cubicsplat_cli.files import atomic
+    from cubicsplat_cli.files import write
 
-    real, removed = atomic._lock, []
+    real, removed = write._lock, []
 
     def lock_after_a_cleaner(descriptor: int) -> bool:
         if not removed:
@@ -233,7 +233,7 @@ def test_a_temporary_file_that_was_taken_for_a_dead_ones_is_made_again(tmp_path,
             removed[0].unlink()
         return real(descriptor)
 
-    monkeypatch.setattr(atomic, "_lock", lock_after_a_cleaner)
+    monkeypatch.setattr(write, "_lock", lock_after_a_cleaner)
     write_atomically(tmp_path / "out.svg", b"whole")
     assert removed
     assert (tmp_path / "out.svg").read_bytes() == b"whole"

@@ -12,17 +12,17 @@ import pytest
 from PIL import Image
 
 from benchmarks import tools
+from benchmarks.artwork.contact_sheet import wireframe
 from benchmarks.artwork.degradations import CLEAN, DEGRADATIONS, OPAQUE, degraded, with_background
 from benchmarks.artwork.document import Document
 from benchmarks.artwork.outlines import forms_of
 from benchmarks.artwork.pieces import Pieces, completed, pieces_of, visible_error
-from benchmarks.artwork.pixels import edge_displacement, exact_colours, leak_areas, opaque_inside
+from benchmarks.artwork.pixels import MOST_DB, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.artwork.scores import Truth, count, minified
-from benchmarks.artwork.sheet import wireframe
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.colour import MOST_DB, mean_delta_e, psnr
-from cubicsplat_cli.svg.pathparse import count_numbers, pieces
+from cubicsplat_cli.evaluate.perceptual import mean_delta_e
+from cubicsplat_cli.svg.paths import count_numbers, path_segments
 
 
 def svg(body: str, width: int = 64, height: int = 48, root: str = "") -> bytes:
@@ -64,7 +64,7 @@ def test_without_smoothing_every_pixel_is_on_or_off():
 
 
 def test_path_data_is_made_absolute():
-    found = pieces("m1 2h3v-1l1 1c1 0 2 1 2 2s1 3 2 2q1 1 2 0t2 0a2 3 0 012 4z")
+    found = path_segments("m1 2h3v-1l1 1c1 0 2 1 2 2s1 3 2 2q1 1 2 0t2 0a2 3 0 012 4z")
     assert "".join(piece.command for piece in found) == "HVLCSQTAZ"
     assert [piece.end for piece in found] == [
         (4, 2),
@@ -85,7 +85,7 @@ def test_path_data_is_made_absolute():
     assert count_numbers("M1-2.5.5 3") == 4
     for wrong in ("1 2", "M1", "M1 2C3 4", "M0 0z1", "M0 0 x"):
         with pytest.raises(InputError):
-            pieces(wrong)
+            path_segments(wrong)
 
 
 def test_shapes_coordinates_and_primitives():
@@ -184,6 +184,12 @@ def test_leaks_are_gaps_and_hairlines_and_nothing_else():
 )
 def test_primitives_are_known_however_they_are_written(body, kinds):
     assert [form.kind or "-" for form in forms_of(document(body))] == kinds.split()
+
+
+def test_a_stroke_is_as_wide_as_its_root_or_its_style_says():
+    drawing = Document(svg('<circle cx="9" cy="9" r="5"/>', root='stroke="red" stroke-width="3"'), "t", 64)
+    assert [form.width for form in forms_of(drawing)] == [3.0]
+    assert [f.width for f in forms_of(document('<circle r="5" style="stroke:red;stroke-width:2px"/>'))] == [2.0]
 
 
 def counts(truth: str, made: str) -> tuple[int, int, int, int]:

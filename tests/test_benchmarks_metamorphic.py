@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import metamorphic, tools
 from benchmarks.artwork.document import Document
-from cubicsplat_cli.evaluate.colour import psnr
+from benchmarks.artwork.pixels import psnr
 
 # Its edges lie on the borders of JPEG's blocks, so that they stay sharp.
 DRAWING = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 48"><path d="M16 16H48V32H16z" fill="{}"/></svg>'
@@ -52,7 +52,7 @@ def test_an_exact_tool_agrees_in_every_way(run_benchmark, folder, monkeypatch):
     done = run_benchmark("metamorphic", folder, "--size", 64, "--json")
     assert done.returncode == 0, done.stderr
     pairs = json.loads(done.stdout)["pairs"]
-    assert [pair["way"] for pair in pairs] == list(metamorphic.WAYS)
+    assert [pair["way"] for pair in pairs] == list(metamorphic.VARIATIONS)
     assert [pair for pair in pairs if not pair["agrees"]] == []
     assert all(pair["plain_delta_e"] == 0.0 and pair["shapes"] == 2 for pair in pairs)
 
@@ -70,7 +70,7 @@ def test_a_tool_that_is_misled_differs_where_it_is(run_benchmark, folder, monkey
 def test_fine_samples_are_the_area_and_linear_light_is_lighter():
     document = Document(DRAWING.format("#000").replace("M16 ", "M16.5 ").replace("H16z", "H16.5z").encode(), "x", 64)
     metamorphic.lay_over_white(document)
-    area, linear = (metamorphic.WAYS[name].draw(document) for name in ("area", "linear"))
+    area, linear = (metamorphic.VARIATIONS[name].draw(document) for name in ("area", "linear"))
     assert psnr(area, document.draw()) > 50
     assert (area[20, 16, 0], linear[20, 16, 0]) == (128, 188)
     assert (area[20, 20, 0], linear[2, 2, 0]) == (0, 255)

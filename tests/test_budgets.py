@@ -16,7 +16,7 @@ from cubicsplat_cli.pipeline.budget import CLOSE, most_within
 from cubicsplat_cli.request import request_of
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import read_svg, write_svg
-from cubicsplat_cli.svg.sizes import bytes_by_curve
+from cubicsplat_cli.svg.scene_writer import bytes_by_curve
 
 SHORT = {"steps": 60, "threads": 1, "preset": "draft"}
 OPTIONS = ("--steps", 60, "--threads", 1, "--preset", "draft", "--json", "-q")

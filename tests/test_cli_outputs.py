@@ -14,8 +14,8 @@ from cubicsplat_cli.cli.console import Reporter, progress_text
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import hashes_in, provenance_comment, settings_hash
 from cubicsplat_cli.files.names import is_compressed_name, plan_outputs
-from cubicsplat_cli.files.ownership import check_outputs, check_ownership, is_ours
-from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_ours
+from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.formatting import duration, file_size
 from cubicsplat_cli.metrics import to_json
 from cubicsplat_cli.options import parse_background

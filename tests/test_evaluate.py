@@ -23,7 +23,7 @@ from cubicsplat_cli.evaluate import (
     compare_premultiplied,
     rerender,
 )
-from cubicsplat_cli.evaluate.layers import of_pixels, of_scene, of_values
+from cubicsplat_cli.evaluate.images import of_pixels, of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import measure, psnr_db
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.metrics import Quality, gap_db, plain, to_json
@@ -285,7 +285,7 @@ def test_twelve_megapixels_are_measured_in_little_memory():
     """Of the process's own peak: what is drawn and compared lies in memory of numpy and of the engine."""
     code = (
         "import numpy as np, resource\n"
-        "from cubicsplat_cli.evaluate.layers import of_pixels\n"
+        "from cubicsplat_cli.evaluate.images import of_pixels\n"
         "from cubicsplat_cli.evaluate.metrics import measure\n"
         "from cubicsplat_cli.files.load import Picture\n"
         "picture = Picture(np.zeros((3000, 4000, 3), np.float32), None, 'p', '0')\n"

@@ -16,9 +16,9 @@ from scenes import PAPER, random_scene
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.comparison import Change, compare_with
-from cubicsplat_cli.evaluate.folders import match_folders, pictures_in
 from cubicsplat_cli.files.load import Picture, load_picture
-from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.files.names import match_folders, pictures_in
+from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.formatting import csv_text, number, text_table
 from cubicsplat_cli.metrics import Quality, plain, to_json
 from cubicsplat_cli.raster import render_scene

@@ -16,8 +16,8 @@ from PIL import Image
 from skimage.color import deltaE_ciede2000, rgb2lab
 
 from cubicsplat_cli.errors import EngineError, UsageError
-from cubicsplat_cli.evaluate import further as module
-from cubicsplat_cli.evaluate.further import further, straight
+from cubicsplat_cli.evaluate import perceptual as module
+from cubicsplat_cli.evaluate.perceptual import further, straight
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.metrics import NAMES, chosen_metrics, figures_text
 

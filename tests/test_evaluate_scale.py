@@ -14,15 +14,14 @@ from hypothesis import strategies as st
 from scenes import PAPER, ragged_scene, random_scene, rectangle, scene_of
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate import compare_premultiplied, rerender, scaled, tiles
-from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg, scaled_samples
-from cubicsplat_cli.evaluate.tiles import Tile, area_means, crop
-from cubicsplat_cli.evaluate.untrusted import SvgSize
+from cubicsplat_cli.evaluate import compare_premultiplied, rerender, scaled
+from cubicsplat_cli.evaluate.scaled import Tile, area_means, crop, downsampled_scene, downsampled_svg, scaled_samples
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import quantise_scene, write_svg
+from cubicsplat_cli.svg.untrusted import SvgSize
 
 BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])
 GROUNDS = pytest.mark.parametrize("background", [None, PAPER])
@@ -49,8 +48,8 @@ def premultiplied(pixels: np.ndarray) -> np.ndarray:
 )  # fmt: skip
 def test_tiles_cover_every_pixel_once_and_stay_small(width, height, scale, pixels, side):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tiles, "MAX_TILE_SIDE", side)
-        found = list(tiles.tiles(width, height, scale, pixels))
+        patch.setattr(scaled, "MAX_TILE_SIDE", side)
+        found = list(scaled.tiles(width, height, scale, pixels))
     count = np.zeros((height, width), int)
     for tile in found:
         count[tile.rows, tile.columns] += 1
@@ -62,7 +61,7 @@ def test_tiles_cover_every_pixel_once_and_stay_small(width, height, scale, pixel
 
 
 def test_24k_pixels_in_tiles_of_bounded_size():
-    found = list(tiles.tiles(2040, 1344, 12, scaled.TILE_PIXELS))
+    found = list(scaled.tiles(2040, 1344, 12, scaled.TILE_PIXELS))
     assert sum(tile.width * tile.height for tile in found) == 2040 * 1344
     assert max(tile.width * tile.height * 144 for tile in found) <= scaled.TILE_PIXELS
     assert len(found) < 200, "each tile costs a pass over the whole file"
@@ -83,7 +82,7 @@ def test_tiles_of_a_file_together_are_the_whole_drawing(renderer, background, mo
     whole = premultiplied(rerender(svg, 150, 102, renderer=renderer).pixels.astype(np.float64))
     want = whole.reshape(34, 3, 50, 3, 4).mean(axis=(1, 3))
     monkeypatch.setattr(scaled, "TILE_PIXELS", 500)
-    monkeypatch.setattr(tiles, "MAX_TILE_SIDE", 60)
+    monkeypatch.setattr(scaled, "MAX_TILE_SIDE", 60)
     got = downsampled_svg(svg, 50, 34, 3, renderer=renderer)
     assert got.renderer.startswith({"cairosvg": "cairosvg ", "resvg": "resvg_py "}[renderer])
     assert want.std() > 0.05
@@ -110,7 +109,7 @@ def test_tiles_of_a_scene_together_are_the_whole_render(mode, background, monkey
     whole = render_scene(large, samples=scaled_samples(24, 3), threads=1)
     want = whole.reshape(34, 3, 50, 3, -1).mean(axis=(1, 3))
     monkeypatch.setattr(scaled, "TILE_PIXELS", 500)
-    monkeypatch.setattr(tiles, "MAX_TILE_SIDE", 60)
+    monkeypatch.setattr(scaled, "MAX_TILE_SIDE", 60)
     got = downsampled_scene(scene, 3, threads=1)
     assert got.shape == want.shape
     assert np.abs(got - want).max() < 2e-3
@@ -212,7 +211,7 @@ SHIFTED = (
 @BOTH
 def test_files_of_others_are_cropped_right(svg, renderer, monkeypatch):
     """Left half red, right half nothing, whatever the root looks like."""
-    monkeypatch.setattr(tiles, "MAX_TILE_SIDE", 14)
+    monkeypatch.setattr(scaled, "MAX_TILE_SIDE", 14)
     got = downsampled_svg(svg.encode(), 20, 10, 2, renderer=renderer).pixels
     want = np.zeros((10, 20, 4))
     want[:, :10] = (1, 0, 0, 1)

@@ -9,7 +9,7 @@ import pytest
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import rerender_untrusted
-from cubicsplat_cli.evaluate.untrusted import check_untrusted
+from cubicsplat_cli.svg.untrusted import check_untrusted
 
 BOTH = pytest.mark.parametrize("renderer", ["cairosvg", "resvg"])
 
@@ -85,7 +85,7 @@ def test_dangerous_or_broken_files_are_refused(svg, said, renderer, monkeypatch)
 
 
 def test_files_over_the_size_limit_are_refused(monkeypatch):
-    monkeypatch.setattr("cubicsplat_cli.evaluate.untrusted.MAX_SVG_BYTES", 100)
+    monkeypatch.setattr("cubicsplat_cli.svg.untrusted.MAX_SVG_BYTES", 100)
     with pytest.raises(InputError, match="100 bytes"):
         rerender_untrusted(foreign("<g/>" * 50), source="x.svg")
 
@@ -101,7 +101,7 @@ def test_files_over_the_size_limit_are_refused(monkeypatch):
     ],
 )
 def test_what_a_renderer_cannot_draw_is_one_line_with_the_files_name(body, renderer, reason, monkeypatch):
-    monkeypatch.setattr("cubicsplat_cli.evaluate.untrusted.MAX_RADIUS", 1e20)
+    monkeypatch.setattr("cubicsplat_cli.svg.untrusted.MAX_RADIUS", 1e20)
     with pytest.raises(InputError) as refused:
         rerender_untrusted(foreign(body), source="x.svg", renderer=renderer)
     assert str(refused.value).startswith(f"x.svg: {renderer} cannot draw it{reason}")
@@ -121,6 +121,12 @@ def test_what_would_be_drawn_without_end_is_refused_at_once(body):
     began = time.process_time()
     with pytest.raises(InputError, match=r"^x.svg: (draws more than|has references to themselves|has r='1e400')"):
         check_untrusted(foreign(body), "x.svg")
+    assert time.process_time() - began < 0.5
+
+
+def test_a_long_number_takes_no_longer_than_its_length():
+    began = time.process_time()
+    assert check_untrusted(foreign(f'<circle r="{"1" * 20_000}x"/>'), "x.svg").width == 20
     assert time.process_time() - began < 0.5
 
 

@@ -14,7 +14,7 @@ from image_files import encode
 from PIL import Image, features
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files import formats, names
+from cubicsplat_cli.files import decode, names
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.jobs.sources import find_sources
 
@@ -77,14 +77,14 @@ def test_avif_is_read(tmp_path):
 
 
 def test_avif_without_a_pillow_that_reads_it_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(formats.Image, "OPEN", {"PNG": None})
-    monkeypatch.setattr(formats.Image, "init", lambda: None)
+    monkeypatch.setattr(decode.Image, "OPEN", {"PNG": None})
+    monkeypatch.setattr(decode.Image, "init", lambda: None)
     with pytest.raises(InputError, match=r"is an AVIF picture; pip install -U 'Pillow>=11\.3'"):
         load_picture(b"\0\0\0\x14ftypavif\0\0\0\0avif" + bytes(99))
 
 
 def test_heic_says_what_to_install(tmp_path, monkeypatch, run_cli):
-    monkeypatch.setattr(formats, "reads_heic", lambda: False)
+    monkeypatch.setattr(decode, "reads_heic", lambda: False)
     path = tmp_path / "x.jpg"
     path.write_bytes(HEIC)
     done = run_cli("vectorize", path)
@@ -103,11 +103,11 @@ def test_heic_is_read_by_its_plugin_where_that_is_installed(tmp_path, monkeypatc
         lambda _: True,
     )
     monkeypatch.setitem(sys.modules, "pillow_heif", plugin)
-    monkeypatch.setattr(formats, "reads_heic", lambda: True)
+    monkeypatch.setattr(decode, "reads_heic", lambda: True)
     monkeypatch.setattr("cubicsplat_cli.jobs.sources.reads_heic", lambda: True)
     Image.init()  # what it knows by itself must not go with the copies
-    monkeypatch.setattr(formats.Image, "OPEN", dict(Image.OPEN))
-    monkeypatch.setattr(formats.Image, "ID", list(Image.ID))
+    monkeypatch.setattr(decode.Image, "OPEN", dict(Image.OPEN))
+    monkeypatch.setattr(decode.Image, "ID", list(Image.ID))
     path = tmp_path / "x.heic"
     path.write_bytes(HEIC)
     assert load_picture(path).width == 9

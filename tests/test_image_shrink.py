@@ -9,7 +9,7 @@ from image_files import encode
 from PIL import Image
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files import load, shrink
+from cubicsplat_cli.files import decode, load
 from cubicsplat_cli.files.load import load_picture
 
 WIDTH, HEIGHT = 96, 64
@@ -19,9 +19,9 @@ FINE = {"quality": 98, "subsampling": 0}
 @pytest.fixture(autouse=True)
 def _all_is_very_large(monkeypatch):
     """What has more than 1,000 pixels is very large here, and 400 are wanted."""
-    monkeypatch.setattr(shrink, "READ_WHOLE_PIXELS", 1000)
-    monkeypatch.setattr(shrink, "_MOST_PIXELS", 400)
-    monkeypatch.setattr(shrink, "_BAND_PIXELS", 5 * WIDTH)
+    monkeypatch.setattr(decode, "READ_WHOLE_PIXELS", 1000)
+    monkeypatch.setattr(decode, "_MOST_PIXELS", 400)
+    monkeypatch.setattr(decode, "_BAND_PIXELS", 5 * WIDTH)
 
 
 def picture_of(mode: str) -> Image.Image:

@@ -7,12 +7,12 @@ import pytest
 from cli_runs import strict_json
 from PIL import Image
 
-from cubicsplat_cli.beginning import load_beginning
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import scaled_scene
 from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.initial import load_initial_drawing
 
 ROOT = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
 EDITOR = f"""<?xml version="1.0" encoding="UTF-8" standalone="no"?>
@@ -50,7 +50,7 @@ ARCS = f"""{ROOT} viewBox="0 0 512 512"><path fill="#f44" d="M256 32a224 224 0 1
 
 def level(svg: str) -> float:
     """dB between a scene that is begun with and what an independent renderer draws of the file, over white."""
-    scene = load_beginning(svg.encode()).scene
+    scene = load_initial_drawing(svg.encode()).scene
     size = (240, round(240 * scene.height / scene.width))
     own = render_scene(scaled_scene(scene, *size), threads=1)
     drawn = rerender_untrusted(svg.encode(), source="x.svg", width=size[0], height=size[1])[0].pixels / 255.0
@@ -64,7 +64,7 @@ def level(svg: str) -> float:
     ids=["editor", "sheet", "icon", "sprite", "traced", "arcs"],
 )  # fmt: skip
 def test_a_scene_is_what_the_file_shows(svg, curves):
-    found = load_beginning(svg.encode())
+    found = load_initial_drawing(svg.encode())
     assert (found.scene.curves, found.notes) == (curves, ())
     found.scene.validate()
     assert level(svg) > 36
@@ -80,13 +80,13 @@ def test_strokes_are_what_they_cover(join, cap):
 
 
 def test_strokes_are_read_as_strokes_where_these_are_wanted():
-    found = load_beginning(EDITOR.encode(), Mode.OPEN)
+    found = load_initial_drawing(EDITOR.encode(), Mode.OPEN)
     scene = found.scene
     assert (scene.mode, scene.curves) == (Mode.OPEN, 2)
     assert scene.half_widths.tolist() == pytest.approx([1.5 * (1.01**0.5) * 1024 / 100, 1.25 * 1024 / 100], rel=1e-3)
     assert found.notes == ("the SVG: left out of the drawing to begin with: 3 fills",)
     with pytest.raises(InputError, match="shows no stroke that could be begun with; --mode closed"):
-        load_beginning(TRACED.encode(), Mode.OPEN)
+        load_initial_drawing(TRACED.encode(), Mode.OPEN)
 
 
 def test_what_is_left_out_is_said_in_a_line():
@@ -94,7 +94,7 @@ def test_what_is_left_out_is_said_in_a_line():
     </linearGradient><linearGradient id="h" xlink:href="#g"/><rect width="50" height="50" fill="url(#h)"/><text>a</text>
     <g clip-path="url(#c)"><path d="M0 0h9v9z" stroke="red" stroke-dasharray="2 1"/></g><path d="M oops"/>
     <rect width="9" height="9" fill="url(#none)"/><g display="none"><circle r="5"/></g>"""
-    found = load_beginning(f'{ROOT} width="50" height="50">{body}</svg>'.encode())
+    found = load_initial_drawing(f'{ROOT} width="50" height="50">{body}</svg>'.encode())
     left_out = "1 clip-path, 1 dash pattern, 1 path that cannot be read, 1 pattern, 1 text"
     assert found.notes == (
         f"the SVG: left out of the drawing to begin with: {left_out}",
@@ -130,6 +130,7 @@ BOX = '<rect width="9" height="9"/>'
             "'much' is no length",
         ),
         (f'{ROOT} width="9" height="9"><image href="a.png"/></svg>', "holds a <image> element"),
+        (f'{ROOT} width="9" height="9"><path d="M0 0h1e999v1z"/></svg>', "shows no filled shape"),
         (f"{ROOT}><rect/></svg>", "says no size"),
         ("<html/>", "is XML but no SVG"),
         ("no svg", "is no SVG"),
@@ -138,7 +139,7 @@ BOX = '<rect width="9" height="9"/>'
 )
 def test_what_cannot_be_begun_with_is_one_line(svg, said):
     with pytest.raises(InputError, match=said) as found:
-        load_beginning(svg.encode())
+        load_initial_drawing(svg.encode())
     assert str(found.value).startswith("the SVG: ")
     assert "\n" not in str(found.value)
 
@@ -148,13 +149,13 @@ PATH = '<path d="M0 0h9v9"/>'
 
 @pytest.mark.parametrize("path", ["M0 0l" + "1 1 " * 40, "m0 0h1" * 40, "h1v1" * 20])
 def test_a_path_without_end_is_refused_before_it_is_read(path, monkeypatch):
-    monkeypatch.setattr("cubicsplat_cli.svg.pathparse.MAX_COMMANDS", 30)
+    monkeypatch.setattr("cubicsplat_cli.svg.paths.MAX_COMMANDS", 30)
     for body in (f'<path d="{path}" fill="red"/>', f'<polyline points="0 0 {"1 1 " * 40}"/>'):
         with pytest.raises(InputError, match=r"^the SVG: path data of more than 30 commands.*; simplify it$"):
-            load_beginning(f'{ROOT} width="9" height="9">{body}</svg>'.encode())
-    monkeypatch.setattr("cubicsplat_cli.beginning.foreign.MAX_COMMANDS", 30)
+            load_initial_drawing(f'{ROOT} width="9" height="9">{body}</svg>'.encode())
+    monkeypatch.setattr("cubicsplat_cli.svg.initial.MAX_COMMANDS", 30)
     with pytest.raises(InputError, match="more than 30 commands in all, too many"):
-        load_beginning(f'{ROOT} width="9" height="9">{20 * PATH}</svg>'.encode())
+        load_initial_drawing(f'{ROOT} width="9" height="9">{20 * PATH}</svg>'.encode())
 
 
 def test_the_command_refines_the_drawing_of_another_program(tmp_path, run_cli):

@@ -23,10 +23,9 @@ from image_files import encode
 from PIL import Image
 from warm import WarmCommand, run_warm
 
-from cubicsplat_cli.files.atomic import folder_locked
 from cubicsplat_cli.files.marks import provenance_comment, with_checksum
 from cubicsplat_cli.files.names import beside
-from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.files.write import encode_png, folder_locked
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FileSink
 from cubicsplat_cli.progress import interrupt

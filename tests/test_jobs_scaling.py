@@ -10,9 +10,9 @@ from image_files import encode
 from PIL import Image
 from scenes import PAPER, random_scene
 
-from cubicsplat_cli.evaluate import measurable as limits
+from cubicsplat_cli.evaluate import metrics as limits
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.evaluate.measurable import measurable
+from cubicsplat_cli.evaluate.metrics import measurable
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.pipeline import vectorize_picture
 from cubicsplat_cli.request import Request

@@ -16,11 +16,11 @@ from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.artwork import vectorize as drawing
 from cubicsplat_cli.artwork.style import Style
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.evaluate import measurable
+from cubicsplat_cli.evaluate import metrics as measuring
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.files.names import Outputs
-from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import MemorySink, run_job
 from cubicsplat_cli.photo import FitInputs, Fitting
@@ -308,7 +308,7 @@ def test_a_picture_among_others_takes_its_own_time_not_the_commands():
 @pytest.mark.parametrize(("limit", "smaller"), [(1.0, True), (1000.0, False)])
 def test_what_is_left_of_a_time_limit_decides_what_is_measured(limit, smaller, monkeypatch):
     """Of a picture whose reading took 100 seconds."""
-    monkeypatch.setattr(measurable, "_LEAST_PIXELS", 500)
+    monkeypatch.setattr(measuring, "_LEAST_PIXELS", 500)
     timer = StageTimer(started=time.perf_counter() - 100)
     settings = FitSettings(curves=4, steps=10**6 if smaller else 20, threads=1, time_limit=limit)
     done = vectorize_picture(as_picture(flat_picture()), Request(settings, style="photo"), timer=timer)

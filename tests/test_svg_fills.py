@@ -15,17 +15,16 @@ from cubicsplat_cli.artwork.scene import scene_of as scene_of_drawing
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.evaluate.scaled import draw_part
-from cubicsplat_cli.evaluate.tiles import Tile
+from cubicsplat_cli.evaluate.scaled import Tile, draw_part
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_ink
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg, write_svg
-from cubicsplat_cli.svg.drawing import write_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.quantise import quantise_scene
-from cubicsplat_cli.svg.sizes import bytes_by_curve
+from cubicsplat_cli.svg.scene_writer import bytes_by_curve
 
 
 def assert_same(one: Scene, other: Scene) -> None:

@@ -12,8 +12,8 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_ink, painted
-from cubicsplat_cli.svg.drawing import write_drawing
 from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
+from cubicsplat_cli.svg.drawing_writer import write_drawing
 
 SIZE = (64, 48)
 STOPS = (Stop(0.125, (255, 0, 0, 255)), Stop(0.5, (255, 255, 0, 255)), Stop(1.0, (0, 64, 255, 255)))

@@ -83,11 +83,11 @@ def test_other_renderers_see_the_hole_where_the_engine_sees_it(scale):
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        ("M1 1c1 0 2 1 2 2c0 1-1 2-2-2zm1 1c1 0 2 1 2 2c0 1-1 2-2-2z", "other than M, cubics and z"),
+        ("M1 1c1 0 2 1 2 2c0 1-1 2-2-2zm1 1l1 1c1 0 2 1 2 2c0 1-1 2-2-2z", "other than M, cubics and z"),
         ("M1 1c1 0 2 1 2 2c0 1-1 2-2-2M1 1c1 0 2 1 2 2c0 1-1 2-2-2z", "does not end with z"),
         ("M1 1c1 0 2 1 2 2c0 1-1 2-2-2zM1 1z", "does not begin with one point and a cubic"),
-        ("M1 1c1 0 2 1 2 2c0 1-1 2-2-2z4", "does not end with z"),
-        ("1 1c1 0 2 1 2 2z", "does not begin with M"),
+        ("M1 1c1 0 2 1 2 2c0 1-1 2-2-2z4", "a number after z"),
+        ("c1 0 2 1 2 2z", "does not begin with M"),
         ("", "without data"),
     ],
 )

@@ -13,7 +13,7 @@ from PIL import Image
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate.layers import of_pixels
+from cubicsplat_cli.evaluate.images import of_pixels
 from cubicsplat_cli.evaluate.metrics import compare, weighted_psnr_db
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.files.load import resize_picture

@@ -33,7 +33,8 @@ from torch import Tensor
 from cubicsplat_cli.bench.step import synthetic_picture
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.photo import fit
-from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves, random_centres
+from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves
+from cubicsplat_cli.photo.seeding import random_centres
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneArrays, Training

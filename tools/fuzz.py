@@ -34,9 +34,9 @@ def try_input(target: str, data: bytes) -> str:
     import numpy as np
 
     from cubicsplat_cli.errors import InputError
-    from cubicsplat_cli.evaluate.untrusted import check_untrusted
     from cubicsplat_cli.files.load import load_picture
     from cubicsplat_cli.svg import read_svg
+    from cubicsplat_cli.svg.untrusted import check_untrusted
 
     if target == "artwork":
         return _draw(data)

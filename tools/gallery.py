@@ -16,9 +16,9 @@ from pathlib import Path
 from PIL import Image
 
 from cubicsplat_cli.evaluate.rerender import rerender_untrusted
-from cubicsplat_cli.evaluate.untrusted import check_untrusted
 from cubicsplat_cli.formatting import counted, file_size
 from cubicsplat_cli.metrics import Report
+from cubicsplat_cli.svg.untrusted import check_untrusted
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs" / "gallery"

@@ -11,21 +11,19 @@ import numpy as np
 import typer
 
 from benchmarks import main
+from benchmarks.artwork.contact_sheet import sheet_png
 from benchmarks.artwork.degradations import CLEAN, check_kind
-from benchmarks.artwork.document import Only, Skip, drawings_in
+from benchmarks.artwork.document import SIZE, Drawings, Only, Size, Skip, drawings_in
 from benchmarks.artwork.scores import Scores, Truth, measure, run_tool
-from benchmarks.artwork.sheet import sheet_png
 from benchmarks.tools import Tool, chosen_tools
 from cubicsplat_cli.cli.bench import Csv, Limit, Markdown, check_limit, check_png, end_with, parts_of, print_json
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Json, Quiet, check_csv, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError
-from cubicsplat_cli.files.atomic import write_atomically
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import number, one_line, text_table, titled
 from cubicsplat_cli.metrics import head
-from cubicsplat_cli.options import Setting
 
-_SIZE = Setting("count", "", least=16, most=2048)
 # Member, heading, decimals.
 _COLUMNS = (
     ("delta_e", "dE00", 3),
@@ -104,14 +102,14 @@ def _run(runs: Runs, truth: Truth, name: str, tool: Tool, tell: Callable[[str], 
 
 def summary(scores: Sequence[Scores]) -> dict[str, dict[str, float | None]]:
     """Mean, median and p90 of each column; p90 is the bound that nine in ten drawings keep to (or reach)."""
-    found: dict[str, dict[str, float | None]] = {"mean": {}, "median": {}, "p90": {}}
+    statistics: dict[str, dict[str, float | None]] = {"mean": {}, "median": {}, "p90": {}}
     for member, _, _ in _COLUMNS:
         values = [value for value in (getattr(each, member) for each in scores) if value is not None]
         worst = 10 if member in _MORE_IS_BETTER else 90
-        found["mean"][member] = float(np.mean(values)) if values else None
-        found["median"][member] = float(np.median(values)) if values else None
-        found["p90"][member] = float(np.percentile(values, worst)) if values else None
-    return found
+        statistics["mean"][member] = float(np.mean(values)) if values else None
+        statistics["median"][member] = float(np.median(values)) if values else None
+        statistics["p90"][member] = float(np.percentile(values, worst)) if values else None
+    return statistics
 
 
 def report_of(runs: Runs, tools: Sequence[str], size: int, kind: str) -> dict[str, Any]:
@@ -149,11 +147,11 @@ def _row(name: str, values: dict[str, Any]) -> tuple[str, ...]:
 
 
 def artwork(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)],
+    folder: Drawings,
     tools: Annotated[
         str, typer.Option("--tools", metavar="TOOL,...", help="Of ours, photo, vtracer, potrace and diffvg.")
     ] = "ours",
-    size: Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")] = 512,
+    size: Size = 512,
     kind: Annotated[
         str,
         typer.Option("--input", metavar="KIND", help="clean, jpeg, webp, blurred, enlarged, noisy or palette."),
@@ -179,7 +177,7 @@ def artwork(
 
     Each drawing is drawn as a picture, and what a tool makes of that is held against the drawing itself.
     """
-    _SIZE.check("size", size)
+    SIZE.check("size", size)
     check_limit(limit)
     check_csv(csv)
     check_png(sheet, "sheet")

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Annotated
@@ -15,9 +14,13 @@ import typer
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
-from cubicsplat_cli.evaluate.untrusted import check_untrusted
-from cubicsplat_cli.svg.transforms import transform_matrix
+from cubicsplat_cli.options import Setting
+from cubicsplat_cli.svg.elements import NOT_DRAWN, StyledShape, StyledTree, local_name
+from cubicsplat_cli.svg.untrusted import check_untrusted
 
+SIZE = Setting("count", "", least=16, most=2048)  # px of the longer side
+Drawings = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of SVG drawings.", show_default=False)]
+Size = Annotated[int, typer.Option("--size", metavar="PX", help="Longer side of the input.")]
 Only = Annotated[
     str | None, typer.Option("--only", metavar="PATTERN,...", help="Only drawings of these names, as in 'flag-*'.")
 ]
@@ -25,11 +28,6 @@ Skip = Annotated[str | None, typer.Option("--skip", metavar="PATTERN,...", help=
 
 # Numbers that describe each primitive; a rect has one more where its corners are round.
 PRIMITIVES = {"circle": 3, "ellipse": 4, "rect": 4, "line": 4}
-SHAPES = {*PRIMITIVES, "path", "polygon", "polyline"}
-NOT_DRAWN = {"defs", "clipPath", "mask", "symbol", "marker", "pattern", "linearGradient", "radialGradient", "metadata"}
-HREF = "{http://www.w3.org/1999/xlink}href"
-_MOST_USES = 100_000
-_DEEPEST_USE = 8
 
 ElementTree.register_namespace("", "http://www.w3.org/2000/svg")
 ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
@@ -88,6 +86,28 @@ class Document:
         root.extend(self.root if content is None else content)
         return rerender(ElementTree.tostring(root), *pixels, renderer=renderer).pixels
 
+    def shapes(self) -> list[StyledShape]:
+        """Every shape with a fill or a stroke, those of a `use` once for each time, in px of the canvas."""
+        left, top = self.origin
+        box = f"{left!r} {top!r} {self.width * self.unit!r} {self.height * self.unit!r}"
+        root = ElementTree.Element(self.root.tag, self.root.attrib | {"viewBox": box})
+        root.extend(self.root)
+        shapes = StyledTree(root).shapes(self.width, self.height)
+        return [shape for shape in shapes if (shape.style["fill"], shape.style["stroke"]) != ("none", "none")]
+
+
+def alone(shape: StyledShape, part: str) -> ElementTree.Element:
+    """The element of a shape with nothing but its groups around it, and only its "fill" or its "stroke" drawn."""
+    other = {"fill": "stroke", "stroke": "fill"}[part]
+    branch = ElementTree.Element(shape.element.tag, dict(shape.element.attrib))
+    style = shape.element.get("style", "").rstrip("; ")
+    branch.set("style", f"{style};{other}:none".lstrip(";"))
+    for group in reversed(shape.above):
+        shell = ElementTree.Element(group.tag, dict(group.attrib))
+        shell.append(branch)
+        branch = shell
+    return branch
+
 
 def drawings_in(folder: Path, only: str | None, skip: str | None, limit: int | None) -> list[Path]:
     """The SVG files right in a folder by name, those whose stem matches `only` and not `skip` (shell patterns, several
@@ -107,92 +127,13 @@ def _matches(path: Path, patterns: str) -> bool:
     return any(fnmatch(path.stem, pattern.strip()) for pattern in patterns.split(","))
 
 
-def local_name(element: ElementTree.Element) -> str:
-    """The element's name without its namespace; empty for comments."""
-    return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
-
-
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """A drawn shape. element: as written. above: its ancestors without the root, the outermost first; a `use` becomes a
-    group. fill, stroke: its paints as written, "none" where there is none.
-    """
-
-    element: ElementTree.Element
-    above: tuple[ElementTree.Element, ...]
-    fill: str
-    stroke: str
-
-    def matrix(self) -> np.ndarray:
-        """(3, 3) from the shape's own units to those of the document."""
-        matrix = np.eye(3)
-        for element in (*self.above, self.element):
-            matrix = matrix @ transform_matrix(element.get("transform", ""))
-        return matrix
-
-    def alone(self, part: str) -> ElementTree.Element:
-        """The element with nothing but its groups around it, and only its "fill" or its "stroke" drawn."""
-        other = {"fill": "stroke", "stroke": "fill"}[part]
-        found = ElementTree.Element(self.element.tag, dict(self.element.attrib))
-        style = self.element.get("style", "").rstrip("; ")
-        found.set("style", f"{style};{other}:none".lstrip(";"))
-        for group in reversed(self.above):
-            shell = ElementTree.Element(group.tag, dict(group.attrib))
-            shell.append(found)
-            found = shell
-        return found
-
-
-def drawn_elements(root: ElementTree.Element) -> Iterator[Drawn]:
-    """Every shape that is drawn, in the order of drawing; those of a `use` once for each time."""
-    named = {element.get("id"): element for element in root.iter() if element.get("id")}
-    waiting: list[tuple[ElementTree.Element, tuple[ElementTree.Element, ...], dict[str, str], int]]
-    waiting = [(root, (), {"fill": "black", "stroke": "none"}, 0)]
-    budget = _MOST_USES
-    while waiting and budget:
-        element, above, paint, depth = waiting.pop()
-        name = local_name(element)
-        if name in NOT_DRAWN and (depth == 0 or name != "symbol"):
-            continue
-        paint = _paint(element, paint)
-        if name in SHAPES:
-            if set(paint.values()) != {"none"}:
-                budget -= 1
-                yield Drawn(element, above, paint["fill"], paint["stroke"])
-            continue
-        if name == "use":
-            target = named.get((element.get(HREF) or element.get("href") or "").removeprefix("#"))
-            if target is not None and depth < _DEEPEST_USE:
-                waiting.append((target, (*above, _place(element)), paint, depth + 1))
-            continue
-        inner = above if element is root else (*above, element)
-        waiting += [(child, inner, paint, depth) for child in reversed(element)]
-
-
 def resources(root: ElementTree.Element) -> list[ElementTree.Element]:
     """What shapes may refer to: definitions, clips, gradients, styles."""
-    found, waiting = [], list(root)
+    definitions, waiting = [], list(root)
     while waiting:
         element = waiting.pop(0)
-        if local_name(element) in (*NOT_DRAWN, "style", "filter"):
-            found.append(element)
+        if local_name(element) in NOT_DRAWN:
+            definitions.append(element)
         else:
             waiting += list(element)
-    return found
-
-
-def _place(use: ElementTree.Element) -> ElementTree.Element:
-    """A group in the place of a `use`."""
-    kept = {k: v for k, v in use.attrib.items() if k not in (HREF, "href", "x", "y", "width", "height", "id")}
-    move = f"translate({use.get('x', '0')} {use.get('y', '0')})"
-    return ElementTree.Element(use.tag.replace("use", "g"), kept | {"transform": f"{use.get('transform', '')}{move}"})
-
-
-def _paint(element: ElementTree.Element, inherited: dict[str, str]) -> dict[str, str]:
-    """Fill and stroke as attributes and the style attribute give them, else as inherited."""
-    paint = {name: element.get(name, value) for name, value in inherited.items()}
-    for declaration in element.get("style", "").split(";"):
-        name, _, value = (part.strip() for part in declaration.partition(":"))
-        if name in paint:
-            paint[name] = value
-    return paint
+    return definitions

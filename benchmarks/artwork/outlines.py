@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from benchmarks.artwork.document import Document, Drawn, drawn_elements, local_name
-from cubicsplat_cli.svg.arcs import arc_of
-from cubicsplat_cli.svg.pathparse import Piece, subpaths
+from benchmarks.artwork.document import PRIMITIVES, Document
+from cubicsplat_cli.svg.elements import StyledShape
+from cubicsplat_cli.svg.paths import PathSegment, arc_of, subpaths
+from cubicsplat_cli.svg.values import length
 
 # px, and shares of its size, that an outline may be off the primitive that it is, and off one that it might be.
 OFF, OFF_SHARE, NEAR_SHARE = 0.1, 0.002, 0.004
@@ -37,78 +38,34 @@ class Form:
 
 def forms_of(document: Document) -> list[Form]:
     """Every closed outline of a drawing."""
-    found = []
-    for number, drawn in enumerate(drawn_elements(document.root)):
-        matrix = np.diag([1.0 / document.unit, 1.0 / document.unit, 1.0])
-        matrix[:2, 2] = [-document.origin[0] / document.unit, -document.origin[1] / document.unit]
-        matrix = matrix @ drawn.matrix()
-        width = 0.0 if drawn.stroke == "none" else _stroke_width(drawn) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
-        for points, written in _outlines(drawn):
+    forms = []
+    for number, shape in enumerate(document.shapes()):
+        matrix, width = shape.matrix, 0.0
+        if shape.style["stroke"] != "none":
+            width = length(shape.style["stroke-width"], shape.view[0]) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+        for points, written in _outlines(shape):
             placed = points @ matrix[:2, :2].T + matrix[:2, 2]
             if len(placed) >= 3 and np.ptp(placed, axis=0).min() > 0.0:
                 near = kind_of(placed, NEAR_SHARE)
-                found.append(Form(number, near and kind_of(placed), near, written, placed, width))
-    return found
+                forms.append(Form(number, near and kind_of(placed), near, written, placed, width))
+    return forms
 
 
-def _stroke_width(drawn: Drawn) -> float:
-    for element in (drawn.element, *reversed(drawn.above)):
-        text = element.get("stroke-width")
-        if text is not None and text.replace(".", "", 1).isdigit():
-            return float(text)
-    return 1.0
-
-
-def _outlines(drawn: Drawn) -> Iterator[tuple[np.ndarray, bool]]:
+def _outlines(shape: StyledShape) -> Iterator[tuple[np.ndarray, bool]]:
     """(n, 2) points of each closed outline, in the element's own units, and whether it is written as a primitive."""
-    element, name = drawn.element, local_name(drawn.element)
-    number = {k: float(v) for k, v in element.attrib.items() if k in _LENGTHS and _is_number(v)}
-    if name in ("circle", "ellipse"):
-        radii = [number.get("rx", number.get("r", 0.0)), number.get("ry", number.get("r", 0.0))]
-        angle = np.linspace(0.0, 2.0 * math.pi, 64, endpoint=False)
-        middle = [number.get("cx", 0.0), number.get("cy", 0.0)]
-        yield np.array(middle) + radii * np.stack([np.cos(angle), np.sin(angle)], axis=1), True
-    elif name == "rect":
-        across, down = number.get("width", 0.0), number.get("height", 0.0)
-        rx, ry = number.get("rx", number.get("ry", 0.0)), number.get("ry", number.get("rx", 0.0))
-        corner = np.array([number.get("x", 0.0), number.get("y", 0.0)])
-        yield corner + _box(across, down, min(rx, across / 2.0), min(ry, down / 2.0)), True
-    elif name == "polygon":
-        values = np.array(element.get("points", "").replace(",", " ").split(), dtype=float)
-        yield values[: len(values) // 2 * 2].reshape(-1, 2), False
-    elif name == "path":
-        found = subpaths(element.get("d", ""))
-        for pieces in found:
-            points = [point for piece in pieces for point in along(piece)]
-            letters = "".join(piece.command for piece in pieces)
-            written = bool(_ARCS.fullmatch(letters) or (len(found) > 1 and _LEVEL.fullmatch(letters)))
-            if points:
-                yield without_repeats(np.array(points)), written
+    if shape.name in ("line", "polyline"):
+        return
+    paths = subpaths(shape.path_data())
+    for pieces in paths:
+        points = [point for piece in pieces for point in along(piece)]
+        letters = "".join(piece.command for piece in pieces)
+        written = bool(_ARCS.fullmatch(letters) or (len(paths) > 1 and _LEVEL.fullmatch(letters)))
+        if points:
+            yield without_repeats(np.array(points)), written or shape.name in PRIMITIVES
 
 
 # Path data of ellipses and rounded rectangles, and of rectangles.
 _ARCS, _LEVEL = re.compile(r"A{2,4}Z|([HV]A){2,4}Z"), re.compile(r"HVHV?Z|VHVH?Z")
-_LENGTHS = {"cx", "cy", "r", "rx", "ry", "x", "y", "width", "height"}
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _box(across: float, down: float, rx: float, ry: float) -> np.ndarray:
-    if min(rx, ry) <= 0.0:
-        return np.array([[0.0, 0.0], [across, 0.0], [across, down], [0.0, down]])
-    turn = np.linspace(0.0, math.pi / 2.0, 17)
-    corners = [(across - rx, down - ry, 0), (rx, down - ry, 1), (rx, ry, 2), (across - rx, ry, 3)]
-    parts = []
-    for x, y, quarter in corners:
-        angle = turn + quarter * math.pi / 2.0
-        parts.append(np.stack([x + rx * np.cos(angle), y + ry * np.sin(angle)], axis=1))
-    return np.concatenate(parts)
 
 
 def without_repeats(points: np.ndarray) -> np.ndarray:
@@ -117,27 +74,22 @@ def without_repeats(points: np.ndarray) -> np.ndarray:
     return points[moved] if moved.any() else points[:1]
 
 
-def along(piece: Piece) -> list[tuple[float, float]]:
+def along(piece: PathSegment) -> list[tuple[float, float]]:
     """Points of a piece of a path, its start left out, its end included."""
     start, end = np.array(piece.start), np.array(piece.end)
     t = _STEPS
-    if piece.command == "A" and min(piece.numbers[:2]) > 0.0:
-        found = _arc(piece, start, end)
+    if piece.is_arc:
+        arc = arc_of(piece)
+        angle = arc.first + arc.span * t[:, 0]
+        points = arc.placed(np.stack([np.cos(angle), np.sin(angle)], axis=1))
     elif len(piece.handles) == 2:
         a, b = np.array(piece.handles)
-        found = (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * a + 3 * (1 - t) * t**2 * b + t**3 * end
+        points = (1 - t) ** 3 * start + 3 * (1 - t) ** 2 * t * a + 3 * (1 - t) * t**2 * b + t**3 * end
     elif len(piece.handles) == 1:
-        found = (1 - t) ** 2 * start + 2 * (1 - t) * t * np.array(piece.handles[0]) + t**2 * end
+        points = (1 - t) ** 2 * start + 2 * (1 - t) * t * np.array(piece.handles[0]) + t**2 * end
     else:
-        found = end[None]
-    return [(float(x), float(y)) for x, y in found]
-
-
-def _arc(piece: Piece, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Points along an elliptical arc."""
-    arc = arc_of(piece, start, end)
-    angle = arc.first + arc.span * _STEPS[:, 0]
-    return arc.placed(np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        points = end[None]
+    return [(float(x), float(y)) for x, y in points]
 
 
 def kind_of(points: np.ndarray, share: float = OFF_SHARE, slack: float = 0.0) -> str:

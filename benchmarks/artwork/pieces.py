@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from benchmarks.artwork.document import Document, drawn_elements, resources
+from benchmarks.artwork.document import Document, alone, resources
 
 OPAQUE = 250  # of 255
 SAME_COLOUR = 2  # levels
@@ -95,16 +95,16 @@ class Pieces:
 
 def pieces_of(document: Document) -> Pieces | None:
     """The pieces of a drawing; None for one of more elements than can be drawn one by one."""
-    return Pieces(document) if sum(1 for _ in drawn_elements(document.root)) <= MOST_ELEMENTS else None
+    return Pieces(document) if len(document.shapes()) <= MOST_ELEMENTS else None
 
 
 def _parts(document: Document) -> Iterator[_Part]:
     shared = resources(document.root)
-    for number, drawn in enumerate(drawn_elements(document.root)):
-        for part, paint in (("fill", drawn.fill), ("stroke", drawn.stroke)):
-            if paint == "none":
+    for number, shape in enumerate(document.shapes()):
+        for part in ("fill", "stroke"):
+            if shape.style[part] == "none":
                 continue
-            pixels = document.draw(smooth=False, content=[*shared, drawn.alone(part)])
+            pixels = document.draw(smooth=False, content=[*shared, alone(shape, part)])
             labels, _ = ndimage.label(pixels[..., 3] >= OPAQUE, np.ones((3, 3)))
             for k, box in enumerate(ndimage.find_objects(labels)):
                 yield _Part(number, box, labels[box] == k + 1, pixels[box].copy())
@@ -118,12 +118,12 @@ def completed(truth: Pieces, made: Pieces) -> tuple[int, int]:
     """
     whole = total = 0
     for name in truth.counting():
-        wanted = truth.silhouette(name)
-        if truth.seen[name] > (1.0 - COVERED) * wanted.sum():
+        covered = truth.silhouette(name)
+        if truth.seen[name] > (1.0 - COVERED) * covered.sum():
             continue
         total += 1
-        rivals = np.unique(made.shown[wanted & (truth.shown == name)])
-        whole += any(_overlap(wanted, made.silhouette(int(n))) > COMPLETED for n in rivals if n >= 0)
+        rivals = np.unique(made.shown[covered & (truth.shown == name)])
+        whole += any(_overlap(covered, made.silhouette(int(n))) > COMPLETED for n in rivals if n >= 0)
     return whole, total
 
 

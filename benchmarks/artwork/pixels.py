@@ -13,15 +13,26 @@ import numpy as np
 from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
 from benchmarks.artwork.document import Document
-from cubicsplat_cli.evaluate.colour import BLACK, WHITE, over
+from cubicsplat_cli.evaluate.metrics import decibels
+from cubicsplat_cli.evaluate.perceptual import BLACK, WHITE, over
 
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 _LEAST_CONTRAST = 8.0  # levels; less is no edge
 _NEAR = 5  # px, the square whose range of levels is an edge's contrast
 LEAST_SHARE = 5e-4  # of the picture's px, from which a colour counts as a fill
+MOST_DB = 100.0  # what identical pictures count as, so that they have a mean
 SCALES = (1, 4, 16)
 INSIDE = 2  # px
 _TILE = 64  # px of the canvas: 1024 at the largest scale
+
+
+def psnr(first: np.ndarray, second: np.ndarray) -> float:
+    """PSNR in dB of two straight RGBA pictures, over white or black, whichever is worse; at most 100."""
+    worst = 0.0
+    for ground in (WHITE, BLACK):
+        difference = (over(first, ground).astype(np.float32) - over(second, ground)) / np.float32(255)
+        worst = max(worst, float(np.mean(np.square(difference), dtype=np.float64)))
+    return MOST_DB if worst == 0.0 else min(MOST_DB, decibels(worst))
 
 
 def edge_displacement(truth: np.ndarray, candidate: np.ndarray, scale: float) -> float | None:

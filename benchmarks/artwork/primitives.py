@@ -30,34 +30,36 @@ Box = tuple[str, np.ndarray]
 
 
 def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces: Pieces) -> tuple[int, int, int, int]:
-    """(found, wanted, right, written): found / wanted is the recall, right / written the precision.
+    """(recalled, expected, right, written): recalled / expected is the recall, right / written the precision.
 
     Primitives are circles and ellipses, rectangles, and rounded rectangles, in the truth also where they are written
-    as paths; two are the same if their kinds and bounding boxes agree. Wanted are those of the truth that mostly show,
-    with most of their outline; found are those that the file has as primitives. Written are the file's that show; right
-    are those that match an outline of the truth, or a flat area visible in it. A side of a rectangle that shows nowhere
-    might be anywhere: a rectangle of the truth with such a side is not wanted, and of the file's only the other sides
+    as paths; two are the same if their kinds and bounding boxes agree. Expected are those of the truth that mostly
+    show, with most of their outline; recalled are those that the file has as primitives. Written are the file's that
+    show; right are those that match an outline of the truth, or a flat area visible in it. A side of a rectangle that
+    shows nowhere might be anywhere: a rectangle of the truth with such a side is not expected, and of the file's only the other sides
     must agree; turned ones are left out. So are circles and ellipses of which a third or more shows, all on edges of
     the truth: the picture does not show how they go on.
     """
     forms = [form for form in forms_of(truth) if form.near]
     every = [form for form in forms_of(made) if form.written and form.near]
     size = np.array([truth.width, truth.height], dtype=float)
-    wanted = [form for form in forms if form.kind and _shows(form, pieces)]
+    expected = [form for form in forms if form.kind and _shows(form, pieces)]
     written = [form for form in every if _matters(form, own_pieces)]
     boxes = [(form.near, box) for form in every for box in _boxes(form, size)]
-    found = sum(_among(form.near, _boxes(form, size), boxes) for form in wanted)
-    known = [(form.near, box) for form in forms for box in _boxes(form, size)]
+    recalled = sum(_among(form.near, _boxes(form, size), boxes) for form in expected)
+    candidates = [(form.near, box) for form in forms for box in _boxes(form, size)]
     right = judged = 0
     for form in written:
         own, visible = _boxes(form, size), visible_sides(form, own_pieces)
         if not visible.any():
             continue
         view = View(truth, form.points)
-        good = _among(form.near, own, known, visible) or _among(form.near, own, _areas_seen(form, view, size), visible)
+        good = _among(form.near, own, candidates, visible) or _among(
+            form.near, own, _areas_seen(form, view, size), visible
+        )
         right += good
         judged += good or not _open(form, own_pieces, view)
-    return found, len(wanted), right, judged
+    return recalled, len(expected), right, judged
 
 
 def _shows(form: Form, pieces: Pieces) -> bool:

@@ -12,15 +12,16 @@ from xml.etree import ElementTree
 import numpy as np
 
 from benchmarks.artwork.degradations import CLEAN, degraded, with_background
-from benchmarks.artwork.document import HREF, PRIMITIVES, Document, drawn_elements, local_name
+from benchmarks.artwork.document import PRIMITIVES, Document
 from benchmarks.artwork.pieces import Pieces, completed, pieces_of, visible_error
-from benchmarks.artwork.pixels import Opaque, edge_displacement, exact_colours, leak_areas, opaque_inside
+from benchmarks.artwork.pixels import Opaque, edge_displacement, exact_colours, leak_areas, opaque_inside, psnr
 from benchmarks.artwork.primitives import primitive_counts
 from benchmarks.tools import Tool
-from cubicsplat_cli.evaluate.colour import mean_delta_e, psnr
-from cubicsplat_cli.svg.pathparse import count_numbers
+from cubicsplat_cli.evaluate.perceptual import mean_delta_e
+from cubicsplat_cli.svg.elements import XLINK_HREF, local_name
+from cubicsplat_cli.svg.paths import count_numbers
+from cubicsplat_cli.svg.values import NUMBERS
 
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _REFERENCE = re.compile(r"#([^\s'\")]+)")
 _INVISIBLE = {"title", "desc", "metadata"}
 
@@ -40,7 +41,7 @@ class Counts:
 
 def count(document: Document) -> Counts:
     """Counts of a document; InputError where its path data cannot be read."""
-    names = [local_name(drawn.element) for drawn in drawn_elements(document.root)]
+    names = [shape.name for shape in document.shapes()]
     return Counts(
         shapes=len(names),
         coordinates=sum(_coordinates(element) for element in document.root.iter()),
@@ -55,14 +56,14 @@ def minified(root: ElementTree.Element) -> bytes:
     """
     root = copy.deepcopy(root)
     text = ElementTree.tostring(root, encoding="unicode")
-    wanted = set(_REFERENCE.findall(text))
+    referenced = set(_REFERENCE.findall(text))
     for element in root.iter():
         for child in list(element):
             if local_name(child) in (*_INVISIBLE, ""):
                 element.remove(child)
-        if element.get("id") not in wanted:
+        if element.get("id") not in referenced:
             element.attrib.pop("id", None)
-        for name in [name for name in element.attrib if name.startswith("{") and name != HREF]:
+        for name in [name for name in element.attrib if name.startswith("{") and name != XLINK_HREF]:
             del element.attrib[name]
         if local_name(element) != "style":
             element.text = None
@@ -75,7 +76,7 @@ def _coordinates(element: ElementTree.Element) -> int:
     if name == "path":
         return count_numbers(element.get("d", ""))
     if name in ("polygon", "polyline"):
-        return len(_NUMBER.findall(element.get("points", "")))
+        return len(NUMBERS.findall(element.get("points", "")))
     if name == "use":
         return 2
     return PRIMITIVES.get(name, 0) + (name == "rect" and (element.get("rx") or element.get("ry")) is not None)
@@ -197,9 +198,14 @@ def _structure(truth: Truth, document: Document) -> tuple[float | None, float | 
     pieces = pieces_of(document)
     if truth.pieces is None or pieces is None:
         return None, None, None, None
-    found, wanted, right, written = primitive_counts(truth.document, truth.pieces, document, pieces)
+    recalled, expected, right, written = primitive_counts(truth.document, truth.pieces, document, pieces)
     whole, covered = completed(truth.pieces, pieces)
-    return _share(found, wanted), _share(right, written), _share(whole, covered), visible_error(truth.pieces, pieces)
+    return (
+        _share(recalled, expected),
+        _share(right, written),
+        _share(whole, covered),
+        visible_error(truth.pieces, pieces),
+    )
 
 
 def _share(part: int, whole: int) -> float | None:

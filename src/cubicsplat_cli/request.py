@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
-from cubicsplat_cli.files.ownership import MOVING
+from cubicsplat_cli.files.paths import MOVING
 from cubicsplat_cli.options import (
     COMMON,
     DRAWINGS,
@@ -26,8 +26,8 @@ from cubicsplat_cli.options import (
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.beginning import Beginning
     from cubicsplat_cli.files.weights import Mask
+    from cubicsplat_cli.svg.initial import InitialDrawing
 
 STYLES = ("auto", "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
@@ -65,7 +65,7 @@ class Request:
     focus: Focus | None = setting(
         None, "text", "Rectangle that matters 4 times as much.", metavar="X,Y,W,H", group=PHOTOS, parse=parse_focus
     )
-    init: Beginning | None = setting(None, "text", "Start from this drawing.", metavar="SVG", group=PHOTOS)
+    init: InitialDrawing | None = setting(None, "text", "Start from this drawing.", metavar="SVG", group=PHOTOS)
     freeze: bool = setting(False, "flag", "Keep the curves of --init, and add to them.", group=PHOTOS)
     max_bytes: int | None = setting(
         None,
@@ -206,8 +206,8 @@ def request_of(options: Mapping[str, Any]) -> Request:
 
         given["weights"] = load_mask(given["weights"], max_pixels=given.get("max_pixels", MAX_PIXELS))
     if "init" in given:
-        from cubicsplat_cli.beginning import load_beginning
+        from cubicsplat_cli.svg.initial import load_initial_drawing
 
         svg = getattr(given["init"], "svg", None)
-        given["init"] = load_beginning(given["init"] if svg is None else svg.encode(), settings.mode)
+        given["init"] = load_initial_drawing(given["init"] if svg is None else svg.encode(), settings.mode)
     return Request(settings, drawing, **given)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from cubicsplat_cli.files.png import encode_png
+from cubicsplat_cli.files.write import encode_png
 
 _LABEL = 18  # px, the height of a line of text
 _LETTERS = 12  # px

@@ -13,8 +13,7 @@ from PIL import Image
 from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
 from cubicsplat_cli.bench.runs import Fit, FitFigures, Runs
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.evaluate.colour import WHITE, over
-from cubicsplat_cli.evaluate.further import straight
+from cubicsplat_cli.evaluate.perceptual import WHITE, over, straight
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.formatting import mean, number, text_table, titled
 from cubicsplat_cli.metrics import head

@@ -13,9 +13,9 @@ from pathlib import Path
 import cubicsplat_cli
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import CubicSplatError
-from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import settings_hash
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.metrics import Report, to_json
 from cubicsplat_cli.pipeline import vectorize_picture

@@ -128,7 +128,7 @@ def quality(
 def _write_sheet(path: Path, runs: Runs, pictures: list[Path]) -> None:
     """Write a sheet of the first pictures, with all configurations of a picture below one another."""
     from cubicsplat_cli.bench.quality import sheet_png
-    from cubicsplat_cli.files.atomic import write_atomically
+    from cubicsplat_cli.files.write import write_atomically
 
     shown = [picture for picture in pictures if any(run.picture == picture.name for run, _ in runs.done)]
     rows = [(run, svg) for picture in shown[:_SHEET_PICTURES] for run, svg in runs.done if run.picture == picture.name]
@@ -170,14 +170,14 @@ def check_png(path: Path | None, option: str) -> None:
         return
     if path.suffix.lower() != ".png":
         raise UsageError(f"the {option} must end in .png, but --{option} is {path}")
-    from cubicsplat_cli.files.ownership import check_outputs
+    from cubicsplat_cli.files.paths import check_outputs
 
     check_outputs([path], force=False)
 
 
 def pictures_of(folder: Path, limit: int | None) -> list[Path]:
     """The pictures of a folder, the first so many of them. Raises what finding them raises."""
-    from cubicsplat_cli.evaluate.folders import pictures_in
+    from cubicsplat_cli.files.names import pictures_in
 
     check_limit(limit)
     return pictures_in(folder)[:limit]

@@ -134,7 +134,7 @@ def _compare(reference: Path, candidate: Path, options: Options, reporter: Repor
 
 def _folders(reference: Path, candidate: Path, options: Options, reporter: Reporter, *, show: bool) -> ComparedPairs:
     """All pairs of two folders; one that fails does not stop the others."""
-    from cubicsplat_cli.evaluate.folders import match_folders
+    from cubicsplat_cli.files.names import match_folders
 
     matches = match_folders(reference, candidate)
     pairs = ComparedPairs(extra=matches.extra)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import PAGE
-from cubicsplat_cli.files.ownership import check_outputs
-from cubicsplat_cli.files.paths import is_file
+from cubicsplat_cli.files.paths import check_outputs, is_file
 from cubicsplat_cli.metrics import Report
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ def write_pages(
     pages: Pages, compared: Sequence[Comparison], failed: Sequence[tuple[Path, str]], threads: int | None
 ) -> Path:
     """Writes a page for each pair, and the index of several; the page to begin with."""
-    from cubicsplat_cli.files.atomic import write_atomically
+    from cubicsplat_cli.files.write import write_atomically
     from cubicsplat_cli.html_report.index import Entry, index
 
     if pages.folder is None:

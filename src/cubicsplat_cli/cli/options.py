@@ -155,7 +155,7 @@ def check_csv(path: Path | None) -> None:
         return
     if path.suffix.lower() != ".csv":
         raise UsageError(f"the table must end in .csv, but --csv is {path}")
-    from cubicsplat_cli.files.atomic import check_writable
+    from cubicsplat_cli.files.write import check_writable
 
     check_writable(path)
 
@@ -163,7 +163,7 @@ def check_csv(path: Path | None) -> None:
 def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write the rows, where a table was asked for."""
     if path is not None:
-        from cubicsplat_cli.files.atomic import write_atomically
+        from cubicsplat_cli.files.write import write_atomically
 
         write_atomically(path, csv_text(rows).encode())
 

@@ -12,9 +12,8 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Renderer, wanted_renderer
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_folder
-from cubicsplat_cli.files.ownership import check_ownership
-from cubicsplat_cli.files.paths import is_folder, is_there, make_folder_of, same_file
-from cubicsplat_cli.files.stdout import write_stdout
+from cubicsplat_cli.files.paths import check_ownership, is_folder, is_there, make_folder_of, same_file
+from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.options import Setting
 
@@ -153,9 +152,8 @@ def _draw(
         check_ownership([path], force=force)
 
     from cubicsplat_cli.evaluate import rerender_untrusted
-    from cubicsplat_cli.files.atomic import write_atomically
-    from cubicsplat_cli.files.png import encode_png
     from cubicsplat_cli.files.read import read_file, read_stdin, unpacked
+    from cubicsplat_cli.files.write import encode_png, write_atomically
 
     svg = unpacked(read_stdin(), "stdin") if source is None else read_file(source)
     rendered, _ = rerender_untrusted(

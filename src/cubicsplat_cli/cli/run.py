@@ -13,8 +13,8 @@ from types import FrameType
 
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.files.ownership import check_ownership
-from cubicsplat_cli.files.stdout import write_stdout
+from cubicsplat_cli.files.paths import check_ownership
+from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, printable, text_table
 from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, look, planned_page, write_index
 from cubicsplat_cli.jobs.plan import JobPlan

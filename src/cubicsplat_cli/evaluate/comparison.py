@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.evaluate.further import further, straight
 from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied
+from cubicsplat_cli.evaluate.perceptual import further, straight
 from cubicsplat_cli.evaluate.rerender import Rendered, rerender_untrusted
 from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
 from cubicsplat_cli.files.load import Picture, load_picture
@@ -53,7 +53,7 @@ class ScaleFigures:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class ComparedFile:
     """What is compared. renderer: what draws it, None for a picture."""
 
     path: str
@@ -71,7 +71,7 @@ class Comparison:
 
     reference: Picture
     reference_path: str
-    candidate: Candidate
+    candidate: ComparedFile
     quality: Quality
     scale: ScaleFigures | None = None
     notes: list[str] = field(default_factory=list)
@@ -80,7 +80,7 @@ class Comparison:
     def public(self) -> dict[str, Any]:
         """The members of the JSON report that are about this pair, for `report.plain`."""
         picture, candidate = self.reference, self.candidate
-        found: dict[str, Any] = {
+        members: dict[str, Any] = {
             "reference": Input(
                 self.reference_path, picture.sha256, picture.width, picture.height, picture.alpha is not None
             ),
@@ -93,10 +93,10 @@ class Comparison:
             "quality": {"renderer": candidate.renderer, **vars(self.quality)},
         }
         if self.measures:
-            found["measures"] = self.measures
+            members["measures"] = self.measures
         if self.scale is not None:
-            found["scale"] = self._scale_fields(self.scale)
-        return found | {"notes": list(self.notes)}
+            members["scale"] = self._scale_fields(self.scale)
+        return members | {"notes": list(self.notes)}
 
     def _scale_fields(self, scale: ScaleFigures) -> dict[str, Any]:
         return {
@@ -136,11 +136,11 @@ def compare_with(
         picture = load_picture(data, name=candidate_path, max_pixels=max_pixels, smaller="compare smaller copies")
         notes.extend(f"{picture.source}: {note}" for note in picture.notes)
         quality = compare_premultiplied(reference, picture.target())
-        found = further(reference, straight(picture), measures) if measures else {}
-        candidate = Candidate(candidate_path, data, None)
-        return Comparison(reference, reference_path, candidate, quality, notes=notes, measures=found)
+        further_figures = further(reference, straight(picture), measures) if measures else {}
+        candidate = ComparedFile(candidate_path, data, None)
+        return Comparison(reference, reference_path, candidate, quality, notes=notes, measures=further_figures)
     drawn = _draw_svg(reference, data, candidate_path, renderer, notes)
-    quality, found = compare(reference, drawn.pixels), further(reference, drawn.pixels, measures)
+    quality, further_figures = compare(reference, drawn.pixels), further(reference, drawn.pixels, measures)
     figures = None
     if scale is not None:
         large = downsampled_svg(
@@ -148,8 +148,8 @@ def compare_with(
         )
         file = Change(quality, compare_premultiplied(reference, large.pixels))
         figures = ScaleFigures(scale, file, _engine(reference, data, candidate_path, scale, threads, notes))
-    candidate = Candidate(candidate_path, data, drawn.renderer)
-    return Comparison(reference, reference_path, candidate, quality, figures, notes, found)
+    candidate = ComparedFile(candidate_path, data, drawn.renderer)
+    return Comparison(reference, reference_path, candidate, quality, figures, notes, further_figures)
 
 
 def _draw_svg(reference: Picture, data: bytes, source: str, renderer: str | None, notes: list[str]) -> Rendered:

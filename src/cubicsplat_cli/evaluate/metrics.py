@@ -1,4 +1,4 @@
-"""PSNR and SSIM of pictures against their reference, part by part: in bounded memory, and on all cores."""
+"""PSNR and SSIM of pictures against their reference, part by part: in bounded memory, on all cores, or scaled down."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from itertools import combinations
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.layers import Layer, of_picture, of_pixels, of_values
+from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, of_values
+from cubicsplat_cli.evaluate.rerender import MAX_SIDE
 from cubicsplat_cli.evaluate.similarity import REACH, TAPS, similarity_sums
-from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.metrics import Quality
 from cubicsplat_cli.settings import cpu_count
 
@@ -23,6 +24,13 @@ IDENTICAL_TOLERANCE = 1e-6
 _TILE_HEIGHT, _TILE_WIDTH = 64, 256
 _STRIP_PIXELS = 2**20  # read, or drawn, at a time
 _CHANNELS = 3
+# A drawing of so many takes 4 bytes each, the picture 12.
+MAX_MEASURED_PIXELS = 2**25
+# What drawing, measuring and writing the PNG may take on a slow machine: measured 0.15 s a megapixel on two cores of
+# 2.5 GHz; importing the renderer. A smaller copy is made of every pixel.
+_SECONDS_PER_PIXEL, _SECONDS_BEFORE, _SECONDS_PER_COPIED = 0.3e-6, 0.3, 0.05e-6
+# Takes no time to speak of, so it is measured whatever time is left.
+_LEAST_PIXELS = 2**18
 
 
 def compare(reference: Picture, candidate: np.ndarray) -> Quality:
@@ -59,7 +67,7 @@ def agreement_db(own: np.ndarray, drawn: np.ndarray) -> float | None:
 
 
 def measure(
-    reference: Picture, candidates: Sequence[Layer], threads: int | None = None
+    reference: Picture, candidates: Sequence[ImageSource], threads: int | None = None
 ) -> tuple[list[Quality], float | None]:
     """The quality of each candidate against `reference`, and the agreement of the first two (None: there is one).
 
@@ -78,13 +86,13 @@ def measure(
     return qualities, _worst_psnr(between)
 
 
-def psnr_db(reference: Picture, candidate: Layer, threads: int | None = None) -> float | None:
+def psnr_db(reference: Picture, candidate: ImageSource, threads: int | None = None) -> float | None:
     """PSNR alone, of a candidate of the reference's size; None when no value differs."""
-    found = _compared(of_picture(reference), [candidate], similarity=False, threads=threads)
-    return _worst_psnr([ground[0] for ground in found])
+    sums = _compared(of_picture(reference), [candidate], similarity=False, threads=threads)
+    return _worst_psnr([ground[0] for ground in sums])
 
 
-def weighted_psnr_db(reference: Picture, candidate: Layer, weights: np.ndarray) -> float | None:
+def weighted_psnr_db(reference: Picture, candidate: ImageSource, weights: np.ndarray) -> float | None:
     """PSNR from the mean of the squared errors weighted by weights (H, W), at least 0 and not all 0; the worse one over
     black and over white. None where no value that matters differs.
     """
@@ -98,7 +106,12 @@ def weighted_psnr_db(reference: Picture, candidate: Layer, weights: np.ndarray) 
             squares += float((np.square(error).sum(0) * weights[top:bottom]).sum(dtype=np.float64))
         means.append(squares / total)
     worst = max(means)
-    return None if worst <= IDENTICAL_TOLERANCE**2 else -10.0 * math.log10(worst)
+    return None if worst <= IDENTICAL_TOLERANCE**2 else decibels(worst)
+
+
+def decibels(mean_square: float) -> float:
+    """PSNR in dB of a mean squared error above 0, of values in [0, 1]."""
+    return -10.0 * math.log10(mean_square)
 
 
 @dataclass
@@ -122,11 +135,11 @@ class _Sums:
     def psnr_db(self) -> float | None:
         if self.worst <= IDENTICAL_TOLERANCE**2:
             return None
-        return -10.0 * math.log10(self.squares / self.values)
+        return decibels(self.squares / self.values)
 
 
 def _compared(
-    reference: Layer, candidates: Sequence[Layer], *, similarity: bool, threads: int | None
+    reference: ImageSource, candidates: Sequence[ImageSource], *, similarity: bool, threads: int | None
 ) -> list[list[_Sums]]:
     """For each ground, black and where anything is transparent white too: the sums of the reference with each
     candidate, and of each two candidates.
@@ -151,7 +164,7 @@ def _compared(
     return totals
 
 
-def _strips(layer: Layer) -> Iterator[tuple[int, int]]:
+def _strips(layer: ImageSource) -> Iterator[tuple[int, int]]:
     """First and last row of parts of the picture: whole tiles, of about as many pixels as are read at a time."""
     rows = max(1, _STRIP_PIXELS // (layer.width * _TILE_HEIGHT)) * _TILE_HEIGHT
     for top in range(0, layer.height, rows):
@@ -175,15 +188,15 @@ def _tile(parts: Sequence[np.ndarray], ground: float, rows: slice, columns: slic
         slice(rows.start - tall.start, rows.stop - tall.start),
         slice(columns.start - wide.start, columns.stop - wide.start),
     )
-    found = [_differences(first[inner], second[inner]) for first, second in combinations(pictures, 2)]
+    pairs = [_differences(first[inner], second[inner]) for first, second in combinations(pictures, 2)]
     windows = (pictures[0].shape[1] - 2 * REACH, pictures[0].shape[2] - 2 * REACH)
     if similarity and min(windows) > 0:
         for channel in range(_CHANNELS):
             sums = similarity_sums(pictures[0][channel], [other[channel] for other in pictures[1:]])
-            for each, more in zip(found, sums, strict=False):
+            for each, more in zip(pairs, sums, strict=False):
                 each.similarity += more
                 each.windows += windows[0] * windows[1]
-    return found
+    return pairs
 
 
 def _planes(part: np.ndarray, ground: float) -> np.ndarray:
@@ -214,9 +227,27 @@ def _worst(grounds: Sequence[Quality]) -> Quality:
         return grounds[0]
     psnr = min(each.psnr_db for each in grounds if each.psnr_db is not None)
     note = next((each.ssim_note for each in grounds if each.ssim_note is not None), None)
-    known = [each.ssim for each in grounds if each.ssim is not None]
-    return Quality(psnr, None if note is not None else min(known), False, note)
+    similarities = [each.ssim for each in grounds if each.ssim is not None]
+    return Quality(psnr, None if note is not None else min(similarities), False, note)
 
 
 def _worst_psnr(grounds: Sequence[_Sums]) -> float | None:
     return min((each.psnr_db for each in grounds if each.psnr_db is not None), default=None)
+
+
+def seconds_to_measure(picture: Picture) -> float:
+    """What drawing and measuring an SVG of the picture takes, at the most."""
+    return _SECONDS_BEFORE + _SECONDS_PER_PIXEL * min(picture.width * picture.height, MAX_MEASURED_PIXELS)
+
+
+def measurable(picture: Picture, seconds: float = math.inf) -> Picture:
+    """The picture, scaled down where no renderer could draw it, or where memory or so many seconds do not suffice."""
+    longer, shorter = max(picture.width, picture.height), min(picture.width, picture.height)
+    pixels, most = longer * shorter, MAX_MEASURED_PIXELS
+    if seconds < seconds_to_measure(picture):
+        spent = _SECONDS_BEFORE + _SECONDS_PER_COPIED * pixels
+        most = min(most, max(_LEAST_PIXELS, math.floor((seconds - spent) / _SECONDS_PER_PIXEL)))
+    limit = min(MAX_SIDE, longer)
+    if pixels > most:
+        limit = min(limit, math.floor(longer * math.sqrt(most / pixels)))
+    return resize_picture(picture, max(1, limit))

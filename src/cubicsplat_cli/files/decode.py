@@ -1,16 +1,39 @@
-"""From an opened Pillow image of any mode to straight sRGB floats: frame, orientation, profile, alpha."""
+"""The formats of pictures that are read, and an opened Pillow image of any mode as straight sRGB floats: frame,
+orientation, profile, alpha.
+
+Very large pictures are read smaller, by a whole factor, for those who want a small copy anyway. A JPEG is decoded at
+1/2, 1/4 or 1/8 of its size to begin with. What else Pillow reads it decodes whole, into at most 4 bytes a pixel; from
+there on a band of rows at a time is all that exists at full size.
+"""
 
 from __future__ import annotations
 
+import importlib
 import io
+import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageCms
+from PIL.JpegImagePlugin import JpegImageFile
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files.shrink import shrunk
+from cubicsplat_cli.files.names import reads_heic
+from cubicsplat_cli.files.paths import is_file, read_head
 
+FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
+FORMATS_TEXT = ", ".join((*FORMATS, "AVIF"))
+_AVIF = {b"avif", b"avis"}
+_HEIC = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"}
+# Pictures of no more pixels are read as they are: so many are measured as they are too.
+READ_WHOLE_PIXELS = 2**25
+# What is read smaller has this many at most, and a quarter of them at least.
+_MOST_PIXELS = 2**24
+# That Pillow may have to hold: 2 GiB.
+MAX_DECODED_PIXELS = 2**29
+_BAND_PIXELS = 2**22
+_JPEG_FACTORS = (8, 4, 2)
 _EXIF_ORIENTATION = 0x0112
 _PHOTOMETRIC, _WHITE_IS_ZERO = 262, 0  # TIFF's tag for what numbers mean, and a value of it
 _UPRIGHT = {
@@ -183,3 +206,92 @@ def _as_float(image: Image.Image) -> np.ndarray:
     # In place: of a large picture this is most of the memory.
     values /= np.float32(255)
     return values
+
+
+def factor_for(size: tuple[int, int], max_size: int | None) -> int:
+    """By how much a picture of `size` px can be read smaller, its longer side still of `max_size` px; 1: not at all."""
+    pixels = size[0] * size[1]
+    if max_size is None or pixels <= READ_WHOLE_PIXELS:
+        return 1
+    # A power of two, as the decoder of JPEGs has them.
+    factor = 2 ** math.ceil(math.log2(pixels / _MOST_PIXELS) / 2)
+    return max(1, min(factor, max(size) // max_size))
+
+
+def draft(image: Image.Image, factor: int) -> int:
+    """Have a JPEG decoded smaller, which no other format can; what is left of the factor then."""
+    for scale in _JPEG_FACTORS:
+        if isinstance(image, JpegImageFile) and factor >= scale:
+            image.draft(None, (max(1, image.width // scale), max(1, image.height // scale)))
+            return max(1, factor // scale)
+    return factor
+
+
+def shrunk(image: Image.Image, factor: int) -> Image.Image:
+    """A copy by the means of blocks of factor x factor px, in a mode that can be averaged; `info` is kept.
+
+    Alpha is premultiplied there, so that what is hidden does not bleed in.
+    """
+    small: Image.Image | None = None
+    rows = max(1, _BAND_PIXELS // image.width // factor) * factor
+    for top in range(0, image.height, rows):
+        band = _averageable(image.crop((0, top, image.width, min(image.height, top + rows)))).reduce(factor)
+        if small is None:
+            small = Image.new(band.mode, (band.width, math.ceil(image.height / factor)))
+        small.paste(band, (0, top // factor))
+    assert small is not None  # a picture has rows
+    small.info = image.info
+    return small
+
+
+def _averageable(band: Image.Image) -> Image.Image:
+    if band.mode.startswith("I"):
+        return band.convert("I")
+    if band.mode in ("LA", "La") or (band.mode == "L" and "transparency" in band.info):
+        return band.convert("LA").convert("La")
+    if band.mode in ("PA", "RGBA", "RGBa") or "transparency" in band.info:
+        return band.convert("RGBA").convert("RGBa")
+    return band.convert({"1": "L", "P": "RGB"}.get(band.mode, band.mode))
+
+
+def holds_picture(path: Path) -> bool:
+    """Whether an existing regular file begins as a raster picture does, whatever its name."""
+    try:
+        if not is_file(path) or _brands(read_head(path)) & (_AVIF | _HEIC):
+            return is_file(path)
+        Image.open(path, formats=FORMATS).close()
+    except OSError:
+        return False
+    except Image.DecompressionBombError:
+        pass
+    return True
+
+
+def formats_of(data: bytes, shown: str) -> tuple[str, ...]:
+    """The formats, by Pillow's names, that a file of these bytes may be opened as.
+
+    AVIF is read where Pillow was built with it, HEIC where there is pillow-heif. Raises InputError, naming the file,
+    for one of these that cannot be read here, with what to install.
+    """
+    brands = _brands(data)
+    if brands & _AVIF:
+        Image.init()
+        if "AVIF" not in Image.OPEN:
+            raise InputError(f"{shown}: is an AVIF picture; pip install -U 'Pillow>=11.3' to have it read")
+        return ("AVIF",)
+    if brands & _HEIC:
+        if not reads_heic():
+            raise InputError(
+                f"{shown}: is an HEIC picture; pip install pillow-heif to have it read, or save it as JPEG"
+            )
+        importlib.import_module("pillow_heif").register_heif_opener()
+        return ("HEIF",)
+    return FORMATS
+
+
+def _brands(data: bytes) -> set[bytes]:
+    """What a file of the MPEG-4 family says that it can be read as; none where it is of another kind."""
+    if data[4:8] != b"ftyp":
+        return set()
+    names = data[8 : min(int.from_bytes(data[:4], "big"), 256)]
+    return {names[i : i + 4] for i in range(0, len(names), 4) if i != 4}  # between them stands a version

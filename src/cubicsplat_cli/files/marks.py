@@ -61,8 +61,8 @@ def with_checksum(svg: str) -> str:
 
 def is_edited(svg: bytes) -> bool:
     """Whether the text of an SVG of ours is not what its checksum says, or says none."""
-    found = _CHECKSUM.search(svg[:HEAD_BYTES])
-    return found is None or _short(svg[: found.start(1)] + svg[found.end(1) :]) != found[2].decode()
+    match = _CHECKSUM.search(svg[:HEAD_BYTES])
+    return match is None or _short(svg[: match.start(1)] + svg[match.end(1) :]) != match[2].decode()
 
 
 def _short(data: bytes) -> str:

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.measurable import measurable
+from cubicsplat_cli.evaluate.metrics import measurable
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster.draw import leave_one_out_importance
 from cubicsplat_cli.scene import Scene, scaled_scene

@@ -7,8 +7,15 @@ from pathlib import Path
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.marks import hashes_in, is_edited, sha256_of
 from cubicsplat_cli.files.names import SVG_SUFFIXES, beside
-from cubicsplat_cli.files.ownership import check_outputs, check_ownership, head_of, is_replaceable, read_ends
-from cubicsplat_cli.files.paths import is_file, same_file
+from cubicsplat_cli.files.paths import (
+    check_outputs,
+    check_ownership,
+    head_of,
+    is_file,
+    is_replaceable,
+    read_ends,
+    same_file,
+)
 from cubicsplat_cli.files.read import unpacked
 from cubicsplat_cli.jobs.plan import Job, make_folders
 from cubicsplat_cli.metrics import Report

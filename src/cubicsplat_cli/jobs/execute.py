@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import CubicSplatError
-from cubicsplat_cli.files.atomic import write_atomically
 from cubicsplat_cli.files.marks import made_mark
-from cubicsplat_cli.files.ownership import read_head
-from cubicsplat_cli.files.paths import is_file
+from cubicsplat_cli.files.paths import is_file, read_head
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare
 from cubicsplat_cli.jobs.plan import Job, JobPlan
 from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure, load_job

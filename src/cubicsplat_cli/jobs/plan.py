@@ -21,8 +21,7 @@ from cubicsplat_cli.files.names import (
     place_for,
     plan_outputs,
 )  # fmt: skip
-from cubicsplat_cli.files.ownership import is_svg
-from cubicsplat_cli.files.paths import is_folder, is_there, make_folder_of
+from cubicsplat_cli.files.paths import is_folder, is_svg, is_there, make_folder_of
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
 from cubicsplat_cli.request import Request

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
-from cubicsplat_cli.files.ownership import is_replaceable
-from cubicsplat_cli.files.paths import is_file
+from cubicsplat_cli.files.paths import is_file, is_replaceable
 from cubicsplat_cli.files.read import packed
-from cubicsplat_cli.files.stdout import STDOUT, write_stdout
+from cubicsplat_cli.files.write import STDOUT, write_stdout
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.jobs.earlier import forget, holds_edited, is_finished
 from cubicsplat_cli.jobs.plan import Job
@@ -78,7 +77,7 @@ class FileSink:
     files: dict[str, bytes] = field(default_factory=dict)
 
     def put(self, kind: str, data: bytes) -> None:
-        from cubicsplat_cli.files.atomic import folder_locked, write_atomically
+        from cubicsplat_cli.files.write import folder_locked, write_atomically
 
         path, svg = getattr(self.job.outputs, kind), self.job.outputs.svg
         if kind == "svg" and path is None:
@@ -166,7 +165,7 @@ def _write_others(
         timer.note(f"{task.source.source}: {note}")
     files = {} if outputs.svg is None else {"svg": str(outputs.svg)}
     if outputs.png is not None and figures is not None:
-        from cubicsplat_cli.files.png import encode_png
+        from cubicsplat_cli.files.write import encode_png
 
         with timer("draw"):
             png = encode_png(figures.pixels)

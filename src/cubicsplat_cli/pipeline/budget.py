@@ -201,7 +201,7 @@ def _rise(before: float, after: float) -> float:
 
 def _by_use(scene: Scene, importance: np.ndarray, precision: int) -> np.ndarray:
     """The curves' numbers, those of most use for a byte first."""
-    from cubicsplat_cli.svg.sizes import bytes_by_curve
+    from cubicsplat_cli.svg.scene_writer import bytes_by_curve
 
     return np.argsort(-importance.astype(np.float64) / bytes_by_curve(scene, precision), kind="stable")
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from cubicsplat_cli.artwork.plain import only_ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
-from cubicsplat_cli.evaluate.layers import of_scene, of_values
+from cubicsplat_cli.evaluate.images import of_scene, of_values
 from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.formatting import one_line

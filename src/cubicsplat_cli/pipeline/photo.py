@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.evaluate.layers import of_pixels
-from cubicsplat_cli.evaluate.measurable import measurable
-from cubicsplat_cli.evaluate.metrics import psnr_db
+from cubicsplat_cli.evaluate.images import of_pixels
+from cubicsplat_cli.evaluate.metrics import measurable, psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.read import packed

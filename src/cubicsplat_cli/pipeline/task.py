@@ -13,14 +13,14 @@ import numpy as np
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.style import PHOTO, Style
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.evaluate.measurable import seconds_to_measure
-from cubicsplat_cli.files.atomic import write_atomically
-from cubicsplat_cli.files.formats import holds_picture
+from cubicsplat_cli.evaluate.metrics import seconds_to_measure
+from cubicsplat_cli.files.decode import holds_picture
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import provenance_comment, with_checksum
 from cubicsplat_cli.files.names import SVG_SUFFIXES, is_compressed_name
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.files.weights import pixel_weights
+from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.metrics import Qualities, Report
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer

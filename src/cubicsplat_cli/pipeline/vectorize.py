@@ -7,9 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from cubicsplat_cli.artwork.style import PHOTO
-from cubicsplat_cli.evaluate.layers import of_pixels, of_scene
-from cubicsplat_cli.evaluate.measurable import measurable
-from cubicsplat_cli.evaluate.metrics import measure, weighted_psnr_db
+from cubicsplat_cli.evaluate.images import of_pixels, of_scene
+from cubicsplat_cli.evaluate.metrics import measurable, measure, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
 from cubicsplat_cli.files.marks import sha256_of
@@ -18,7 +17,7 @@ from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
 from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.svg.drawing import drawn_elements
+from cubicsplat_cli.svg.drawing_writer import drawn_elements
 
 
 def vectorize_picture(

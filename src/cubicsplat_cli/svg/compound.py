@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring
-from cubicsplat_cli.artwork.geometry.stroke import Stroke
+from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.scene.paint import Gradient, Ink
-from cubicsplat_cli.svg.strokes import joinable
 
 # Two shapes of one ink may be a pair of eyes; so many are lettering or a pattern.
 LEAST_SHAPES = 3
@@ -32,9 +31,9 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
     """
     boxes = np.array([_box(shape) for shape in shapes]).reshape(-1, 4)
     paints = [(shape.gradient or shape.ink, _pen(shape.stroke)) for shape in shapes]
-    known = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
-    sign = len(known) <= FEW_PAINTS and all(shape.stroke is None for shape in shapes)
-    numbers = np.array([known[paint] for paint in paints], dtype=int)
+    number_of = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
+    sign = len(number_of) <= FEW_PAINTS and all(shape.stroke is None for shape in shapes)
+    numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     leaders = np.arange(len(shapes))
     last: dict[tuple[Ink | Gradient, Pen | None], int] = {}
     for index, shape in enumerate(shapes):
@@ -56,18 +55,18 @@ def _pen(stroke: Stroke | None) -> Pen | None:
 def _groups(shapes: Sequence[Shape], leaders: np.ndarray, sign: bool) -> list[list[Shape]]:
     """Each group where its leader stands; groups of too few, and of primitives alone, are taken apart again."""
     paths = np.array([not _primitive(shape) for shape in shapes], dtype=bool)
-    found = np.bincount(leaders, paths, len(shapes)) >= (1 if sign else LEAST_SHAPES)
+    joined = np.bincount(leaders, paths, len(shapes)) >= (1 if sign else LEAST_SHAPES)
     groups: dict[int, list[Shape]] = {}
     for index, shape in enumerate(shapes):
         leader = int(leaders[index])
-        groups.setdefault(leader if found[leader] else index, []).append(shape)
+        groups.setdefault(leader if joined[leader] else index, []).append(shape)
     return list(groups.values())
 
 
 def _primitive(shape: Shape) -> bool:
-    """Whether a shape is a circle, ellipse or rectangle, which is worth more as such; of strokes, what cannot join."""
+    """Whether a shape is a circle, ellipse or rectangle, which stays one; of strokes, what cannot join."""
     if shape.stroke is not None:
-        return not joinable(shape.stroke)
+        return not isinstance(shape.stroke.path, (Chain, Ring))
     return len(shape.outlines) == 1 and not isinstance(shape.outlines[0], Ring)
 
 

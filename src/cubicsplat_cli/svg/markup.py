@@ -1,12 +1,11 @@
-"""Documents, text and colours as XML and SVG take them."""
+"""Documents, text, numbers, colours and gradients as XML and SVG write them."""
 
 from __future__ import annotations
 
 import re
 from xml.etree import ElementTree
 
-from cubicsplat_cli.scene.paint import Ink
-from cubicsplat_cli.svg.pathdata import format_number
+from cubicsplat_cli.scene.paint import Gradient, Ink, LinearGradient
 
 OPAQUE = 255
 
@@ -14,6 +13,24 @@ OPAQUE = 255
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SPACE = re.compile(r" />(?=\n|<stop|</(?:linear|radial)Gradient)")
 _NOT_ID = re.compile(r"[^A-Za-z0-9_.]+")
+_DECIMALS = 3  # of offsets and opacities
+
+
+def format_number(value: int, precision: int) -> str:
+    """`value` * 10^-precision as short decimal text: no leading zero, no trailing zeros, no exponent.
+
+    >>> format_number(-50, 2), format_number(1234, 2), format_number(300, 2)
+    ('-.5', '12.34', '3')
+    """
+    sign = "-" if value < 0 else ""
+    digits = str(abs(value))
+    if precision == 0:
+        return sign + digits
+    digits = digits.rjust(precision + 1, "0")
+    whole, fraction = digits[:-precision], digits[-precision:].rstrip("0")
+    if not fraction:
+        return "0" if whole == "0" else sign + whole
+    return f"{sign}{'' if whole == '0' else whole}.{fraction}"
 
 
 def xml_text(text: str) -> str:
@@ -36,12 +53,12 @@ class Identifiers:
         """Letters, digits, underscores, dots and single hyphens, never beginning with a digit."""
         text = _NOT_ID.sub("-", name).strip("-.") or "shape"
         text = text if text[0].isalpha() or text[0] == "_" else f"_{text}"
-        found = text
-        while found in self._last:
+        identifier = text
+        while identifier in self._last:
             self._last[text] += 1
-            found = f"{text}-{self._last[text]}"
-        self._last[found] = 1
-        return found
+            identifier = f"{text}-{self._last[text]}"
+        self._last[identifier] = 1
+        return identifier
 
 
 def short_colour(red: int, green: int, blue: int) -> str:
@@ -75,5 +92,58 @@ def document(root: ElementTree.Element) -> str:
 def paint(ink: Ink) -> dict[str, str]:
     """The attributes that fill a shape with a colour."""
     red, green, blue, alpha = ink
-    opacity = {} if alpha == OPAQUE else {"fill-opacity": format_number(round(1000 * alpha / OPAQUE), 3)}
-    return {"fill": short_colour(red, green, blue), **opacity}
+    return {"fill": short_colour(red, green, blue), **opacity_of("fill", alpha)}
+
+
+def opacity_of(kind: str, alpha: int) -> dict[str, str]:
+    """The attribute of an opacity of 0..255 of a "fill", "stroke" or "stop"; none where it is opaque."""
+    if alpha == OPAQUE:
+        return {}
+    return {f"{kind}-opacity": format_number(round(alpha * 10**_DECIMALS / OPAQUE), _DECIMALS)}
+
+
+class GradientElements:
+    """The gradients of one file, equal ones written once. precision: decimals of their coordinates in px."""
+
+    def __init__(self, names: Identifiers, precision: int) -> None:
+        self._names, self._precision = names, precision
+        self._identifiers: dict[str, str] = {}
+
+    def fill(self, gradient: Gradient) -> tuple[str, ElementTree.Element | None]:
+        """The `fill` of a shape, and the element to be put before it; None where that is in the file already."""
+        element = gradient_element(gradient, self._precision)
+        text = ElementTree.tostring(element, encoding="unicode")
+        new = text not in self._identifiers
+        if new:
+            self._identifiers[text] = self._names.unique("gradient")
+            attributes = {"id": self._identifiers[text], **element.attrib}
+            element.attrib.clear()
+            element.attrib.update(attributes)
+        return f"url(#{self._identifiers[text]})", element if new else None
+
+
+def gradient_element(gradient: Gradient, precision: int) -> ElementTree.Element:
+    """A linearGradient or radialGradient without an id, its stops within."""
+
+    def number(value: float) -> str:
+        return format_number(round(value * 10**precision), precision)
+
+    if isinstance(gradient, LinearGradient):
+        ends = {"x1": gradient.x1, "y1": gradient.y1, "x2": gradient.x2, "y2": gradient.y2}
+        element = ElementTree.Element("linearGradient", {name: number(value) for name, value in ends.items()})
+    elif number(gradient.rx) == number(gradient.ry):
+        round_one = {"cx": gradient.cx, "cy": gradient.cy, "r": gradient.rx}
+        element = ElementTree.Element("radialGradient", {name: number(value) for name, value in round_one.items()})
+    else:
+        # The unit circle, brought to the ellipse.
+        matrix = " ".join(number(value) for value in gradient.matrix().T.ravel())
+        unit = {"cx": "0", "cy": "0", "r": "1", "gradientTransform": f"matrix({matrix})"}
+        element = ElementTree.Element("radialGradient", unit)
+    element.set("gradientUnits", "userSpaceOnUse")
+    for stop in gradient.stops:
+        red, green, blue, alpha = stop.ink
+        attributes = {"offset": format_number(round(stop.offset * 10**_DECIMALS), _DECIMALS)}
+        attributes["stop-color"] = short_colour(red, green, blue)
+        attributes |= opacity_of("stop", alpha)
+        ElementTree.SubElement(element, "stop", attributes)
+    return element

@@ -10,8 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
 from cubicsplat_cli.artwork.mosaic import Layer, Mosaic
 from cubicsplat_cli.artwork.names import colour_name
-from cubicsplat_cli.svg.markup import Identifiers, document, empty_document, paint
-from cubicsplat_cli.svg.pathdata import format_number
+from cubicsplat_cli.svg.markup import Identifiers, document, empty_document, format_number, paint
 from cubicsplat_cli.svg.quantise import check_precision
 
 

@@ -7,6 +7,7 @@ curve may begin at another of its anchors, or run backwards, where that is short
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,15 +18,14 @@ from cubicsplat_cli.scene.arrays import Array, as_numpy
 from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.settings import PRECISION, Mode
-from cubicsplat_cli.svg.gridgradients import as_written, paints_of
-from cubicsplat_cli.svg.pathdata import ring_slices
-from cubicsplat_cli.svg.shortest import shortest_description
+from cubicsplat_cli.svg.scene_gradients import as_written, paints_of
 
 OPACITY_DECIMALS = 3
 # Whole pixels would make most strokes 0 or 1 px wide, so widths keep two decimals at least.
 MIN_WIDTH_DECIMALS = 2
 # Renderers store coordinates as 24.8 fixed point (cairo) or float32; nothing near this is on any canvas.
 MAX_COORDINATE = 4.0e6
+_POWERS = 10 ** np.arange(1, 19, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -165,3 +165,51 @@ def _refuse(bad: np.ndarray, what: str) -> None:
     if bad.any():
         curve = int(np.argwhere(bad)[0][0])
         raise InputError(f"curve {curve} cannot be written as SVG: its {what}")
+
+
+def ring_slices(ring_ends: np.ndarray, *, closed: bool) -> list[list[slice]]:
+    """Which of its control points each ring of each curve has: ring_ends (N, R) as in `Scene`."""
+    shared = 0 if closed else 1
+    rows = [[0, *row] for row in ring_ends.tolist()]
+    return [[slice(3 * a, 3 * b + shared) for a, b in itertools.pairwise(row) if a < b] for row in rows]
+
+
+def shortest_description(points: np.ndarray, *, closed: bool, turn: bool = True) -> np.ndarray:
+    """(N, K, 2) int64 control points of the same curves, each in the direction and from the anchor that are shortest to
+    write. The picture stays the same: the nonzero rule ignores the direction, and round caps are alike.
+
+    turn: whether a curve may be run through backwards; one ring of several may not.
+    """
+    if not turn:
+        return _best_beginning(points)
+    backwards = np.concatenate([points[:, :1], points[:, :0:-1]], axis=1) if closed else points[:, ::-1]
+    if closed:
+        points, backwards = _best_beginning(points), _best_beginning(backwards)
+    shorter = _length_of_text(backwards, closed) < _length_of_text(points, closed)
+    return np.where(shorter[:, None, None], backwards, points)
+
+
+def _best_beginning(rings: np.ndarray) -> np.ndarray:
+    """Each ring turned so that it begins at the anchor with the shortest text, the first of them."""
+    anchors, handles = rings[:, ::3], rings[:, 1::3]
+    # A minus right after a letter is one more; elsewhere it saves the space.
+    signs = (anchors[..., 0] < 0).astype(np.int64) + (handles[..., 0] < anchors[..., 0])
+    first = 3 * (_digits(anchors).sum(-1) + signs).argmin(-1)
+    order = (first[:, None] + np.arange(rings.shape[1])) % rings.shape[1]
+    return np.take_along_axis(rings, order[..., None], axis=1)
+
+
+def _length_of_text(points: np.ndarray, closed: bool) -> np.ndarray:
+    """(N,) characters of each curve's path data, every cubic in its shorter form, but for what all have alike."""
+    per_curve = points.shape[1]
+    starts = 3 * np.arange(per_curve // 3)
+    ends = starts[:, None] + np.array([1, 2, 3])
+    absolute = points[:, ends % per_curve if closed else ends]
+    relative = absolute - points[:, starts][:, :, None]
+    cubics = np.minimum(_digits(absolute).sum((-1, -2)), _digits(relative).sum((-1, -2))).sum(-1)
+    signs = (points[:, 0, 0] < 0).astype(np.int64) + (relative[:, 0, 0, 0] < 0)
+    return cubics + _digits(points[:, 0]).sum(-1) + signs
+
+
+def _digits(values: np.ndarray) -> np.ndarray:
+    return 1 + np.searchsorted(_POWERS, np.abs(values), side="right")

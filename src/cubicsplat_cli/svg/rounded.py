@@ -10,10 +10,10 @@ from collections.abc import Iterator, Sequence
 
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.geometry.steps import to_steps
-from cubicsplat_cli.svg.pathparse import Piece, Point
-from cubicsplat_cli.svg.ringpath import PathText
+from cubicsplat_cli.svg.drawing_paths import PathText
+from cubicsplat_cli.svg.paths import PathSegment, Point
 
-# Letters of the kinds: round at the left and right ends, at the upper and lower ones, at four corners either way round.
+# Letters of the kinds: round at the left and right ends, at upper and lower ones, at all corners in either direction.
 LETTERS = ("HAHAZ", "VAVAZ", "HAVAHAVAZ", "VAHAVAHAZ")
 MOST_ON_RECT = 3.0  # px, the radius up to which viewers agree about `<rect rx>` to a tenth of a px
 
@@ -36,13 +36,13 @@ def add_rounded(path: PathText, box: Rectangle, precision: int, *, clockwise: bo
     path.close()
 
 
-def rounded_of(subpath: Sequence[Piece]) -> tuple[Rectangle, bool] | None:
+def rounded_of(subpath: Sequence[PathSegment]) -> tuple[Rectangle, bool] | None:
     """The rectangle that `add_rounded` wrote as these pieces, and whether clockwise as seen; None for other pieces."""
     if "".join(piece.command for piece in subpath) not in LETTERS:
         return None
     arcs = [piece for piece in subpath if piece.command == "A"]
     radius, sweep = arcs[0].numbers[0], arcs[0].numbers[4]
-    wanted = (radius, radius, 0.0, 0.0, sweep)
+    numbers = (radius, radius, 0.0, 0.0, sweep)
     starts = [piece.start for piece in subpath[:-1]]
     x, y = zip(*starts, strict=True)
     across, down = (radius if len(arcs) == 2 and subpath[0].command == letter else 0.0 for letter in "HV")
@@ -50,7 +50,7 @@ def rounded_of(subpath: Sequence[Piece]) -> tuple[Rectangle, bool] | None:
     expected = list(_ends(left, top, right, bottom, radius))
     expected = expected if sweep == 1.0 else expected[::-1]
     off = max(max(abs(a[0] - b[0]), abs(a[1] - b[1])) for a, b in zip(starts, expected, strict=True))
-    if any(arc.numbers != wanted for arc in arcs) or radius <= 0.0 or off > 1e-6 or subpath[-1].start != starts[0]:
+    if any(arc.numbers != numbers for arc in arcs) or radius <= 0.0 or off > 1e-6 or subpath[-1].start != starts[0]:
         return None
     return Rectangle(left, top, right - left, bottom - top, radius), sweep == 1.0
 

@@ -1,30 +1,71 @@
-"""An SVG of any program as a scene: near enough to begin a fit with, and a line on what is not in it."""
+"""The drawing that a fit begins with: one of ours, or any other SVG as near as it comes to a scene."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
-from cubicsplat_cli.beginning.elements import Drawn, Elements, local, reference
-from cubicsplat_cli.beginning.outlines import Line, closed, lines_of, path_data, straight
-from cubicsplat_cli.beginning.strokes import stroke_rings
-from cubicsplat_cli.beginning.styles import Rgba, colour, declarations, length, share
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.untrusted import check_untrusted
-from cubicsplat_cli.formatting import counted, one_line
+from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.files.read import read_file
+from cubicsplat_cli.formatting import counted, one_line, printable
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.pathparse import MAX_COMMANDS, TooLong
+from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, reference
+from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, cubic_subpaths
+from cubicsplat_cli.svg.scene_reader import read_svg
+from cubicsplat_cli.svg.stroke_outlines import stroke_rings
+from cubicsplat_cli.svg.untrusted import check_untrusted
+from cubicsplat_cli.svg.values import Rgba, colour, length, share
 
+ASPECT_TOLERANCE = 0.01  # sides of canvases are whole pixels
 _SIDE = 1024  # px of the scene's longer side at the least, where rounding that would change its shape
 _MOST_POINTS = 2**23  # of all curves, each with as much room as the longest one needs
 _REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\")]+)['\"]?\s*\)\s*(.*)")
 _LEAST_OPACITY = 1.0 / 512.0
+
+
+@dataclass(frozen=True, eq=False)
+class InitialDrawing:
+    """A scene to begin a fit with, of any size; name and sha256: of the file that it is from. notes: what the user
+    should know about how it was read, a sentence each.
+    """
+
+    scene: Scene
+    name: str
+    sha256: str
+    notes: tuple[str, ...] = ()
+
+    def check_shape(self, width: int, height: int) -> None:
+        """Raise InputError where a picture of width x height px has another shape."""
+        scene = self.scene
+        if abs(scene.width * height / (scene.height * width) - 1.0) > ASPECT_TOLERANCE:
+            raise InputError(
+                f"the drawing {self.name} has {scene.width} x {scene.height} px, another shape than the picture's "
+                f"{width} x {height}; begin with one of that picture"
+            )
+
+
+def load_initial_drawing(source: str | Path | bytes, mode: Mode = Mode.CLOSED) -> InitialDrawing:
+    """A drawing, from its path or bytes: as cubicsplat wrote it, or as near as any other SVG comes to a scene.
+
+    mode: what to read of an SVG of others. Raises InputError, with its name, for what is no SVG or shows no shape.
+    """
+    data = source if isinstance(source, bytes) else read_file(Path(source))
+    name = "the SVG" if isinstance(source, bytes) else printable(str(source))
+    try:
+        return InitialDrawing(read_svg(data), name, sha256_of(data))
+    except InputError:
+        scene, notes = read_foreign(data, name, mode)
+        return InitialDrawing(scene, name, sha256_of(data), tuple(notes))
 
 
 def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Scene, list[str]]:
@@ -41,31 +82,31 @@ def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Sc
         raise InputError(f"{source}: is not well-formed XML ({error}); export it again") from error
     whole = size.width.is_integer() and size.height.is_integer()
     scale = 1.0 if whole else max(1.0, _SIDE / max(size.width, size.height))
+    collected = _Collected(mode)
     try:
-        found = _Found(mode, root)
-        for drawn in found.elements.shapes(size.width, size.height):
-            found.add(drawn, scale)
+        collected.add_all(StyledTree(root, collected.left_out), size.width, size.height, scale)
     except (InputError, ValueError) as error:
         raise InputError(f"{source}: {one_line(error)}") from error
-    if not found.curves:
+    if not collected.curves:
         kind = "stroke" if mode is Mode.OPEN else "filled shape"
         other = "; --mode closed reads fills" if mode is Mode.OPEN else ""
         raise InputError(f"{source}: shows no {kind} that could be begun with{other}")
-    longest = max(sum(len(ring) for ring in rings) for rings in found.curves)
-    if 3 * longest * len(found.curves) > _MOST_POINTS:
+    longest = max(sum(len(ring) for ring in rings) for rings in collected.curves)
+    if 3 * longest * len(collected.curves) > _MOST_POINTS:
         raise InputError(
-            f"{source}: has {counted(len(found.curves), 'shape')}, one of {longest} segments, too many to begin with; "
-            "simplify it"
+            f"{source}: has {counted(len(collected.curves), 'shape')}, one of {longest} segments, too many to begin "
+            "with; simplify it"
         )
-    return found.scene(round(size.width * scale), round(size.height * scale)), found.notes(source)
+    return collected.scene(round(size.width * scale), round(size.height * scale)), collected.notes(source)
 
 
 @dataclass
-class _Found:
-    """What has been found, the first at the back. curves: the cubics (M, 4, 2) of each ring, or of a stroke, in px."""
+class _Collected:
+    """Curves with their paints, the first at the back. curves: the cubics (M, 4, 2) of each ring, or of a stroke, in
+    px; left_out: see `StyledTree`.
+    """
 
     mode: Mode
-    root: ElementTree.Element
     left_out: Counter[str] = field(default_factory=Counter)
     gradients: int = 0
     segments: int = 0
@@ -73,96 +114,95 @@ class _Found:
     paints: list[Rgba] = field(default_factory=list)
     half_widths: list[float] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
-        self.elements = Elements(self.root, self.left_out)
+    def add_all(self, tree: StyledTree, width: float, height: float, scale: float) -> None:
+        """Add every shape of a document that is drawn at width x height px, enlarged by `scale`."""
+        for shape in tree.shapes(width, height):
+            self._add(tree, shape, scale)
 
-    def add(self, drawn: Drawn, scale: float) -> None:
-        """The fill of a shape and, in front of it, its stroke."""
+    def _add(self, tree: StyledTree, shape: StyledShape, scale: float) -> None:
+        """Add the fill of a shape and, in front of it, its stroke."""
         try:
-            lines = lines_of(path_data(drawn.name, drawn.length, dict(drawn.attributes)))
+            lines = cubic_subpaths(shape.path_data())
             self.segments += sum(len(line.cubics) for line in lines)
-            fill, stroke = (self._paint(drawn, name) for name in ("fill", "stroke"))
-            width = length(drawn.style["stroke-width"], drawn.view[0])
+            fill, stroke = (self._paint(tree, shape, name) for name in ("fill", "stroke"))
+            width = length(shape.style["stroke-width"], shape.view[0])
         except TooLong:
             raise
         except (InputError, ValueError):
-            self.left_out[f"{drawn.name} that cannot be read"] += 1
+            self.left_out[f"{shape.name} that cannot be read"] += 1
             return
         if self.segments > MAX_COMMANDS:
             raise TooLong(f"path data of more than {MAX_COMMANDS} commands in all, too many to begin with; simplify it")
-        matrix = np.diag([scale, scale, 1.0]) @ drawn.matrix
+        matrix = np.diag([scale, scale, 1.0]) @ shape.matrix
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:2, :2])) < 1e-12:
             return
-        if fill is not None and drawn.name != "line":
+        if fill is not None and shape.name != "line":
             if self.mode is Mode.OPEN:
                 self.left_out["fill"] += 1
             else:
-                self._add_fill([line.mapped(matrix) for line in lines], drawn.style["fill-rule"] == "evenodd", fill)
+                self._add_fill([line.mapped(matrix) for line in lines], shape.style["fill-rule"] == "evenodd", fill)
         if stroke is not None and width > 0.0:
-            self.left_out["dash pattern"] += drawn.style["stroke-dasharray"] not in ("none", "")
-            self._add_stroke(lines, drawn.style, width / 2.0, matrix, stroke)
+            self.left_out["dash pattern"] += shape.style["stroke-dasharray"] not in ("none", "")
+            self._add_stroke(lines, shape.style, width / 2.0, matrix, stroke)
 
-    def _add_fill(self, lines: list[Line], even_odd: bool, paint: Rgba) -> None:
-        rings = [ring for ring in map(closed, lines) if len(ring) > 2 or _area(ring) != 0.0]
+    def _add_fill(self, lines: list[Subpath], even_odd: bool, paint: Rgba) -> None:
+        rings = [ring for ring in (line.ring() for line in lines) if len(ring) > 2 or _area(ring) != 0.0]
         for group in _apart(rings):
             self._keep(_oriented(group) if even_odd else group, paint, 0.0)
 
     def _add_stroke(
-        self, lines: list[Line], style: dict[str, str], half: float, matrix: np.ndarray, paint: Rgba
+        self, lines: list[Subpath], style: Mapping[str, str], half: float, matrix: np.ndarray, paint: Rgba
     ) -> None:
         for line in lines:
             if self.mode is Mode.OPEN:
-                cubics = line.mapped(matrix).cubics
-                start, end = cubics[0, 0], cubics[-1, 3]
-                if line.closed and not np.array_equal(start, end):
-                    cubics = np.concatenate([cubics, straight(end, start)[None]])
+                mapped = line.mapped(matrix)
+                cubics = mapped.ring() if line.closed else mapped.cubics
                 self._keep([cubics], paint, half * math.sqrt(abs(np.linalg.det(matrix[:2, :2]))))
             else:
                 limit = length(style["stroke-miterlimit"], 1.0)
                 around = stroke_rings(line, half, style["stroke-linecap"], style["stroke-linejoin"], limit)
-                self._keep([Line(ring, True).mapped(matrix).cubics for ring in around], paint, 0.0)
+                self._keep([Subpath(ring, True).mapped(matrix).cubics for ring in around], paint, 0.0)
 
     def _keep(self, rings: list[np.ndarray], paint: Rgba, half_width: float) -> None:
         self.curves.append(rings)
         self.paints.append(paint)
         self.half_widths.append(half_width)
 
-    def _paint(self, drawn: Drawn, name: str) -> Rgba | None:
+    def _paint(self, tree: StyledTree, shape: StyledShape, name: str) -> Rgba | None:
         """Colour and opacity of a fill or stroke, None where there is none to be seen."""
-        text, current = drawn.style[name], drawn.style["color"]
+        text, current = shape.style[name], shape.style["color"]
         match = _REFERENCE.fullmatch(text)
         if match is None:
-            found = colour(text, current)
+            paint = colour(text, current)
         else:
-            found = self._mean_of(match[1], current)
-            if found is None and match[2]:
-                found = colour(match[2], current)
-            elif found is None:
+            paint = self._mean_of(tree, match[1], current)
+            if paint is None and match[2]:
+                paint = colour(match[2], current)
+            elif paint is None:
                 self.left_out["pattern"] += 1
-        if found is None:
+        if paint is None:
             return None
-        opacity = found[3] * share(drawn.style[f"{name}-opacity"]) * drawn.opacity
-        return None if opacity < _LEAST_OPACITY else (*found[:3], opacity)
+        opacity = paint[3] * share(shape.style[f"{name}-opacity"]) * shape.opacity
+        return None if opacity < _LEAST_OPACITY else (*paint[:3], opacity)
 
-    def _mean_of(self, identifier: str, current: str) -> Rgba | None:
-        """The mean of a gradient's stops; None where it is none, or has none."""
-        element = self.elements.named.get(identifier)
+    def _mean_of(self, tree: StyledTree, identifier: str, current: str) -> Rgba | None:
+        """The mean of a gradient's stops, which it may inherit; None where it is none, or has none."""
+        stops: list[ElementTree.Element] = []
         for _ in range(8):
-            if element is None or local(element) not in ("linearGradient", "radialGradient"):
-                return None
-            stops = [child for child in element if local(child) == "stop"]
-            if stops:
+            element = tree.named.get(identifier)
+            if stops or element is None or local_name(element) not in ("linearGradient", "radialGradient"):
                 break
-            element = self.elements.named.get(reference(element))
-        else:
+            stops = [child for child in element if local_name(child) == "stop"]
+            identifier = reference(element)
+        if not stops:
             return None
-        found = []
+        colours = []
         for stop in stops:
-            said = {**stop.attrib, **self.elements.said_by_rules(stop), **declarations(stop.get("style", ""))}
-            rgba = colour(said.get("stop-color", "black"), current) or (0.0, 0.0, 0.0, 0.0)
-            found.append((*rgba[:3], rgba[3] * share(said.get("stop-opacity", "1"))))
+            values = tree.declared(stop)
+            rgba = colour(values.get("stop-color", "black"), current) or (0.0, 0.0, 0.0, 0.0)
+            colours.append((*rgba[:3], rgba[3] * share(values.get("stop-opacity", "1"))))
         self.gradients += 1
-        red, green, blue, opacity = np.mean(found, axis=0).tolist()
+        red, green, blue, opacity = np.mean(colours, axis=0).tolist()
         return red, green, blue, opacity
 
     def scene(self, width: int, height: int) -> Scene:
@@ -178,28 +218,25 @@ class _Found:
     def notes(self, source: str) -> list[str]:
         """What is not in the scene, or not as it was."""
         parts = [counted(count, name) for name, count in sorted(self.left_out.items()) if count]
-        found = [f"{source}: left out of the drawing to begin with: {', '.join(parts)}"] if parts else []
+        notes = [f"{source}: left out of the drawing to begin with: {', '.join(parts)}"] if parts else []
         if self.gradients:
-            found.append(f"{source}: begun with the mean colours of {counted(self.gradients, 'gradient')}")
-        return found
+            notes.append(f"{source}: begun with the mean colours of {counted(self.gradients, 'gradient')}")
+        return notes
 
 
 def _points(rings: list[np.ndarray], mode: Mode) -> list[np.ndarray]:
-    found = []
+    points_of_rings = []
     for cubics in rings:
         points = cubics[:, :3].reshape(-1, 2)
         if mode is Mode.OPEN:
             points = np.concatenate([points, cubics[-1, 3:]])
-        found.append(points.astype(np.float32))
-    return found
+        points_of_rings.append(points.astype(np.float32))
+    return points_of_rings
 
 
 def _polygon(ring: np.ndarray) -> np.ndarray:
     """(8 M, 2) points along a ring."""
-    t = np.arange(8)[:, None, None] / 8.0
-    a, b, c, d = ring.transpose(1, 0, 2)
-    along = (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t**2 * c + t**3 * d
-    return along.transpose(1, 0, 2).reshape(-1, 2)
+    return points_at(ring, np.arange(8) / 8.0).reshape(-1, 2)
 
 
 def _area(ring: np.ndarray) -> float:
@@ -226,12 +263,12 @@ def _oriented(rings: list[np.ndarray]) -> list[np.ndarray]:
     if len(rings) < 2:
         return rings
     polygons = [_polygon(ring) for ring in rings]
-    found = []
+    oriented = []
     for index, ring in enumerate(rings):
         depth = sum(_holds(polygon, polygons[index][0]) for other, polygon in enumerate(polygons) if other != index)
         outwards = _area(ring) > 0.0
-        found.append(ring if outwards == (depth % 2 == 0) else ring[::-1, ::-1])
-    return found
+        oriented.append(ring if outwards == (depth % 2 == 0) else ring[::-1, ::-1])
+    return oriented
 
 
 def _holds(polygon: np.ndarray, point: np.ndarray) -> bool:

@@ -1,4 +1,4 @@
-"""Pictures by their rows: what is compared, without a float copy of the whole of it."""
+"""Pictures read row by row: they are compared without a float copy of the whole."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.scaled import draw_part
-from cubicsplat_cli.evaluate.tiles import Tile
+from cubicsplat_cli.evaluate.scaled import Tile, draw_part
 from cubicsplat_cli.files.load import Picture
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class ImageSource:
     """A picture of width x height px.
 
     rows: gives the rows from a first up to, but without, a last one: (n, width, 3) float32 in [0, 1], or premultiplied
@@ -31,20 +30,20 @@ class Layer:
     rows: Callable[[int, int], np.ndarray]
 
 
-def of_picture(picture: Picture) -> Layer:
+def of_picture(picture: Picture) -> ImageSource:
     """A loaded picture."""
     rgb, alpha = picture.rgb, picture.alpha
     if alpha is None:
-        return Layer(picture.width, picture.height, False, lambda top, bottom: rgb[top:bottom])
+        return ImageSource(picture.width, picture.height, False, lambda top, bottom: rgb[top:bottom])
 
     def rows(top: int, bottom: int) -> np.ndarray:
         part = alpha[top:bottom, :, None]
         return np.concatenate([rgb[top:bottom] * part, part], axis=2)
 
-    return Layer(picture.width, picture.height, True, rows)
+    return ImageSource(picture.width, picture.height, True, rows)
 
 
-def of_pixels(pixels: np.ndarray) -> Layer:
+def of_pixels(pixels: np.ndarray) -> ImageSource:
     """A drawn picture: (H, W, 4) uint8 straight RGBA or (H, W, 3) uint8 RGB. InputError for anything else."""
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
         raise InputError(f"a drawn picture must be (H, W, 3 or 4) uint8, not {pixels.shape} {pixels.dtype}")
@@ -58,10 +57,10 @@ def of_pixels(pixels: np.ndarray) -> Layer:
         values[..., :3] *= values[..., 3:]
         return values
 
-    return Layer(width, height, transparent, rows)
+    return ImageSource(width, height, transparent, rows)
 
 
-def of_values(values: np.ndarray) -> Layer:
+def of_values(values: np.ndarray) -> ImageSource:
     """A float picture, (H, W, 3) or premultiplied (H, W, 4); values are clipped to [0, 1] and not rounded to 8 bits.
 
     Raises InputError for anything else, and where a value is not finite.
@@ -75,16 +74,16 @@ def of_values(values: np.ndarray) -> Layer:
     def rows(top: int, bottom: int) -> np.ndarray:
         return np.clip(values[top:bottom], 0.0, 1.0, dtype=np.float32)
 
-    return Layer(width, height, channels == 4, rows)
+    return ImageSource(width, height, channels == 4, rows)
 
 
-def of_scene(scene: Scene | None, width: int, height: int, samples: int, threads: int | None = None) -> Layer:
+def of_scene(scene: Scene | None, width: int, height: int, samples: int, threads: int | None = None) -> ImageSource:
     """The engine's exact picture of a scene at width x height px; of None a transparent one.
 
     samples: edges per cubic at most. Each call for rows draws them.
     """
     if scene is None:
-        return Layer(width, height, True, lambda top, bottom: np.zeros((bottom - top, width, 4), np.float32))
+        return ImageSource(width, height, True, lambda top, bottom: np.zeros((bottom - top, width, 4), np.float32))
     # Most of what is measured is no scene.
     from cubicsplat_cli.scene import scaled_scene
 
@@ -93,4 +92,4 @@ def of_scene(scene: Scene | None, width: int, height: int, samples: int, threads
     def rows(top: int, bottom: int) -> np.ndarray:
         return np.clip(draw_part(sized, 1, Tile(0, top, width, bottom - top), samples, threads), 0.0, 1.0)
 
-    return Layer(width, height, scene.background is None, rows)
+    return ImageSource(width, height, scene.background is None, rows)

@@ -11,16 +11,16 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.artwork.degradations import CLEAN, degraded, with_background
-from benchmarks.artwork.document import Document, drawn_elements, local_name
+from benchmarks.artwork.document import Document
 from benchmarks.artwork.scores import Scores
 from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
-from cubicsplat_cli.evaluate.colour import WHITE, over
-from cubicsplat_cli.svg.pathparse import Piece, pieces
+from cubicsplat_cli.evaluate.perceptual import WHITE, over
+from cubicsplat_cli.svg.elements import SVG, StyledShape
+from cubicsplat_cli.svg.paths import PathSegment, path_segments
 
 CELL = 640  # px, the longer side
 _ENLARGED = 4  # times
 _PALE = 0.3  # opacity of the picture under its outlines
-_GEOMETRY = {"d", "points", "cx", "cy", "r", "rx", "ry", "x", "y", "width", "height", "x1", "y1", "x2", "y2"}
 _CURVE, _PRIMITIVE, _HANDLE, _ANCHOR = "#1747d1", "#0a8f3c", "#e08a00", "#d11717"
 
 
@@ -60,34 +60,29 @@ def wireframe(document: Document, pixel: float) -> bytes:
 
     pixel: length of one px of the picture that will be drawn, in px of the document's canvas.
     """
-    unit = document.unit * pixel
-    root = ElementTree.Element(document.root.tag, dict(document.root.attrib))
-    for name in ("style", "fill", "stroke", "opacity"):
-        root.attrib.pop(name, None)
+    size = {"width": str(document.width), "height": str(document.height)}
+    root = ElementTree.Element(f"{SVG}svg", size | {"viewBox": f"0 0 {document.width} {document.height}"})
     marks: list[ElementTree.Element] = []
-    for drawn in drawn_elements(document.root):
-        matrix = drawn.matrix()
-        root.append(_outline(drawn.element, matrix, unit))
-        if local_name(drawn.element) == "path":
-            marks += _marks(pieces(drawn.element.get("d", "")), matrix, unit)
+    for shape in document.shapes():
+        root.append(_outline(shape, pixel))
+        if shape.name == "path":
+            marks += _marks(path_segments(shape.path_data()), shape.matrix, pixel)
     root.extend(marks)
     return ElementTree.tostring(root)
 
 
-def _outline(element: ElementTree.Element, matrix: np.ndarray, unit: float) -> ElementTree.Element:
-    scale = math.sqrt(abs(np.linalg.det(matrix[:2, :2]))) or 1.0
-    geometry = {name: value for name, value in element.attrib.items() if name in _GEOMETRY}
-    colour = _CURVE if local_name(element) == "path" else _PRIMITIVE
-    shown = {
-        "fill": "none",
-        "stroke": colour,
-        "stroke-width": f"{unit / scale:.6g}",
-        "transform": "matrix({})".format(" ".join(f"{value:.9g}" for value in matrix[:2].T.ravel())),
-    }
-    return ElementTree.Element(element.tag, geometry | shown)
+def _outline(shape: StyledShape, unit: float) -> ElementTree.Element:
+    scale = math.sqrt(abs(np.linalg.det(shape.matrix[:2, :2]))) or 1.0
+    return _path(
+        shape.path_data(),
+        fill="none",
+        stroke=_CURVE if shape.name == "path" else _PRIMITIVE,
+        transform="matrix({})".format(" ".join(f"{value:.9g}" for value in shape.matrix[:2].T.ravel())),
+        **{"stroke-width": f"{unit / scale:.6g}"},
+    )
 
 
-def _marks(found: list[Piece], matrix: np.ndarray, unit: float) -> list[ElementTree.Element]:
+def _marks(found: list[PathSegment], matrix: np.ndarray, unit: float) -> list[ElementTree.Element]:
     """Lines to the handles with a dot each, and a square at every anchor."""
     lines, dots, squares = [], [], []
     for piece in found:
@@ -109,7 +104,7 @@ def _square(middle: tuple[float, float], half: float) -> str:
 
 
 def _path(d: str, **attributes: str) -> ElementTree.Element:
-    return ElementTree.Element("{http://www.w3.org/2000/svg}path", {"d": d, **attributes})
+    return ElementTree.Element(f"{SVG}path", {"d": d, **attributes})
 
 
 def _mapped(matrix: np.ndarray, point: tuple[float, float]) -> tuple[float, float]:

@@ -18,17 +18,22 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     signed_area,
 )
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
-from cubicsplat_cli.artwork.geometry.stroke import Chain
+from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.svg.compound import compounds
-from cubicsplat_cli.svg.gradients import Gradients
-from cubicsplat_cli.svg.markup import OPAQUE, Identifiers, document, empty_document, paint, short_colour
-from cubicsplat_cli.svg.pathdata import format_number
+from cubicsplat_cli.svg.drawing_paths import GridRing, PathText, add_ring, add_stroke, grid_ring
+from cubicsplat_cli.svg.markup import (
+    GradientElements,
+    Identifiers,
+    document,
+    empty_document,
+    format_number,
+    opacity_of,
+    paint,
+    short_colour,
+)
 from cubicsplat_cli.svg.quantise import check_precision
-from cubicsplat_cli.svg.ringgrid import GridRing, grid_ring
-from cubicsplat_cli.svg.ringpath import PathText, add_ring
 from cubicsplat_cli.svg.rounded import MOST_ON_RECT, add_rounded
-from cubicsplat_cli.svg.strokes import add_stroke, pen
 
 _ANGLE_DECIMALS = 3  # degrees
 
@@ -46,7 +51,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     check_precision(precision)
     root = empty_document(drawing.width, drawing.height, title, comment)
     names = Identifiers()
-    gradients = Gradients(names, precision)
+    gradients = GradientElements(names, precision)
     groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
     rings = _GridRings(drawing.shapes, precision, drawing.abutting)
     for group in groups:
@@ -62,7 +67,7 @@ def drawn_elements(svg: str) -> int:
 
 
 def _finished(
-    element: ElementTree.Element, shape: Shape, names: Identifiers, gradients: Gradients, precision: int
+    element: ElementTree.Element, shape: Shape, names: Identifiers, gradients: GradientElements, precision: int
 ) -> list[ElementTree.Element]:
     """The element with its id in front and its paint behind; before it its gradient, where that is new."""
     red, green, blue, alpha = shape.ink
@@ -70,9 +75,8 @@ def _finished(
     before = None
     if shape.stroke is not None:
         attributes |= {"fill": "none", "stroke": short_colour(red, green, blue)}
-        if alpha != OPAQUE:
-            attributes["stroke-opacity"] = format_number(round(1000 * alpha / OPAQUE), 3)
-        attributes |= pen(shape.stroke, precision)
+        attributes |= opacity_of("stroke", alpha)
+        attributes |= _pen(shape.stroke, precision)
     elif shape.gradient is not None:
         attributes["fill"], before = gradients.fill(shape.gradient)
     else:
@@ -80,6 +84,17 @@ def _finished(
     element.attrib.clear()
     element.attrib.update(attributes)
     return [element] if before is None else [before, element]
+
+
+def _pen(stroke: Stroke, precision: int) -> dict[str, str]:
+    """The attributes that say how a stroke is drawn, those left out that are as SVG has them anyway."""
+    width = max(1, int(to_steps(stroke.width, precision)))
+    attributes = {"stroke-width": format_number(width, precision)}
+    if stroke.cap != BUTT and not stroke.closed:
+        attributes["stroke-linecap"] = stroke.cap
+    if stroke.join != MITER:
+        attributes["stroke-linejoin"] = stroke.join
+    return attributes
 
 
 class _GridRings:
@@ -92,7 +107,7 @@ class _GridRings:
     def __init__(self, shapes: Sequence[Shape], precision: int, exact: bool) -> None:
         self.exact = exact
         self._precision = precision
-        self._known: dict[tuple[int, bool], tuple[Ring, GridRing]] = {}
+        self._cache: dict[tuple[int, bool], tuple[Ring, GridRing]] = {}
         forms = Counter(
             self.of(outline, index == 0).form
             for shape in shapes
@@ -104,12 +119,12 @@ class _GridRings:
 
     def of(self, ring: Ring, clockwise: bool) -> GridRing:
         """One of them, as seen clockwise or not."""
-        known = self._known.get((id(ring), clockwise))
-        if known is None:
+        cached = self._cache.get((id(ring), clockwise))
+        if cached is None:
             turned = ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
-            known = ring, grid_ring(turned, self._precision, self.exact)
-            self._known[id(ring), clockwise] = known
-        return known[1]
+            cached = ring, grid_ring(turned, self._precision, self.exact)
+            self._cache[id(ring), clockwise] = cached
+        return cached[1]
 
 
 def _element(group: Sequence[Shape], precision: int, rings: _GridRings) -> ElementTree.Element | None:

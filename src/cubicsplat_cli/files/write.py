@@ -1,4 +1,5 @@
-"""Writing a file so that anybody looking at any moment sees either the old one or the whole new one.
+"""Writing results: files so that anybody looking at any moment sees either the old one or the whole new one, PNGs with
+our mark, and standard output with an error instead of a traceback.
 
 A process that is killed while it writes leaves its temporary file behind. The writer holds a lock on that file, which
 dies with it, so that the next writer of the same target can tell a dead one's file from a living one's and remove it.
@@ -8,20 +9,29 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import re
 import secrets
 import stat
 import sys
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 if sys.platform != "win32":
     import fcntl
 
+from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.formatting import one_line, printable
 
+if TYPE_CHECKING:
+    import numpy as np
+
+STDOUT = "standard output"  # as messages call it
 _CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 _NAME_PART = 40  # characters of the target's name in that of its temporary file
 _NO_SPACE = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
@@ -117,10 +127,10 @@ def _remove_left_behind(target: Path) -> None:
     """Remove temporary files of writers of `target` that were killed."""
     pattern = re.compile(re.escape(f".{target.name[:_NAME_PART]}.") + r"[0-9a-f]{12}\.tmp")
     try:
-        found = [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]
-    except OSError:  # a folder that can be written but not listed: there is nothing to be found out
+        temporaries = [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]
+    except OSError:  # a folder that can be written but not listed: there is nothing to be temporaries out
         return
-    for path in found:
+    for path in temporaries:
         # An error here means that the file is in use, or gone already, or not ours to touch.
         with contextlib.suppress(OSError):
             _remove_if_dead(path)
@@ -177,3 +187,43 @@ def _explain(error: OSError, path: Path) -> str:
     if error.errno in _NO_SPACE:
         return f"{shown}: cannot be written ({reason}); free some space or choose another output"
     return f"{shown}: cannot be written ({reason}); choose another output"
+
+
+def write_stdout(data: bytes) -> None:
+    """Write and flush. Raises InputError where the disk behind it is full, SystemExit(1) where its reader has gone
+    (which is no news to whoever cut the pipe).
+    """
+    # The one this process was started with, whatever else prints to `sys.stdout` meanwhile.
+    stdout = sys.__stdout__
+    if stdout is None:
+        raise InputError("standard output: there is none; use -o")
+    try:
+        stdout.flush()
+        stdout.buffer.write(data)
+        stdout.buffer.flush()
+    except OSError as error:
+        # Python flushes once more when it ends, and would complain about what is still in the buffer.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            raise SystemExit(1) from error
+        reason = error.strerror or str(error)
+        raise InputError(f"{STDOUT}: cannot be written ({reason}); free some space or use -o") from error
+
+
+def encode_png(pixels: np.ndarray) -> bytes:
+    """PNG bytes of (H, W, 4) uint8 straight RGBA; stored as RGB when every pixel is opaque."""
+    import numpy as np
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    height, width = pixels.shape[:2]
+    # Without a copy where the pixels lie in a row, as they do when we have drawn them.
+    image = Image.frombuffer("RGBA", (width, height), np.ascontiguousarray(pixels), "raw", "RGBA", 0, 1)
+    if int(pixels[..., 3].min()) == 255:
+        image = image.convert("RGB")
+    info = PngInfo()
+    info.add_text("Software", f"{PROGRAM} {__version__}")
+    buffer = io.BytesIO()
+    # Drawings are runs of one colour: looking for nothing else takes two thirds of the time and finds more.
+    image.save(buffer, "PNG", pnginfo=info, compress_type=zlib.Z_RLE)
+    return buffer.getvalue()

@@ -31,9 +31,9 @@ def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], np.n
     """
     scene = scene.as_numpy()
     given, colours, opacities = scene.gradients, scene.colours.astype(np.float64), scene.opacities.astype(np.float64)
-    found: list[Gradient | None] = [None] * scene.curves
+    paints: list[Gradient | None] = [None] * scene.curves
     if given is None:
-        return found, colours, opacities
+        return paints, colours, opacities
     given = given.floating(lambda t: t.astype(np.float64))
     step = 10.0 ** -gradient_decimals(precision)
     for curve in np.flatnonzero(given.kinds != FLAT).tolist():
@@ -48,9 +48,9 @@ def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], np.n
             continue
         if alike:
             gradient = replace(gradient, stops=tuple(Stop(s.offset, (*s.ink[:3], _OPAQUE)) for s in gradient.stops))
-        found[curve] = gradient
+        paints[curve] = gradient
         colours[curve] = np.array(mean_ink(gradient)[:3]) / _OPAQUE
-    return found, colours, opacities
+    return paints, colours, opacities
 
 
 def _in_px(given: Gradients, curve: int, middle: np.ndarray, step: float, opacity: float) -> Gradient | None:
@@ -84,10 +84,10 @@ def _radial(frame: np.ndarray, step: float, stops: tuple[Stop, ...]) -> Gradient
     if abs(float(np.linalg.det(frame[:, :2]))) * _LONGEST**2 < 1.0:
         return None
     inverse = np.linalg.inv(frame[:, :2])
-    found = radial_from(np.column_stack([inverse, -inverse @ frame[:, 2]]), stops)
-    if max(found.rx, abs(found.cx), abs(found.cy)) > _LONGEST or found.ry < step:
+    gradient = radial_from(np.column_stack([inverse, -inverse @ frame[:, 2]]), stops)
+    if max(gradient.rx, abs(gradient.cx), abs(gradient.cy)) > _LONGEST or gradient.ry < step:
         return None
-    return found
+    return gradient
 
 
 def as_written(gradient: Gradient, precision: int) -> Gradient:
@@ -99,15 +99,15 @@ def as_written(gradient: Gradient, precision: int) -> Gradient:
 
     if isinstance(gradient, LinearGradient):
         x1, y1, x2, y2 = (rounded(v) for v in (gradient.x1, gradient.y1, gradient.x2, gradient.y2))
-        return settled(LinearGradient(x1, y1, x2, y2, gradient.stops))
+        return without_noise(LinearGradient(x1, y1, x2, y2, gradient.stops))
     if rounded(gradient.rx) == rounded(gradient.ry):
         cx, cy, radius = (rounded(v) for v in (gradient.cx, gradient.cy, gradient.rx))
-        return settled(RadialGradient(cx, cy, radius, radius, 0.0, gradient.stops))
-    return settled(radial_from(np.rint(gradient.matrix() * steps) / steps, gradient.stops))
+        return without_noise(RadialGradient(cx, cy, radius, radius, 0.0, gradient.stops))
+    return without_noise(radial_from(np.rint(gradient.matrix() * steps) / steps, gradient.stops))
 
 
-def settled(gradient: Gradient) -> Gradient:
-    """A gradient read from a file, without what rounding has left of its coordinates on the way."""
+def without_noise(gradient: Gradient) -> Gradient:
+    """A gradient read from a file, its coordinates without the noise of rounding."""
     if isinstance(gradient, LinearGradient):
         x1, y1, x2, y2 = (round(v, _DECIMALS) for v in (gradient.x1, gradient.y1, gradient.x2, gradient.y2))
         return LinearGradient(x1, y1, x2, y2, gradient.stops)

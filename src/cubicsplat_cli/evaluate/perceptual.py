@@ -16,7 +16,6 @@ from urllib.error import URLError
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.evaluate.colour import BLACK, WHITE, mean_delta_e, over
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.metrics import FURTHER
@@ -25,6 +24,7 @@ from cubicsplat_cli.metrics import FURTHER
 LEAST_MS_SSIM = 161
 # Below it nothing is left of the network's last layers.
 LEAST_LPIPS = 32
+WHITE, BLACK = 255.0, 0.0
 _STRIP_PIXELS = 1 << 20
 
 
@@ -35,20 +35,21 @@ def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> 
     black and over white, and the worse figure counts. Raises EngineError, with what to do, where the packages or the
     weights of one are missing.
     """
-    wanted = [name for name in names if name in FURTHER]
-    if not wanted:
+    chosen = [name for name in names if name in FURTHER]
+    if not chosen:
         return {}
     first, second = straight(reference), _with_alpha(candidate)
     opaque = bool((first[..., 3] == 255).all() and (second[..., 3] == 255).all())
-    found: dict[str, float | None] = {}
-    for name in wanted:
+    figures: dict[str, float | None] = {}
+    for name in chosen:
         if name == "de00":
-            found["de00"] = _delta_e(first, second)
+            figures["de00"] = _delta_e(first, second)
             continue
-        levels = [_of(name, over(first, g), over(second, g)) for g in ((BLACK,) if opaque else (BLACK, WHITE))]
-        known = [level for level in levels if level is not None]
-        found[FURTHER[name].member] = FURTHER[name].worse(known) if known else None
-    return found
+        grounds = (BLACK,) if opaque else (BLACK, WHITE)
+        measured = (_measured(name, over(first, ground), over(second, ground)) for ground in grounds)
+        values = [value for value in measured if value is not None]
+        figures[FURTHER[name].member] = FURTHER[name].worse(values) if values else None
+    return figures
 
 
 def straight(picture: Picture) -> np.ndarray:
@@ -71,7 +72,7 @@ def _delta_e(first: np.ndarray, second: np.ndarray) -> float:
     return sum(mean_delta_e(first[s], second[s]) * (s.stop - s.start) for s in strips) / height
 
 
-def _of(name: str, first: np.ndarray, second: np.ndarray) -> float | None:
+def _measured(name: str, first: np.ndarray, second: np.ndarray) -> float | None:
     """MS-SSIM or LPIPS of two (H, W, 3) uint8 pictures; None where they are too small."""
     least = LEAST_MS_SSIM if name == "ms-ssim" else LEAST_LPIPS
     if min(first.shape[:2]) < least:
@@ -117,3 +118,35 @@ def _library(module: str, name: str) -> ModuleType:
             f"{name}: the torchvision that is installed does not belong to this torch ({one_line(error)}); "
             "install both from the same place"
         ) from error
+
+
+def over(pixels: np.ndarray, ground: float) -> np.ndarray:
+    """(H, W, 4) uint8 straight RGBA laid over a grey of 0..255: (H, W, 3) uint8."""
+    alpha = pixels[..., 3:].astype(np.float32) / np.float32(255)
+    return np.rint(pixels[..., :3] * alpha + np.float32(ground) * (1 - alpha)).astype(np.uint8)
+
+
+def mean_delta_e(first: np.ndarray, second: np.ndarray) -> float:
+    """Mean CIEDE2000 (D65, sRGB) of two straight RGBA pictures, over white or black, whichever is worse."""
+    return max(_mean_delta_e(over(first, ground), over(second, ground)) for ground in (WHITE, BLACK))
+
+
+def _mean_delta_e(first: np.ndarray, second: np.ndarray) -> float:
+    """Each pair of colours is converted once: flat pictures have few, and most pixels do not differ."""
+    from skimage.color import deltaE_ciede2000, rgb2lab
+
+    differs = (first != second).any(axis=-1)
+    pairs, counts = np.unique(_packed(first[differs]) << np.int64(24) | _packed(second[differs]), return_counts=True)
+    if not len(pairs):
+        return 0.0
+    lab = [rgb2lab(_unpacked(colours) / 255.0) for colours in (pairs >> 24, pairs & 0xFFFFFF)]
+    return float((deltaE_ciede2000(*lab) * counts).sum() / differs.size)
+
+
+def _packed(colours: np.ndarray) -> np.ndarray:
+    red, green, blue = np.moveaxis(colours.astype(np.int64), -1, 0)
+    return red << 16 | green << 8 | blue
+
+
+def _unpacked(packed: np.ndarray) -> np.ndarray:
+    return np.stack([packed >> 16 & 255, packed >> 8 & 255, packed & 255], axis=-1)

@@ -1,8 +1,7 @@
 """What an SVG file of unknown origin may contain before any renderer sees it, and how large it says it is.
 
-One expat pass, nothing fetched, nothing expanded. Refused: gzip (.svgz), entity declarations, embedded or
-external pictures, every reference that does not stay inside the document, and references that would draw the same
-elements too many times.
+One expat pass, nothing fetched, nothing expanded. Refused: gzip (.svgz), entity declarations, embedded or external
+pictures, every reference that leaves the document, and references that would draw the same elements too many times.
 """
 
 from __future__ import annotations
@@ -16,20 +15,16 @@ from xml.parsers import expat
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
 from cubicsplat_cli.files.read import MAX_SVG_BYTES, looks_like_svg
+from cubicsplat_cli.svg.values import absolute_length
 
 MAX_ELEMENTS = 2_000_000
 MAX_DEPTH = 256
 MAX_RADIUS = 1e9  # a circle of infinite radius is drawn without end
 MAX_USED = 100_000  # elements drawn once more by <use>: cairosvg's own limit, which it takes 20 s to reach
-
-
 _ROUND = {"r", "rx", "ry"}
 _PICTURES = {"image", "feImage", "foreignObject"}
 _OUTSIDE = re.compile(r"@import|url\(\s*['\"]?\s*(?!#)[^\s'\"#)]", re.IGNORECASE)
 _INSIDE = re.compile(r"url\(\s*['\"]?\s*#([^'\")\s]+)")
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(px|in|cm|mm|Q|pt|pc)?\s*")
-# px in a unit of CSS, which has 96 of them to the inch.
-_UNITS = {"px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "Q": 24 / 25.4, "pt": 96 / 72, "pc": 16.0}
 _ROOT = re.compile(rb"""<(?:[\w.-]+:)?svg(?=[\s/>])(?:[^>"']|"[^"]*"|'[^']*')*>""")
 _SIZES = re.compile(rb"""\s(?:width|height)\s*=\s*(?:"[^"]*"|'[^']*')""")
 
@@ -74,7 +69,7 @@ def check_untrusted(data: bytes, source: str, *, otherwise: SvgSize | None = Non
 
 
 def with_size(data: bytes, size: SvgSize) -> bytes:
-    """The bytes of an SVG in UTF-8 that says no size, saying this one: renderers know no other way of being told."""
+    """The bytes of an SVG in UTF-8 with this size in its root: renderers get it no other way."""
 
     def said(match: re.Match[bytes]) -> bytes:
         tag = _SIZES.sub(b"", match[0])
@@ -165,17 +160,17 @@ class _Scan:
             if self._drawn(self.open[0], {}, following_all, 0) - self.elements > most:
                 raise InputError(f"{self.source}: draws more than {most} elements by references; simplify it")
 
-    def _drawn(self, named: _Named, known: dict[int, int], following_all: bool, depth: int) -> int:
-        """How many elements are drawn for one and what is in it; `known` has what is known already."""
+    def _drawn(self, named: _Named, counts: dict[int, int], following_all: bool, depth: int) -> int:
+        """How many elements are drawn for one and what is in it; `counts` has what is counts already."""
         if depth > MAX_DEPTH:
             raise InputError(f"{self.source}: has references to themselves, or {MAX_DEPTH} in one another; simplify it")
-        if id(named) not in known:
+        if id(named) not in counts:
             referred = named.uses + (named.paints if following_all else [])
             parts = [*named.inside, *(self.named[name] for name in referred if name in self.named)]
-            known[id(named)] = named.elements + sum(
-                [self._drawn(part, known, following_all, depth + 1) for part in parts]
+            counts[id(named)] = named.elements + sum(
+                [self._drawn(part, counts, following_all, depth + 1) for part in parts]
             )
-        return known[id(named)]
+        return counts[id(named)]
 
     def _check_attributes(self, element: str, attributes: dict[str, str]) -> None:
         for name, value in attributes.items():
@@ -183,7 +178,7 @@ class _Scan:
             # Links only matter when clicked; every other reference is followed while drawing.
             if local == "href" and element != "a" and value.strip() and not value.strip().startswith("#"):
                 raise self._outside(f"{element} {name}")
-            if local in _ROUND and (number := _NUMBER.fullmatch(value)) and abs(float(number[1])) > MAX_RADIUS:
+            if local in _ROUND and abs(absolute_length(value) or 0.0) > MAX_RADIUS:
                 raise InputError(f"{self.source}: has {local}={value!r}, too large to draw; make it smaller")
             if "(" in value and _OUTSIDE.search(value):
                 raise self._outside(f"{element} {name}")
@@ -208,8 +203,5 @@ class _Scan:
 
 
 def _pixels(text: str | None) -> float | None:
-    match = _NUMBER.fullmatch(text) if text is not None else None
-    if match is None:
-        return None
-    value = float(match[1]) * _UNITS[match[2] or "px"]
-    return value if math.isfinite(value) else None
+    value = absolute_length(text)
+    return value if value is not None and math.isfinite(value) else None

@@ -1,23 +1,26 @@
-"""A scene as one plain SVG 1.1 document (svgwrite builds the document, `pathdata` the path strings)."""
+"""A scene as one plain SVG 1.1 document, and the bytes that each curve takes in it."""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
 from xml.etree import ElementTree
 
+import numpy as np
 import svgwrite
 
 from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.gradients import gradient_element
-from cubicsplat_cli.svg.gridgradients import gradient_decimals
-from cubicsplat_cli.svg.markup import in_short
-from cubicsplat_cli.svg.pathdata import format_number, path_strings
-from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, to_grid
+from cubicsplat_cli.svg.markup import comment_text, format_number, gradient_element, in_short, xml_text
+from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, ring_slices, to_grid
+from cubicsplat_cli.svg.scene_gradients import gradient_decimals
 
 BACKGROUND_ID, CURVES_ID, UNITS_ID = "background", "curves", "units"
-# XML 1.0 allows tab, newline, carriage return and these ranges; a file name may hold anything.
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+# Bytes of a path beside its data: its tag, colour and width; and its opacity, where that is not said for all at once.
+MARKUP = {Mode.CLOSED: 28, Mode.OPEN: 50}
+OPACITY_MARKUP = {Mode.CLOSED: 20, Mode.OPEN: 22}
+# Those of a gradient beside what `gradient_element` writes: its name, twice, and transform in place of its units.
+GRADIENT_MARKUP = 34
 
 
 def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str = "") -> str:
@@ -50,7 +53,7 @@ def _definitions(grid: GridScene) -> tuple[ElementTree.Element, list[str]]:
     """
     definitions = ElementTree.Element("defs")
     fills = [_hex_colour(colour) for colour in grid.colours.tolist()]
-    known: dict[str, str] = {}
+    names: dict[str, str] = {}
     for index, gradient in enumerate(grid.gradients):
         if gradient is None:
             continue
@@ -59,12 +62,12 @@ def _definitions(grid: GridScene) -> tuple[ElementTree.Element, list[str]]:
         if grid.precision > 0:
             element.set("gradientTransform", f"scale({10**grid.precision}){element.get('gradientTransform', '')}")
         text = ElementTree.tostring(element, encoding="unicode")
-        if text not in known:
-            known[text] = _short_name(len(known))
-            element.attrib = {"id": known[text], "xlink:href": f"#{UNITS_ID}", **element.attrib}
+        if text not in names:
+            names[text] = _short_name(len(names))
+            element.attrib = {"id": names[text], "xlink:href": f"#{UNITS_ID}", **element.attrib}
             definitions.append(element)
-        fills[index] = f"url(#{known[text]})"
-    if known:
+        fills[index] = f"url(#{names[text]})"
+    if names:
         definitions.insert(0, ElementTree.Element("linearGradient", id=UNITS_ID, gradientUnits="userSpaceOnUse"))
     return definitions, fills
 
@@ -113,10 +116,8 @@ def _finish(root: ElementTree.Element, title: str, comment: str, definitions: El
     for unused in ("xmlns:ev",) if len(definitions) else ("xmlns:ev", "xmlns:xlink"):
         root.attrib.pop(unused, None)
     title_element = ElementTree.Element("title")
-    title_element.text = _xml_text(title)
-    # "--" is not allowed inside a comment, nor a "-" at its end.
-    comment_text = re.sub("-(?=-)", "- ", _xml_text(comment)).strip()
-    root.insert(0, ElementTree.Comment(f" {comment_text} "))
+    title_element.text = xml_text(title)
+    root.insert(0, ElementTree.Comment(comment_text(comment)))
     root.insert(1, title_element)
     if len(definitions):
         root.insert(2, definitions)
@@ -126,10 +127,83 @@ def _finish(root: ElementTree.Element, title: str, comment: str, definitions: El
             child.tail = "\n"
 
 
-def _xml_text(text: str) -> str:
-    return _NOT_XML.sub("\ufffd", text)
-
-
 def _hex_colour(colour: tuple[int, int, int] | list[int]) -> str:
     red, green, blue = colour
     return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+def path_strings(points: np.ndarray, ring_ends: np.ndarray | None = None, *, closed: bool) -> list[str]:
+    """The `d` attribute of every curve, with a subpath for each of its rings.
+
+    points: (N, K, 2) int64, K = 3M (closed) or 3M + 1 (open). ring_ends: as in `Scene`. Whole numbers need no decimal
+    point, so the unit of the path is the step of the grid, and a transform brings it to pixels. Relative coordinates
+    are differences of grid points, so no rounding error builds up along a curve.
+    """
+    if ring_ends is None:
+        return _chains(points, closed)
+    return [
+        "".join(_chains(curve[None, ring], closed)[0] for ring in rings)
+        for curve, rings in zip(points, ring_slices(ring_ends, closed=closed), strict=True)
+    ]
+
+
+def _chains(points: np.ndarray, closed: bool) -> list[str]:
+    """Path data of curves of one ring and equal length (N, K, 2)."""
+    count, per_curve = points.shape[:2]
+    segments = per_curve // 3
+    ends = 3 * np.arange(segments)[:, None] + np.array([1, 2, 3])
+    absolute = points[:, ends % per_curve if closed else ends]  # (N, M, 3, 2)
+    relative = absolute - points[:, 3 * np.arange(segments)][:, :, None]
+    flat_shape = (count, segments, 6)
+    end = "z" if closed else ""
+    return [
+        "M" + _join(start) + _cubics(curve_absolute, curve_relative) + end
+        for start, curve_absolute, curve_relative in zip(
+            points[:, 0].tolist(),
+            absolute.reshape(flat_shape).tolist(),
+            relative.reshape(flat_shape).tolist(),
+            strict=True,
+        )
+    ]
+
+
+def _cubics(absolute: Sequence[Sequence[int]], relative: Sequence[Sequence[int]]) -> str:
+    """One curve's segments, each in its shorter form; the letter is left out where it repeats."""
+    pieces: list[str] = []
+    letter = ""
+    for absolute_numbers, relative_numbers in zip(absolute, relative, strict=True):
+        lower, upper = _join(relative_numbers), _join(absolute_numbers)
+        lower = (_separator(lower) if letter == "c" else "c") + lower
+        upper = (_separator(upper) if letter == "C" else "C") + upper
+        take_lower = len(lower) < len(upper) or (len(lower) == len(upper) and letter != "C")
+        letter = "c" if take_lower else "C"
+        pieces.append(lower if take_lower else upper)
+    return "".join(pieces)
+
+
+def _separator(number: str) -> str:
+    """What must stand before a number that follows another: nothing before a minus."""
+    return "" if number[0] == "-" else " "
+
+
+def _join(numbers: Sequence[int]) -> str:
+    # A minus separates numbers as well as a space does.
+    return " ".join(map(str, numbers)).replace(" -", "-")
+
+
+def bytes_by_curve(scene: Scene, precision: int) -> list[int]:
+    """Bytes of each curve's path and gradient, uncompressed, coordinates with `precision` decimals of a px."""
+    grid = to_grid(scene, precision)
+    paths = path_strings(grid.points, grid.ring_ends, closed=scene.mode is Mode.CLOSED)
+    gradients = grid.gradients or [None] * scene.curves
+    markup = MARKUP[scene.mode] + (0 if grid.one_opacity else OPACITY_MARKUP[scene.mode])
+    return [
+        markup + len(data) + _of_gradient(gradient, precision) for data, gradient in zip(paths, gradients, strict=True)
+    ]
+
+
+def _of_gradient(gradient: Gradient | None, precision: int) -> int:
+    if gradient is None:
+        return 0
+    element = gradient_element(gradient, gradient_decimals(precision))
+    return GRADIENT_MARKUP + len(ElementTree.tostring(element))

@@ -7,17 +7,17 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.beginning.outlines import Line, closed, straight
+from cubicsplat_cli.svg.paths import Subpath, straight
 
 _SHORT = 1e-9
 
 
-def stroke_rings(line: Line, half: float, cap: str, join: str, limit: float) -> list[np.ndarray]:
+def stroke_rings(line: Subpath, half: float, cap: str, join: str, limit: float) -> list[np.ndarray]:
     """The closed cubics (M, 4, 2) around a stroke of half-width `half`: one ring, of a closed subpath two.
 
     cap, join, limit: as in SVG. Each cubic is offset in halves, by its ends and the direction of its handles.
     """
-    cubics = _halves(closed(line) if line.closed else line.cubics)
+    cubics = _halves(line.ring() if line.closed else line.cubics)
     back = cubics[::-1, ::-1]
     if line.closed:
         return [_side(cubics, half, join, limit, around=True), _side(back, half, join, limit, around=True)]
@@ -38,13 +38,13 @@ def _halves(cubics: np.ndarray) -> np.ndarray:
 def _side(cubics: np.ndarray, half: float, join: str, limit: float, *, around: bool) -> np.ndarray:
     """The cubics moved to their left as seen, and what joins them."""
     moved = [_moved(cubic, half) for cubic in cubics]
-    found = [moved[0][0]]
+    cubics_of_side = [moved[0][0]]
     pairs = list(zip(range(len(moved)), range(1, len(moved)), strict=False))
     for before, after in [*pairs, *([(len(moved) - 1, 0)] if around else [])]:
-        found += _joint(moved[before], moved[after], cubics[after, 0], half, join, limit)
+        cubics_of_side += _joint(moved[before], moved[after], cubics[after, 0], half, join, limit)
         if after:
-            found.append(moved[after][0])
-    return np.stack(found)
+            cubics_of_side.append(moved[after][0])
+    return np.stack(cubics_of_side)
 
 
 def _moved(cubic: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -93,12 +93,12 @@ def _around(
     """The arc from the direction u to v, unit vectors, clockwise as seen, in two halves that meet in `between`."""
     if between is None:
         between = (u + v) / max(math.hypot(*(u + v)), _SHORT)
-    found = []
+    arcs = []
     for first, last in ((u, between), (between, v)):
         handle = 4.0 / 3.0 * math.tan(math.acos(min(1.0, max(-1.0, float(first @ last)))) / 4.0)
         ahead, back = first + handle * _turned(first), last - handle * _turned(last)
-        found.append(middle + radius * np.stack([first, ahead, back, last]))
-    return found
+        arcs.append(middle + radius * np.stack([first, ahead, back, last]))
+    return arcs
 
 
 def _turned(direction: np.ndarray) -> np.ndarray:

@@ -1,0 +1,272 @@
+"""Path data: its commands, its absolute pieces, and those as cubics."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.svg.values import NUMBER, NUMBERS
+
+LETTERS = "MmLlHhVvCcSsQqTtAaZz"
+_COMMAND = re.compile(rf"[{LETTERS}]")
+# A number or any other character that is no separator, which `float` then refuses.
+_TOKEN = re.compile(rf"{NUMBER}|[^\s,]")
+_SEPARATED = rf"[\s,]*({NUMBER})"
+# Nothing need stand between the two flags of an arc, nor after them.
+_ARC = re.compile(rf"{3 * _SEPARATED}[\s,]*([01])[\s,]*([01]){2 * _SEPARATED}")
+_BLANK = re.compile(r"[\s,]*")
+# How many numbers a command takes.
+_NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
+_DECIMALS = 9
+# Of one path, which takes some seconds and 200 MB; and of a subpath, for which each row of a scene has room.
+MAX_COMMANDS, MAX_SEGMENTS = 500_000, 65_535
+Point = tuple[float, float]
+
+
+class TooLong(InputError):
+    """Path data of more commands or segments than are read."""
+
+
+class PathSegment(NamedTuple):
+    """One command: its capital letter, where it starts and ends, and its handles (none, one or two), absolute.
+
+    numbers: of an arc, its radii, the angle in degrees and the two flags.
+    """
+
+    command: str
+    start: Point
+    end: Point
+    handles: tuple[Point, ...] = ()
+    numbers: tuple[float, ...] = ()
+
+    @property
+    def is_arc(self) -> bool:
+        """Whether it is an arc that is drawn as one, and not as a line."""
+        return self.command == "A" and min(self.numbers[:2]) > 0.0 and self.start != self.end
+
+
+def count_numbers(d: str) -> int:
+    """Numbers in path data, but for the two flags of an arc."""
+    return sum(_NUMBERS[letter.upper()] - 2 * (letter in "Aa") for letter, _ in commands(d))
+
+
+def commands(d: str) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """Each command with its numbers; a command that is left out where it repeats is given again.
+
+    Raises InputError where the data cannot be read, TooLong for more than MAX_COMMANDS.
+    """
+    # What a glance shows need not be read first.
+    if len(d) > MAX_COMMANDS and sum(map(d.count, LETTERS)) > MAX_COMMANDS:
+        raise TooLong(f"path data of more than {MAX_COMMANDS} commands; simplify it")
+    command = _COMMAND.search(d)
+    begin = len(d) if command is None else command.start()
+    if not _BLANK.fullmatch(d, 0, begin):
+        raise InputError(f"path data that cannot be read at {d[:12]!r}")
+    count = 0
+    while command is not None:
+        letter, begin = command[0], command.end()
+        command = _COMMAND.search(d, begin)
+        end = len(d) if command is None else command.start()
+        for numbers in _grouped(letter, d, begin, end):
+            if count == MAX_COMMANDS:
+                raise TooLong(f"path data of more than {MAX_COMMANDS} commands; simplify it")
+            count += 1
+            yield letter, numbers
+            letter = {"M": "L", "m": "l"}.get(letter, letter)
+
+
+def _grouped(letter: str, d: str, begin: int, end: int) -> Iterator[tuple[float, ...]]:
+    """The numbers in d[begin:end] as those of one command after the other, at least one."""
+    size = _NUMBERS[letter.upper()]
+    if size == 7:
+        yield from _arcs(d, begin, end)
+        return
+    tokens = islice(_TOKEN.finditer(d, begin, end), (MAX_COMMANDS + 1) * max(size, 1))
+    try:
+        numbers = [float(match[0]) for match in tokens]
+    except ValueError as error:
+        bad = next(match.start() for match in _TOKEN.finditer(d, begin, end) if not NUMBERS.fullmatch(match[0]))
+        raise InputError(f"path data that cannot be read at {d[bad : bad + 12]!r}") from error
+    if size == 0:
+        if numbers:
+            raise InputError(f"path data with a number after {letter} at {d[begin : begin + 12]!r}")
+        yield ()
+        return
+    if not numbers or len(numbers) % size:
+        raise InputError(f"path data that lacks a number of {letter} at {d[end : end + 12]!r}")
+    for first in range(0, len(numbers), size):
+        yield tuple(numbers[first : first + size])
+
+
+def _arcs(d: str, begin: int, end: int) -> Iterator[tuple[float, ...]]:
+    while True:
+        match = _ARC.match(d, begin, end)
+        if match is None:
+            raise InputError(f"path data that lacks a number of A at {d[begin : begin + 12]!r}")
+        yield tuple(map(float, match.groups()))
+        begin = match.end()
+        if _BLANK.fullmatch(d, begin, end):
+            return
+
+
+def path_segments(d: str) -> list[PathSegment]:
+    """All commands but M as absolute pieces; of S and T the mirrored handle too. An arc has no handles."""
+    return [piece for ring in subpaths(d) for piece in ring]
+
+
+def subpaths(d: str) -> list[list[PathSegment]]:
+    """The absolute pieces of each subpath, which ends with Z or before the next M.
+
+    Raises InputError for bad path data, TooLong for too much of it.
+    """
+    result: list[list[PathSegment]] = []
+    here = start = (0.0, 0.0)
+    for letter, numbers in commands(d):
+        command = letter.upper()
+        if not result and command != "M":
+            raise InputError(f"path data that does not begin with M at {d[:12]!r}")
+        if command == "M":
+            here = start = _points(letter, numbers, here)[0]
+            result.append([])
+            continue
+        if len(result[-1]) > MAX_SEGMENTS:
+            raise TooLong(f"path data of more than {MAX_SEGMENTS} commands in a row; simplify it")
+        if result[-1] and result[-1][-1].command == "Z":
+            result.append([])
+        points = _points(letter, numbers, here) or [start]
+        handles = tuple(points[:-1])
+        if command in "ST":
+            handles = (_mirrored(result[-1], here, command), *handles)
+        result[-1].append(PathSegment(command, here, points[-1], handles, numbers[:5] if command == "A" else ()))
+        here = points[-1]
+    return result
+
+
+def _points(letter: str, numbers: tuple[float, ...], here: Point) -> list[Point]:
+    x, y = here if letter.islower() else (0.0, 0.0)
+    command = letter.upper()
+    if command == "H":
+        return [(_sum(x, numbers[0]), here[1])]
+    if command == "V":
+        return [(here[0], _sum(y, numbers[0]))]
+    if command == "A":
+        numbers = numbers[5:]
+    return [(_sum(x, a), _sum(y, b)) for a, b in zip(numbers[::2], numbers[1::2], strict=True)]
+
+
+def _sum(first: float, second: float) -> float:
+    """Of decimals, without the noise of binary fractions, which would add up along a path."""
+    total = first + second
+    return total if total.is_integer() else round(total, _DECIMALS)
+
+
+def _mirrored(before: list[PathSegment], here: Point, command: str) -> Point:
+    """The first handle of S or T: the last one of a curve of the same kind before it, mirrored at the joint."""
+    kin = "CS" if command == "S" else "QT"
+    if not before or before[-1].command not in kin or before[-1].end != here:
+        return here
+    x, y = before[-1].handles[-1]
+    return _sum(2.0 * here[0], -x), _sum(2.0 * here[1], -y)
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """A part of a unit circle, and where the drawing has it. first: radians at which it begins; span: radians that it
+    runs over, negative if counterclockwise as seen. centre: (2,) of the circle; radii, turn and origin: see `placed`.
+    """
+
+    first: float
+    span: float
+    centre: np.ndarray
+    radii: np.ndarray
+    turn: np.ndarray
+    origin: np.ndarray
+
+    def placed(self, points: np.ndarray) -> np.ndarray:
+        """(n, 2) in the drawing, of points relative to the unit circle's centre."""
+        return ((self.centre + points) * self.radii) @ self.turn.T + self.origin
+
+
+def arc_of(piece: PathSegment) -> Arc:
+    """The arc of a piece that `is_arc`. Radii that are too short are scaled up. Source: SVG 2, appendix B.2.4."""
+    start, end = np.array(piece.start), np.array(piece.end)
+    rx, ry, degrees, large, sweep = piece.numbers
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    turn, radii = np.array([[cos, -sin], [sin, cos]]), np.array([rx, ry])
+    half = turn.T @ (start - end) / 2.0 / radii
+    size = float(half @ half)
+    if size > 1.0:
+        radii, half, size = radii * math.sqrt(size), half / math.sqrt(size), 1.0
+    reach = (1.0 if large != sweep else -1.0) * math.sqrt(max(1.0 / max(size, 1e-12) - 1.0, 0.0))
+    centre = reach * np.array([half[1], -half[0]])
+    first = math.atan2(half[1] - centre[1], half[0] - centre[0])
+    last = math.atan2(-half[1] - centre[1], -half[0] - centre[0])
+    span = (last - first) % (2.0 * math.pi)
+    return Arc(first, span if sweep else span - 2.0 * math.pi, centre, radii, turn, (start + end) / 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Subpath:
+    """cubics: (M, 4, 2), each of which starts where the one before ends. closed: whether it ends with Z."""
+
+    cubics: np.ndarray
+    closed: bool
+
+    def mapped(self, matrix: np.ndarray) -> Subpath:
+        """Through an affine map (3, 3)."""
+        return Subpath(self.cubics @ matrix[:2, :2].T + matrix[:2, 2], self.closed)
+
+    def ring(self) -> np.ndarray:
+        """Its cubics, the line back to its start included where it is not there."""
+        start, end = self.cubics[0, 0], self.cubics[-1, 3]
+        return self.cubics if np.array_equal(start, end) else np.concatenate([self.cubics, straight(end, start)[None]])
+
+
+def cubic_subpaths(d: str) -> list[Subpath]:
+    """The subpaths that have a length. Raises InputError for path data that cannot be read."""
+    result = []
+    for subpath in subpaths(d):
+        cubics = [cubic for piece in subpath for cubic in _cubics(piece) if np.ptp(cubic, axis=0).any()]
+        if not np.isfinite(cubics).all():
+            raise InputError("path data with a point that is infinitely far away")
+        if cubics:
+            result.append(Subpath(np.stack(cubics), subpath[-1].command == "Z"))
+    return result
+
+
+def straight(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """A line as a cubic (4, 2)."""
+    return start + (end - start) * np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
+
+
+def _cubics(piece: PathSegment) -> list[np.ndarray]:
+    start, end = np.array(piece.start), np.array(piece.end)
+    if len(piece.handles) == 2:
+        return [np.array([start, *piece.handles, end])]
+    if len(piece.handles) == 1:
+        middle = np.array(piece.handles[0])
+        return [np.stack([start, (start + 2.0 * middle) / 3.0, (end + 2.0 * middle) / 3.0, end])]
+    return _arc_cubics(piece) if piece.is_arc else [straight(start, end)]
+
+
+def _arc_cubics(piece: PathSegment) -> list[np.ndarray]:
+    """An elliptical arc in quarters or less."""
+    arc = arc_of(piece)
+    count = max(1, math.ceil(abs(arc.span) / (math.pi / 2.0) - 1e-9))
+    step = arc.span / count
+    handle = 4.0 / 3.0 * math.tan(step / 4.0)
+    cubics = []
+    for index in range(count):
+        a, b = arc.first + index * step, arc.first + (index + 1) * step
+        p, q = np.array([math.cos(a), math.sin(a)]), np.array([math.cos(b), math.sin(b)])
+        ahead, back = np.array([-p[1], p[0]]) * handle, np.array([-q[1], q[0]]) * handle
+        cubics.append(arc.placed(np.stack([p, p + ahead, q - back, q])))
+    cubics[0][0], cubics[-1][3] = piece.start, piece.end
+    return cubics

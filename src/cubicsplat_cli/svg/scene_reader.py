@@ -1,0 +1,220 @@
+"""Reads the SVG files that `write_svg` and `write_drawing` make back into a scene; refuses any other with one line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+import numpy as np
+
+from cubicsplat_cli.artwork.scene import scene_of
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene.gradients import gradients_of
+from cubicsplat_cli.scene.paint import Gradient, mean_ink
+from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
+from cubicsplat_cli.svg.gradient_reader import GradientReader
+from cubicsplat_cli.svg.own import OwnElement, canvas_size, check_attributes, own_elements, own_subpaths
+from cubicsplat_cli.svg.paths import PathSegment
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE
+from cubicsplat_cli.svg.scene_gradients import without_noise
+from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
+from cubicsplat_cli.svg.values import hex_colour, number
+
+_DECIMALS = 9  # more than any file has
+_REFERENCE = re.compile(r"url\(#([A-Za-z0-9_.-]+)\)")
+_ENLARGED = re.compile(r"(?:scale\(1(0{1,6})\))?")
+_SCALE = re.compile(r"scale\((?:1|\.(0{0,5})1)\)")
+_BACKGROUND_ATTRIBUTES = ("id", "x", "y", "width", "height", "fill")
+_GROUP_ATTRIBUTES = {
+    "id": CURVES_ID,
+    "fill-rule": "nonzero",
+    "fill": "none",
+    "stroke-linecap": "round",
+    "stroke-linejoin": "round",
+}
+_PATH_ATTRIBUTES = {
+    Mode.CLOSED: ("d", "fill", "fill-opacity"),
+    Mode.OPEN: ("d", "stroke", "stroke-opacity", "stroke-width"),
+}
+
+
+def read_svg(text: str | bytes) -> Scene:
+    """The scene of an SVG that cubicsplat wrote (numpy arrays, index 0 the front).
+
+    Raises InputError for anything else: what `own_elements` refuses, path data other than M, C, c and z, curves of
+    different kinds, strokes of several subpaths, or no curve at all.
+    """
+    elements = own_elements(text)
+    if holds_drawing(elements):
+        return scene_of(drawing_of(elements))
+    reader = _SceneReader(elements[0])
+    reader.gradients = GradientReader(map(reader.in_px, (each for each in elements if "Gradient" in each.place)))
+    for element in elements:
+        try:
+            reader.add(element)
+        except ValueError as error:
+            raise element.refused(error) from error
+    return reader.scene()
+
+
+class _SceneReader:
+    """Follows the elements of one document: svg > (title, defs > gradients, rect, g > path...)."""
+
+    gradients: GradientReader
+
+    def __init__(self, root: OwnElement) -> None:
+        self.width, self.height = canvas_size(root)
+        self.background: tuple[float, float, float] | None = None
+        self.mode: Mode | None = None
+        self.opacity = "1"  # of curves that say none
+        self.shift = 0  # the paths' unit is 10^-shift px
+        self.enlarged: set[int] = set()  # powers of ten by which gradients are enlarged
+        self.curves: list[list[np.ndarray]] = []  # the rings of each, the last one at the front
+        self.colours: list[tuple[float, float, float]] = []
+        self.opacities: list[float] = []
+        self.half_widths: list[float] = []
+        self.paints: list[Gradient | None] = []
+
+    def add(self, element: OwnElement) -> None:
+        """Take in one element. Raises ValueError for what `write_svg` does not write."""
+        place = element.place
+        if place == "svg/rect" and self.mode is None and self.background is None:
+            self._add_background(element)
+        elif place == "svg/g" and self.mode is None:
+            self._add_group(element)
+        elif place == "svg/g/path" and self.mode is not None:
+            self._add_path(element, self.mode)
+        elif place.startswith("svg/") and place.count("/") == 1 and element.name not in ("title", "defs"):
+            raise ValueError(f"has an unexpected <{element.name}> element")
+
+    def _add_background(self, element: OwnElement) -> None:
+        check_attributes(element, _BACKGROUND_ATTRIBUTES)
+        given = element.attributes
+        if given.get("id", BACKGROUND_ID) != BACKGROUND_ID:
+            raise ValueError(f"has a <rect> called {given['id']!r}")
+        box = [given.get(name, "0") for name in ("x", "y", "width", "height")]
+        if box != ["0", "0", str(self.width), str(self.height)]:
+            raise ValueError("has a <rect> that is not the background")
+        self.background = _colour(given.get("fill", ""))
+
+    def _add_group(self, element: OwnElement) -> None:
+        given = dict(element.attributes)
+        scale = _SCALE.fullmatch(given.pop("transform", "scale(1)"))
+        if scale is None:
+            raise ValueError("has a transform other than the scale of a precision")
+        self.shift = 0 if scale[1] is None else len(scale[1]) + 1
+        if self.enlarged - {self.shift}:
+            raise ValueError("has gradients in another unit than the paths")
+        # Of fills where the group does not say that there are none.
+        self.opacity = given.pop("stroke-opacity" if "fill" in given else "fill-opacity", "1")
+        check_attributes(element._replace(attributes=given), _GROUP_ATTRIBUTES)
+        for name, value in given.items():
+            if value != _GROUP_ATTRIBUTES[name]:
+                raise ValueError(f"has {name}={value!r}")
+        kinds = {("fill-rule",): Mode.CLOSED, ("fill", "stroke-linecap", "stroke-linejoin"): Mode.OPEN}
+        self.mode = kinds.get(tuple(name for name in _GROUP_ATTRIBUTES if name != "id" and name in given))
+        if self.mode is None:
+            raise ValueError("has a <g> that says neither closed nor open curves")
+
+    def _add_path(self, element: OwnElement, mode: Mode) -> None:
+        check_attributes(element, _PATH_ATTRIBUTES[mode])
+        given, kind = element.attributes, "fill" if mode is Mode.CLOSED else "stroke"
+        self.curves.append(_rings(own_subpaths(element), mode, 10.0**self.shift))
+        match = _REFERENCE.fullmatch(given.get(kind, ""))
+        gradient = None
+        if match is not None:
+            gradient = without_noise(self.gradients.gradient(match[1], (0.0, 0.0, 1.0, 1.0)))
+            red, green, blue, _ = mean_ink(gradient)
+        else:
+            red, green, blue = hex_colour(given.get(kind, ""))
+        self.paints.append(gradient)
+        self.colours.append((red / 255, green / 255, blue / 255))
+        self.opacities.append(_at_most(given.get(f"{kind}-opacity", self.opacity), 1.0))
+        unit = 10.0**self.shift
+        width = _at_most(given.get("stroke-width", ""), 2.0 * MAX_COORDINATE * unit) if mode is Mode.OPEN else 0.0
+        self.half_widths.append(round(width / unit, _DECIMALS) / 2.0)
+
+    def in_px(self, element: OwnElement) -> OwnElement:
+        """A gradient without the transform that brings it to the unit of the paths; any other element as it is.
+
+        Raises InputError for a gradient in another unit.
+        """
+        given = element.attributes
+        own_unit = given.get("id") == UNITS_ID and given.get("gradientUnits") == "userSpaceOnUse"
+        if not element.name.endswith("Gradient") or own_unit:
+            return element
+        transform = given.get("gradientTransform", "")
+        scale = _ENLARGED.match(transform)
+        if given.get("xlink:href") != f"#{UNITS_ID}" or scale is None:
+            raise element.refused("has a gradient that is not in px")
+        self.enlarged.add(len(scale[1] or ""))
+        return element._replace(attributes=given | {"gradientTransform": transform[scale.end() :]})
+
+    def scene(self) -> Scene:
+        """The scene of all elements, in reverse order so that index 0 is the front."""
+        if self.mode is None or not self.curves:
+            raise InputError("the SVG holds no curves of cubicsplat; give a file that `cubicsplat vectorize` wrote")
+        lengths = {len(ring) for rings in self.curves for ring in rings}
+        if len(lengths) == 1 and all(len(rings) == 1 for rings in self.curves):  # the quick way for many curves
+            points, ring_ends = np.stack([rings[0] for rings in self.curves[::-1]]), None
+        else:
+            points, ring_ends = pack_rings(self.mode, self.curves[::-1])
+        scene = Scene(
+            mode=self.mode,
+            width=self.width,
+            height=self.height,
+            points=points.astype(np.float32),
+            colours=_reversed(self.colours),
+            opacities=_reversed(self.opacities),
+            half_widths=_reversed(self.half_widths),
+            background=self.background,
+            ring_ends=ring_ends,
+            gradients=gradients_of(self.paints[::-1]),
+        )
+        scene.validate()
+        return scene
+
+
+def _rings(subpaths: list[list[PathSegment]], mode: Mode, scale: float) -> list[np.ndarray]:
+    """Control points (K, 2) float64 in px of each subpath of a path with `scale` units to the px."""
+    if len(subpaths) > 1 and mode is Mode.OPEN:
+        raise ValueError("has a stroke of several subpaths")
+    rings = [np.array(_control_points(subpath, mode)) / scale for subpath in subpaths]
+    if not all((np.abs(ring) <= MAX_COORDINATE).all() for ring in rings):  # false for NaN too
+        raise ValueError(f"has a point more than {MAX_COORDINATE:.0f} px from the origin")
+    return rings
+
+
+def _control_points(subpath: list[PathSegment], mode: Mode) -> list[tuple[float, float]]:
+    if mode is Mode.CLOSED:
+        if not subpath or subpath[-1].command != "Z":
+            raise ValueError("has a closed curve whose path does not end with z")
+        end, subpath = subpath[-1], subpath[:-1]
+    if not subpath:
+        raise ValueError("has path data that does not begin with one point and a cubic")
+    if any(piece.command != "C" for piece in subpath):
+        raise ValueError("has path data other than M, cubics and z")
+    if mode is Mode.CLOSED and end.start != end.end:
+        raise ValueError("has a closed curve that does not return to its start")
+    points = [subpath[0].start]
+    for piece in subpath:
+        points += [*piece.handles, piece.end]
+    return points[:-1] if mode is Mode.CLOSED else points
+
+
+def _colour(text: str) -> tuple[float, float, float]:
+    red, green, blue = hex_colour(text)
+    return red / 255, green / 255, blue / 255
+
+
+def _at_most(text: str, largest: float) -> float:
+    value = number(text)
+    if not 0.0 <= value <= largest:
+        raise ValueError(f"has the number {text!r}, which is not in 0..{largest:g}")
+    return value
+
+
+def _reversed(values: Iterable[object]) -> np.ndarray:
+    return np.asarray([*values][::-1], dtype=np.float64).astype(np.float32)

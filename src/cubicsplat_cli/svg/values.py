@@ -1,0 +1,124 @@
+"""Numbers, lengths, colours and transforms as the attributes of an SVG say them: the one grammar of each."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+
+# No two ways to match the same digits, so that a hostile number takes no longer than its length.
+NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+NUMBERS = re.compile(NUMBER)
+_LENGTH = re.compile(rf"\s*({NUMBER})\s*(px|in|cm|mm|Q|pt|pc|em|ex|%)?\s*")
+_ABSOLUTE = ("px", "in", "cm", "mm", "Q", "pt", "pc")
+# px in a unit: CSS has 96 of them to the inch, and text of 16 px.
+_UNITS = {
+    "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "Q": 24 / 25.4, "pt": 96 / 72, "pc": 16.0, "em": 16.0,
+    "ex": 8.0,
+}  # fmt: skip
+_HEX = re.compile(r"#([0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
+_TRANSFORM = re.compile(r"(matrix|translate|scale|rotate|skewX|skewY)\s*\(([^()]*)\)")
+_BETWEEN = re.compile(r"[\s,]*")
+_COUNTS = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}
+Rgba = tuple[float, float, float, float]  # sRGB and opacity, each in [0, 1]
+
+
+def number(text: str) -> float:
+    """A finite number without a unit. Raises ValueError for anything else."""
+    value = float(text) if NUMBERS.fullmatch(text) else math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"has {text!r} where a number belongs")
+    return value
+
+
+def length(text: str, whole: float) -> float:
+    """A length in px; a percentage is one of `whole`. Raises ValueError for anything else."""
+    match = _LENGTH.fullmatch(text)
+    if match is None or not math.isfinite(float(match[1])):
+        raise ValueError(f"{text!r} is no length")
+    return float(match[1]) * (whole / 100.0 if match[2] == "%" else _UNITS[match[2] or "px"])
+
+
+def absolute_length(text: str | None) -> float | None:
+    """A length in px that depends on nothing around it; None for any other text. It may be infinite."""
+    match = _LENGTH.fullmatch(text) if text is not None else None
+    if match is None or (match[2] or "px") not in _ABSOLUTE:
+        return None
+    return float(match[1]) * _UNITS[match[2] or "px"]
+
+
+def share(text: str) -> float:
+    """A number or a percentage, clipped to [0, 1]. Raises ValueError for anything else."""
+    return min(1.0, max(0.0, length(text, 1.0)))
+
+
+def hex_colour(text: str) -> tuple[int, int, int]:
+    """sRGB, 8 bits each, of #rgb or #rrggbb. Raises ValueError for anything else."""
+    match = _HEX.fullmatch(text)
+    if match is None:
+        raise ValueError(f"has the colour {text!r}, not #rgb or #rrggbb")
+    red, green, blue = bytes.fromhex(match[1] if len(match[1]) == 6 else "".join(2 * digit for digit in match[1]))
+    return red, green, blue
+
+
+def colour(text: str, current: str) -> Rgba | None:
+    """Any colour of CSS; None for no paint. current: the value of `color`. Raises ValueError for anything else."""
+    from PIL import ImageColor
+
+    lowered = text.strip().lower()
+    if lowered == "currentcolor":
+        return colour("black" if current.strip().lower() == "currentcolor" else current, "black")
+    if lowered in ("none", "transparent", "context-fill", "context-stroke"):
+        return None
+    match = re.fullmatch(r"(rgb|hsl)a?\(([^)]*)\)", lowered)
+    opacity = 1.0
+    if match is not None:
+        parts = match[2].replace(",", " ").replace("/", " ").split()
+        opacity = share(parts[3]) if len(parts) > 3 else 1.0
+        lowered = f"{match[1]}({','.join(parts[:3])})"
+    channels = ImageColor.getrgb(lowered)
+    if len(channels) > 3:
+        opacity = channels[3] / 255.0
+    return channels[0] / 255.0, channels[1] / 255.0, channels[2] / 255.0, opacity
+
+
+def is_transform(text: str) -> bool:
+    """Whether a `transform` holds transforms of SVG 1.1 and nothing else."""
+    return all(_BETWEEN.fullmatch(rest) for rest in _TRANSFORM.sub("\0", text).split("\0"))
+
+
+def transform_matrix(text: str) -> np.ndarray:
+    """(3, 3) of the transforms in a `transform` (SVG 1.1, section 7.6); what is none of them is skipped.
+
+    Raises ValueError where the numbers of one cannot be read.
+    """
+    total = np.eye(3)
+    for name, inside in _TRANSFORM.findall(text):
+        numbers = [float(part) for part in inside.replace(",", " ").split()]
+        if len(numbers) not in _COUNTS[name]:
+            raise ValueError(f"{name}({inside}) lacks numbers, or has too many")
+        total = total @ _matrix(name, numbers)
+    return total
+
+
+def translation(x: float, y: float) -> np.ndarray:
+    """(3, 3) that moves by (x, y)."""
+    return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
+
+
+def _matrix(name: str, n: list[float]) -> np.ndarray:
+    if name == "matrix":
+        return np.array([[n[0], n[2], n[4]], [n[1], n[3], n[5]], [0.0, 0.0, 1.0]])
+    if name == "translate":
+        return translation(n[0], n[1] if len(n) > 1 else 0.0)
+    if name == "scale":
+        return np.diag([n[0], n[-1], 1.0])
+    angle = math.radians(n[0])
+    if name.startswith("skew"):
+        skewed = np.eye(3)
+        skewed[(0, 1) if name == "skewX" else (1, 0)] = math.tan(angle)
+        return skewed
+    cos, sin = math.cos(angle), math.sin(angle)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return turn if len(n) < 3 else translation(n[1], n[2]) @ turn @ translation(-n[1], -n[2])
