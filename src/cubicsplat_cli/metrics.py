@@ -33,7 +33,7 @@ class Metric:
     worse: Callable[[list[float]], float]
 
 
-# What `eval` can measure beside PSNR and SSIM, by the names that --metrics takes; `evaluate/perceptual.py` computes them.
+# The further metrics of `eval`, by the names that --metrics takes; `evaluate/perceptual.py` computes them.
 FURTHER = {
     "ms-ssim": Metric("MS-SSIM", "ms_ssim", 4, min),
     "lpips": Metric("LPIPS", "lpips", 4, max),
