@@ -39,7 +39,7 @@ RENAMED_OPTIONS = {
     "--measures": "--metrics", "--thorn-reg": "--spike-penalty", "--geometric-reg": "--crossing-penalty",
 }  # fmt: skip
 _KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "text": str}
-_OWNERS = (Request, FitSettings, Recipe, ArtworkSettings)
+_OWNERS = (FitSettings, Request, Recipe, ArtworkSettings)
 
 
 def takes_options(*names: str, after: int = 2) -> Callable[[Callable[..., None]], Callable[..., None]]:
