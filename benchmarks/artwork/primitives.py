@@ -35,10 +35,10 @@ def primitive_counts(truth: Document, pieces: Pieces, made: Document, own_pieces
     Primitives are circles and ellipses, rectangles, and rounded rectangles, in the truth also where they are written
     as paths; two are the same if their kinds and bounding boxes agree. Expected are those of the truth that mostly
     show, with most of their outline; recalled are those that the file has as primitives. Written are the file's that
-    show; right are those that match an outline of the truth, or a flat area visible in it. A side of a rectangle that shows nowhere
-    might be anywhere: a rectangle of the truth with such a side is not expected, and of the file's only the other sides
-    must agree; turned ones are left out. So are circles and ellipses of which a third or more shows, all on edges of
-    the truth: the picture does not show how they go on.
+    show; right are those that match an outline of the truth, or a flat area visible in it. A side of a rectangle that
+    shows nowhere might be anywhere: a rectangle of the truth with such a side is not expected, and of the file's only
+    the other sides must agree; turned ones are left out. So are circles and ellipses of which a third or more shows,
+    all on edges of the truth: the picture does not show how they go on.
     """
     forms = [form for form in forms_of(truth) if form.near]
     every = [form for form in forms_of(made) if form.written and form.near]
