@@ -40,7 +40,7 @@ class GridRing:
 
     @property
     def form(self) -> bytes:
-        """The same for rings that are alike but for where they lie."""
+        """A key that is equal for rings that differ by a translation only."""
         anchors, controls = self.anchors - self.anchors[:1], self.controls - self.anchors[:1, None]
         return b"".join(part.tobytes() for part in (anchors, controls, self.lines))
 

@@ -217,7 +217,7 @@ def extent_of(rings: list[Ring]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ring(subpath: Sequence[PathSegment]) -> Ring:
-    """Of pieces of which the last one closes the ring: a line of its own where that has a length."""
+    """The ring of a closed subpath; its closing segment is a line of its own if it has a length."""
     if math.dist(subpath[-1].start, subpath[-1].end) < 1e-9 and len(subpath) > 1:
         subpath = subpath[:-1]
     anchors = np.array([piece.start for piece in subpath])

@@ -69,7 +69,7 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
 
 
 def drawn_elements(svg: str) -> int:
-    """How many elements of a text of `write_drawing` draw something: at most its shapes, since one may hold many."""
+    """The number of elements that a text of `write_drawing` draws; at most its shapes, since one may hold many."""
     return len(re.findall(r"<(?:path|circle|ellipse|rect)\b", svg))
 
 
@@ -135,7 +135,7 @@ class _GridRings:
 
 
 def _element(group: Sequence[Shape], precision: int, rings: _GridRings) -> ElementTree.Element | None:
-    """What shows one shape, or several of one ink as a compound path; None where nothing of it is left."""
+    """The element of one shape, or of several of one colour as a compound path; None if none of it is left."""
     stroke = group[0].stroke
     if stroke is not None and not isinstance(stroke.path, (Chain, Ring)):
         return _primitive(stroke.path, precision)
