@@ -17,6 +17,7 @@ import numpy as np
 import typer
 
 from benchmarks import main
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.cli.bench import Markdown, print_json
 from cubicsplat_cli.cli.options import Json
 from cubicsplat_cli.errors import InputError
@@ -58,14 +59,12 @@ def cusps_of(scene: Scene) -> int:
 
 def _polylines(scene: Scene, curve: int) -> Iterator[np.ndarray]:
     """(V, 2) px of each ring, its first vertex again at its end, or of the stroke."""
-    t = np.arange(EDGES)[:, None] / EDGES
     for ring in scene.rings(curve):
         points = ring.astype(np.float64)
         if scene.mode is Mode.CLOSED:
             points = np.concatenate((points, points[:1]))
-        a, b, c, d = (points[k : len(points) - 3 + k : 3, None] for k in range(4))
-        line = ((1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * b + 3 * (1 - t) * t * t * c + t**3 * d).reshape(-1, 2)
-        yield np.concatenate((line, points[-1:]))
+        cubics = np.stack([points[k : len(points) - 3 + k : 3] for k in range(4)], axis=1)
+        yield np.concatenate((points_at(cubics, np.arange(EDGES) / EDGES).reshape(-1, 2), points[-1:]))
 
 
 def _turns_back(line: np.ndarray, scene: Scene) -> int:

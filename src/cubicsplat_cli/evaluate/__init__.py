@@ -1,4 +1,4 @@
-"""How good the SVG file is: drawn by a renderer that is not ours, compared by the measures that everybody uses.
+"""Quality of the SVG file: drawn by an independent renderer and compared by standard metrics.
 
 The renderers are imported by the functions that need them.
 """

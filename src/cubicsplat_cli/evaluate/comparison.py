@@ -54,7 +54,7 @@ class ScaleFigures:
 
 @dataclass(frozen=True, eq=False)
 class ComparedFile:
-    """What is compared. renderer: what draws it, None for a picture."""
+    """The file that is compared with the reference. renderer: draws it if it is an SVG, None for a picture."""
 
     path: str
     data: bytes
@@ -67,7 +67,7 @@ class ComparedFile:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """How close a candidate is to its reference."""
+    """A candidate, its reference, and the metrics of the two."""
 
     reference: Picture
     reference_path: str

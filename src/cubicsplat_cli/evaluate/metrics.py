@@ -43,8 +43,7 @@ def compare(reference: Picture, candidate: np.ndarray) -> Quality:
 
 
 def compare_premultiplied(reference: Picture, candidate: np.ndarray) -> Quality:
-    """The same for a float picture, (H, W, 3) or premultiplied (H, W, 4) in [0, 1], as the own renderer gives
-    it.
+    """Quality of a float picture, (H, W, 3) or premultiplied (H, W, 4) in [0, 1], as the engine renders it.
 
     Values are clipped to [0, 1] and not rounded to 8 bits. Raises InputError when sizes differ or a value is
     not finite.
@@ -116,7 +115,7 @@ def decibels(mean_square: float) -> float:
 
 @dataclass
 class _Sums:
-    """Of two pictures on one ground: values, their squared differences and the largest of these; windows of SSIM."""
+    """Sums over two pictures on one ground: values, squared differences and the largest of these; windows of SSIM."""
 
     values: int = 0
     squares: float = 0.0
@@ -236,7 +235,7 @@ def _worst_psnr(grounds: Sequence[_Sums]) -> float | None:
 
 
 def seconds_to_measure(picture: Picture) -> float:
-    """What drawing and measuring an SVG of the picture takes, at the most."""
+    """An upper bound of the seconds that it takes to draw and measure an SVG of the picture."""
     return _SECONDS_BEFORE + _SECONDS_PER_PIXEL * min(picture.width * picture.height, MAX_MEASURED_PIXELS)
 
 

@@ -85,7 +85,7 @@ def drawing_with(name: str, source: str) -> Iterator[None]:
 
 
 def _reason(error: BaseException, name: str) -> str:
-    """What a renderer complains about, without what only Python programmers understand; may be empty."""
+    """The complaint of a renderer without what only Python programmers understand; may be empty."""
     text = one_line(error)
     if isinstance(error, UnicodeError):
         return "it is not UTF-8"
@@ -234,7 +234,7 @@ def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _refuse_url(url: str, _resource_type: str) -> bytes:
-    """What cairosvg is to call where an SVG refers to something: raises InputError."""
+    """Refuse a reference, as the function that cairosvg calls to fetch it: raises InputError."""
     raise InputError(f"the SVG refers to {url[:80]}, which is never fetched")
 
 

@@ -224,7 +224,7 @@ def _root(svg: bytes) -> tuple[str, dict[str, str], int]:
 
 
 def _tag_end(text: str) -> int:
-    """Where the tag that `text` begins with ends: the place of its `>` or `/>`."""
+    """The index of the `>` or `/>` of the tag that `text` begins with."""
     quote = ""
     for place, letter in enumerate(text):
         if quote:

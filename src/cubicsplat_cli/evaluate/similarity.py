@@ -45,7 +45,7 @@ def similarity_sums(reference: np.ndarray, candidates: Sequence[np.ndarray]) -> 
 
 
 def _sum(x: np.ndarray, y: np.ndarray, squares: np.ndarray, product: np.ndarray, middle: np.float32) -> float:
-    """Of smoothed planes: both pictures less `middle`, the sum of their squares, their product."""
+    """The sum of SSIM, from smoothed planes: both pictures less `middle`, the sum of their squares, their product."""
     covariance = product - x * y
     covariance *= 2
     covariance += _C2
@@ -80,7 +80,7 @@ def _smoothed(planes: np.ndarray) -> np.ndarray:
 
 
 def _blocks(size: int) -> Iterator[tuple[slice, slice, np.ndarray]]:
-    """Of an axis that has `size` places after smoothing: the places of each block, those it is made of, the weights."""
+    """Blocks of an axis of `size` places after smoothing: their places, those before smoothing, the weights."""
     for start in range(0, size, _BLOCK):
         end = min(size, start + _BLOCK)
         n = end - start

@@ -290,7 +290,7 @@ def formats_of(data: bytes, shown: str) -> tuple[str, ...]:
 
 
 def _brands(data: bytes) -> set[bytes]:
-    """What a file of the MPEG-4 family says that it can be read as; none where it is of another kind."""
+    """The brands that a file of the MPEG-4 family declares; none for another kind of file."""
     if data[4:8] != b"ftyp":
         return set()
     names = data[8 : min(int.from_bytes(data[:4], "big"), 256)]

@@ -76,7 +76,7 @@ class Picture:
         return np.concatenate([self.rgb * alpha[..., None], alpha[..., None]], axis=2)
 
     def target(self) -> np.ndarray:
-        """What a fit aims at: (H, W, 3) when the picture is opaque, else premultiplied (H, W, 4); float32."""
+        """The target of a fit: (H, W, 3) when the picture is opaque, else premultiplied (H, W, 4); float32."""
         return self.rgb if self.alpha is None else self.premultiplied()
 
 

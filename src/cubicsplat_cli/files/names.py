@@ -44,7 +44,7 @@ class Outputs:
         return [path for path in (*self.results(), self.html_report) if path is not None]
 
     def results(self) -> list[Path]:
-        """Those of them that only a fit can make."""
+        """All files except the page, which can be made again without a fit."""
         return [path for path in (self.svg, self.png, self.metrics, self.animation) if path is not None]
 
 
@@ -108,7 +108,7 @@ def plan_outputs(
 
 
 def _instead(svg: Path, suffix: str) -> str:
-    """What to ask for in place of an output of another kind than `suffix`."""
+    """Advice for an output of another kind than `suffix`."""
     if svg.suffix.lower() in PICTURE_SUFFIXES:
         kind = svg.suffix.lower()[1:].upper()
         return f"for a drawn {kind} make {svg.stem}{suffix} first: its PNG is written beside it"
@@ -118,7 +118,7 @@ def _instead(svg: Path, suffix: str) -> str:
 
 
 def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) -> Path:
-    """Where the SVG of a picture goes by default: to the picture's name without its ending, and a suffix.
+    """The default path of a picture's SVG: the picture's name without its ending, and a suffix.
 
     Where another picture has that name, as a.jpg and a.png do, the ending stays (a.png.svg): with `shared` there is one
     now, and there was one where the SVG is there already and the picture that it says it was made of still is.
@@ -143,7 +143,7 @@ def beside(svg: Path, *, png: bool, metrics: bool = True, source: Path | None = 
 
 
 def drawn_name(svg: Path) -> Path:
-    """Where the drawing of an SVG goes by default: never over a picture that we did not draw."""
+    """The default path of the PNG of an SVG; never that of a picture that cubicsplat did not draw."""
     picture = svg.with_suffix(".png")
     return picture if is_replaceable(picture) else svg.with_suffix(_RENDERED)
 

@@ -143,7 +143,7 @@ def read_head(path: Path) -> bytes:
 
 
 def head_of(data: bytes) -> bytes:
-    """The same of a file's bytes."""
+    """`read_head` of a file's bytes."""
     head = data[:HEAD_BYTES]
     if not head.startswith(GZIP):
         return head

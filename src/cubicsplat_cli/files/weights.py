@@ -1,4 +1,4 @@
-"""How much each pixel of a picture matters: a mask in grey, and a rectangle in focus."""
+"""Weights of a picture's pixels: a grey mask, and a rectangle in focus."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _scaled(mask: Mask, picture: Picture, full: tuple[int, int]) -> np.ndarray:
 
 
 def _inside(focus: Focus, picture: Picture, full: tuple[int, int]) -> np.ndarray:
-    """How much of each pixel lies in the rectangle."""
+    """The share (H, W) of each pixel that lies in the rectangle."""
     across = _covered(focus.left, focus.width, full[0], picture.width)
     down = _covered(focus.top, focus.height, full[1], picture.height)
     if not (across.any() and down.any()):

@@ -1,4 +1,4 @@
-"""Which shapes of a drawing are written as one compound path: lettering and patterns, as artists write them."""
+"""Grouping of shapes into compound paths: lettering and patterns, as artists write them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.scene.paint import Gradient, Ink
 
-# Two shapes of one ink may be a pair of eyes; so many are lettering or a pattern.
+# Two shapes of one colour may be a pair of eyes; this many are lettering or a pattern.
 LEAST_SHAPES = 3
-# A drawing of so few inks is a sign, a mark or lettering: its artist writes all of an ink as one path.
+# A drawing of so few colours is a sign, a logo or lettering: its artist writes all shapes of a colour as one path.
 FEW_PAINTS = 4
 _OPAQUE = 255
 Pen = tuple[float, str, str, bool]
-# Shapes that come nearer than this to each other keep their order.
+# Shapes nearer to each other than this keep their order.
 _MARGIN = 1.0  # px
 
 
@@ -48,7 +48,7 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
 
 
 def _pen(stroke: Stroke | None) -> Pen | None:
-    """What strokes of one path have in common: how wide they are drawn, with which caps and joins."""
+    """The properties that strokes of one path share: width, cap, join, and whether they are closed."""
     return None if stroke is None else (stroke.width, stroke.cap, stroke.join, stroke.closed)
 
 

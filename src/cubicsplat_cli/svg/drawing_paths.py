@@ -40,7 +40,7 @@ class GridRing:
 
     @property
     def form(self) -> bytes:
-        """The same for rings that are alike but for where they lie."""
+        """A key that is equal for rings that differ by a translation only."""
         anchors, controls = self.anchors - self.anchors[:1], self.controls - self.anchors[:1, None]
         return b"".join(part.tobytes() for part in (anchors, controls, self.lines))
 
@@ -75,8 +75,11 @@ def _begun_after_a_line(ring: GridRing) -> GridRing:
     return GridRing(ring.anchors[order], ring.controls[order], ring.lines[order], ring.smooth[order])
 
 
-def _smoothed(ring: GridRing) -> np.ndarray:
-    """Controls whose shorter handle at each smooth joint is moved by at most two steps towards the other's line."""
+def _smoothed(ring: GridRing, even: bool = True) -> np.ndarray:
+    """Controls whose shorter handle at each smooth joint is moved by at most two steps towards the other's line.
+
+    even: whether handles that are then nearly equal become so.
+    """
     controls = ring.controls.copy()
     if not ring.smooth.any():
         return controls
@@ -94,7 +97,7 @@ def _smoothed(ring: GridRing) -> np.ndarray:
     controls[np.roll(move_back, -1), 1] = np.roll(ring.anchors + aligned(back, ahead), -1, axis=0)[
         np.roll(move_back, -1)
     ]
-    return _evened(ring, controls, joint & ~ring.lines & ~line_before)
+    return _evened(ring, controls, joint & ~ring.lines & ~line_before) if even else controls
 
 
 def _evened(ring: GridRing, controls: np.ndarray, joint: np.ndarray) -> np.ndarray:
@@ -190,11 +193,6 @@ def add_ring(path: PathText, ring: GridRing, exact: bool = False, relative: bool
     path.close()
 
 
-def add_chain(path: PathText, chain: GridRing) -> None:
-    """Appends an open row of lines and cubics, of which there is one less than anchors."""
-    _add_pieces(path, chain, list(range(1, len(chain.anchors))), MIRROR_REACH)
-
-
 def _add_pieces(path: PathText, ring: GridRing, ends: Sequence[int], reach: int, relative: bool = False) -> None:
     """The pieces from one anchor to the next; the line that closes a ring is drawn by closing it."""
     anchors, controls = ring.anchors.tolist(), ring.controls.tolist()
@@ -222,18 +220,9 @@ def add_stroke(path: PathText, line: Path, precision: int) -> None:
         add_ring(path, grid_ring(line.ring(), precision))
         return
     anchors, controls = to_steps(line.anchors, precision), to_steps(line.controls, precision)
-    for i in np.flatnonzero(line.smooth[1:-1]) + 1:
-        _straighten(anchors, controls, line.lines, int(i))
-    add_chain(path, GridRing(anchors, controls, line.lines, line.smooth))
-
-
-def _straighten(anchors: np.ndarray, controls: np.ndarray, lines: np.ndarray, i: int) -> None:
-    """Moves, in place, the shorter handle at a smooth joint by two steps at most towards the other's line."""
-    back = (anchors[i - 1] if lines[i - 1] else controls[i - 1, 1]) - anchors[i]
-    ahead = (anchors[i + 1] if lines[i] else controls[i, 0]) - anchors[i]
-    if back @ ahead >= 0 or (lines[i - 1] and lines[i]):
-        return
-    if lines[i - 1] or (not lines[i] and (ahead**2).sum() <= (back**2).sum()):
-        controls[i, 0] = anchors[i] + aligned(ahead[None], back[None])[0]
-    else:
-        controls[i - 1, 1] = anchors[i] + aligned(back[None], ahead[None])[0]
+    # A line from the end back to the start, of which nothing is drawn, makes it a ring.
+    back = np.stack([anchors[-1:], anchors[:1]], axis=1)
+    smooth = np.array([False, *line.smooth[1:-1], False])
+    ring = GridRing(anchors, np.concatenate([controls, back]), np.append(line.lines, True), smooth)
+    smoothed = GridRing(anchors, _smoothed(ring, even=False), ring.lines, smooth)
+    _add_pieces(path, smoothed, range(1, len(anchors)), MIRROR_REACH)

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQUARE, Chain, Path, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -206,18 +207,12 @@ def _ellipse(first: PathSegment, second: PathSegment) -> Outline:
 
 def extent_of(rings: list[Ring]) -> tuple[np.ndarray, np.ndarray]:
     """The corners (2,) of the box around rings, left and top, right and bottom, px: that of the curves themselves."""
-    t = np.linspace(0.0, 1.0, 65)[:, None, None]
-    s = 1.0 - t
-    points = []
-    for ring in rings:
-        a, b, c, d = ring.cubics.transpose(1, 0, 2)
-        points.append((s**3 * a + 3.0 * s * s * t * b + 3.0 * s * t * t * c + t**3 * d).reshape(-1, 2))
-    every = np.concatenate(points)
-    return every.min(axis=0), every.max(axis=0)
+    points = points_at(np.concatenate([ring.cubics for ring in rings]), np.linspace(0.0, 1.0, 65)).reshape(-1, 2)
+    return points.min(axis=0), points.max(axis=0)
 
 
 def _ring(subpath: Sequence[PathSegment]) -> Ring:
-    """Of pieces of which the last one closes the ring: a line of its own where that has a length."""
+    """The ring of a closed subpath; its closing segment is a line of its own if it has a length."""
     if math.dist(subpath[-1].start, subpath[-1].end) < 1e-9 and len(subpath) > 1:
         subpath = subpath[:-1]
     anchors = np.array([piece.start for piece in subpath])

@@ -72,7 +72,7 @@ class StyledShape:
 
 @dataclass(frozen=True, eq=False)
 class _Context:
-    """What the elements in a group get from it."""
+    """The state that the elements in a group inherit."""
 
     matrix: np.ndarray
     style: dict[str, str]
@@ -105,7 +105,7 @@ class StyledTree:
         yield from self._in(self.root, _Context(np.eye(3), dict(_INHERITED), (width, height)))
 
     def declared(self, element: ElementTree.Element) -> dict[str, str]:
-        """What is declared for an element itself: by attributes, over these rules, over these its own style."""
+        """The values declared for an element itself, from attributes, rules and `style=`, the last the strongest."""
         name, classes = local_name(element), element.get("class", "").split()
         values = dict(element.attrib)
         for _, of, kind, value, declarations in self._rules:

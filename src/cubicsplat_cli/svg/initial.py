@@ -216,7 +216,7 @@ class _Collected:
         )  # fmt: skip
 
     def notes(self, source: str) -> list[str]:
-        """What is not in the scene, or not as it was."""
+        """A sentence on what the scene lacks, and one on what it approximates."""
         parts = [counted(count, name) for name, count in sorted(self.left_out.items()) if count]
         notes = [f"{source}: left out of the drawing to begin with: {', '.join(parts)}"] if parts else []
         if self.gradients:

@@ -162,7 +162,7 @@ def _points(letter: str, numbers: tuple[float, ...], here: Point) -> list[Point]
 
 
 def _sum(first: float, second: float) -> float:
-    """Of decimals, without the noise of binary fractions, which would add up along a path."""
+    """The sum of two decimals without the noise of binary fractions, which would add up along a path."""
     total = first + second
     return total if total.is_integer() else round(total, _DECIMALS)
 

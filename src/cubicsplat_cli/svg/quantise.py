@@ -168,7 +168,7 @@ def _refuse(bad: np.ndarray, what: str) -> None:
 
 
 def ring_slices(ring_ends: np.ndarray, *, closed: bool) -> list[list[slice]]:
-    """Which of its control points each ring of each curve has: ring_ends (N, R) as in `Scene`."""
+    """The slices of its control points that each ring of each curve has; ring_ends (N, R) as in `Scene`."""
     shared = 0 if closed else 1
     rows = [[0, *row] for row in ring_ends.tolist()]
     return [[slice(3 * a, 3 * b + shared) for a, b in itertools.pairwise(row) if a < b] for row in rows]

@@ -65,8 +65,8 @@ def _steps(box: Rectangle, precision: int) -> tuple[int, int, int, int, int]:
 
 
 def _ends(left: float, top: float, right: float, bottom: float, radius: float) -> Iterator[Point]:
-    """Where lines and arcs meet, clockwise as seen, a line first; straight sides that are no longer than a point are
-    left out, and the corners beside them are one arc.
+    """The points where lines and arcs meet, clockwise as seen, a line first; sides shorter than a point are left out,
+    and the corners beside them are one arc.
     """
     across, down = right - left > 2 * radius + 1e-9, bottom - top > 2 * radius + 1e-9
     if across:

@@ -23,7 +23,7 @@ def gradient_decimals(precision: int) -> int:
 
 
 def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], np.ndarray, np.ndarray]:
-    """Of each curve its gradient in px, None where it is flat, and all colours (N, 3) and opacities (N,).
+    """The gradient of each curve in px, None where it is flat, and all colours (N, 3) and opacities (N,).
 
     Offsets have three decimals, inks 8 bits; coordinates are yet to be rounded. A curve's opacity goes into its stops,
     and comes back from them where they are alike; what nobody can tell from one colour becomes one. precision:
@@ -91,7 +91,7 @@ def _radial(frame: np.ndarray, step: float, stops: tuple[Stop, ...]) -> Gradient
 
 
 def as_written(gradient: Gradient, precision: int) -> Gradient:
-    """What a file says of a gradient in px, where its points have so many decimals; see `gradient_element`."""
+    """A gradient as a file of this precision holds it, in px; see `gradient_element`."""
     steps = 10.0 ** gradient_decimals(precision)
 
     def rounded(value: float) -> float:

@@ -182,7 +182,7 @@ def _cubics(absolute: Sequence[Sequence[int]], relative: Sequence[Sequence[int]]
 
 
 def _separator(number: str) -> str:
-    """What must stand before a number that follows another: nothing before a minus."""
+    """The separator before a number that follows another: none before a minus."""
     return "" if number[0] == "-" else " "
 
 

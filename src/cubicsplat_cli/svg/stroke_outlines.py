@@ -1,4 +1,8 @@
-"""Strokes as the outlines of what they cover, near enough to begin a fit with."""
+"""Outlines of strokes, near enough to begin a fit with.
+
+Each cubic is halved and offset by its ends and the directions of its handles. `artwork.strokes.offset` is exact, and
+needs 1.7 times the segments for 1 dB more.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +74,7 @@ def _joint(
     before: tuple[np.ndarray, np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray, np.ndarray],
     corner: np.ndarray, half: float, join: str, limit: float,
 ) -> list[np.ndarray]:  # fmt: skip
-    """What lies between two moved cubics that met at a corner: on its outer side its tip, or an arc."""
+    """The cubics that join two offset cubics at a corner: on its outer side a miter or an arc."""
     end, start = before[0][3], after[0][0]
     if math.dist(end, start) <= 1e-6 * half:
         return []

@@ -1,4 +1,4 @@
-"""What an SVG file of unknown origin may contain before any renderer sees it, and how large it says it is.
+"""Checks an SVG file of unknown origin before any renderer sees it, and reads its size.
 
 One expat pass, nothing fetched, nothing expanded. Refused: gzip (.svgz), entity declarations, embedded or external
 pictures, every reference that leaves the document, and references that would draw the same elements too many times.
@@ -147,7 +147,7 @@ class _Scan:
             raise self._outside("xml-stylesheet")
 
     def _holder(self, name: str | None) -> _Named:
-        """What counts the elements of the one that begins: the nearest one around it that has a name."""
+        """The counter of the element that begins: its own if its name is new, else that of the nearest named one."""
         if name is None or name in self.named:
             return self.open[-1]
         self.named[name] = _Named()
@@ -161,7 +161,7 @@ class _Scan:
                 raise InputError(f"{self.source}: draws more than {most} elements by references; simplify it")
 
     def _drawn(self, named: _Named, counts: dict[int, int], following_all: bool, depth: int) -> int:
-        """How many elements are drawn for one and what is in it; `counts` has what is counts already."""
+        """The number of elements drawn for one and its content; `counts` holds the results so far."""
         if depth > MAX_DEPTH:
             raise InputError(f"{self.source}: has references to themselves, or {MAX_DEPTH} in one another; simplify it")
         if id(named) not in counts:
