@@ -9,7 +9,7 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.film import Film
 from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, Resizing
-from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.settings import FitSettings
 
@@ -38,7 +38,7 @@ def fit(
     begun, given = picture, inputs
     if rough is not None and settings.recipe.finish > 0.0:
         begun, given = _checked(*rough), rough[1]
-    loop = Loop(begun, settings, given, on_progress, film)
+    loop = FitLoop(begun, settings, given, on_progress, film)
     for resizing in resizings:
         if loop.relax(resizing.at):
             loop.resize(resizing.choose)
