@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli.bench.step import synthetic_picture, total_steps, wait_for_gpu
-from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings
 
@@ -46,7 +46,7 @@ class Growth:
 def step_times(size: tuple[int, int], settings: FitSettings) -> StepTimes:
     """Times in a fit of the drawn picture of this size (width, height in px), WARMUP steps after its start."""
     settings = settings.with_(steps=max(settings.steps, total_steps(WARMUP, 3 * REPEATS, settings.recipe.finish)))
-    loop = Loop(synthetic_picture(*size), settings)
+    loop = FitLoop(synthetic_picture(*size), settings)
     engine, goal = loop.engine, loop.goal
     with one_torch_thread():
         for _ in range(WARMUP):

@@ -275,7 +275,7 @@ def test_a_fit_that_breaks_down_names_curve_and_step(monkeypatch):
 
     monkeypatch.setattr(loop, "open_engine", lambda *_, **__: CudaEngine(driver=EmulatedDriver()))
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 24, 20, background=PAPER), 4)
-    fit_loop = loop.Loop(target, FitSettings.from_preset("draft", curves=8, steps=200))
+    fit_loop = loop.FitLoop(target, FitSettings.from_preset("draft", curves=8, steps=200))
     for _ in range(20):
         fit_loop.advance()
     fit_loop.state.curves.points[5, 2, 0] = float("nan")

@@ -14,7 +14,7 @@ from scenes import rectangle, scene_of
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo import FitResult, fit
 from cubicsplat_cli.photo.evaluator import psnr
-from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import Schedule
 from cubicsplat_cli.photo.start import choose_background, curves_of
 from cubicsplat_cli.photo.state import BestCheckpoint
@@ -39,8 +39,8 @@ def picture(width: int = 40, height: int = 28, *, alpha: bool = False) -> np.nda
     return values
 
 
-def loop(target: np.ndarray, **overrides) -> Loop:
-    return Loop(torch.from_numpy(target), settings(**overrides))
+def loop(target: np.ndarray, **overrides) -> FitLoop:
+    return FitLoop(torch.from_numpy(target), settings(**overrides))
 
 
 def loss_of(scene: Scene, target: np.ndarray) -> float:
@@ -309,14 +309,14 @@ def test_the_published_preset_runs_and_gets_better(mode):
 @pytest.mark.parametrize("at", [0, 1, 30, 58])
 def test_an_interrupt_returns_the_best_so_far(at, monkeypatch):
     target = picture()
-    original = Loop.advance
+    original = FitLoop.advance
 
-    def interrupted(self: Loop) -> None:
+    def interrupted(self: FitLoop) -> None:
         if self.step == at:
             raise KeyboardInterrupt
         original(self)
 
-    monkeypatch.setattr(Loop, "advance", interrupted)
+    monkeypatch.setattr(FitLoop, "advance", interrupted)
     result = fit(target, settings())
     assert result.interrupted
     assert result.steps == at
@@ -327,15 +327,15 @@ def test_an_interrupt_returns_the_best_so_far(at, monkeypatch):
 
 def test_curves_that_do_nothing_are_replaced_however_late(monkeypatch):
     """At the last replacements the schedule asks for next to none."""
-    counts, original = [], Loop._reallocate
+    counts, original = [], FitLoop._reallocate
 
-    def watched(self: Loop, progress: float) -> None:
+    def watched(self: FitLoop, progress: float) -> None:
         self.stepper.importance[:3], self.stepper.importance[3:] = 0.0, 1.0
         before = self.log.replaced
         original(self, progress)
         counts.append(self.log.replaced - before)
 
-    monkeypatch.setattr(Loop, "_reallocate", watched)
+    monkeypatch.setattr(FitLoop, "_reallocate", watched)
     fit(picture(), settings())
     assert counts[0] > 3
     assert counts[-1] == 3
@@ -344,16 +344,16 @@ def test_curves_that_do_nothing_are_replaced_however_late(monkeypatch):
 def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before(monkeypatch):
     """New curves first make the picture worse."""
     target, levels = picture(), []
-    original = Loop._reallocate
+    original = FitLoop._reallocate
 
-    def interrupted(self: Loop, progress: float) -> None:
+    def interrupted(self: FitLoop, progress: float) -> None:
         levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
         original(self, progress)
         if self.step >= 20:
             levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Loop, "_reallocate", interrupted)
+    monkeypatch.setattr(FitLoop, "_reallocate", interrupted)
     result = fit(target, settings())
     *_, before, after = levels
     assert after < before - 0.5

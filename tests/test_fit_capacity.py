@@ -14,7 +14,7 @@ from cubicsplat_cli.photo import Fitting, fit
 from cubicsplat_cli.photo.blobs import blob_points, box_mean, find_blobs
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves
 from cubicsplat_cli.photo.inputs import NO_INPUTS
-from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import gini
 from cubicsplat_cli.photo.seeding import Seeder, draw_pixels, error_density, random_centres
 from cubicsplat_cli.photo.state import FitState
@@ -273,16 +273,16 @@ def test_a_fit_grows_and_shrinks_on_its_way(mode):
 def test_an_interrupt_right_after_curves_were_added_returns_what_was_before(monkeypatch):
     picture = np.zeros((36, 48, 4), np.float32)
     picture[8:28, 10:40] = (0.8, 0.3, 0.1, 1.0)
-    losses, advance = [], Loop.advance
+    losses, advance = [], FitLoop.advance
 
-    def interrupted(self: Loop) -> None:
+    def interrupted(self: FitLoop) -> None:
         if self.settings.curves == 25:
             losses.append(self.evaluator.loss(self.state.curves))
             raise KeyboardInterrupt
         advance(self)
         losses.append(self.evaluator.loss(self.state.curves))
 
-    monkeypatch.setattr(Loop, "advance", interrupted)
+    monkeypatch.setattr(FitLoop, "advance", interrupted)
     found = resized(picture, 25)
     *_, before, after = losses
     assert found.interrupted

@@ -11,8 +11,8 @@ from test_fit import picture, settings
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.options import loss_text, parse_loss
 from cubicsplat_cli.photo import fit
+from cubicsplat_cli.photo.ms_ssim import MsSsim
 from cubicsplat_cli.photo.objective import ABSOLUTE, Objective
-from cubicsplat_cli.photo.structure import Structure
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.settings import FitSettings
 
@@ -58,7 +58,7 @@ def test_the_structure_is_that_of_an_independent_implementation():
 
     goal = random_picture(1, 23, 40, 3).double().numpy()
     image = np.clip(goal + 0.2 * random_picture(2, 23, 40, 3).double().numpy(), 0, 1)
-    found = 1.0 - float(Structure(torch.from_numpy(goal)).loss(torch.from_numpy(image)))
+    found = 1.0 - float(MsSsim(torch.from_numpy(goal)).loss(torch.from_numpy(image)))
     options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False, "data_range": 1.0}
     assert min(goal.shape[:2]) >> 1 == 11, "the second scale has one row of windows"
     half = [p[:22].reshape(11, 2, 20, 2, 3).mean((1, 3)) for p in (goal, image)]
@@ -83,7 +83,7 @@ def _contrast(goal: np.ndarray, image: np.ndarray) -> float:
 @pytest.mark.parametrize("size", [(1, 1), (2, 9), (10, 11), (12, 30), (176, 178)])
 def test_the_structure_of_any_size_is_none_for_equal_pictures(size):
     goal = random_picture(5, *size, 3)
-    structure = Structure(goal, random_picture(6, *size))
+    structure = MsSsim(goal, random_picture(6, *size))
     assert float(structure.loss(goal)) == pytest.approx(0.0, abs=1e-5)
     assert float(structure.loss(1.0 - goal)) > 0.05
 

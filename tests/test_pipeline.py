@@ -24,7 +24,7 @@ from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import MemorySink, run_job
 from cubicsplat_cli.photo import FitInputs, Fitting
-from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture
 from cubicsplat_cli.pipeline import photo as photo_style
 from cubicsplat_cli.progress import COMMAND_BEGAN, Observer, Progress, StageTimer, Work
@@ -94,7 +94,7 @@ def test_ctrl_c_during_the_comparison_keeps_the_drawing(monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(choose, "choose_style", as_drawing)
-    monkeypatch.setattr(Loop, "advance", interrupted)
+    monkeypatch.setattr(FitLoop, "advance", interrupted)
     task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer())
     first, last = candidates(task)
     assert [made.interrupted for made in (first, last)] == [False, True]
@@ -268,7 +268,7 @@ def test_a_fit_that_goes_on_at_another_size_is_where_it_was():
     picture = as_picture((127.5 + 120 * waves).astype(np.uint8))
     small, large = (torch.from_numpy(resize_picture(picture, size).target()) for size in (24, 48))
     settings = SETTINGS.with_(steps=60)
-    loop = Loop(small, settings)
+    loop = FitLoop(small, settings)
     assert loop.relax()
     before, points = loop.evaluator.loss(loop.state.curves), loop.state.curves.points.clone()
     loop.go_over_to(large, FitInputs())

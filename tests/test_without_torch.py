@@ -16,7 +16,7 @@ from test_fit import picture, settings
 from cubicsplat_cli.photo import FitInputs
 from cubicsplat_cli.photo.geometric import Regulariser
 from cubicsplat_cli.photo.initial import new_curves
-from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import Rates
@@ -131,7 +131,7 @@ def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided, monkeypatch):
     target, given = picture(), settings(steps=40, **changes)
     inputs = FitInputs()
     if guided:
-        start = Loop(target, settings(steps=20, curves=5, seed=3)).finish().scene
+        start = FitLoop(target, settings(steps=20, curves=5, seed=3)).finish().scene
         weights = np.linspace(0.5, 2.0, target.shape[0] * target.shape[1], dtype=np.float32).reshape(target.shape[:2])
         inputs = FitInputs(weights, start, frozen=True)
     drawn = []
@@ -142,8 +142,8 @@ def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided, monkeypatch):
         return whole(self, scene, settings, training)
 
     monkeypatch.setattr(CpuEngine, "step", step)
-    ours = Loop(target, given, inputs=inputs).finish()
-    theirs = Loop(torch.from_numpy(target), given, inputs=inputs).finish()
+    ours = FitLoop(target, given, inputs=inputs).finish()
+    theirs = FitLoop(torch.from_numpy(target), given, inputs=inputs).finish()
     assert drawn == [np.ndarray] * 40 + [torch.Tensor] * 40
     assert theirs.replaced == ours.replaced > 0
     assert theirs.history[-1]["psnr_db"] == pytest.approx(ours.history[-1]["psnr_db"], abs=0.02)

@@ -12,7 +12,7 @@ import numpy as np
 from cubicsplat_cli.bench.memory import Memory, memory
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.metrics import head
-from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings
 
@@ -45,7 +45,7 @@ def measure_step(
         raise UsageError(f"warmup-steps must be at least 0 and steps at least 1, not {warmup} and {steps}")
     finish = settings.recipe.finish
     settings = settings.with_(steps=max(settings.steps, total_steps(warmup, steps, finish)), time_limit=None)
-    loop = Loop(np.ascontiguousarray(target, dtype=np.float32), settings)
+    loop = FitLoop(np.ascontiguousarray(target, dtype=np.float32), settings)
     with one_torch_thread():
         for _ in range(warmup):
             loop.advance()
@@ -78,7 +78,7 @@ def wait_for_gpu() -> None:
         torch.cuda.synchronize()
 
 
-def _time(loop: Loop, steps: int) -> dict[str, Any]:
+def _time(loop: FitLoop, steps: int) -> dict[str, Any]:
     """Times so many steps from where the fit stands."""
     phase = loop.schedule.phase(loop.progress)
     seconds: list[float] = []

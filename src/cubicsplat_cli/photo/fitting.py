@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult
-from cubicsplat_cli.photo.loop import Loop
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
@@ -56,7 +56,7 @@ class Fitting:
         if rough is not None and settings.recipe.finish > 0.0:
             self._finish = picture, inputs
             picture, inputs = _checked(*rough), rough[1]
-        self._loop = Loop(picture, settings, inputs, on_progress, film)
+        self._loop = FitLoop(picture, settings, inputs, on_progress, film)
 
     def relax(self, share: float) -> bool:
         """Do this share of the steps before the exact finish. Returns whether the fit goes on: else it was stopped."""

@@ -29,7 +29,7 @@ from cubicsplat_cli.settings import FitSettings
 LOOK_EVERY = 16  # steps between two looks for values that are not finite on a GPU, since each look waits for it
 
 
-class Loop:
+class FitLoop:
     """Advances the state of one fit.
 
     target: (H, W, C) float32. Its kind is that of all arrays on the CPU: numpy's, unless torch's are to be tried there.

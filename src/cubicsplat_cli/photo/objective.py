@@ -12,7 +12,7 @@ from cubicsplat_cli.raster.settings import SQUARED, Penalty
 from cubicsplat_cli.scene.arrays import Array, as_numpy, as_torch
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo.structure import Structure
+    from cubicsplat_cli.photo.ms_ssim import MsSsim
 
 # The losses are brought to about the size that the squared error has at 28 dB, where it is 0.0016 a value, so that
 # weights of a mixture compare like with like and step sizes suit all of them.
@@ -37,14 +37,14 @@ class Objective:
         self.pixelwise = "ms-ssim" not in share
         # Of what each curve and each place is worth, only pixels can tell.
         self.judged_by = self.penalty if set(share) > {"ms-ssim"} or self.pixelwise else SQUARED
-        self._structure: Structure | None = None
+        self._structure: MsSsim | None = None
         if not self.pixelwise:
-            from cubicsplat_cli.photo.structure import Structure
+            from cubicsplat_cli.photo.ms_ssim import MsSsim
 
             # By autograd, so in torch's arrays whatever the goal's are.
             self._goal = as_torch(goal, goal.device)
             self._weights = None if weights is None else as_torch(weights, goal.device)
-            self._structure = Structure(self._goal, self._weights)
+            self._structure = MsSsim(self._goal, self._weights)
         self._factor = share.get("ms-ssim", 0.0) * STRUCTURE * 3 * goal.shape[0] * goal.shape[1]
 
     @property

@@ -10,7 +10,7 @@ from cubicsplat_cli.settings import Mode
 
 
 @dataclass(frozen=True)
-class Segments:
+class SegmentIndices:
     """Of each segment, (N, M) or, where curves do not differ, (1, M): its number, and those of the ones before and
     after it, round its ring if it is closed, else from 0 to the number of segments; and, (N, M), whether it is one, and
     not room that a shorter curve leaves.
@@ -22,7 +22,7 @@ class Segments:
     real: Array
 
 
-def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> Segments:
+def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> SegmentIndices:
     xp, count, device = namespace(points), segments_from_points(mode, points.shape[1]), points.device
     if ring_ends is None:
         ends = xp.full((1, 1), count, dtype=xp.int64, device=device)
@@ -37,17 +37,17 @@ def segments_of(points: Array, mode: Mode, ring_ends: Array | None) -> Segments:
         start = xp.take_along_axis(xp.concat((xp.zeros_like(ends[:, :1]), ends), axis=1), ring, axis=1)
         end = xp.take_along_axis(ends, ring, axis=1)
         before, after = xp.where(index == start, end - 1, before), xp.where(after >= end, start, after)
-    return Segments(index, before, after, xp.broadcast_to(index < ends[:, -1:], (len(points), count)))
+    return SegmentIndices(index, before, after, xp.broadcast_to(index < ends[:, -1:], (len(points), count)))
 
 
-def together(starts: Array, seconds: Array, thirds: Array, end: Array, mode: Mode) -> Array:
+def interleaved(starts: Array, seconds: Array, thirds: Array, end: Array, mode: Mode) -> Array:
     """(N, K, 2) from what each segment's first three points have, (N, M, 2), and a stroke's last one, (N, 1, 2)."""
     xp, (n, m, _) = namespace(starts), starts.shape
     found = xp.reshape(xp.stack((starts, seconds, thirds), axis=2), (n, 3 * m, 2))
     return found if mode is Mode.CLOSED else xp.concat((found, end), axis=1)
 
 
-def taken(values: Array, index: Array) -> Array:
+def points_at(values: Array, index: Array) -> Array:
     """Of (N, K, 2) those at (N or 1, M) places of each curve: (N, M, 2)."""
     return namespace(values).take_along_axis(values, index[..., None], axis=1)
 

@@ -8,7 +8,7 @@ from ctypes import c_float, c_int32, c_void_p
 
 import numpy as np
 
-from cubicsplat_cli.photo.segments import Segments, length, segments_of, taken, together
+from cubicsplat_cli.photo.segments import SegmentIndices, interleaved, length, points_at, segments_of
 from cubicsplat_cli.raster.cpu import library
 from cubicsplat_cli.scene.arrays import Array, as_numpy, like, namespace
 from cubicsplat_cli.settings import Mode
@@ -56,17 +56,17 @@ def gradient_by_arrays(points: Array, size: tuple[int, int], ring_ends: Array | 
     parts = []
     for begin in range(0, len(points), many):
         chosen = slice(begin, begin + many)
-        own = found if ring_ends is None else Segments(*(each[chosen] for each in vars(found).values()))
+        own = found if ring_ends is None else SegmentIndices(*(each[chosen] for each in vars(found).values()))
         parts.append(_gradient(points[chosen], own, found.real[chosen], size))
     return xp.concat(parts, axis=0)
 
 
-def _gradient(points: Array, found: Segments, real: Array, size: tuple[int, int]) -> Array:
+def _gradient(points: Array, found: SegmentIndices, real: Array, size: tuple[int, int]) -> Array:
     xp, (n, m) = namespace(points), real.shape
     t = xp.arange(EDGES + 1, dtype=points.dtype, device=points.device) / EDGES
     basis = xp.stack(((1 - t) ** 3, 3 * (1 - t) ** 2 * t, 3 * (1 - t) * t * t, t**3), axis=1)
     places = [*(3 * found.index + k for k in range(3)), 3 * found.after]
-    corners = xp.stack([taken(points, place) for place in places], axis=2)
+    corners = xp.stack([points_at(points, place) for place in places], axis=2)
     vertices = xp.matmul(basis, corners)  # (n, m, EDGES + 1, 2)
     starts, ends = (xp.reshape(v, (n, m * EDGES, 2)) for v in (vertices[:, :, :-1], vertices[:, :, 1:]))
     long = xp.clip(length(ends - starts), min=_LEAST_LENGTH)
@@ -81,8 +81,8 @@ def _gradient(points: Array, found: Segments, real: Array, size: tuple[int, int]
     of_vertices = xp.concat((xp.reshape(of_starts, (n, m, EDGES, 2)), nothing), axis=2)
     of_vertices = of_vertices + xp.concat((nothing, xp.reshape(of_ends, (n, m, EDGES, 2))), axis=2)
     a, b, c, d = (xp.matmul(basis.T, of_vertices)[:, :, k] for k in range(4))
-    a = a + taken(d, found.before) * real[..., None]
-    return together(a, b, c, nothing[:, 0], Mode.CLOSED)
+    a = a + points_at(d, found.before) * real[..., None]
+    return interleaved(a, b, c, nothing[:, 0], Mode.CLOSED)
 
 
 def _forces(

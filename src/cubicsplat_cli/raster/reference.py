@@ -301,7 +301,7 @@ def alpha_of(covered: Tensor, opacity: Tensor) -> Tensor:
     return (opacity * covered).clamp(max=MAX_ALPHA)
 
 
-class Layer(NamedTuple):
+class CompositingStep(NamedTuple):
     """One primitive on its way into the picture, at every pixel."""
 
     alpha: Tensor  # (H, W), zero where the pixel had stopped before this primitive
@@ -310,7 +310,7 @@ class Layer(NamedTuple):
     after: Tensor  # (H, W, C), colour accumulated with it
 
 
-def front_to_back(alphas: Tensor, colours: Tensor | Sequence[Tensor]) -> Iterator[Layer]:
+def front_to_back(alphas: Tensor, colours: Tensor | Sequence[Tensor]) -> Iterator[CompositingStep]:
     """Composite alphas (N, H, W) of N colours (C,) or (H, W, C), front first: acc += T alpha c, T *= 1 - alpha.
 
     A primitive contributes to a pixel only while the transmittance before it is at least MIN_TRANSMITTANCE.
@@ -320,7 +320,7 @@ def front_to_back(alphas: Tensor, colours: Tensor | Sequence[Tensor]) -> Iterato
     for alpha, colour in zip(alphas, colours, strict=True):
         alpha = torch.where(transmittance >= MIN_TRANSMITTANCE, alpha, 0.0)
         after = accumulated + (transmittance * alpha).unsqueeze(-1) * colour
-        yield Layer(alpha, transmittance, accumulated, after)
+        yield CompositingStep(alpha, transmittance, accumulated, after)
         transmittance, accumulated = transmittance * (1.0 - alpha), after
 
 

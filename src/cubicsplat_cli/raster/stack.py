@@ -95,7 +95,7 @@ class StackPieces:
 
 
 @dataclass(frozen=True)
-class Crossings:
+class CoverageJacobian:
     """Of m crossings of a piece and a pixel: piece (m,) and pixel (m,) int32, row times width plus column; t (m,) the
     parameter; change (m, 8) of the pixel's coverage with the piece's control points; slope (m, 4) of the picture with
     that coverage. In the order of the pieces."""
@@ -107,7 +107,7 @@ class Crossings:
     slope: np.ndarray
 
 
-def draw_stack(pieces: StackPieces, goal: Goal) -> tuple[np.ndarray, np.ndarray, Crossings]:
+def draw_stack(pieces: StackPieces, goal: Goal) -> tuple[np.ndarray, np.ndarray, CoverageJacobian]:
     """The picture (H, W, 4) of a stack, blurred where the goal is, the misfit (H, W) of its pixels, and its crossings,
     whose changes are those of exact areas and of the sharp picture in any case.
     """
@@ -122,7 +122,7 @@ def draw_stack(pieces: StackPieces, goal: Goal) -> tuple[np.ndarray, np.ndarray,
     image, misfit = np.empty((height, width, 4)), np.empty((height, width))
     room = int(np.abs(np.diff(pieces.cubics, axis=1)).sum()) + _ROOM * count
     while True:
-        found = Crossings(
+        found = CoverageJacobian(
             np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room), np.empty((room, 8)), np.empty((room, 4))
         )
         out = _pointers_to(found, room)
@@ -132,11 +132,11 @@ def draw_stack(pieces: StackPieces, goal: Goal) -> tuple[np.ndarray, np.ndarray,
         room = out.count
     n = out.count
     parts = (found.piece, found.pixel, found.t, found.change, found.slope)
-    return image, misfit, Crossings(*(part[:n].copy() for part in parts))
+    return image, misfit, CoverageJacobian(*(part[:n].copy() for part in parts))
 
 
 def normal_equations(
-    goal: Goal, image: np.ndarray, crossings: Crossings, count: int
+    goal: Goal, image: np.ndarray, crossings: CoverageJacobian, count: int
 ) -> tuple[sparse.bsr_matrix, np.ndarray]:
     """The Gram matrix (8 S, 8 S) and the gradient (8 S,) over the control points of `count` pieces, S."""
     gradient = np.empty(8 * count)
@@ -163,7 +163,7 @@ def normal_equations(
     return gram, gradient
 
 
-def _pointers_to(crossings: Crossings, room: int) -> _Crossings:
+def _pointers_to(crossings: CoverageJacobian, room: int) -> _Crossings:
     n = len(crossings.piece)
     return _Crossings(
         room, n,

@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.finish.seals import leak_misfit, leaks, sealed_equat
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.stack import Crossings, Goal, StackPieces, draw_stack
+from cubicsplat_cli.raster.stack import CoverageJacobian, Goal, StackPieces, draw_stack
 from cubicsplat_cli.scene.paint import Ink
 
 ROUNDS = 14
@@ -59,7 +59,7 @@ class State:
     misfit: np.ndarray
     leaking: np.ndarray
     cost: np.ndarray
-    crossings: Crossings
+    crossings: CoverageJacobian
     pieces: np.ndarray
     marks: np.ndarray
     sharing: float

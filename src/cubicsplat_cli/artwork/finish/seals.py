@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
-from cubicsplat_cli.raster.stack import Crossings, Goal, normal_equations
+from cubicsplat_cli.raster.stack import CoverageJacobian, Goal, normal_equations
 
 # Weight of the squared share of the ground that shows: 1/255 of it counts as much as what a pixel is off by chance.
 WEIGHT = 100.0
@@ -34,7 +34,7 @@ def leak_misfit(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def sealed_equations(
-    goal: Goal, image: np.ndarray, crossings: Crossings, count: int, pixels: np.ndarray
+    goal: Goal, image: np.ndarray, crossings: CoverageJacobian, count: int, pixels: np.ndarray
 ) -> tuple[sparse.csr_matrix, np.ndarray]:
     """The Gram matrix and the gradient over the control points of `count` pieces, of colours and of leaking pixels."""
     gram, gradient = normal_equations(goal, image, crossings, count)
@@ -42,7 +42,7 @@ def sealed_equations(
     if not found.any():
         return gram, gradient
     parts = (crossings.piece, crossings.pixel, crossings.t, crossings.change, crossings.slope)
-    few = Crossings(*(np.ascontiguousarray(part[found]) for part in parts))
+    few = CoverageJacobian(*(np.ascontiguousarray(part[found]) for part in parts))
     opaque = replace(goal, channels=(0.0, 0.0, 0.0, WEIGHT**0.5), bound=np.inf)
     more, slope = normal_equations(opaque, image, few, count)
     return gram + more.tocsr(), gradient + slope

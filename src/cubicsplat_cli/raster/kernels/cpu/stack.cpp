@@ -98,9 +98,9 @@ struct Window {
 };
 
 // Collects what the pieces do to the pixels that they cross.
-class Crossings {
+class CrossingList {
  public:
-  Crossings(CsCrossings* out, int width, int height) : out_(out), width_(width), height_(height) { out_->count = 0; }
+  CrossingList(CsCrossings* out, int width, int height) : out_(out), width_(width), height_(height) { out_->count = 0; }
 
   void begin(int piece) { piece_ = piece, pixel_ = -1; }
 
@@ -151,7 +151,7 @@ struct Steps {
 
 class Tracer {
  public:
-  Tracer(Window& window, Crossings& crossings, int grid) : window_(window), crossings_(crossings), grid_(grid) {}
+  Tracer(Window& window, CrossingList& crossings, int grid) : window_(window), crossings_(crossings), grid_(grid) {}
 
   void piece(int number, const double* points, bool line, double sign) {
     const Cubic cubic{points};
@@ -169,7 +169,7 @@ class Tracer {
 
  private:
   Window& window_;
-  Crossings& crossings_;
+  CrossingList& crossings_;
   int grid_;
 
   void edge(Point from, Point to, double t, double span, double sign) {
@@ -229,7 +229,7 @@ void lay(const Span* first, const Span* last, const double* ink, int width, doub
 void draw(const CsStack& s, const CsFit& fit, double* image, double* misfit, CsCrossings* out) {
   const int64_t pixels = int64_t(s.width) * s.height;
   std::fill(image, image + 4 * pixels, 0.0);
-  Crossings crossings(out, s.width, s.height);
+  CrossingList crossings(out, s.width, s.height);
   std::vector<Span> spans;
   std::vector<int64_t> span_ends{0}, ends{0};
   for (int layer = 0, piece = 0; layer < s.layers; layer++) {

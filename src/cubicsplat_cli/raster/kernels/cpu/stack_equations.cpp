@@ -17,9 +17,9 @@ namespace cs {
 namespace {
 
 // Gram matrices of pairs of pieces, found by their numbers.
-class Pairs {
+class PiecePairs {
  public:
-  explicit Pairs(CsEquations* out) : out_(out), known_(out->pieces) { out_->count = 0; }
+  explicit PiecePairs(CsEquations* out) : out_(out), known_(out->pieces) { out_->count = 0; }
 
   double* block(int i, int j) {
     for (const auto& [other, index] : known_[i])
@@ -93,7 +93,7 @@ std::vector<double> overlaps(const CsFit& fit) {
   return found;
 }
 
-void add_products(const CsCrossings& c, const CsFit& fit, double weight, int64_t m, int64_t n, Pairs& pairs) {
+void add_products(const CsCrossings& c, const CsFit& fit, double weight, int64_t m, int64_t n, PiecePairs& pairs) {
   const double *a = c.change + 8 * m, *b = c.change + 8 * n;
   double alike = 0.0;
   for (int k = 0; k < 4; k++)
@@ -105,7 +105,7 @@ void add_products(const CsCrossings& c, const CsFit& fit, double weight, int64_t
 }
 
 void equations(const CsFit& fit, const double* image, const CsCrossings& c, CsEquations* out) {
-  Pairs pairs(out);
+  PiecePairs pairs(out);
   std::fill(out->gradient, out->gradient + 8 * int64_t(out->pieces), 0.0);
   const int width = out->width, height = out->height;
   const ByPixel sorted(c, int64_t(width) * height);

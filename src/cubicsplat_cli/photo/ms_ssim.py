@@ -28,7 +28,7 @@ class _Scale:
     weights: Tensor | None
 
 
-class Structure:
+class MsSsim:
     """1 - MS-SSIM against a goal (H, W, 3), or (H, W, 4) premultiplied, which counts over black and over white.
 
     weights (H, W): of the pixels. A picture with a side below 176 px has fewer scales, with one below 11 px a smaller
