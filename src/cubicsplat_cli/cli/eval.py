@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.eval_pages import planned_pages, write_pages
 from cubicsplat_cli.cli.options import MaxPixels, Renderer, check_csv, wanted_renderer, write_csv
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO
@@ -80,6 +79,8 @@ def evaluate(
     max_pixels: MaxPixels = MAX_PIXELS,
 ) -> None:
     """Say how close SVGs or pictures are to others: PSNR, SSIM."""
+    from cubicsplat_cli.cli.eval_pages import planned_pages, write_pages
+
     if scale is not None:
         SCALE.check("scale", scale)
     FitSettings(threads=threads)
