@@ -35,6 +35,8 @@ GPU_OR_WHY := $(PY) -c "import sys; from cubicsplat_cli.raster.cuda.driver impor
 # Folders are in the list so that a removed or renamed file counts as a change too.
 SOURCES := pyproject.toml CMakeLists.txt README.md $(shell find src \
 	\( -name __pycache__ -o -name '_cubicsplat.*' \) -prune -o \( -type f -o -type d \) -print)
+# C++ and CUDA, the tests' own included.
+KERNELS := $(shell find src tests \( -name '*.cpp' -o -name '*.h' -o -name '*.cu' -o -name '*.cuh' \) -print)
 VENV_STAMP := $(VENV)/.stamp-created
 BUILD_STAMP := $(VENV)/.stamp-build
 PACKAGE_STAMP := $(VENV)/.stamp-package
@@ -92,9 +94,10 @@ fuzz: $(TEST_STAMP)
 	$(PY) tools/fuzz.py --inputs $(FUZZ_INPUTS)
 
 # Rules, layout, and types: the last with the packages that the types come from.
-lint: $(BIN)/ruff $(BIN)/mypy $(PACKAGE_STAMP)
+lint: $(BIN)/ruff $(BIN)/mypy $(BIN)/clang-format $(PACKAGE_STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/clang-format --dry-run --Werror $(KERNELS)
 	$(BIN)/mypy
 
 # The pages, with the gallery of the samples; a broken link fails.
@@ -128,7 +131,7 @@ $(TEST_STAMP): $(SOURCES) constraints.txt $(BUILD_STAMP)
 	$(INSTALL_PACKAGE) ".[test]"
 	@touch $(PACKAGE_STAMP) $@
 
-$(BIN)/ruff $(BIN)/mypy: $(VENV_STAMP) constraints.txt
+$(BIN)/ruff $(BIN)/mypy $(BIN)/clang-format: $(VENV_STAMP) constraints.txt
 	$(PIP_INSTALL) --upgrade $(@F)
 	@touch $@
 

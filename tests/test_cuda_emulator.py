@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from emulated import APPROXIMATE, EmulatedDriver, compiler
@@ -15,11 +16,14 @@ from engines import assert_like_cpu, close, packed, state_for
 from scenes import DEGENERATE, PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.photo import FitInputs
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.frame import Frame, Sizes, Workspace
 from cubicsplat_cli.raster.engine import Rates, Training
+from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -251,31 +255,45 @@ def test_the_order_of_threads_brings_out_a_missing_barrier():
     assert tuple(range(32, 64)) in seen
 
 
-@pytest.mark.parametrize("fill", ["flat", "linear"])
-def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(monkeypatch, fill):
-    """A whole fit with the CUDA engine in the CPU engine's place, exact finish included."""
-    from cubicsplat_cli.photo import fit, loop
+def emulated_engine(*_, **__):
+    return CudaEngine(driver=EmulatedDriver())
 
+
+@pytest.mark.parametrize("fill", ["flat", "linear"])
+def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(fill):
+    """A whole fit with the CUDA engine in the CPU engine's place, exact finish included."""
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 40, 32, background=PAPER), 4).numpy()
     levels = []
-    for emulated in (False, True):
-        if emulated:
-            monkeypatch.setattr(loop, "open_engine", lambda *_, **__: CudaEngine(driver=EmulatedDriver()))
-        result = fit(target, FitSettings.from_preset("draft", curves=16, steps=60, threads=1, fill=fill))
+    for name, opened in (("cpu", open_engine), ("cuda", emulated_engine)):
+        settings = FitSettings.from_preset("draft", curves=16, steps=60, threads=1, fill=fill)
+        result = FitLoop(target, settings, opened=opened).finish()
         assert result.steps == 60
-        assert result.device["name"] == ("cuda" if emulated else "cpu")
+        assert result.device["name"] == name
         levels.append(result.history[-1]["psnr_db"])
     assert levels[0] > 20.0
     assert abs(levels[1] - levels[0]) < 0.6  # 60 chaotic steps
 
 
-def test_a_fit_that_breaks_down_names_curve_and_step(monkeypatch):
-    """By what the engine has noted, which the loop reads some steps later."""
-    from cubicsplat_cli.photo import loop
+def test_a_fit_on_the_emulator_changes_its_size_and_its_number_of_curves():
+    """On one engine, whose steps are counted on."""
+    target = random_target(random_scene(Mode.CLOSED, 1, 3, 40, 32, background=PAPER), 4).numpy()
+    loop = FitLoop(
+        target[::2, ::2].copy(), FitSettings.from_preset("draft", curves=6, steps=40), opened=emulated_engine
+    )
+    assert loop.relax(0.5)
+    loop.resize(lambda scene, importance: (np.argsort(-importance)[:4], 9))
+    assert loop.relax()
+    loop.go_over_to(target, FitInputs())
+    result = loop.finish()
+    assert (result.steps, result.scene.width, result.scene.height) == (40, 40, 32)
+    assert result.scene.curves + result.dropped == 9
+    assert result.history[-1]["psnr_db"] > result.history[0]["psnr_db"] + 1.0
 
-    monkeypatch.setattr(loop, "open_engine", lambda *_, **__: CudaEngine(driver=EmulatedDriver()))
+
+def test_a_fit_that_breaks_down_names_curve_and_step():
+    """By what the engine has noted, which the loop reads some steps later."""
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 24, 20, background=PAPER), 4)
-    fit_loop = loop.FitLoop(target, FitSettings.from_preset("draft", curves=8, steps=200))
+    fit_loop = FitLoop(target, FitSettings.from_preset("draft", curves=8, steps=200), opened=emulated_engine)
     for _ in range(20):
         fit_loop.advance()
     fit_loop.state.curves.points[5, 2, 0] = float("nan")

@@ -60,10 +60,11 @@ void run_thread() {
 }
 
 std::string describe(const Stop& stop) {
-  static const char* const names[] = {"__syncthreads", "__syncthreads_or", "__syncwarp", "vote", "__shfl_xor_sync",
-                                      "__shfl_up_sync", "__shfl_sync"};
+  static const char* const names[] = {"__syncthreads",   "__syncthreads_or", "__syncwarp", "vote",
+                                      "__shfl_xor_sync", "__shfl_up_sync",   "__shfl_sync"};
   const char* slash = std::strrchr(stop.file, '/');
-  return std::string(names[int(stop.kind)]) + " at " + (slash ? slash + 1 : stop.file) + ":" + std::to_string(stop.line);
+  return std::string(names[int(stop.kind)]) + " at " + (slash ? slash + 1 : stop.file) + ":" +
+         std::to_string(stop.line);
 }
 
 void fail(const std::string& what) {

@@ -30,7 +30,7 @@ LOOK_EVERY = 16  # steps between two looks for values that are not finite on a G
 
 
 class FitLoop:
-    """Advances the state of one fit.
+    """Advances the state of one fit, on the engine that `opened` gives.
 
     target: (H, W, C) float32. Its kind is that of all arrays on the CPU: numpy's, unless torch's are to be tried there.
     """
@@ -42,12 +42,13 @@ class FitLoop:
         inputs: FitInputs = NO_INPUTS,
         on_progress: Callable[[Progress], None] | None = None,
         film: FrameRecorder | None = None,
+        opened: Callable[..., Engine] = open_engine,
     ) -> None:
         self.settings = _settings_for(target, settings, inputs)
         self.film, self.inputs = film, inputs
         self.generator = np.random.default_rng(self.settings.seed)
         self.schedule = Schedule(self.settings)
-        self.engine = _engine_for(target, self.settings, inputs)
+        self.engine = _engine_for(target, self.settings, inputs, opened)
         self.step, self.stopped = 0, False  # stopped: before its last step
         self._look_at(target, inputs)
         self.start_loss = math.inf  # of the drawing to begin with, where all of it is in the fit
@@ -281,9 +282,11 @@ def _settings_for(target: Array, settings: FitSettings, inputs: FitInputs) -> Fi
     return settings.with_(recipe=warmed(settings.recipe, share))
 
 
-def _engine_for(target: Array, settings: FitSettings, inputs: FitInputs) -> Engine:
+def _engine_for(
+    target: Array, settings: FitSettings, inputs: FitInputs, opened: Callable[..., Engine]
+) -> Engine:  # fmt: skip
     transparent = target.shape[2] == 4 or settings.background == "none"
-    return open_engine(
+    return opened(
         settings.device, settings.threads, mode=settings.mode, channels=4 if transparent else 3,
         painted=settings.fill == "linear", subdivide=settings.recipe.flatten == "de-casteljau",
         segments=max(settings.segments, 0 if inputs.start is None else inputs.start.segments),

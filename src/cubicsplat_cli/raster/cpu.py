@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import IMPORTANCE, RATED, Backward, Engine, EngineScene, Training, values_per_curve
+from cubicsplat_cli.raster.engine import IMPORTANCE, Backward, Engine, EngineScene, Training
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.scene.arrays import Array, kind_of, namespace
 from cubicsplat_cli.settings import Mode, cpu_count
@@ -119,7 +119,7 @@ def instruction_sets() -> list[str]:
     return library().cs_isa_names().decode().split(",")
 
 
-def _pointer(array: Array, name: str, shape: tuple[int, ...], dtype: str = "float32") -> int | None:
+def _pointer(array: Array, name: str, shape: tuple[int, ...], dtype: str) -> int | None:
     """Address of an array's values; None of None. Raises EngineError that names it where the library cannot use it."""
     if array is None:
         return None
@@ -178,52 +178,24 @@ class CpuEngine(Engine):
         return {"name": self.name, "isa": self.isa, "threads": self.threads}
 
     def _scene(self, scene: EngineScene) -> _Scene:
-        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
-        closed = scene.mode is Mode.CLOSED
         rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
         return _Scene(
-            n, k // 3, closed, scene.width, scene.height, scene.channels, rings,
-            _pointer(scene.ring_ends, "ring_ends", (n, rings), "int32"),
-            _pointer(scene.points, "points", (n, k, 2)),
-            _pointer(scene.colours, "colours", (n, 3)),
-            _pointer(scene.opacities, "opacities", (n,)),
-            _pointer(scene.half_widths, "half_widths", (n,)),
-            _pointer(scene.edge_widths, "edge_widths", (n,)),
-            scene.logits,
-            (c_float * 4)(*(scene.background or ()), 0.0),
-            *self._gradient_fills(scene, n),
+            curves=scene.curves, segments=scene.points_per_curve // 3, closed=scene.mode is Mode.CLOSED,
+            width=scene.width, height=scene.height, channels=scene.channels, rings=rings, logits=scene.logits,
+            background=(c_float * 4)(*(scene.background or ()), 0.0),
+            most_stops=0 if scene.gradients is None else scene.gradients.most_stops,
+            **scene.own_addresses(_pointer),
         )  # fmt: skip
 
     @staticmethod
-    def _gradient_fills(scene: EngineScene, n: int) -> tuple[int | None, ...]:
-        given = scene.gradients
-        if given is None:
-            return None, None, None, None, None, 0
-        s = given.most_stops
-        return (
-            _pointer(given.kinds, "gradients.kinds", (n,), "int32"),
-            _pointer(given.counts, "gradients.counts", (n,), "int32"),
-            _pointer(given.frames, "gradients.frames", (n, 2, 3)),
-            _pointer(given.offsets, "gradients.offsets", (n, s)),
-            _pointer(given.stops, "gradients.stops", (n, s, 4)), s,
-        )  # fmt: skip
-
-    def _images(
-        self,
-        scene: EngineScene,
-        *,
-        target: Array | None = None,
-        weights: Array | None = None,
-        gradient: Array | None = None,
-        image: Array | None = None,
-    ) -> tuple[_Images, c_double]:
-        shape = (scene.height, scene.width, scene.channels)
+    def _images(scene: EngineScene, **pictures: Array) -> tuple[_Images, c_double]:
+        """Pictures by the names of the structure's fields, and where the loss will be."""
         loss = c_double(0.0)
-        return _Images(
-            _pointer(target, "target", shape), _pointer(weights, "weights", shape[:2]),
-            _pointer(gradient, "gradient", shape), _pointer(image, "image", shape),
-            ctypes.addressof(loss),
-        ), loss  # fmt: skip
+        return _Images(**scene.addresses(_pointer, pictures), loss=ctypes.addressof(loss)), loss
+
+    @staticmethod
+    def _gradient_arrays(scene: EngineScene, arrays: dict[str, Array]) -> _Gradients:
+        return _Gradients(**scene.addresses(_pointer, arrays, "gradient of "))
 
     @staticmethod
     def _settings(settings: RasterSettings, importance: str | None, penalty: Penalty = SQUARED) -> _Settings:
@@ -232,16 +204,6 @@ class CpuEngine(Engine):
             exact, settings.samples, settings.tolerance, settings.subdivide, settings.edge_width,
             IMPORTANCE[importance], *penalty,
         )  # fmt: skip
-
-    def _pointers(self, scene: EngineScene, arrays: dict[str, Array]) -> _Gradients:
-        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
-        shapes: dict[str, tuple[int, ...]] = {
-            "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
-            "importance": (n,), "background": (scene.channels,),
-        }  # fmt: skip
-        if scene.gradients is not None:
-            shapes |= {"frames": (n, 2, 3), "stops": (n, scene.gradients.most_stops, 4)}
-        return _Gradients(**{name: _pointer(t, f"gradient of {name}", shapes[name]) for name, t in arrays.items()})
 
     def _check(self, status: int) -> None:
         if status:
@@ -258,29 +220,24 @@ class CpuEngine(Engine):
     def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
         images, loss = self._images(scene, target=wanted.target, weights=wanted.weights, gradient=wanted.gradient)
         s, t = self._scene(scene), self._settings(settings, wanted.importance, wanted.penalty)
-        g = self._pointers(scene, wanted.out)
+        g = self._gradient_arrays(scene, wanted.out)
         self._check(self._library.cs_gradients(self._opened(), s, t, images, g))
         return loss.value
 
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> float:
-        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
         images, loss = self._images(
             scene, target=training.target, weights=training.weights, gradient=training.image_gradient,
             image=training.image,
         )  # fmt: skip
-        also = {
+        g = self._gradient_arrays(scene, {
             "importance": training.importance, "frames": training.frames_gradient, "stops": training.stops_gradient,
-        }  # fmt: skip
-        g = self._pointers(scene, {name: tensor for name, tensor in also.items() if tensor is not None})
+        })  # fmt: skip
         s, t = self._scene(scene), self._settings(settings, training.wanted_importance, training.penalty)
+        further = {"points_gradient": training.points_gradient, "rate_scale": training.rate_scale}
         state, rates = training.state, training.rates
         update = _Training(
             s.points, s.colours, s.opacities, s.half_widths, s.edge_widths,
-            _pointer(state.moments, "moments", (n, values_per_curve(k), 4)),
-            _pointer(state.edge_moments, "edge_moments", (n, 4)),
-            _pointer(state.ages, "ages", (n,), "int32"),
-            _pointer(training.points_gradient, "points_gradient", (n, k, 2)),
-            _pointer(training.rate_scale, "rate_scale", (n, RATED)),
+            *scene.addresses(_pointer, vars(state) | further).values(),
             rates.points, rates.colours, rates.opacities, rates.half_widths, rates.edge_widths, *rates.keep,
             rates.epsilon,
         )  # fmt: skip

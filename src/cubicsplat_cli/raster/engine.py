@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,11 @@ from cubicsplat_cli.settings import Recipe
 
 IMPORTANCE = {None: 0, "visibility": 1, "loo": 2}
 RATED = 5  # groups of parameters with a rate of their own, in the order of `Rates`
+OWN_ARRAYS = ("points", "colours", "opacities", "half_widths", "edge_widths", "ring_ends")
+INTEGERS = ("ring_ends", "kinds", "counts", "ages")  # int32, all others float32
+# Of an array, its name for messages, its shape and type: the address of its values, None of None. Raises EngineError
+# where the engine cannot use it.
+Pointer = Callable[[Array, str, tuple[int, ...], str], "int | None"]
 PAINTS = 5  # values of a curve beside its points: three of its colour, opacity, half-width
 
 
@@ -34,6 +40,36 @@ class EngineScene(Scene):
 
     logits: bool = False
     edge_widths: Array | None = None
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of every array that may go with the scene to an engine, by name: of curves, gradients, steps and pictures."""
+        n, k, picture = self.curves, self.points_per_curve, (self.height, self.width, self.channels)
+        rings = 1 if self.ring_ends is None else int(self.ring_ends.shape[-1])
+        stops = 0 if self.gradients is None else self.gradients.most_stops
+        return {
+            "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
+            "ring_ends": (n, rings), "background": (self.channels,), "importance": (n,),
+            "kinds": (n,), "counts": (n,), "frames": (n, 2, 3), "offsets": (n, stops), "stops": (n, stops, 4),
+            "frames_gradient": (n, 2, 3), "stops_gradient": (n, stops, 4),
+            "moments": (n, values_per_curve(k), 4), "edge_moments": (n, 4), "ages": (n,),
+            "points_gradient": (n, k, 2), "rate_scale": (n, RATED),
+            "target": picture, "gradient": picture, "image": picture, "image_gradient": picture, "weights": picture[:2],
+        }  # fmt: skip
+
+    def addresses(self, pointer: Pointer, arrays: dict[str, Array], prefix: str = "") -> dict[str, int | None]:
+        """Where the values of arrays are, whose names are those of `shapes`; messages put a prefix before them."""
+        shapes = self.shapes()
+        return {
+            name: pointer(array, prefix + name, shapes[name], "int32" if name in INTEGERS else "float32")
+            for name, array in arrays.items()
+        }
+
+    def own_addresses(self, pointer: Pointer) -> dict[str, int | None]:
+        """Those of the scene's own arrays and of its gradients'."""
+        found = self.addresses(pointer, {name: getattr(self, name) for name in OWN_ARRAYS})
+        if self.gradients is not None:
+            found |= self.addresses(pointer, vars(self.gradients), "gradients.")
+        return found
 
 
 @dataclass
@@ -195,19 +231,13 @@ class Engine(ABC):
             raise EngineError(f"{self._failed}: a backward pass needs a target or an incoming gradient")
         if importance == "loo" and target is None:
             raise EngineError(f"{self._failed}: leave-one-out importance needs a target")
-        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
-        shapes: dict[str, tuple[int, ...]] = {
-            "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,),
-            "background": (scene.channels,),
-        }  # fmt: skip
-        if scene.edge_widths is not None:
-            shapes["edge_widths"] = (n,)
-        if scene.gradients is not None:
-            shapes |= {"frames": (n, 2, 3), "stops": (n, scene.gradients.most_stops, 4)}
-        if importance:
-            shapes["importance"] = (n,)
+        names = ["points", "colours", "opacities", "half_widths", "background"]
+        names += ["edge_widths"] * (scene.edge_widths is not None)
+        names += ["frames", "stops"] * (scene.gradients is not None)
+        names += ["importance"] * (importance is not None)
         xp, place = namespace(scene.points), scene.points.device
-        out = {name: xp.zeros(shape, dtype=xp.float32, device=place) for name, shape in shapes.items()}
+        shapes = scene.shapes()
+        out = {name: xp.zeros(shapes[name], dtype=xp.float32, device=place) for name in names}
         return self._gradients(scene, settings, Backward(gradient, target, weights, penalty, importance, out)), out
 
     @abstractmethod

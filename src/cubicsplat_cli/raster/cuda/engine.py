@@ -33,7 +33,8 @@ from cubicsplat_cli.raster.cuda.frame import (
     blocks,
     make_frame,
     order_places,
-    pointer,
+    pointer_on,
+    put,
     set_rates,
     shared_bytes,
     slots_for,
@@ -41,12 +42,10 @@ from cubicsplat_cli.raster.cuda.frame import (
 )
 from cubicsplat_cli.raster.cuda.selftest import self_test
 from cubicsplat_cli.raster.engine import (
-    RATED,
     Backward,
     Engine,
     EngineScene,
     Training,
-    values_per_curve,
 )
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene.arrays import Array, as_torch
@@ -85,6 +84,7 @@ class CudaEngine(Engine):
     ) -> None:
         self._driver: Driver = driver or cuda_driver(device)
         self.device = self._driver.device
+        self._pointer = pointer_on(self.device)
         self._plans: OrderedDict[bytes, _Plan] = OrderedDict()
         self._number = 0
         with self._driver.active():
@@ -222,10 +222,8 @@ class CudaEngine(Engine):
         """One call without a graph, in buffers of its own, so that calls on several streams do not meet."""
         sizes = Sizes.of(scene, settings, backward, self.most_looks)
         frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
-        shape = (scene.height, scene.width, scene.channels)
-        frame.target = pointer(target, "target", shape, self.device)
-        frame.gradient = pointer(gradient, "gradient", shape, self.device)
-        frame.weights = pointer(weights, "weights", shape[:2], self.device)
+        pictures = {"target": target, "gradient": gradient, "weights": weights}
+        put(frame, scene.addresses(self._pointer, pictures))
         kernels = self._load(Program.of(scene))
         step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
         workspace = Workspace(sizes, self._allocate)
@@ -240,31 +238,22 @@ class CudaEngine(Engine):
         return self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
 
     def _training_frame(self, scene: EngineScene, settings: RasterSettings, training: Training) -> Frame:
-        state, shape = training.state, (scene.height, scene.width, scene.channels)
         sizes = Sizes.of(scene, settings, True, self.most_looks)
-        n, k = sizes.curves, sizes.points_per_curve
         frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
-        frame.target = pointer(training.target, "target", shape, self.device)
-        frame.gradient = pointer(training.image_gradient, "image_gradient", shape, self.device)
-        frame.weights = pointer(training.weights, "weights", shape[:2], self.device)
-        frame.moments = pointer(state.moments, "moments", (n, values_per_curve(k), 4), self.device)
-        frame.edge_moments = pointer(state.edge_moments, "edge_moments", (n, 4), self.device)
-        frame.ages = pointer(state.ages, "ages", (n,), self.device, torch.int32)
-        if (fills := scene.gradients) is not None:
-            of_stops = (n, fills.most_stops, 4)
-            frame.out_frames = pointer(training.frames_gradient, "frames_gradient", (n, 2, 3), self.device)
-            frame.out_stops = pointer(training.stops_gradient, "stops_gradient", of_stops, self.device)
+        pictures = {"target": training.target, "weights": training.weights}
+        put(frame, scene.addresses(self._pointer, pictures | vars(training.state)))
+        renamed = {
+            "gradient": "image_gradient", "out_frames": "frames_gradient", "out_stops": "stops_gradient",
+        }  # fmt: skip
+        found = scene.addresses(self._pointer, {name: getattr(training, name) for name in renamed.values()})
+        put(frame, {field: found[name] for field, name in renamed.items()})
         return frame
 
     def _training_values(self, scene: EngineScene, settings: RasterSettings, training: Training) -> StepValues:
-        n, k, channels = int(scene.points.shape[0]), int(scene.points.shape[1]), scene.channels
         values = step_values(scene, settings, training.wanted_importance, self._number, training.penalty)
         set_rates(values, training.rates)
-        further = training.points_gradient
-        values.image = pointer(training.image, "image", (scene.height, scene.width, channels), self.device)
-        values.importance = pointer(training.importance, "importance", (n,), self.device)
-        values.points_gradient = pointer(further, "points_gradient", (n, k, 2), self.device)
-        values.rate_scale = pointer(training.rate_scale, "rate_scale", (n, RATED), self.device)
+        names = ("image", "importance", "points_gradient", "rate_scale")
+        put(values, scene.addresses(self._pointer, {name: getattr(training, name) for name in names}))
         return values
 
     def _plan(self, frame: Frame, scene: EngineScene, settings: RasterSettings, kept: tuple[object, ...]) -> _Plan:

@@ -13,9 +13,8 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Rates
+from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Pointer, Rates
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
-from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
 # Twins of the constants in frame.cuh.
@@ -82,23 +81,21 @@ class Frame(ctypes.Structure):
     ]  # fmt: skip
 
 
-def pointer(
-    tensor: Tensor | None,
-    name: str,
-    shape: tuple[int, ...],
-    device: torch.device,
-    dtype: torch.dtype = torch.float32,
-) -> int | None:
-    """Address of a tensor that the kernels can use. Raises EngineError that names it where they cannot."""
-    if tensor is None:
-        return None
-    fits = tuple(tensor.shape) == shape and tensor.dtype == dtype
-    if not fits or tensor.device != device or not tensor.is_contiguous():
-        raise EngineError(
-            f"{name} must be a contiguous {dtype} tensor of shape {shape} on {device}, "
-            f"not {tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
-        )
-    return tensor.data_ptr()
+def pointer_on(device: torch.device) -> Pointer:
+    """Gives addresses of tensors that kernels on this device can use, and raises EngineError of any others."""
+
+    def pointer(tensor: Tensor | None, name: str, shape: tuple[int, ...], dtype: str) -> int | None:
+        if tensor is None:
+            return None
+        fits = tuple(tensor.shape) == shape and tensor.dtype == getattr(torch, dtype)
+        if not fits or tensor.device != device or not tensor.is_contiguous():
+            raise EngineError(
+                f"{name} must be a contiguous torch.{dtype} tensor of shape {shape} on {device}, "
+                f"not {tensor.dtype} {tuple(tensor.shape)} on {tensor.device}"
+            )
+        return tensor.data_ptr()
+
+    return pointer
 
 
 def blocks(count: int, per_block: int) -> int:
@@ -250,34 +247,20 @@ def make_frame(scene: EngineScene, settings: RasterSettings, sizes: Sizes, slots
         tiles_x=sizes.tiles[0], tiles_y=sizes.tiles[1], super_shift=sizes.super_shift, supers_x=sizes.supers[0],
         supers_y=sizes.supers[1], words=sizes.words, slots=slots, logits=scene.logits, backward=sizes.backward,
         exact=settings.coverage == "exact",
-        points=pointer(scene.points, "points", (n, k, 2), device),
-        colours=pointer(scene.colours, "colours", (n, 3), device),
-        opacities=pointer(scene.opacities, "opacities", (n,), device),
-        half_widths=pointer(scene.half_widths, "half_widths", (n,), device),
-        edge_widths=pointer(scene.edge_widths, "edge_widths", (n,), device),
-        ring_ends=pointer(scene.ring_ends, "ring_ends", (n, rings), device, torch.int32),
-        **_gradient_fields(scene.gradients, n, device),
+        most_stops=0 if scene.gradients is None else scene.gradients.most_stops,
+        **scene.own_addresses(pointer_on(device)),
     )  # fmt: skip
 
 
-def _gradient_fields(given: Gradients | None, n: int, device: torch.device) -> dict[str, int | None]:
-    if given is None:
-        return {}
-    s = given.most_stops
-    return {
-        "most_stops": s,
-        "kinds": pointer(given.kinds, "gradients.kinds", (n,), device, torch.int32),
-        "counts": pointer(given.counts, "gradients.counts", (n,), device, torch.int32),
-        "frames": pointer(given.frames, "gradients.frames", (n, 2, 3), device),
-        "offsets": pointer(given.offsets, "gradients.offsets", (n, s), device),
-        "stops": pointer(given.stops, "gradients.stops", (n, s, 4), device),
-    }
+def put(structure: Frame | StepValues, addresses: dict[str, int | None]) -> None:
+    """Puts addresses into the fields of their names."""
+    for name, address in addresses.items():
+        setattr(structure, name, address)
 
 
 def attach(frame: Frame, tensors: dict[str, Tensor]) -> None:
     """Puts the addresses of tensors into the fields of their names."""
-    for name, tensor in tensors.items():
-        setattr(frame, name, tensor.data_ptr())
+    put(frame, {name: tensor.data_ptr() for name, tensor in tensors.items()})
 
 
 def step_values(

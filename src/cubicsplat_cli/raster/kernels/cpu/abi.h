@@ -34,12 +34,12 @@ struct CsScene {
 };
 
 struct CsSettings {
-  int32_t exact;      // 1: area coverage in the forward pass
-  int32_t samples;    // edges per cubic, or their upper bound when tolerance > 0
-  float tolerance;    // px; > 0: each primitive gets as many edges as this flatness needs
-  int32_t subdivide;  // 1: adaptive de Casteljau subdivision to the tolerance instead of uniform parameters
-  float edge_width;   // px
-  int32_t importance;  // 0 none, 1 visibility, 2 leave-one-out
+  int32_t exact;                // 1: area coverage in the forward pass
+  int32_t samples;              // edges per cubic, or their upper bound when tolerance > 0
+  float tolerance;              // px; > 0: each primitive gets as many edges as this flatness needs
+  int32_t subdivide;            // 1: adaptive de Casteljau subdivision to the tolerance instead of uniform parameters
+  float edge_width;             // px
+  int32_t importance;           // 0 none, 1 visibility, 2 leave-one-out
   float squares, robust, knee;  // of the loss: see Penalty in pixel.h
 };
 
@@ -71,10 +71,10 @@ struct CsTraining {
   float* colours;
   float* opacities;
   float* half_widths;
-  float* edge_widths;   // null: fixed
-  float* moments;       // N x (2K + kPaints) x 4: see curve.h; mean, change, square, previous gradient
-  float* edge_moments;  // N x 4, for edge_widths
-  int32_t* ages;        // N: updates each curve has had
+  float* edge_widths;            // null: fixed
+  float* moments;                // N x (2K + kPaints) x 4: see curve.h; mean, change, square, previous gradient
+  float* edge_moments;           // N x 4, for edge_widths
+  int32_t* ages;                 // N: updates each curve has had
   const float* points_gradient;  // N x K x 2, or null: gradient of a further loss term, added to the picture's
   const float* rate_scale;  // N x 5, or null: each curve's factors of the five rates below; where 0, nothing is written
   float rate_points, rate_colours, rate_opacities, rate_half_widths, rate_edge_widths;

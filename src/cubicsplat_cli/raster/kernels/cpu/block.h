@@ -9,7 +9,7 @@
 namespace cs {
 namespace CS_ISA {
 
-constexpr int kBlock = 4;                                      // pixels per side
+constexpr int kBlock = 4;                                     // pixels per side
 constexpr int kBlocks = (kTile / kBlock) * (kTile / kBlock);  // of a tile, row by row
 static_assert(kBlock * kBlock == kLanes, "a block is one vector");
 static_assert(kBlocks == kLanes, "the blocks of a tile can be looked at all at once");

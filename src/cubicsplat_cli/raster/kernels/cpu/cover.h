@@ -11,7 +11,7 @@ namespace CS_ISA {
 // What a mixed block keeps of a primitive for the way back.
 struct Record {
   Coverage<Lanes> cover;
-  Lanes t, edge;      // the nearest point: parameter on its edge, and the edge's number, negative where none is in reach
+  Lanes t, edge;  // the nearest point: parameter on its edge, and the edge's number, negative where none is in reach
   unsigned touching;  // pixels whose centre lies on the outline (fills)
 };
 

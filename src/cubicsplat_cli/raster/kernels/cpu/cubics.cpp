@@ -7,7 +7,7 @@
 
 namespace {
 
-constexpr int kValues = 6;    // of a cubic: see `Run`
+constexpr int kValues = 6;       // of a cubic: see `Run`
 constexpr double kConvex = 0.3;  // of the squared speed: the least curvature of the distance that Newton's step trusts
 constexpr double kLeast = 1e-12;
 constexpr double kStill = 1e-9;  // px per parameter, below which a curve has no direction
@@ -120,14 +120,14 @@ CS_EXPORT void cs_fit_cubics(int64_t runs, int32_t count, int32_t rounds, const 
                              const double* expected, const double* stiffness, const double* limits,
                              const double* points, const double* weights, double* u, double* values, double* control) {
   for (int64_t n = 0; n < runs; n++) {
-    const Run run{base + 8 * n, directions + 48 * n, expected + 6 * n, stiffness + 6 * n, limits[2 * n], limits[2 * n + 1]};
+    const Run run{base + 8 * n,      directions + 48 * n, expected + 6 * n,
+                  stiffness + 6 * n, limits[2 * n],       limits[2 * n + 1]};
     double *own = values + 6 * n, *cubic = control + 8 * n, *at = u + count * n;
     std::copy(run.expected, run.expected + kValues, own);
     for (int round = 0; round <= rounds; round++) {
       if (round > 0) run.improve(cubic, count, points + 2 * count * n, weights + count * n, at, own);
       run.cubic(own, cubic);
-      for (int i = 0; i < count; i++)
-        at[i] = std::clamp(nearer(cubic, points + 2 * (count * n + i), at[i]), 0.0, 1.0);
+      for (int i = 0; i < count; i++) at[i] = std::clamp(nearer(cubic, points + 2 * (count * n + i), at[i]), 0.0, 1.0);
     }
   }
 }

@@ -18,8 +18,8 @@ struct EdgeGroup {
   float vx[kLanes], vy[kLanes], ux[kLanes], uy[kLanes];  // as in Edge
   float direction[kLanes];                               // 1 where the edge goes down, else -1
   float x0[kLanes], x1[kLanes], y0[kLanes], y1[kLanes];  // its box
-  float spread[kLanes];    // |side| below which its line is within reach of a block's pixel centres, see Sight
-  uint16_t near[kLanes];   // the blocks it is near
+  float spread[kLanes];   // |side| below which its line is within reach of a block's pixel centres, see Sight
+  uint16_t near[kLanes];  // the blocks it is near
 
   TileEdge edge(unsigned i) const { return {{ax[i], ay[i], vx[i], vy[i], ux[i], uy[i]}, bx[i], by[i]}; }
 
@@ -68,7 +68,8 @@ struct Sight {
     const Lanes x = middles_x(), y = middles_y();
     const float margin = 0.5f * (kBlock - 1) + reach;
     // Positive where the block's middle is right of the edge; the lesser product where the edge is level does no harm.
-    const Lanes side = ((x - Lanes(g.ax[i])) * Lanes(g.vy[i]) - (y - Lanes(g.ay[i])) * Lanes(g.vx[i])) * Lanes(g.direction[i]);
+    const Lanes side = ((x - Lanes(g.ax[i])) * Lanes(g.vy[i]) - (y - Lanes(g.ay[i])) * Lanes(g.vx[i])) *
+                       Lanes(g.direction[i]);
     const Mask from_left = x >= Lanes(g.x0[i] - margin), to_right = x <= Lanes(g.x1[i] + margin);
     near = from_left & to_right & (y >= Lanes(g.y0[i] - margin)) & (y <= Lanes(g.y1[i] + margin)) &
            (absolute(side) <= Lanes(g.spread[i]));

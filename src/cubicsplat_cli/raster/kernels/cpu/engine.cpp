@@ -18,10 +18,10 @@
 
 namespace cs {
 
-#define CS_DECLARE_ISA(name)                             \
-  namespace name {                                       \
-  size_t tile_scratch(const TileTask&);               \
-  void raster_tile(const TileTask&);                     \
+#define CS_DECLARE_ISA(name)            \
+  namespace name {                      \
+  size_t tile_scratch(const TileTask&); \
+  void raster_tile(const TileTask&);    \
   }
 CS_DECLARE_ISA(generic)
 #ifdef CS_HAVE_AVX2
@@ -200,8 +200,7 @@ struct CsEngine {
     marks[2] = Clock::now();
     pool.run((frame.tiles() + cs::kStrip - 1) / cs::kStrip, [this](int i, int thread) { raster_strip(i, thread); });
     marks[3] = Clock::now();
-    if (backward)
-      pool.run(frame.chunk_count(), [&](int i, int) { cs::update(frame, i, gradients, training); });
+    if (backward) pool.run(frame.chunk_count(), [&](int i, int) { cs::update(frame, i, gradients, training); });
     marks[4] = Clock::now();
     for (int i = 0; i < 4; i++) timings[i] = std::chrono::duration<double>(marks[i + 1] - marks[i]).count();
     total(gradients);
@@ -253,7 +252,8 @@ const char* fault(const CsScene& s, const CsSettings& t, const CsImages& images,
   if (s.channels != 3 && s.channels != 4) return "channels must be 3 or 4";
   if (t.samples < 1 || t.samples > cs::kMaxSamples) return "samples must lie between 1 and 64";
   if (s.ring_ends && !has_rings(s)) return "ring_ends must rise along each curve, from 1 to the number of segments";
-  if (s.kinds && !has_paints(s)) return "gradients need a kind from 0 to 2 and from 1 to as many stops as there is room for";
+  if (s.kinds && !has_paints(s))
+    return "gradients need a kind from 0 to 2 and from 1 to as many stops as there is room for";
   int rings = s.ring_ends ? s.rings : 1;
   if (int64_t(s.segments) * t.samples + rings > cs::kMostVertices) return "a curve may have at most 1073741823 edges";
   if (!(t.edge_width > 0.0f)) return "edge_width must be positive";

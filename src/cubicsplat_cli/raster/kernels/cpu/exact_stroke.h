@@ -19,7 +19,8 @@ CS_INLINE Lanes squared_distance(const TileEdge& e, Lanes x, Lanes y) {
 
 // The least squared distances of a block's sub-samples, from the edges that can be nearest to one of a mixed pixel: no
 // sub-sample is nearer to an edge that lies farther from the centre by twice its own distance from there.
-CS_INLINE void search_samples(const Outline& o, const Block& b, Lanes d, Mask mixed, Lanes (&squared)[kExactSubsamples][kExactSubsamples]) {
+CS_INLINE void search_samples(const Outline& o, const Block& b, Lanes d, Mask mixed,
+                              Lanes (&squared)[kExactSubsamples][kExactSubsamples]) {
   const Lanes limit = d + Lanes(2.0f * kSampleRadius), squared_limit = limit * limit;
   o.each_near(b, [&](uint32_t, const TileEdge& e) {
     const Lanes x = b.px - Lanes(e.ax), y = b.py - Lanes(e.ay);

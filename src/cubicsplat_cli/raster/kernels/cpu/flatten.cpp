@@ -16,9 +16,7 @@ void Chunk::clear() {
   skipped = 0;
 }
 
-ChunkView Chunk::view() {
-  return {lines.data(), edge_gradients.data(), pairs.data(), paint_gradients.data()};
-}
+ChunkView Chunk::view() { return {lines.data(), edge_gradients.data(), pairs.data(), paint_gradients.data()}; }
 
 void prepare(Frame& f, const CsScene& scene, const CsSettings& settings, const CsImages& images, bool backward) {
   f.scene = scene;
@@ -332,8 +330,7 @@ struct Flattener {
   void run() {
     Box b = bounds(v, q.edges);
     float w = float(f.scene.width), h = float(f.scene.height);
-    bool visible = b.x1 + q.reach > 0.0f && b.y1 + q.reach > 0.0f && b.x0 - q.reach < w &&
-                   b.y0 - q.reach < h;
+    bool visible = b.x1 + q.reach > 0.0f && b.y1 + q.reach > 0.0f && b.x0 - q.reach < w && b.y0 - q.reach < h;
     q.pair_begin = uint32_t(chunk.pairs.size());
     if (visible) {
       tile_x0 = cell(b.x0 - q.reach, f.tiles_x - 1);
@@ -373,7 +370,8 @@ void flatten(Frame& f, int index) {
     Flattener{f, chunk, q, v, p}.run();
   }
   if (f.backward) chunk.edge_gradients.resize(chunk.edges.size());
-  if (f.backward && f.scene.kinds) chunk.paint_gradients.assign(chunk.pairs.size() * paint_stride(f.scene.most_stops), 0.0f);
+  if (f.backward && f.scene.kinds)
+    chunk.paint_gradients.assign(chunk.pairs.size() * paint_stride(f.scene.most_stops), 0.0f);
 }
 
 void bin(Frame& f) {

@@ -8,9 +8,9 @@
 
 namespace cs {
 
-constexpr int kChunk = 16;       // primitives per unit of parallel work; fixed, so that results do not depend on threads
-constexpr int kStrip = 8;        // tiles that a thread takes at a time: each asks the memory for what the next one needs
-constexpr int kMaxSamples = 64;  // edges per cubic
+constexpr int kChunk = 16;  // primitives per unit of parallel work; fixed, so that results do not depend on threads
+constexpr int kStrip = 8;   // tiles that a thread takes at a time: each asks the memory for what the next one needs
+constexpr int kMaxSamples = 64;                   // edges per cubic
 constexpr int64_t kMostVertices = (1 << 30) - 1;  // of one curve: both of their coordinates are counted in 31 bits
 
 // The tile columns [begin, end) of a tile row that an edge is near.
@@ -26,11 +26,11 @@ struct Chunk {
   std::vector<EdgeGradient> edge_gradients;
   std::vector<float> paint_gradients;
   std::vector<uint32_t> ring_starts;  // first vertex of each ring of a primitive, then the number of its vertices
-  std::vector<float> parameters;  // segment + t of each vertex of the primitives in turn, only after subdivision
-  std::vector<float> vertices;    // scratch: the polyline of one primitive, x and y; grows and never shrinks
-  std::vector<uint32_t> cursor;  // scratch of the counting sorts
-  std::vector<Span> spans;       // scratch: where each edge is near
-  std::vector<int16_t> windings;  // scratch: for each tile of a primitive and each of its rows
+  std::vector<float> parameters;      // segment + t of each vertex of the primitives in turn, only after subdivision
+  std::vector<float> vertices;        // scratch: the polyline of one primitive, x and y; grows and never shrinks
+  std::vector<uint32_t> cursor;       // scratch of the counting sorts
+  std::vector<Span> spans;            // scratch: where each edge is near
+  std::vector<int16_t> windings;      // scratch: for each tile of a primitive and each of its rows
   int64_t skipped;
 
   void clear();
@@ -45,7 +45,7 @@ struct Frame {
   bool backward = false;
   std::vector<Primitive> primitives;
   std::vector<uint8_t> cubic_samples;  // N x segments: edges of each cubic, where they are at uniform parameters
-  std::vector<float> basis;     // for each number of samples S: S x 4 Bernstein weights, at 4 * S (S - 1) / 2
+  std::vector<float> basis;            // for each number of samples S: S x 4 Bernstein weights, at 4 * S (S - 1) / 2
   std::vector<Chunk> chunks;
   std::vector<ChunkView> views;
   std::vector<uint32_t> tile_starts;

@@ -29,9 +29,9 @@ struct Outline {
   EdgeGradient* gradients;  // of its edges
   EdgeGroup* groups;
   uint32_t group_count;
-  Lanes* crossings;         // scratch for exact fills, twice as many as edges; shared by the tile's pairs
-  bool arc;                 // fills to be covered exactly: all the edges together are a single arc
-  uint16_t full, mixed;     // blocks that the primitive covers altogether, and those near its outline
+  Lanes* crossings;      // scratch for exact fills, twice as many as edges; shared by the tile's pairs
+  bool arc;              // fills to be covered exactly: all the edges together are a single arc
+  uint16_t full, mixed;  // blocks that the primitive covers altogether, and those near its outline
   // Fills: winding number at the left side of each block's rows, from all edges but those near the block.
   float winding[kBlock][kBlocks];
 

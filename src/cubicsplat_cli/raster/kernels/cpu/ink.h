@@ -36,7 +36,9 @@ struct FlatInk {
   CS_INLINE FlatInk(const TileTask&, const Outline& o, const Block&)
       : colour(o.primitive->colour), opacity(o.primitive->opacity) {}
 
-  CS_INLINE void give_back(const TileTask&, const Outline& o, const Block&, const Returned& r) const { r.add_flat(*o.sums); }
+  CS_INLINE void give_back(const TileTask&, const Outline& o, const Block&, const Returned& r) const {
+    r.add_flat(*o.sums);
+  }
 };
 
 struct GradientInk {
@@ -44,7 +46,8 @@ struct GradientInk {
   Lanes opacity;
   Paint paint;
 
-  CS_INLINE GradientInk(const TileTask& task, const Outline& o, const Block& b) : paint(paints_of(*task.scene).of(o.pair->primitive)) {
+  CS_INLINE GradientInk(const TileTask& task, const Outline& o, const Block& b)
+      : paint(paints_of(*task.scene).of(o.pair->primitive)) {
     const Primitive& q = *o.primitive;
     opacity = Lanes(q.opacity);
     if (paint.kind == kFlat) {

@@ -125,9 +125,9 @@ CS_INLINE Lanes absolute(Lanes x) {
   return {_mm256_andnot_ps(sign, x.a), _mm256_andnot_ps(sign, x.b)};
 }
 CS_INLINE Lanes square_root(Lanes x) { return {_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)}; }
-#define CS_COMPARE(op, code)                                                       \
-  CS_INLINE Mask operator op(Lanes x, Lanes y) {                                   \
-    return {_mm256_cmp_ps(x.a, y.a, code), _mm256_cmp_ps(x.b, y.b, code)};         \
+#define CS_COMPARE(op, code)                                               \
+  CS_INLINE Mask operator op(Lanes x, Lanes y) {                           \
+    return {_mm256_cmp_ps(x.a, y.a, code), _mm256_cmp_ps(x.b, y.b, code)}; \
   }
 CS_COMPARE(<, _CMP_LT_OQ)
 CS_COMPARE(>, _CMP_GT_OQ)
@@ -151,9 +151,7 @@ CS_INLINE unsigned having_bit(const uint16_t* words, int bit) {
   const __m128i bytes = _mm_packs_epi16(_mm256_castsi256_si128(found), _mm256_extracti128_si256(found, 1));
   return unsigned(_mm_movemask_epi8(bytes));
 }
-CS_INLINE unsigned bits(Mask m) {
-  return unsigned(_mm256_movemask_ps(m.a)) | (unsigned(_mm256_movemask_ps(m.b)) << 8);
-}
+CS_INLINE unsigned bits(Mask m) { return unsigned(_mm256_movemask_ps(m.a)) | (unsigned(_mm256_movemask_ps(m.b)) << 8); }
 CS_INLINE float first(Lanes x) { return _mm256_cvtss_f32(x.a); }
 CS_INLINE float sum(Lanes x) {
   __m256 s = _mm256_add_ps(x.a, x.b);
@@ -167,8 +165,8 @@ CS_INLINE Lanes repeat_each(float a, float b, float c, float d) {
 CS_INLINE void load_row(const float* p, __m128 (&planes)[3]) {
   const __m128 a = _mm_loadu_ps(p), b = _mm_loadu_ps(p + 4), c = _mm_loadu_ps(p + 8);
   planes[0] = _mm_shuffle_ps(a, _mm_shuffle_ps(b, c, _MM_SHUFFLE(1, 1, 2, 2)), _MM_SHUFFLE(2, 0, 3, 0));
-  planes[1] = _mm_shuffle_ps(_mm_shuffle_ps(a, b, _MM_SHUFFLE(0, 0, 1, 1)), _mm_shuffle_ps(b, c, _MM_SHUFFLE(2, 2, 3, 3)),
-                             _MM_SHUFFLE(2, 0, 2, 0));
+  planes[1] = _mm_shuffle_ps(_mm_shuffle_ps(a, b, _MM_SHUFFLE(0, 0, 1, 1)),
+                             _mm_shuffle_ps(b, c, _MM_SHUFFLE(2, 2, 3, 3)), _MM_SHUFFLE(2, 0, 2, 0));
   planes[2] = _mm_shuffle_ps(_mm_shuffle_ps(a, b, _MM_SHUFFLE(1, 1, 2, 2)), c, _MM_SHUFFLE(3, 0, 2, 0));
 }
 CS_INLINE void load_row(const float* p, __m128 (&planes)[4]) {
@@ -210,9 +208,9 @@ struct Lanes {
   }
 };
 // One instruction for each quarter.
-#define CS_QUARTERS(Result, field, expression)                      \
-  Result r;                                                         \
-  for (int i = 0; i < 4; i++) r.field[i] = (expression);            \
+#define CS_QUARTERS(Result, field, expression)           \
+  Result r;                                              \
+  for (int i = 0; i < 4; i++) r.field[i] = (expression); \
   return r
 CS_INLINE Lanes operator+(Lanes a, Lanes b) { CS_QUARTERS(Lanes, v, vaddq_f32(a.v[i], b.v[i])); }
 CS_INLINE Lanes operator-(Lanes a, Lanes b) { CS_QUARTERS(Lanes, v, vsubq_f32(a.v[i], b.v[i])); }

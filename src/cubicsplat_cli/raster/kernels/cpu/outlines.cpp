@@ -105,14 +105,14 @@ extern "C" {
 // believed: see `flanks` in raster/outlines.py.
 CS_EXPORT void cs_flanks(int64_t count, const double* points, const double* weights, const double* along,
                          int64_t places, const double* place, const double* farthest, double gap, int64_t kinds,
-                         const int64_t* lengths, const int64_t* degrees, const double* most, double* at, double* tangent,
-                         double* error, int64_t* first) {
+                         const int64_t* lengths, const int64_t* degrees, const double* most, double* at,
+                         double* tangent, double* error, int64_t* first) {
   using namespace cs;
   std::vector<Sample> run;
   for (int64_t i = 0; i < places; i++) {
     const int64_t start = std::lower_bound(along, along + count, place[i] + gap) - along;
     const int64_t near = std::min(start, count - 1);
-    const double *origin = points + 2 * near;
+    const double* origin = points + 2 * near;
     double best[2] = {origin[0], origin[1]}, way[2] = {1.0, 0.0};
     error[i] = INFINITY;
     first[i] = near;
@@ -150,7 +150,8 @@ CS_EXPORT void cs_parabolas(int64_t count, const double* points, const double* w
       for (int64_t n = std::max<int64_t>(0, i - half); n <= std::min(count - 1, i + half); n++) {
         const double weight = weights[n] + unknown;
         known += weight > counts;
-        run.push_back({(along[n] - along[i]) / double(half), weight, points[2 * n] - origin[0], points[2 * n + 1] - origin[1]});
+        run.push_back(
+            {(along[n] - along[i]) / double(half), weight, points[2 * n] - origin[0], points[2 * n + 1] - origin[1]});
       }
       Polynomial curve(2);
       const double misfit = fit(run, curve) / double(std::max<int64_t>(known - 3, 1));
@@ -190,8 +191,10 @@ CS_EXPORT int64_t cs_trace(const uint8_t* pixels, int64_t height, int64_t width,
           ++*count;
           x += kStep[d][0], y += kStep[d][1];
           // Right where the mask ends ahead, else straight, else left.
-          if (!mask.at(x + kRight[d][0], y + kRight[d][1])) d = (d + 1) % 4;
-          else if (mask.at(x + kLeft[d][0], y + kLeft[d][1])) d = (d + 3) % 4;
+          if (!mask.at(x + kRight[d][0], y + kRight[d][1]))
+            d = (d + 1) % 4;
+          else if (mask.at(x + kLeft[d][0], y + kLeft[d][1]))
+            d = (d + 3) % 4;
         } while (x != left || y != top || d != 0);
         if (loops < room) ends[loops] = *count;
         loops++;

@@ -9,9 +9,9 @@
 
 namespace {
 
-constexpr int kMost = 6;           // values of a primitive
-constexpr double kShift = 1e-4;    // px or radians, of the differences that stand for derivatives
-constexpr double kKnee = 3.0;      // standard errors beyond which a distance counts linearly
+constexpr int kMost = 6;         // values of a primitive
+constexpr double kShift = 1e-4;  // px or radians, of the differences that stand for derivatives
+constexpr double kKnee = 3.0;    // standard errors beyond which a distance counts linearly
 constexpr double kRidge = 1e-9;
 
 // values: of a circle its middle and radius; of an ellipse its middle, half-axes and angle; of a box its middle, half
@@ -85,8 +85,8 @@ extern "C" {
 
 // Levenberg's and Marquardt's method with Huber's weights and differences for the derivatives. kind: 0 circle, 1 ellipse,
 // 2 box. values: count, brought up to date; weights: of the squares. Returns the loss.
-CS_EXPORT double cs_fit_primitive(int32_t kind, int32_t rounded, int32_t turned, int32_t count, int32_t rounds, int64_t n,
-                                  const double* points, const double* weights, double* values) {
+CS_EXPORT double cs_fit_primitive(int32_t kind, int32_t rounded, int32_t turned, int32_t count, int32_t rounds,
+                                  int64_t n, const double* points, const double* weights, double* values) {
   const Primitive shape{kind, count, rounded != 0, turned != 0};
   std::vector<double> rest(n), trial_rest(n), jacobian(size_t(count) * n);
   shape.distances(values, n, points, rest.data());

@@ -8,12 +8,12 @@ extern "C" {
 // Opaque or translucent shapes back to front, each of one or more closed outlines.
 struct CsStack {
   int32_t width, height, layers;
-  int32_t grid;           // 0: exact areas; g: g x g samples a pixel
-  const int32_t* ends;    // layers: how many pieces there are up to and with each layer
-  const double* cubics;   // pieces x 4 x 2, px
-  const uint8_t* lines;   // pieces
-  const double* signs;    // pieces: 1, or -1 where an outline runs the wrong way round
-  const double* inks;     // layers x 4, premultiplied
+  int32_t grid;          // 0: exact areas; g: g x g samples a pixel
+  const int32_t* ends;   // layers: how many pieces there are up to and with each layer
+  const double* cubics;  // pieces x 4 x 2, px
+  const uint8_t* lines;  // pieces
+  const double* signs;   // pieces: 1, or -1 where an outline runs the wrong way round
+  const double* inks;    // layers x 4, premultiplied
 };
 
 // What a picture is compared with.
@@ -29,10 +29,10 @@ struct CsFit {
 struct CsCrossings {
   int64_t room, count;  // where count > room the rest is missing
   int32_t* piece;
-  int32_t* pixel;   // row times width plus column
-  double* t;        // the piece's parameter there
-  double* change;   // x 8: of the pixel's coverage with the piece's control points
-  double* slope;    // x 4: of the picture with the coverage
+  int32_t* pixel;  // row times width plus column
+  double* t;       // the piece's parameter there
+  double* change;  // x 8: of the pixel's coverage with the piece's control points
+  double* slope;   // x 4: of the picture with the coverage
 };
 
 // The normal equations over the control points of all pieces.

@@ -96,8 +96,7 @@ std::vector<double> overlaps(const CsFit& fit) {
 void add_products(const CsCrossings& c, const CsFit& fit, double weight, int64_t m, int64_t n, PiecePairs& pairs) {
   const double *a = c.change + 8 * m, *b = c.change + 8 * n;
   double alike = 0.0;
-  for (int k = 0; k < 4; k++)
-    alike += c.slope[4 * m + k] * c.slope[4 * n + k] * fit.channels[k] * fit.channels[k];
+  for (int k = 0; k < 4; k++) alike += c.slope[4 * m + k] * c.slope[4 * n + k] * fit.channels[k] * fit.channels[k];
   double* block = pairs.block(c.piece[m], c.piece[n]);
   if (block == nullptr) return;
   for (int p = 0; p < 8; p++)

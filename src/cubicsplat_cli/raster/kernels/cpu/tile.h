@@ -46,8 +46,8 @@ struct Pair {
 
 // The flattened form of one primitive.
 struct Primitive {
-  int32_t edges;                // vertices of its rings: edge e goes to vertex e + 1, a ring's last vertex begins none
-  uint32_t ring_index;          // into ring_starts, of its first ring
+  int32_t edges;        // vertices of its rings: edge e goes to vertex e + 1, a ring's last vertex begins none
+  uint32_t ring_index;  // into ring_starts, of its first ring
   float colour[3], opacity, half_width;
   float edge_width;   // px, of the relaxed edge
   float orientation;  // sign of the polyline's signed area (fills)

@@ -28,10 +28,10 @@ CS_INLINE Place place(const Frame& f) {
 
 // State of a pixel in the walk over its curves, which runs front to back both ways.
 struct Pixel {
-  Backward<float> state;       // transmittance; on the way back also what lies behind
-  float colour[kChannels];     // accumulated so far; on the way back less F, for the leave-one-out importance
-  float gradient[kChannels];   // dL/dF, on the way back
-  int outlines;                // met by the warp so far: the number of a slot
+  Backward<float> state;      // transmittance; on the way back also what lies behind
+  float colour[kChannels];    // accumulated so far; on the way back less F, for the leave-one-out importance
+  float gradient[kChannels];  // dL/dF, on the way back
+  int outlines;               // met by the warp so far: the number of a slot
 };
 
 // One of the two walks. What the way forward leaves is what the way back repeats.
@@ -90,7 +90,8 @@ CS_INLINE void pull_of(const Outlined& o, const Seeing& seeing, const Place& p, 
 
 // Adds the pulls of the strip's pixels to the ends of their edges. Few edges pass through a strip, so the warp sums up
 // one edge after the other and makes one atomic access for each.
-CS_INLINE void scatter(const Frame& f, const Outlined& o, unsigned curve, int edge, float x, float y, float t, int lane) {
+CS_INLINE void scatter(const Frame& f, const Outlined& o, unsigned curve, int edge, float x, float y, float t,
+                       int lane) {
   const Rings rings = f.rings_of(int(curve));
   const int samples = int(o.attributes[kSamples]);
   float* gradients = f.vertex_gradients + size_t(curve) * (f.edge_stride + 1) * 2;

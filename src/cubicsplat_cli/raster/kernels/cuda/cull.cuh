@@ -10,7 +10,9 @@ struct Lists {
   unsigned char* memory;
 
   CS_INLINE unsigned* listed() const { return reinterpret_cast<unsigned*>(memory + kListAt); }
-  CS_INLINE float* attributes(int pair) const { return reinterpret_cast<float*>(memory + kAttributesAt) + pair * kAttributes; }
+  CS_INLINE float* attributes(int pair) const {
+    return reinterpret_cast<float*>(memory + kAttributesAt) + pair * kAttributes;
+  }
   // Edges near a strip: sets of as many words as the curve has edges for, one for each strip of each pair.
   CS_INLINE unsigned* masks() const { return reinterpret_cast<unsigned*>(memory + kMasksAt); }
   // Winding numbers at the left side of a strip's four rows from the edges left of it, a signed byte each.
@@ -76,7 +78,7 @@ CS_INLINE int words_for(int edges) { return (edges + kWarp - 1) / kWarp; }
 // One edge as its lane sees it while a curve is sorted into the strips of a tile.
 struct Seen {
   float ax, ay, vx, vy, x0, x1, y0, y1;
-  float spread;  // |side| below which the edge's line is within reach of a strip's pixel centres
+  float spread;     // |side| below which the edge's line is within reach of a strip's pixel centres
   int first, last;  // rows of the tile that it crosses
 };
 
@@ -180,7 +182,8 @@ CS_INLINE void cull_pair(const Frame& f, const Lists& s, int pair, unsigned curv
     if (lane < kStrips) masks[word] = mask;
   }
   __syncwarp();
-  const bool outline = lane < kStrips && seen != 0, shows = outline || (kClosed && lane < kStrips && backdrops[lane] != 0);
+  const bool outline = lane < kStrips && seen != 0,
+             shows = outline || (kClosed && lane < kStrips && backdrops[lane] != 0);
   const unsigned flags = (ballot(shows) & 0xffu) | (ballot(outline) & 0xffu) << 8 | unsigned(place) << 16;
   if (lane == 0) s.flags()[pair] = flags;
 }

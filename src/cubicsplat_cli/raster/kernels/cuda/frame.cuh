@@ -21,25 +21,35 @@ constexpr bool kClosed = CS_CLOSED != 0;
 constexpr int kChannels = CS_CHANNELS;
 
 constexpr int kWarp = 32;
-constexpr int kTile = 16;        // pixels per side of a tile; one block draws one tile
-constexpr int kThreads = 256;    // of the raster kernel: one per pixel
-constexpr int kStripWidth = 8;   // a warp draws one strip of 8 x 4 pixels: nearly square, so few outlines pass through it
+constexpr int kTile = 16;       // pixels per side of a tile; one block draws one tile
+constexpr int kThreads = 256;   // of the raster kernel: one per pixel
+constexpr int kStripWidth = 8;  // a warp draws a strip of 8 x 4 pixels: nearly square, so few outlines pass it
 constexpr int kStripHeight = 4;
-constexpr int kStrips = 8;       // strips of a tile, two columns of four
-constexpr int kListed = 512;     // primitives of a tile listed at a time
-constexpr int kBatch = 32;       // pairs classified at a time: one bit each in a strip's word
-constexpr int kMaskWords = 1024; // words of edge masks of a batch
+constexpr int kStrips = 8;                         // strips of a tile, two columns of four
+constexpr int kListed = 512;                       // primitives of a tile listed at a time
+constexpr int kBatch = 32;                         // pairs classified at a time: one bit each in a strip's word
+constexpr int kMaskWords = 1024;                   // words of edge masks of a batch
 constexpr int kMaskPlaces = kMaskWords / kStrips;  // the same for each strip
-constexpr int kMostSlots = 16;   // boundary pairs per strip whose nearest edges are kept for the backward pass
+constexpr int kMostSlots = 16;  // boundary pairs per strip whose nearest edges are kept for the backward pass
 constexpr int kSumStride = kStrips * 8 + 8;  // floats per pair; the padding spreads the pairs over the banks
-constexpr float kFar = 3e38f;  // px; farther than anything drawn
+constexpr float kFar = 3e38f;                // px; farther than anything drawn
 constexpr int kSmallThreads = 128;           // of the kernels that give each curve a warp
-constexpr int kCosts = 16;  // classes of tiles by their time, a factor of sqrt(2) apart, the longest last
+constexpr int kCosts = 16;     // classes of tiles by their time, a factor of sqrt(2) apart, the longest last
 constexpr int kCheapest = 22;  // twice the binary logarithm of the clocks below which a tile is in the first class
 
 // The flattened form of one curve: 12 floats. kSupport: 1 / (1.5 edge widths).
 enum Attribute {
-  kRed, kGreen, kBlue, kOpacity, kHalfWidth, kReach, kOrientation, kEdges, kEdgeWidth, kSupport, kSamples,
+  kRed,
+  kGreen,
+  kBlue,
+  kOpacity,
+  kHalfWidth,
+  kReach,
+  kOrientation,
+  kEdges,
+  kEdgeWidth,
+  kSupport,
+  kSamples,
   kAttributes = 12
 };
 
@@ -51,46 +61,46 @@ struct Step {
   float edge_width, tolerance;  // px
   float background[4];
   AdanRates rates;
-  Penalty penalty;      // of a pixel's error
-  int importance_kind;  // 0 none, 1 visibility, 2 leave-one-out
-  int number;           // of the step, for messages
-  float* image;         // H x W x C, or null; needed for leave-one-out importance
-  float* importance;    // N, or null
-  float* background_gradient;  // C, or null
+  Penalty penalty;               // of a pixel's error
+  int importance_kind;           // 0 none, 1 visibility, 2 leave-one-out
+  int number;                    // of the step, for messages
+  float* image;                  // H x W x C, or null; needed for leave-one-out importance
+  float* importance;             // N, or null
+  float* background_gradient;    // C, or null
   const float* points_gradient;  // N x K x 2, or null: of a further loss term
-  const float* rate_scale;  // N x 5, or null: each curve's factors of the step sizes
-  double* loss;         // 1, or null
+  const float* rate_scale;       // N x 5, or null: each curve's factors of the step sizes
+  double* loss;                  // 1, or null
 };
 
 // What stays the same while a captured graph lives; passed to every kernel by value.
 struct Frame {
   int curves, segments, points_per_curve;  // what the longest curve has
-  int rings;        // R, columns of ring_ends
-  int samples;      // edges per cubic, or their upper bound where step->tolerance > 0
-  int edge_stride;  // edges a curve has room for
+  int rings;                               // R, columns of ring_ends
+  int samples;                             // edges per cubic, or their upper bound where step->tolerance > 0
+  int edge_stride;                         // edges a curve has room for
   int width, height, tiles_x, tiles_y;
   int super_shift;  // a super-tile has 2^super_shift tiles per side
   int supers_x, supers_y;
-  int words;        // of a super-tile's set of curves, one bit each
-  int slots;        // of a warp
+  int words;  // of a super-tile's set of curves, one bit each
+  int slots;  // of a warp
   int logits, backward, exact;
   int most_stops;  // of a gradient
   // parameters of the curves; changed in place where moments are given
   float *points, *colours, *opacities, *half_widths;
-  float* edge_widths;  // N, or null: each curve's own relaxed edge instead of step->edge_width
+  float* edge_widths;    // N, or null: each curve's own relaxed edge instead of step->edge_width
   const int* ring_ends;  // N x R, or null where every curve is one ring of all segments: see Rings in curve.h
   // gradient fills, in programs for them: see Paints in paint.h
-  const int *kinds, *counts;  // N
+  const int *kinds, *counts;              // N
   const float *frames, *offsets, *stops;  // N x 2 x 3, N x most_stops, N x most_stops x 4
   // the flattened curves
-  float4* bounds;     // N: left, top, right, bottom, reach included
-  float4* edges;      // N x edge_stride: start and end
-  float2* inverses;   // N x edge_stride: v / |v|^2
-  float* attributes;  // N x 12
+  float4* bounds;         // N: left, top, right, bottom, reach included
+  float4* edges;          // N x edge_stride: start and end
+  float2* inverses;       // N x edge_stride: v / |v|^2
+  float* attributes;      // N x 12
   unsigned* super_masks;  // super-tiles x words, or null where every tile looks at all curves
   // pictures
   const float *target, *gradient;  // H x W x C; see cuda.py
-  const float* weights;  // H x W, or null for 1: factors of the pixels' losses and importances
+  const float* weights;            // H x W, or null for 1: factors of the pixels' losses and importances
   // gradients on their way
   float* vertex_gradients;  // N x (edge_stride + 1) x 2
   float* sums;              // N x 8
@@ -100,10 +110,10 @@ struct Frame {
   float *out_points, *out_colours, *out_opacities, *out_half_widths, *out_edge_widths;
   float *out_frames, *out_stops;
   // optimiser; null without a training step
-  float4* moments;  // N x (2K + kPaints): mean, change, square, previous gradient
+  float4* moments;       // N x (2K + kPaints): mean, change, square, previous gradient
   float4* edge_moments;  // N, for edge_widths
-  int* ages;        // N
-  int* status;      // 1 + the first curve with a value that is not finite, 0 for none; number of that step
+  int* ages;             // N
+  int* status;           // 1 + the first curve with a value that is not finite, 0 for none; number of that step
   const Step* step;
 
   CS_INLINE Paint paint_of(unsigned curve) const {

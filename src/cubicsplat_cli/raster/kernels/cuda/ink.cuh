@@ -13,7 +13,8 @@ struct Ink {
   float colour[kStopValues];  // the fourth is the stops' opacity
   float opacity;
 
-  CS_INLINE Ink(const Frame& f, const float* attributes, unsigned curve, float px, float py) : paint(f.paint_of(curve)) {
+  CS_INLINE Ink(const Frame& f, const float* attributes, unsigned curve, float px, float py)
+      : paint(f.paint_of(curve)) {
     opacity = attributes[kOpacity];
     if (paint.kind == kFlat) {
       for (int c = 0; c < 3; c++) colour[c] = attributes[c];
@@ -36,7 +37,8 @@ struct Ink {
     const float d_t = paint_backward(paint, at.t, d, [&](int k, float share) {
       float of_stop[kStopValues];
       for (int c = 0; c < kStopValues; c++) of_stop[c] = share * d[c];
-      if (f.out_stops) add_four(f.out_stops + (size_t(curve) * f.most_stops + k) * kStopValues, of_stop, lane, kStopValues);
+      if (f.out_stops)
+        add_four(f.out_stops + (size_t(curve) * f.most_stops + k) * kStopValues, of_stop, lane, kStopValues);
     });
     if (!f.out_frames) return;
     float d_u, d_v;

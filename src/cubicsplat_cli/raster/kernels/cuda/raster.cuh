@@ -16,7 +16,8 @@ CS_INLINE unsigned strip_pairs(const Lists& s, int count, int shift, const Place
 // Looks at an outline: by a search on the way forward, which is noted, and by the note on the way back. Where the slots
 // are used up, it is searched again.
 template <bool Exact>
-CS_INLINE Seeing look_at(const Frame& f, const Lists& s, const Place& p, int pair, unsigned curve, const Way& way, int slot) {
+CS_INLINE Seeing look_at(const Frame& f, const Lists& s, const Place& p, int pair, unsigned curve, const Way& way,
+                         int slot) {
   const Outlined o = outlined(f, s, pair, curve, p.strip);
   const int backdrop = s.backdrops(pair)[p.strip];
   const bool noted = slot < f.slots && (!way.back || slot < way.outlines);  // the same for the whole warp

@@ -44,18 +44,27 @@ CS_INLINE Parameter point_parameter(const Frame& f, int curve, int i, const Adan
 // i: 0-2 colour, 3 opacity, 4 half-width, 5 edge width.
 CS_INLINE Parameter paint_parameter(const Frame& f, int curve, int i, const AdanRates& r) {
   if (i == kPaints)
-    return {f.edge_widths + curve, f.out_edge_widths ? f.out_edge_widths + curve : nullptr,
-            1.0f / f.attributes[size_t(curve) * kAttributes + kEdgeWidth], r.edge_widths, kMinEdgeWidth, kMaxEdgeWidth};
+    return {f.edge_widths + curve,
+            f.out_edge_widths ? f.out_edge_widths + curve : nullptr,
+            1.0f / f.attributes[size_t(curve) * kAttributes + kEdgeWidth],
+            r.edge_widths,
+            kMinEdgeWidth,
+            kMaxEdgeWidth};
   const float active = f.attributes[size_t(curve) * kAttributes + i];
   const float slope = f.logits ? active * (1.0f - active) : 1.0f;
   const size_t colour = 3 * size_t(curve) + i;
   if (i < kSumOpacity)
-    return {f.colours + colour, f.out_colours ? f.out_colours + colour : nullptr, slope, r.colours, -kLogitLimit, kLogitLimit};
+    return {f.colours + colour, f.out_colours ? f.out_colours + colour : nullptr, slope, r.colours, -kLogitLimit,
+            kLogitLimit};
   if (i == kSumOpacity)
     return {f.opacities + curve, f.out_opacities ? f.out_opacities + curve : nullptr, slope, r.opacities, -kLogitLimit,
             kLogitLimit};
-  return {f.half_widths + curve, f.out_half_widths ? f.out_half_widths + curve : nullptr, 1.0f, r.half_widths,
-          kMinHalfWidth, kFar};
+  return {f.half_widths + curve,
+          f.out_half_widths ? f.out_half_widths + curve : nullptr,
+          1.0f,
+          r.half_widths,
+          kMinHalfWidth,
+          kFar};
 }
 
 // Bias corrections of a curve: its lanes share the powers out.
@@ -97,8 +106,8 @@ CS_INLINE void update_curve(const Frame& f, int curve, int lane) {
     const int paint = i - coordinates;
     if ((kClosed && paint == kSumHalfWidth) || (paint < 0 && i >= used)) continue;
     const Parameter p = paint < 0 ? point_parameter(f, curve, i, rates) : paint_parameter(f, curve, paint, rates);
-    const float gradient =
-        p.slope * (paint < 0 ? coordinate_gradient(f, curve, i, attributes) : sums[paint == kPaints ? kSumEdgeWidth : paint]);
+    const float gradient = p.slope * (paint < 0 ? coordinate_gradient(f, curve, i, attributes)
+                                                : sums[paint == kPaints ? kSumEdgeWidth : paint]);
     if (p.gradient_out) *p.gradient_out = gradient;
     if (!f.moments || p.rate == 0.0f) continue;
     float4& kept = paint == kPaints ? f.edge_moments[curve] : f.moments[size_t(curve) * (coordinates + kPaints) + i];

@@ -9,9 +9,9 @@
 
 namespace cs {
 
-constexpr float kLogitLimit = 9.0f;      // logits are kept within +-9: beyond, the sigmoid's gradient is dead
-constexpr float kMinHalfWidth = 0.1f;    // px; a thinner stroke is seen as a fainter one
-constexpr float kMinEdgeWidth = 0.5f;    // px, of a learned edge
+constexpr float kLogitLimit = 9.0f;    // logits are kept within +-9: beyond, the sigmoid's gradient is dead
+constexpr float kMinHalfWidth = 0.1f;  // px; a thinner stroke is seen as a fainter one
+constexpr float kMinEdgeWidth = 0.5f;  // px, of a learned edge
 constexpr float kMaxEdgeWidth = 64.0f;
 
 // Values of a curve that the optimiser keeps beside its points' 2K coordinates: colour, opacity, half-width.
@@ -81,7 +81,9 @@ struct Rings {
     return r;
   }
   // The control point that ends segment m of ring r.
-  CS_INLINE int end_point(int r, int m, bool closed) const { return 3 * (closed && m + 1 == end(r) ? begin(r) : m + 1); }
+  CS_INLINE int end_point(int r, int m, bool closed) const {
+    return 3 * (closed && m + 1 == end(r) ? begin(r) : m + 1);
+  }
   // Of the polyline with as many edges per cubic, each edge numbered by the vertex that it starts from: where edge e ends.
   CS_INLINE int end_vertex(int e, int samples, bool closed) const {
     const int r = closed ? ring_of(e / samples) : 0;
