@@ -192,6 +192,14 @@ def test_a_stroke_is_as_wide_as_its_root_or_its_style_says():
     assert [f.width for f in forms_of(document('<circle r="5" style="stroke:red;stroke-width:2px"/>'))] == [2.0]
 
 
+def test_a_symbol_is_where_and_as_large_as_its_use_says():
+    symbol = '<symbol id="s" viewBox="0 0 10 10"><rect width="10" height="10" fill="red"/></symbol>'
+    drawing = document(f'{symbol}<use href="#s" x="8" y="8" width="20" height="20"/>')
+    (form,), (part,) = forms_of(drawing), pieces_of(drawing).parts
+    assert (form.kind, form.points.max(axis=0).tolist()) == ("box", [28.0, 28.0])
+    assert part.box == (slice(8, 28), slice(8, 28))
+
+
 def counts(truth: str, made: str) -> tuple[int, int, int, int]:
     first, second = document(truth), document(made)
     return primitive_counts(first, pieces_of(first), second, pieces_of(second))
