@@ -83,7 +83,7 @@ def test_path_data_is_made_absolute():
         count_numbers("m1 2h3v-1l1 1c1 0 2 1 2 2s1 3 2 2q1 1 2 0t2 0a2 3 0 012 4z") == 2 + 1 + 1 + 2 + 6 + 4 + 4 + 2 + 5
     )
     assert count_numbers("M1-2.5.5 3") == 4
-    for wrong in ("1 2", "M1", "M1 2C3 4", "M0 0z1", "M0 0 x"):
+    for wrong in ("1 2", "M1", "M1 2C3 4", "M0 0z1", "M0 0 x", "M0 0a5 5 0 1 0 10z", "h3", "M0 0c" + "1 " * 7):
         with pytest.raises(InputError):
             path_segments(wrong)
 

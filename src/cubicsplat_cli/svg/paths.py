@@ -18,9 +18,9 @@ LETTERS = "MmLlHhVvCcSsQqTtAaZz"
 _COMMAND = re.compile(rf"[{LETTERS}]")
 # A number or any other character that is no separator, which `float` then refuses.
 _TOKEN = re.compile(rf"{NUMBER}|[^\s,]")
-_SEPARATED = rf"[\s,]*({NUMBER})"
 # Nothing need stand between the two flags of an arc, nor after them.
-_ARC = re.compile(rf"{3 * _SEPARATED}[\s,]*([01])[\s,]*([01]){2 * _SEPARATED}")
+_NUMBER, _FLAG = re.compile(rf"[\s,]*({NUMBER})"), re.compile(r"[\s,]*([01])")
+_ARC = (_NUMBER, _NUMBER, _NUMBER, _FLAG, _FLAG, _NUMBER, _NUMBER)
 _BLANK = re.compile(r"[\s,]*")
 # How many numbers a command takes.
 _NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
@@ -107,11 +107,14 @@ def _grouped(letter: str, d: str, begin: int, end: int) -> Iterator[tuple[float,
 
 def _arcs(d: str, begin: int, end: int) -> Iterator[tuple[float, ...]]:
     while True:
-        match = _ARC.match(d, begin, end)
-        if match is None:
-            raise InputError(f"path data that lacks a number of A at {d[begin : begin + 12]!r}")
-        yield tuple(map(float, match.groups()))
-        begin = match.end()
+        numbers = []
+        for kind in _ARC:
+            match = kind.match(d, begin, end)
+            if match is None:
+                raise InputError(f"path data that lacks a number of A at {d[begin : begin + 12]!r}")
+            numbers.append(float(match[1]))
+            begin = match.end()
+        yield tuple(numbers)
         if _BLANK.fullmatch(d, begin, end):
             return
 
