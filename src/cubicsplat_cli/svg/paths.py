@@ -236,7 +236,8 @@ def cubic_subpaths(d: str) -> list[Subpath]:
     """The subpaths that have a length. Raises InputError for path data that cannot be read."""
     result = []
     for subpath in subpaths(d):
-        cubics = [cubic for piece in subpath for cubic in _cubics(piece) if np.ptp(cubic, axis=0).any()]
+        with np.errstate(invalid="ignore", over="ignore"):  # infinite coordinates are refused below
+            cubics = [cubic for segment in subpath for cubic in _cubics(segment) if np.ptp(cubic, axis=0).any()]
         if not np.isfinite(cubics).all():
             raise InputError("path data with a point that is infinitely far away")
         if cubics:
@@ -249,14 +250,14 @@ def straight(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return start + (end - start) * np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
 
 
-def _cubics(piece: PathSegment) -> list[np.ndarray]:
-    start, end = np.array(piece.start), np.array(piece.end)
-    if len(piece.handles) == 2:
-        return [np.array([start, *piece.handles, end])]
-    if len(piece.handles) == 1:
-        middle = np.array(piece.handles[0])
+def _cubics(segment: PathSegment) -> list[np.ndarray]:
+    start, end = np.array(segment.start), np.array(segment.end)
+    if len(segment.handles) == 2:
+        return [np.array([start, *segment.handles, end])]
+    if len(segment.handles) == 1:
+        middle = np.array(segment.handles[0])
         return [np.stack([start, (start + 2.0 * middle) / 3.0, (end + 2.0 * middle) / 3.0, end])]
-    return _arc_cubics(piece) if piece.is_arc else [straight(start, end)]
+    return _arc_cubics(segment) if segment.is_arc else [straight(start, end)]
 
 
 def _arc_cubics(piece: PathSegment) -> list[np.ndarray]:
