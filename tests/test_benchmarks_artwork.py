@@ -83,7 +83,7 @@ def test_path_data_is_made_absolute():
         count_numbers("m1 2h3v-1l1 1c1 0 2 1 2 2s1 3 2 2q1 1 2 0t2 0a2 3 0 012 4z") == 2 + 1 + 1 + 2 + 6 + 4 + 4 + 2 + 5
     )
     assert count_numbers("M1-2.5.5 3") == 4
-    for wrong in ("1 2", "M1", "M1 2C3 4", "M0 0z1", "M0 0 x"):
+    for wrong in ("1 2", "M1", "M1 2C3 4", "M0 0z1", "M0 0 x", "M0 0a5 5 0 1 0 10z", "h3", "M0 0c" + "1 " * 7):
         with pytest.raises(InputError):
             path_segments(wrong)
 
@@ -190,6 +190,14 @@ def test_a_stroke_is_as_wide_as_its_root_or_its_style_says():
     drawing = Document(svg('<circle cx="9" cy="9" r="5"/>', root='stroke="red" stroke-width="3"'), "t", 64)
     assert [form.width for form in forms_of(drawing)] == [3.0]
     assert [f.width for f in forms_of(document('<circle r="5" style="stroke:red;stroke-width:2px"/>'))] == [2.0]
+
+
+def test_a_symbol_is_where_and_as_large_as_its_use_says():
+    symbol = '<symbol id="s" viewBox="0 0 10 10"><rect width="10" height="10" fill="red"/></symbol>'
+    drawing = document(f'{symbol}<use href="#s" x="8" y="8" width="20" height="20"/>')
+    (form,), (part,) = forms_of(drawing), pieces_of(drawing).parts
+    assert (form.kind, form.points.max(axis=0).tolist()) == ("box", [28.0, 28.0])
+    assert part.box == (slice(8, 28), slice(8, 28))
 
 
 def counts(truth: str, made: str) -> tuple[int, int, int, int]:

@@ -30,9 +30,9 @@ def psnr(first: np.ndarray, second: np.ndarray) -> float:
     """PSNR in dB of two straight RGBA pictures, over white or black, whichever is worse; at most 100."""
     worst = 0.0
     for ground in (WHITE, BLACK):
-        difference = (over(first, ground).astype(np.float32) - over(second, ground)) / np.float32(255)
+        difference = over(first, ground).astype(np.float32) - over(second, ground)
         worst = max(worst, float(np.mean(np.square(difference), dtype=np.float64)))
-    return MOST_DB if worst == 0.0 else min(MOST_DB, decibels(worst))
+    return MOST_DB if worst == 0.0 else min(MOST_DB, decibels(worst / 255.0**2))
 
 
 def edge_displacement(truth: np.ndarray, candidate: np.ndarray, scale: float) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.metrics import compare, compare_premultiplied
@@ -15,9 +15,6 @@ from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.metrics import Input, Quality
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE
-
-if TYPE_CHECKING:
-    from cubicsplat_cli.scene import Scene
 
 # Half a percent: what rounding to whole pixels does to a small picture's shape is no mistake of the user.
 _ASPECT_TOLERANCE = 0.005
@@ -171,8 +168,12 @@ def _engine(
     reference: Picture, data: bytes, source: str, scale: int, threads: int | None, notes: list[str]
 ) -> Change | None:
     """The engine's figures where the file is one of ours at the reference's size; else None and a note."""
-    scene = _own_scene(data, source, notes)
-    if scene is None:
+    from cubicsplat_cli.svg import read_svg
+
+    try:
+        scene = read_svg(data)
+    except InputError as error:
+        notes.append(f"{source}: no figures of the engine: {error}")
         return None
     if (scene.width, scene.height) != (reference.width, reference.height):
         notes.append(f"{source}: no figures of the engine, because its size is not that of the reference")
@@ -182,13 +183,3 @@ def _engine(
         for factor in (1, scale)
     )
     return Change(*qualities)
-
-
-def _own_scene(data: bytes, source: str, notes: list[str]) -> Scene | None:
-    from cubicsplat_cli.svg import read_svg
-
-    try:
-        return read_svg(data)
-    except InputError as error:
-        notes.append(f"{source}: no figures of the engine: {error}")
-        return None

@@ -19,7 +19,15 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.rerender import RGBA, choose_renderer, decode_png, draw_by_cairo, drawing_with, full_name
+from cubicsplat_cli.evaluate.rerender import (
+    RGBA,
+    Rendered,
+    choose_renderer,
+    decode_png,
+    draw_by_cairo,
+    drawing_with,
+    full_name,
+)
 from cubicsplat_cli.settings import SCALE
 from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted
 
@@ -34,22 +42,13 @@ MAX_TILE_SIDE = 16_384
 _SVG = "http://www.w3.org/2000/svg"
 
 
-@dataclass(frozen=True, eq=False)
-class Downsampled:
-    """An SVG drawn large and averaged back: pixels (H, W, 4) float32 premultiplied in [0, 1]; who drew it."""
-
-    pixels: np.ndarray
-    renderer: str
-    note: str | None
-
-
 def downsampled_svg(
     svg: bytes, width: int, height: int, scale: int, *, source: str = "SVG", renderer: str | None = None
-) -> Downsampled:
+) -> Rendered:
     """Draw SVG bytes of any origin at (width * scale) x (height * scale) px and average to width x height.
 
-    Memory is bounded by one tile and the result. Raises UsageError for a scale outside 1..12, and what
-    `check_untrusted` and `rerender` raise.
+    The pixels are (H, W, 4) float32, premultiplied, in [0, 1]. Memory is bounded by one tile and the result. Raises
+    UsageError for a scale outside 1..12, and what `check_untrusted` and `rerender` raise.
     """
     SCALE.check("scale", scale)
     size = check_untrusted(svg, source)
@@ -57,8 +56,12 @@ def downsampled_svg(
     pixels = np.empty((height, width, 4), np.float32)
     with drawing_with(name, source):
         for tile in tiles(width, height, scale, TILE_PIXELS):
-            pixels[tile.rows, tile.columns] = draw_tile(name, module, svg, size, width, height, scale, tile)
-    return Downsampled(pixels, full_name(module, name), note)
+            if name == "cairosvg":
+                part = _tile_cairosvg(module, svg, width * scale, height * scale, scale, tile)
+            else:
+                part = _tile_resvg(module, svg, size, width * scale, height * scale, scale, tile)
+            pixels[tile.rows, tile.columns] = part
+    return Rendered(pixels, full_name(module, name), note)
 
 
 def scaled_samples(samples: int, scale: int) -> int:
@@ -151,19 +154,8 @@ def area_means(values: np.ndarray, scale: int) -> np.ndarray:
     return (total / np.float32(scale * scale)).astype(np.float32)
 
 
-def draw_tile(
-    name: str, module: ModuleType, svg: bytes, size: SvgSize, width: int, height: int, scale: int, tile: Tile
-) -> np.ndarray:
-    """One tile of an SVG drawn at (width * scale) x (height * scale) px, area-averaged to (h, w, 4) float32.
-
-    Premultiplied RGBA in [0, 1]. size: the SVG's natural size. name: "cairosvg" or "resvg", module: its package.
-    """
-    if name == "cairosvg":
-        return _tile_cairosvg(module, svg, width * scale, height * scale, scale, tile)
-    return _tile_resvg(module, svg, size, width * scale, height * scale, scale, tile)
-
-
 def _tile_cairosvg(module: ModuleType, svg: bytes, width: int, height: int, scale: int, tile: Tile) -> np.ndarray:
+    """(h, w, 4) float32: one tile of an SVG drawn at width x height px, averaged."""
     part = (tile.left * scale, tile.top * scale, tile.width * scale, tile.height * scale)
     drawn = draw_by_cairo(module, svg, width, height, part)
     return area_means(drawn, scale)[..., RGBA] / np.float32(255)

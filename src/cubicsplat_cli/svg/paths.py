@@ -18,9 +18,9 @@ LETTERS = "MmLlHhVvCcSsQqTtAaZz"
 _COMMAND = re.compile(rf"[{LETTERS}]")
 # A number or any other character that is no separator, which `float` then refuses.
 _TOKEN = re.compile(rf"{NUMBER}|[^\s,]")
-_SEPARATED = rf"[\s,]*({NUMBER})"
 # Nothing need stand between the two flags of an arc, nor after them.
-_ARC = re.compile(rf"{3 * _SEPARATED}[\s,]*([01])[\s,]*([01]){2 * _SEPARATED}")
+_NUMBER, _FLAG = re.compile(rf"[\s,]*({NUMBER})"), re.compile(r"[\s,]*([01])")
+_ARC = (_NUMBER, _NUMBER, _NUMBER, _FLAG, _FLAG, _NUMBER, _NUMBER)
 _BLANK = re.compile(r"[\s,]*")
 # How many numbers a command takes.
 _NUMBERS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
@@ -107,11 +107,14 @@ def _grouped(letter: str, d: str, begin: int, end: int) -> Iterator[tuple[float,
 
 def _arcs(d: str, begin: int, end: int) -> Iterator[tuple[float, ...]]:
     while True:
-        match = _ARC.match(d, begin, end)
-        if match is None:
-            raise InputError(f"path data that lacks a number of A at {d[begin : begin + 12]!r}")
-        yield tuple(map(float, match.groups()))
-        begin = match.end()
+        numbers = []
+        for kind in _ARC:
+            match = kind.match(d, begin, end)
+            if match is None:
+                raise InputError(f"path data that lacks a number of A at {d[begin : begin + 12]!r}")
+            numbers.append(float(match[1]))
+            begin = match.end()
+        yield tuple(numbers)
         if _BLANK.fullmatch(d, begin, end):
             return
 
@@ -233,7 +236,8 @@ def cubic_subpaths(d: str) -> list[Subpath]:
     """The subpaths that have a length. Raises InputError for path data that cannot be read."""
     result = []
     for subpath in subpaths(d):
-        cubics = [cubic for piece in subpath for cubic in _cubics(piece) if np.ptp(cubic, axis=0).any()]
+        with np.errstate(invalid="ignore", over="ignore"):  # infinite coordinates are refused below
+            cubics = [cubic for segment in subpath for cubic in _cubics(segment) if np.ptp(cubic, axis=0).any()]
         if not np.isfinite(cubics).all():
             raise InputError("path data with a point that is infinitely far away")
         if cubics:
@@ -246,14 +250,14 @@ def straight(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return start + (end - start) * np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
 
 
-def _cubics(piece: PathSegment) -> list[np.ndarray]:
-    start, end = np.array(piece.start), np.array(piece.end)
-    if len(piece.handles) == 2:
-        return [np.array([start, *piece.handles, end])]
-    if len(piece.handles) == 1:
-        middle = np.array(piece.handles[0])
+def _cubics(segment: PathSegment) -> list[np.ndarray]:
+    start, end = np.array(segment.start), np.array(segment.end)
+    if len(segment.handles) == 2:
+        return [np.array([start, *segment.handles, end])]
+    if len(segment.handles) == 1:
+        middle = np.array(segment.handles[0])
         return [np.stack([start, (start + 2.0 * middle) / 3.0, (end + 2.0 * middle) / 3.0, end])]
-    return _arc_cubics(piece) if piece.is_arc else [straight(start, end)]
+    return _arc_cubics(segment) if segment.is_arc else [straight(start, end)]
 
 
 def _arc_cubics(piece: PathSegment) -> list[np.ndarray]:
