@@ -16,6 +16,7 @@ from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.raster.engines import require_gpu
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
 
@@ -44,12 +45,12 @@ def candidates(task: Task) -> Iterator[Made]:
     behind it that of the other style, if that is nearer, or what is to be said of it. Each is a finished result, to be
     kept until the next.
     """
-    with task.timer("fit"):
+    with task.working():
         made = _first(task)
     yield made
     if not (made.may_be_photo or made.may_be_drawn) or task.seconds_left() <= 0.0:
         return
-    with task.timer("fit"):
+    with task.working():
         better = _nearer(task, made) if made.may_be_photo else _nearer_drawing(task, made)
     if better is not made:
         yield better
@@ -58,6 +59,8 @@ def candidates(task: Task) -> Iterator[Made]:
 def _first(task: Task) -> Made:
     """What the style that is asked for, or suits the picture, makes of it; the other style where that fails."""
     request = task.request
+    if request.settings.device == "cuda":
+        require_gpu()  # which a drawing would not ask for
     ink = only_ink(task.picture)
     if ink is not None:
         return plain(ink, task)
@@ -198,7 +201,7 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
     if drawn is None or drawn >= ENOUGH_DB:
         return None
     size = len(made.write(task.title, task.comment()).encode())
-    curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), MOST))
+    curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), task.request.settings.curves or MOST))
     quick = fit(resize_picture(task.target, SIDE).target(), task.settings().with_(curves=curves, steps=STEPS))
     if quick.interrupted:
         raise KeyboardInterrupt
