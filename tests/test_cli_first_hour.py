@@ -34,12 +34,14 @@ def job_of(photo: Path) -> Job:
 # --- nothing is lost ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("suffix", [".svg", ".rendered.png"])
-def test_a_file_that_was_edited_is_kept(suffix, photo, run_cli):
+@pytest.mark.parametrize(
+    ("suffix", "edit"), [(".svg", "<!-- mine --></svg>"), (".svg", "</svg><!-- mine -->"), (".rendered.png", "")]
+)
+def test_a_file_that_was_edited_is_kept(suffix, edit, photo, run_cli):
     assert run_cli("vectorize", photo, *SHORT).returncode == 0
     edited = photo.with_name(f"photo{suffix}")
     if suffix == ".svg":
-        edited.write_text(edited.read_text().replace("</svg>", "<!-- mine --></svg>"))
+        edited.write_text(edited.read_text().replace("</svg>", edit))
     else:
         with Image.open(edited) as image:
             text = image.text if hasattr(image, "text") else {}
@@ -209,6 +211,28 @@ def test_mistakes_are_one_line_in_one_style(arguments, said, run_cli, tmp_path, 
     assert text.count("\n") == 1
 
 
+@pytest.mark.parametrize("arguments", [["--curves", "8", "--steps", "9", "pictures", "-q"], ["pictures", *SHORT]])
+def test_a_folder_and_options_need_no_command(arguments, photo, run_cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pictures").mkdir()
+    photo.rename(tmp_path / "pictures" / "photo.png")
+    assert run_cli(*arguments).returncode == 0
+    assert (tmp_path / "pictures" / "photo.svg").exists()
+
+
+def test_a_gpu_that_is_asked_for_and_missing_fails_also_for_drawings(run_cli, tmp_path, monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    Image.new("RGB", (32, 32), "red").save(tmp_path / "flat.png")
+    done = run_cli("vectorize", tmp_path / "flat.png", "--device", "cuda")
+    assert done.returncode == 1 and b"use --device cpu" in done.stderr
+    assert not (tmp_path / "flat.svg").exists()
+
+
+def test_a_web_address_is_no_file(run_cli):
+    done = run_cli("vectorize", "https://example.org/a.png")
+    assert done.returncode == 1 and b"no such file; download it first" in done.stderr
+
+
 def test_what_is_in_the_way_of_an_output_is_said(photo, tmp_path, run_cli):
     (tmp_path / "a").write_text("x")
     (tmp_path / "folder.svg").mkdir()
@@ -308,7 +332,7 @@ def test_no_measure_writes_the_svg_and_says_so(photo, run_cli):
 def test_a_time_limit_that_cannot_be_met_is_told(photo, run_cli):
     done = run_cli("vectorize", photo, "--style", "photo", "--curves", 12, "--time-limit", 0.001)
     assert done.returncode == 0, done.stderr
-    assert re.search(rb"took [\d.]+ s, of which the fit had [\d.]+ s; --time-limit 0.001 is less than", done.stderr)
+    assert re.search(rb"took [\d.]+ s, more than --time-limit 0.001: [\d.]+ s for the fit, [\d.]+ s for", done.stderr)
 
 
 def test_a_dry_run_tells_of_a_page_that_is_missing(photo, run_cli):

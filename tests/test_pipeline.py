@@ -47,6 +47,14 @@ def test_a_flat_picture_is_drawn_and_the_report_says_why():
     assert "edges between" in report.style_reason
 
 
+def test_warnings_are_notes_of_the_report_and_not_printed(capfd):
+    large = np.full((1500, 1400, 3), 240, np.uint8)
+    large[300:900, 200:800] = (20, 90, 160)
+    report = vectorize(large, style="artwork", threads=1, measure=False).report
+    assert [note for note in report.notes if "of its size: it has more than 2 megapixels" in note]
+    assert capfd.readouterr() == ("", "")
+
+
 def blotches() -> np.ndarray:
     """Soft colours without a shape, with a flat sign in front."""
     y, x = np.mgrid[0:18, 0:24]
@@ -65,7 +73,7 @@ def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch):
     task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer())
     first, second = candidates(task)
     assert (first.style.name, second.style.name) == ("artwork", "photo")
-    assert "flat, but a quick photo of" in second.style.reason
+    assert "flat, but a quick photo of 4 curves" in second.style.reason
     monkeypatch.setattr(drawing, "MANY", 1)
     (early,) = candidates(task)
     assert (early.style.name, early.style.reason[:20]) == ("photo", second.style.reason[:20])

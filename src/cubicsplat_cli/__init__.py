@@ -12,6 +12,7 @@ that `cubicsplat --help` stays fast.
 from __future__ import annotations
 
 import importlib
+import logging
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli._version import __version__
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from cubicsplat_cli.scene.gradients import Gradients
     from cubicsplat_cli.settings import FitSettings, Mode, Recipe
     from cubicsplat_cli.svg import read_svg, write_svg
+
+# Programs decide themselves whether they show the log.
+logging.getLogger("cubicsplat").addHandler(logging.NullHandler())
 
 __all__ = [
     "CubicSplatError",

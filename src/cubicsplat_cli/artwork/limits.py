@@ -67,7 +67,11 @@ def bounded_regions(
         if min_area > levels.shape[0] * levels.shape[1]:
             break
     if regions.count < found:
-        _log.warning("%d regions are too many to draw: those below %.0f px joined their neighbours", found, min_area)
+        _log.warning(
+            "%d regions are too many to draw: those below %.0f px joined their neighbours; --colors leaves fewer",
+            found,
+            min_area,
+        )
     return regions
 
 

@@ -61,7 +61,7 @@ def measure_step(
         **head(),
         "bench": "step",
         "picture": {"name": name, "width": width, "height": height, "channels": channels},
-        "settings": settings.public(),
+        "settings": loop.settings.public(),
         "device": loop.engine.describe(),
         "warmup_steps": warmup,
         "timed_steps": steps,
@@ -163,8 +163,8 @@ def _memory_text(figures: dict[str, float | None]) -> str:
     if figures["peak_above_mb"] is None:
         return f"peak {figures['peak_mb']} MB in all" if figures["peak_mb"] is not None else "not known here"
     return (
-        f"{figures['resident_above_mb']:.0f} MB above the {figures['before_mb']:.0f} MB before the fit, "
-        f"{figures['peak_above_mb']:.0f} MB at most"
+        f"{figures['before_mb']:.0f} MB before the fit, {figures['resident_above_mb']:.0f} MB more in it, "
+        f"{figures['peak_above_mb']:.0f} MB more at most"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,13 +16,13 @@ from cubicsplat_cli.cli.eval import evaluate
 from cubicsplat_cli.cli.options import Command, GroupedCommand
 from cubicsplat_cli.cli.render import render
 from cubicsplat_cli.cli.vectorize import vectorize
-from cubicsplat_cli.files.names import STDIO
+from cubicsplat_cli.files.paths import is_there
 from cubicsplat_cli.formatting import did_you_mean
 from cubicsplat_cli.options import listed
 
 app = typer.Typer(
     name="cubicsplat",
-    help="Turn an image into an SVG of N cubic Bezier shapes, and report how good that SVG is.",
+    help="Turn pictures into SVGs: photos as curves that blend, drawings as few shapes. Measure any SVG.",
     add_completion=True,
     # A traceback of a bug is for a bug report: plain, complete, and without the values of local variables.
     pretty_exceptions_enable=False,
@@ -29,6 +30,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 COMMANDS = ("vectorize", "eval", "render", "doctor", "bench")
+# What may stand in place of a command.
+_OWN_OPTIONS = ("--help", "-h", "--version", "--install-completion", "--show-completion")
 # Commands of `bench` that are now programs of a checkout, with the names of their modules.
 _MOVED = {name: name for name in ("ablation", "artwork", "paper", "peers")} | {"thorns": "spikes"}
 # All that the parser raises for wrong usage derives from what BadParameter derives from.
@@ -59,7 +62,7 @@ app.add_typer(bench, name="bench")
 
 
 def meant(arguments: list[str]) -> list[str]:
-    """Complete the arguments: `help` or nothing means --help, and a picture without a command means `vectorize`."""
+    """What was meant: `help` or nothing is --help. A picture, a folder or an option of vectorize needs no command."""
     if not arguments:
         return ["--help"]
     first = arguments[0]
@@ -67,9 +70,11 @@ def meant(arguments: list[str]) -> list[str]:
         return [*arguments[1:], "--help"]
     if arguments == ["bench"]:
         return ["bench", "--help"]
-    if first == STDIO:
+    if first in COMMANDS or first.partition("=")[0] in _OWN_OPTIONS:
+        return arguments
+    if first.startswith("-") or is_there(Path(first)):  # STDIO too
         return ["vectorize", *arguments]
-    if first in COMMANDS or first.startswith("-") or difflib.get_close_matches(first, COMMANDS):
+    if difflib.get_close_matches(first, COMMANDS):
         return arguments
     return ["vectorize", *arguments] if re.search(r"[./\\*?]", first) else arguments
 

@@ -45,7 +45,7 @@ Markdown = Annotated[bool, typer.Option("--markdown", help="Print the tables as 
 def step(
     image: Annotated[
         Path | None,
-        typer.Argument(metavar="IMAGE", help="Picture to fit.  [default: a drawn one]", show_default=False),
+        typer.Argument(metavar="[IMAGE]", help="Picture to fit.  [default: a drawn one]", show_default=False),
     ] = None,
     size: Annotated[str, typer.Option("--size", metavar="WxH", help="Size of the drawn picture.")] = "768x512",
     warmup_steps: Annotated[

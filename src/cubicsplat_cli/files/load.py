@@ -226,8 +226,8 @@ def _check_pixels(size: tuple[int, int], shown: str, max_pixels: int, factor: in
         raise InputError(f"{shown}: has no pixels ({width} x {height}); give a picture of at least 1 x 1")
     if width * height > max_pixels * factor**2:
         raise InputError(
-            f"{shown}: is {width} x {height} = {width * height / 1e6:.1f} megapixels, the limit is "
-            f"{max_pixels / 1e6:g}; {smaller}, or raise it with --max-pixels"
+            f"{shown}: is {width} x {height} = {width * height:,} pixels, the limit is {max_pixels:,}; {smaller}, or "
+            "raise it with --max-pixels"
         )
 
 

@@ -35,7 +35,8 @@ def read_whole(path: Path, name: str | None = None) -> bytes:
         check_size(status.st_size, shown)
         return path.read_bytes()
     except FileNotFoundError as error:
-        raise InputError(f"{shown}: no such file; check the path") from error
+        advice = "download it first" if shown.startswith(("http:", "https:")) else "check the path"
+        raise InputError(f"{shown}: no such file; {advice}") from error
     except PermissionError as error:
         raise InputError(f"{shown}: no permission to read it; change its permissions") from error
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path

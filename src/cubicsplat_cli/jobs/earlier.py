@@ -79,7 +79,8 @@ def _is_whole(path: Path, data: bytes) -> bool:
     if path.suffix.lower() == ".png":
         return data.endswith(_PNG_END)
     try:
-        return unpacked(data, str(path)).rstrip().endswith(b"</svg>")
+        # Behind its end may stand what an editor, or its user, added.
+        return b"</svg>" in unpacked(data, str(path))
     except InputError:
         return False
 

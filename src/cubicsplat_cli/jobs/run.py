@@ -206,8 +206,9 @@ def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sin
 def _say_overtime(report: Report, task: Task) -> None:
     timing, limit = report.timing, task.request.settings.time_limit
     if limit is not None and timing.total_s > _OVER * limit:
-        said = f"took {timing.total_s:.1f} s, of which the fit had {timing.fit_s:.1f} s"
-        task.timer.note(f"{task.source.source}: {said}; --time-limit {limit:g} is less than the rest takes")
+        work = "drawing" if report.shapes is not None else "fit"
+        said = f"took {timing.total_s:.1f} s, more than --time-limit {limit:g}: {timing.fit_s:.1f} s for the {work}"
+        task.timer.note(f"{task.source.source}: {said}, {timing.total_s - timing.fit_s:.1f} s for the rest")
 
 
 def load_job(job: Job, request: Request) -> Picture:
@@ -260,7 +261,7 @@ class _Notes(logging.Handler):
         self._observer, self._job = observer, job
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._observer.note(record.getMessage(), self._job)
+        self._observer.note(f"{self._job}: {record.getMessage()}", self._job)
 
 
 @contextmanager

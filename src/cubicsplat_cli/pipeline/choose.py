@@ -16,6 +16,7 @@ from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.raster.engines import require_gpu
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
 
@@ -43,12 +44,12 @@ def candidates(task: Task) -> Iterator[Made]:
     """Yield finished results, each to replace the one before. With the style "auto", the result of the style that suits
     the picture comes first. A second one follows if the other style is nearer, or if there is a note on the comparison.
     """
-    with task.timer("fit"):
+    with task.working():
         made = _first(task)
     yield made
     if not (made.may_be_photo or made.may_be_drawn) or task.seconds_left() <= 0.0:
         return
-    with task.timer("fit"):
+    with task.working():
         better = _nearer(task, made) if made.may_be_photo else _nearer_drawing(task, made)
     if better is not made:
         yield better
@@ -57,6 +58,8 @@ def candidates(task: Task) -> Iterator[Made]:
 def _first(task: Task) -> Made:
     """The result of the style that is asked for or suits the picture; if that fails, of the other style."""
     request = task.request
+    if request.settings.device == "cuda":
+        require_gpu()  # which a drawing would not ask for
     ink = only_ink(task.picture)
     if ink is not None:
         return plain(ink, task)
@@ -197,7 +200,7 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
     if drawn is None or drawn >= ENOUGH_DB:
         return None
     size = len(made.write(task.title, task.comment()).encode())
-    curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), MOST))
+    curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), task.request.settings.curves or MOST))
     quick = fit(resize_picture(task.target, SIDE).target(), task.settings().with_(curves=curves, steps=STEPS))
     if quick.interrupted:
         raise KeyboardInterrupt

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -98,12 +100,21 @@ class Measured:
     notes: list[str]
 
 
+class _LogNotes(logging.Handler):
+    def __init__(self, notes: list[str]) -> None:
+        super().__init__(logging.WARNING)
+        self._notes = notes
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._notes.append(record.getMessage())
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """One picture, and what is asked of it.
 
     source: the picture as it came; picture: over the ground asked for; target: what is fitted, that or a smaller copy.
-    recorder: keeps the scenes of a photo's fit.
+    recorder: keeps the scenes of a photo's fit. logged: the warnings of the work so far.
     """
 
     source: Picture
@@ -114,6 +125,7 @@ class Task:
     on_progress: Callable[[Progress], None] | None
     recorder: FrameRecorder | None
     title: str
+    logged: list[str] = field(default_factory=list)
 
     @property
     def bounded(self) -> bool:
@@ -121,6 +133,17 @@ class Task:
         settings, request = self.request.settings, self.request
         bounds = (settings.curves, settings.time_limit, request.max_bytes, request.target_psnr)
         return any(each is not None for each in bounds)
+
+    @contextmanager
+    def working(self) -> Iterator[None]:
+        """Within, time counts as the fit's, and warnings of the library are kept."""
+        log, handler = logging.getLogger("cubicsplat"), _LogNotes(self.logged)
+        log.addHandler(handler)
+        try:
+            with self.timer("fit"):
+                yield
+        finally:
+            log.removeHandler(handler)
 
     def comment(self) -> str:
         """The line by which the command knows its own files."""

@@ -81,9 +81,10 @@ def measured(task: Task, made: Made, svg: str) -> Measured:
     notes = [] if drawn.note is None else [drawn.note]
     if (reference.width, reference.height) != task.picture.size:
         notes.append(f"quality measured at {reference.width} x {reference.height} pixels")
-    if quality.svg.psnr_db is not None and quality.svg.psnr_db < FAR_DB and _may_be_nearer(task, made):
+    level = quality.svg.psnr_db if quality.weighted_psnr_db is None else quality.weighted_psnr_db
+    if level is not None and level < FAR_DB and _may_be_nearer(task, made):
         more = "more --curves bring it nearer" if made.style.name == PHOTO else "--style photo may be nearer"
-        notes.append(f"the result is far from the picture, {quality.svg.psnr_db:.1f} dB; {more}")
+        notes.append(f"the result is far from the picture, {level:.1f} dB; {more}")
     return Measured(quality, drawn.pixels, notes)
 
 
@@ -112,7 +113,7 @@ def report_of(task: Task, made: Made, figures: Measured | None, output: Output, 
         settings_hash=request.digest(),
         style=made.style.name,
         style_reason=made.style.reason,
-        notes=[*task.target.notes, *made.notes, *([] if figures is None else figures.notes)],
+        notes=[*task.target.notes, *made.notes, *task.logged, *([] if figures is None else figures.notes)],
         quality=None if figures is None else figures.quality,
         timing=timing,
         **facts,

@@ -50,7 +50,7 @@ class InitialDrawing:
         if abs(scene.width * height / (scene.height * width) - 1.0) > ASPECT_TOLERANCE:
             raise InputError(
                 f"the drawing {self.name} has {scene.width} x {scene.height} px, another shape than the picture's "
-                f"{width} x {height}; begin with one of that picture"
+                f"{width} x {height}; use an SVG with the picture's proportions"
             )
 
 
