@@ -150,7 +150,11 @@ def test_what_nothing_reads_may_be_anything():
     given.counts[1] = 2
     given.stops[1, 2:] = 7.0
     given.offsets[1, 2:] = -1.0
-    replace(scene, gradients=given).validate()
+    other = replace(scene, gradients=given)
+    other.validate()
+    few = scene.gradients.copy()
+    few.counts[1] = 2
+    assert torch.equal(reference_render(other), reference_render(replace(scene, gradients=few)))
 
 
 @pytest.mark.parametrize("mode", MODES)
