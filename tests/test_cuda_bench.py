@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import rest_slow
 from engines import CUDA, open_cuda
 
 from cubicsplat_cli.raster.cuda import driver as cuda_driver
@@ -54,7 +55,7 @@ def test_without_a_gpu_the_benchmark_says_what_is_missing(tool, monkeypatch, cap
 
 
 @pytest.mark.parametrize("kind", CUDA)
-@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize("mode", rest_slow(*Mode))
 def test_the_benchmark_of_the_gpu(kind, mode, tool, monkeypatch):
     monkeypatch.setattr(tool, "ROUNDS", 1)
     case = tool.Case(mode, 40, 32, 24, 2, 6, 1e6, 1e-6, 500.0)

@@ -281,6 +281,7 @@ def test_the_engines_picture_in_strips_is_the_whole_one(background, monkeypatch)
     assert psnr_db(reference_picture, candidate) == found.psnr_db
 
 
+@pytest.mark.slow
 def test_twelve_megapixels_are_measured_in_little_memory():
     """Of the process's own peak: what is drawn and compared lies in memory of numpy and of the engine."""
     code = (

@@ -45,6 +45,7 @@ class Trainer:
     """State of one fit.
 
     target: (H, W, C) float32. Its kind is that of all arrays on the CPU: numpy's, unless torch's are to be tried there.
+    opened: gives the engine.
     """
 
     target: Array
@@ -52,6 +53,7 @@ class Trainer:
     on_progress: Callable[[Progress], None] | None = None
     film: Film | None = None
     guide: Guide = UNGUIDED
+    opened: Callable[..., Engine] = open_engine
     loss: float | Array = 0.0  # of the last step
     step: int = 0
     interrupted: bool = False
@@ -75,7 +77,7 @@ class Trainer:
         weights = None if self.guide.weights is None else like(self.target, np.ascontiguousarray(self.guide.weights))
         self.unit = self.recipe.unit(self.width, self.height, self.settings.curves) * spread_of(weights) ** 0.5
         self.schedule = Schedule(self.recipe, self.settings.steps)
-        self.engine: Engine = open_engine(
+        self.engine: Engine = self.opened(
             self.settings.device, self.settings.threads, mode=self.settings.mode, channels=int(self.target.shape[2]),
             painted=self.settings.fill == "linear", subdivide=self.recipe.flatten == "de-casteljau",
             segments=max(self.settings.segments, 0 if start is None else start.segments),
