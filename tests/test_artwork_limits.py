@@ -40,6 +40,7 @@ def test_too_many_regions_join_their_neighbours(monkeypatch, caplog):
     assert "regions are too many to draw" in caplog.text
 
 
+@pytest.mark.slow
 def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, caplog):
     for module in (plan, stacking):
         monkeypatch.setattr(module, "MOST_COMPLETED", 20)

@@ -35,9 +35,10 @@ def drawn(name: str, width: float, **how: float | None) -> np.ndarray:
     return target_of(scan(scaled_pens(ICONS[name], width * SIZE / SIDE), SIDE, **how))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "width", "blur", "texture", "quality"),
-    rest_slow(("clock", 2.3, 1.0, 5.0, 85), ("house", 2.8, 1.4, 3.0, None), ("triangle", 4.5, 1.4, 8.0, 85)),
+    [("clock", 2.3, 1.0, 5.0, 85), ("house", 2.8, 1.4, 3.0, None), ("triangle", 4.5, 1.4, 8.0, 85)],
 )
 def test_ink_blur_and_width_are_told_by_profiles(name, width, blur, texture, quality):
     found = scan_of(as_levels(drawn(name, width, blur=blur, texture=texture, quality=quality)))

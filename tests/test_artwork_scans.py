@@ -64,7 +64,8 @@ def test_what_is_no_scan_stays_as_it_is():
     assert scan_of(seethrough) is None
 
 
-@pytest.mark.parametrize("grey", rest_slow(True, False))
+@pytest.mark.slow
+@pytest.mark.parametrize("grey", [False, True])
 def test_a_scan_is_artwork(grey):
     picture = target_of(scan(PENS, SIDE))
     if grey:
@@ -74,7 +75,7 @@ def test_a_scan_is_artwork(grey):
 
 @pytest.mark.parametrize(
     ("name", "style"),
-    rest_slow(("page", "artwork"), ("camera", "photo"), ("text", "artwork"), ("grass", "photo"), fast=2),
+    rest_slow(("page", "artwork"), ("camera", "photo"), ("text", "artwork"), ("grass", "photo")),
 )
 def test_scans_of_text_are_artwork_and_grey_photos_are_not(name, style):
     grey = np.asarray(getattr(data, name)())

@@ -125,7 +125,7 @@ def test_boxes_and_ellipses_are_told_from_other_silhouettes():
     assert bar.left < -200 and bar.top < -200 and bar.right > WIDTH + 200 and bar.bottom == 30
 
 
-@pytest.mark.parametrize(("sigma", "dy", "alpha", "radius"), [(6.0, 5.0, 0.3, 8.0), (11.0, 8.0, 0.25, 16.0)])
+@pytest.mark.parametrize(("sigma", "dy", "alpha", "radius"), rest_slow((11.0, 8.0, 0.25, 16.0), (6.0, 5.0, 0.3, 8.0)))
 def test_the_shadow_of_a_box_is_found_and_taken_off(sigma, dy, alpha, radius):
     levels = levels_of(card(radius=radius, shade=(2.0, dy, sigma, alpha)))
     found = lifted(levels)
@@ -175,6 +175,7 @@ def test_a_shadow_over_two_grounds_is_one_shadow():
     assert np.percentile(gap, 99) <= 3.0
 
 
+@pytest.mark.slow
 def test_a_white_card_on_white_is_not_lost():
     picture = card(ink=WHITE)
     drawing = draw(picture)
@@ -182,6 +183,7 @@ def test_a_white_card_on_white_is_not_lost():
     assert drawing.shapes[-1].name == "white" and off(drawing, picture).max() <= 3.0
 
 
+@pytest.mark.slow
 def test_cards_of_different_elevation_beside_each_other():
     boxes, shades = [(20, 40, 80, 100), (115, 40, 175, 100)], [(0, 2, 2.0, 0.25), (0, 9, 9.0, 0.3)]
     picture = np.full((HEIGHT, WIDTH, 3), 250.0)
@@ -196,6 +198,7 @@ def test_cards_of_different_elevation_beside_each_other():
         assert layer.sigma == pytest.approx(sigma, rel=0.15) and layer.alpha == pytest.approx(alpha, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_button_on_a_card_each_with_its_own_shadow():
     lower, upper = box(40, 30, 160, 110, 8.0), box(70, 70, 130, 92, 11.0)
     picture = over(np.full((HEIGHT, WIDTH, 3), 225.0), shadow(lower, 0, 6, 8, 0.3), (0, 0, 0))
@@ -211,6 +214,7 @@ def test_a_button_on_a_card_each_with_its_own_shadow():
     assert np.percentile(gap, 99) <= 3.0
 
 
+@pytest.mark.slow
 def test_a_dark_small_shadow_with_sharp_corners():
     picture = card(radius=0.0, shade=(2.0, 4.0, 3.0, 0.4))
     (cast,) = lifted(levels_of(picture)).shadow.casts
@@ -219,6 +223,7 @@ def test_a_dark_small_shadow_with_sharp_corners():
     assert (layer.dx, layer.dy) == pytest.approx((2.0, 4.0), abs=0.75)
 
 
+@pytest.mark.slow
 def test_a_coloured_shadow():
     picture = card(shade=(0.0, 6.0, 9.0, 0.4), colour=BLUE)
     drawing = draw(picture)
@@ -233,6 +238,7 @@ def test_the_shadow_of_a_circle_is_one_gradient():
     assert isinstance(one.gradient, RadialGradient) and len(drawing.shapes) == 3
 
 
+@pytest.mark.slow
 def test_two_layers_as_pages_have_them():
     shape = box(*CARD, 8.0)
     dark = 1 - (1 - shadow(shape, 0, 9, 9, 0.16)) * (1 - shadow(shape, 0, 2, 2.5, 0.14))

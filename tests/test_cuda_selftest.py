@@ -70,48 +70,54 @@ def test_the_self_test_would_notice():
         assert all(abs(2.0 * value) > selftest.TOLERANCE * (1.0 + abs(value)) for value in expected if value != 0.0)
 
 
-class DrawsWrongly(CudaEngine):
-    def render(self, *arguments):
-        return super().render(*arguments).mul_(1.1)
+class Broken(EmulatedDriver):
+    """A GPU of which one kernel does something else."""
 
-
-@needs_compiler
-def test_a_gpu_that_draws_wrongly_is_not_used():
-    said = r"self-test \(open, RGBA, relaxed gradients\) gives .* in place of .*; use"
-    driver, program = EmulatedDriver(), Program(Mode.OPEN, 4)
-    for _ in range(2):
-        with pytest.raises(EngineError, match=said):
-            DrawsWrongly(program=program, driver=driver)
-    CudaEngine(program=program, driver=driver)
-    assert DrawsWrongly(program=program, driver=driver).name == "cuda", "tested once in a process"
-    # A program loaded later is tested then, and stays untrusted.
-    for _ in range(2):
-        with pytest.raises(EngineError, match=r"self-test \(closed, RGB, relaxed gradients\)"):
-            DrawsWrongly(program=program, driver=driver)._load(Program(Mode.CLOSED, 3))
-
-
-class WithoutGraphs(EmulatedDriver):
-    """Its graphs do nothing."""
-
-    def capture(self, body):
-        return lambda: None
-
-
-class WithoutUpdates(EmulatedDriver):
-    """Its optimiser does nothing."""
+    def __init__(self, broken: str) -> None:
+        super().__init__()
+        self.broken = broken
 
     def _load(self, program):
         kernels = super()._load(program)
         launched = kernels.launch
-        kernels.launch = lambda name, *arguments: None if name == "update" else launched(name, *arguments)
+
+        def launch(name, grid, threads, shared, *arguments):
+            if name == "set_step" and self.broken == "drawing":
+                arguments[0].edge_width *= 1.1
+            if name == "set_step" and self.broken == "training":
+                arguments[0].rates[0] *= 0.5
+            launched(name, grid, threads, shared, *arguments)
+
+        kernels.launch = launch
         return kernels
+
+    def capture(self, body):
+        return (lambda: None) if self.broken == "graphs" else super().capture(body)
 
 
 @needs_compiler
-@pytest.mark.parametrize("broken", [WithoutGraphs, WithoutUpdates])
+def test_a_gpu_that_draws_wrongly_is_not_used():
+    driver = Broken("drawing")
+    for _ in range(2):
+        with pytest.raises(
+            EngineError, match=r"self-test \(open, RGBA, relaxed gradients\) gives .* in place of .*; use"
+        ):
+            CudaEngine(program=Program(Mode.OPEN, 4), driver=driver)
+    driver.broken = ""
+    engine = CudaEngine(program=Program(Mode.OPEN, 4), driver=driver)
+    driver.broken = "drawing"
+    assert CudaEngine(program=Program(Mode.OPEN, 4), driver=driver).name == "cuda", "tested once in a process"
+    # A program loaded later is tested then, and stays untrusted.
+    for _ in range(2):
+        with pytest.raises(EngineError, match=r"self-test \(closed, RGB, relaxed gradients\)"):
+            engine._load(Program(Mode.CLOSED, 3))
+
+
+@needs_compiler
+@pytest.mark.parametrize("broken", ["graphs", "training"])
 def test_a_gpu_that_trains_wrongly_is_not_used(broken):
     with pytest.raises(EngineError, match=r"self-test \(open, RGB, relaxed training\)"):
-        CudaEngine(program=Program(Mode.OPEN, 3), driver=broken())
+        CudaEngine(program=Program(Mode.OPEN, 3), driver=Broken(broken))
 
 
 @needs_compiler

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import torch
 from cli_runs import SHORT, contents, start, strict_json, wait_until
-from conftest import smooth_pixels
+from conftest import rest_slow, smooth_pixels
 from image_files import encode
 from PIL import Image
 from warm import WarmCommand, run_warm
@@ -207,7 +207,7 @@ def test_two_runs_on_one_output(jpeg, tmp_path):
     assert report["output"]["svg_sha256"] == hashlib.sha256((results / "x.svg").read_bytes()).hexdigest()
 
 
-@pytest.mark.parametrize("order", ["abAB", "abBA", "baAB", "aAbB", "abA", "abB"])
+@pytest.mark.parametrize("order", rest_slow("abAB", "abA", "abBA", "baAB", "aAbB", "abB", fast=2))
 def test_two_runs_on_one_output_leave_the_set_of_the_one_that_ends_last(order, tmp_path):
     job = Job("x.png", tmp_path / "x.png", beside(tmp_path / "x.svg", png=True))
     sinks = {name: FileSink(job) for name in "ab"}
@@ -255,7 +255,7 @@ def test_an_interrupt_waits_for_the_import_of_torch(monkeypatch):
         signal.signal(signal.SIGINT, before)
 
 
-@pytest.mark.parametrize("delay", [0.02, 0.3, 0.8, 1.4])
+@pytest.mark.parametrize("delay", rest_slow(0.3, 0.02, 0.8, 1.4))
 def test_ctrl_c_at_any_moment(delay, jpeg):
     process = start("vectorize", jpeg, "--curves", 12, "--steps", 4_000_000, "--threads", 1)
     try:

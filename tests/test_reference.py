@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from conftest import rest_slow
 from scenes import (
     BACKGROUNDS,
     COVERAGES,
@@ -148,7 +149,7 @@ def test_exact_coverage_of_a_disc_sums_to_its_area():
     assert covered[0, 0] == 0.0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", rest_slow(*range(3)))
 def test_exact_coverage_of_a_fill_matches_supersampled_winding(seed):
     scene = random_scene(Mode.CLOSED, 1, 4, 14, 12, seed=seed, scale=0.6)
     vertices = reference.flatten(scene.points, Mode.CLOSED, 8)[0]
