@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-import torch
 from cuda_stand_in import CONTEXT, OTHER_STREAM, FakeEvent, install, on_the_cpu
 from emulated import compiler
 from engines import packed, state_for
@@ -148,7 +147,7 @@ def test_raster_kernels_ask_for_shared_memory(gpu, engine):
     assert carve_out("raster_exact", 47 * 1024, 100 * 1024) == 100
 
 
-def test_what_goes_wrong_at_the_start_is_said(gpu, monkeypatch):
+def test_what_goes_wrong_at_the_start_is_said(gpu):
     gpu.failing["cuModuleLoadData"] = 222
     with pytest.raises(EngineError, match=r"loading the kernels \(is the driver too old\?\): CUDA_ERROR_UNSUPP"):
         CudaDriver().kernels(STROKES)
@@ -156,13 +155,10 @@ def test_what_goes_wrong_at_the_start_is_said(gpu, monkeypatch):
     with pytest.raises(EngineError, match=r"driver is too old: it supports CUDA 12, the compiler is for CUDA 13"):
         CudaDriver()
 
-    def broken():
-        raise RuntimeError("CUDA error: out of memory\nCompile with ...")
-
-    monkeypatch.setattr(torch.cuda, "synchronize", broken)
+    gpu.out_of_memory = {"synchronize"}
     with pytest.raises(EngineError, match="cuda:0 cannot be used: CUDA error: out of memory Compile"):
         CudaDriver(0)
-    monkeypatch.setattr(torch.cuda, "current_device", broken)
+    gpu.out_of_memory = {"current_device"}
     for opened in (CudaDriver, cuda_driver):
         with pytest.raises(EngineError, match="the current GPU cannot be used: CUDA error: out of memory Compile"):
             opened()

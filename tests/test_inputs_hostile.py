@@ -12,11 +12,11 @@ import subprocess
 import sys
 import threading
 import time
+import types
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from cli_runs import SHORT, contents, start, strict_json, wait_until
 from conftest import rest_slow, smooth_pixels
 from image_files import encode
@@ -243,11 +243,12 @@ def test_files_are_put_while_no_other_run_does(tmp_path):
 
 
 def test_an_interrupt_waits_for_the_import_of_torch(monkeypatch):
-    monkeypatch.setattr(torch.__spec__, "_initializing", True, raising=False)
+    importing = types.SimpleNamespace(__spec__=types.SimpleNamespace(_initializing=True))
+    monkeypatch.setitem(sys.modules, "torch", importing)
     before = signal.signal(signal.SIGINT, lambda _number, _frame: interrupt())
     try:
         signal.raise_signal(signal.SIGINT)  # raises nothing yet
-        monkeypatch.setattr(torch.__spec__, "_initializing", False)
+        importing.__spec__._initializing = False
         with pytest.raises(KeyboardInterrupt):
             for _ in range(3000):  # a signal raised by a thread ends no sleep
                 time.sleep(0.01)

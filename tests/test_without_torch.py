@@ -124,7 +124,7 @@ def test_what_a_step_does_outside_the_engine_waits_for_no_value(mode, ragged):
     ],
     ids=str,
 )  # fmt: skip
-def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided, monkeypatch):
+def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided):
     """What protects the way of a GPU, all of whose steps outside the engine are those of this fit in tensors."""
     import torch
 
@@ -135,15 +135,16 @@ def test_a_fit_in_torchs_arrays_is_that_in_numpys(changes, guided, monkeypatch):
         weights = np.linspace(0.5, 2.0, target.shape[0] * target.shape[1], dtype=np.float32).reshape(target.shape[:2])
         guide = Guide(weights, start, frozen=True)
     drawn = []
-    whole = CpuEngine.step
 
-    def step(self, scene, settings, training):
-        drawn.append(type(scene.points))
-        return whole(self, scene, settings, training)
+    class Noting(CpuEngine):
+        def step(self, scene, settings, training):
+            drawn.append(type(scene.points))
+            return super().step(scene, settings, training)
 
-    monkeypatch.setattr(CpuEngine, "step", step)
-    ours = Trainer(target, given, guide=guide).run()
-    theirs = Trainer(torch.from_numpy(target), given, guide=guide).run()
+    ours, theirs = (
+        Trainer(pixels, given, guide=guide, opened=lambda *_, **__: Noting(1)).run()
+        for pixels in (target, torch.from_numpy(target))
+    )
     assert drawn == [np.ndarray] * 40 + [torch.Tensor] * 40
     assert theirs.replaced == ours.replaced > 0
     assert theirs.history[-1]["psnr_db"] == pytest.approx(ours.history[-1]["psnr_db"], abs=0.02)
