@@ -164,6 +164,7 @@ def test_flat_drawings_have_no_gradients_and_are_left_as_they_are():
     assert gradient_areas(levels, *smooth_parts(levels)) == []
 
 
+@pytest.mark.slow
 def test_who_chooses_the_inks_gets_no_gradients():
     target = picture(LINEAR.format(TWO) + BLOB)
     assert not draw(target, ArtworkSettings(colors=6)).gradients
@@ -177,6 +178,7 @@ def test_drawings_of_gradients_are_artwork(markup, body):
     assert style.name == "artwork", style.reason
 
 
+@pytest.mark.slow
 def test_a_steep_gradient_is_no_blur():
     drawing = draw(picture(ROUND.format(THREE) + GROUND + BLOB))
     ground, blob = drawing.shapes

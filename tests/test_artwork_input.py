@@ -75,7 +75,7 @@ def test_what_happened_is_found_and_said():
     assert Condition(3.0, False, 1.2).words() == "a blur of 1.2 px and noise of 3.0 levels"
 
 
-@pytest.mark.parametrize(("file", "quality"), [("JPEG", 80), ("JPEG", 95), ("WEBP", 80)])
+@pytest.mark.parametrize(("file", "quality"), rest_slow(("JPEG", 95), ("WEBP", 80), ("JPEG", 80)))
 def test_a_margin_makes_no_compressed_picture_clean(file, quality):
     buffer = io.BytesIO()
     Image.fromarray(pixels("palette")[..., :3]).save(buffer, file, quality=quality)
@@ -85,7 +85,7 @@ def test_a_margin_makes_no_compressed_picture_clean(file, quality):
         assert condition_of(as_levels(as_picture(wide).target())).jpeg, margin
 
 
-@pytest.mark.parametrize("mode", ["RGB", "RGBA"])
+@pytest.mark.parametrize("mode", rest_slow("RGBA", "RGB"))
 def test_a_lossy_webp_is_known_and_drawn_as_it_was(mode):
     # Its blocks are of many sizes and smoothed: only the ringing tells.
     clean = pixels("clean") if mode == "RGBA" else pixels("palette")
@@ -142,7 +142,7 @@ def test_a_restored_picture_is_nearer_to_the_clean_one(kind, least):
     assert np.ptp(done[70:90, 20:40], axis=(0, 1)).max() == 0.0
 
 
-@pytest.mark.parametrize("kind", ["jpeg", "noisy"])
+@pytest.mark.parametrize("kind", rest_slow("jpeg", "noisy"))
 def test_the_drawing_is_that_of_the_clean_picture(kind):
     drawing = draw(target(kind))
     assert len(drawing.shapes) == 5

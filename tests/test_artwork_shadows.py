@@ -259,11 +259,12 @@ def test_cards_and_gradients_without_a_shadow_stay_as_they_are():
         assert found.shadow is None and found.levels is levels
 
 
+@pytest.mark.slow
 def test_a_shadow_takes_no_more_shapes_than_there_may_be():
     drawing = draw(card(shade=(0.0, 2.0, 2.0, 0.3)), ArtworkSettings(curves=6))
     assert len(drawing.shapes) <= 6 and not shadows(drawing)
 
 
-@pytest.mark.parametrize("settings", [ArtworkSettings(stacking="cutout"), ArtworkSettings(colors=6)])
+@pytest.mark.parametrize("settings", rest_slow(ArtworkSettings(stacking="cutout"), ArtworkSettings(colors=6)))
 def test_no_gradients_where_shapes_abut_or_inks_are_chosen(settings):
     assert not shadows(draw(card(shade=(0.0, 2.0, 2.0, 0.3)), settings))

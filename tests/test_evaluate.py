@@ -8,10 +8,12 @@ import math
 import subprocess
 import sys
 from io import BytesIO
+from itertools import product
 
 import numpy as np
 import pytest
 import torch
+from conftest import rest_slow
 from PIL import Image
 from scenes import PAPER, as_arguments, random_scene
 
@@ -105,8 +107,9 @@ def test_background_fills_the_canvas_and_size_is_what_was_asked_for(renderer):
 
 
 @BOTH
-@pytest.mark.parametrize("mode", list(Mode))
-@pytest.mark.parametrize("background", [None, PAPER])
+@pytest.mark.parametrize(
+    ("mode", "background"), rest_slow((Mode.CLOSED, None), (Mode.OPEN, PAPER), *product(Mode, (None, PAPER)), fast=2)
+)
 def test_file_shows_the_same_picture_as_the_reference_renderer(mode, background, renderer):
     scene = random_scene(mode, curves=10, width=64, height=48, background=background, seed=3)
     file = rerender(svg_of(scene), 64, 48, renderer=renderer)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
 
 import pytest
 import torch
@@ -376,9 +377,14 @@ def test_a_hidden_curve_is_not_visible():
 # --- degenerate scenes and wrong arguments -----------------------
 
 
-@pytest.mark.parametrize("scene", [pytest.param(scene, id=name) for name, scene in DEGENERATE])
-@pytest.mark.parametrize("coverage", COVERAGES)
-def test_degenerate_scenes_render_finitely(scene, coverage):
+EACH_IN_ONE = [(name, COVERAGES[i % 2]) for i, (name, _) in enumerate(DEGENERATE)]
+
+
+@pytest.mark.parametrize(
+    ("name", "coverage"), rest_slow(*EACH_IN_ONE, *product(dict(DEGENERATE), COVERAGES), fast=len(EACH_IN_ONE))
+)
+def test_degenerate_scenes_render_finitely(name, coverage):
+    scene = dict(DEGENERATE)[name]
     leaves = in_double(scene, requires_grad=True)
     picture = reference_render(leaves, coverage)
     target = random_target(scene)
