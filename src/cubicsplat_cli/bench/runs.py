@@ -85,12 +85,13 @@ def run_all(
     cache: Path | None,
     watch: Watch,
     tell: Callable[[str], None],
-    vectorized: Callable[..., Result] = vectorize_picture,
+    vectorized: Callable[..., Result] | None = None,
 ) -> Runs:
     """Every fit, from the cache where it was done before.
 
     watch: makes the progress callback of a fit, a context manager of its name. tell: gets a line per picture.
-    vectorized: carries out a fit. Raises KeyboardInterrupt when a fit was interrupted (what was done is in the cache).
+    vectorized: carries out a fit (default: `vectorize_picture`). Raises KeyboardInterrupt when a fit was interrupted
+    (what was done is in the cache).
     """
     runs = Runs()
     unreadable: set[Path] = set()
@@ -105,7 +106,7 @@ def run_all(
             _fail(runs, fit.path.name, "", error, tell)
             continue
         try:
-            run, svg = _run(fit, picture, cache, watch, vectorized)
+            run, svg = _run(fit, picture, cache, watch, vectorized or vectorize_picture)
         except CubicSplatError as error:
             _fail(runs, fit.path.name, fit.configuration, error, tell)
             continue
