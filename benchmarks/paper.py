@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,9 +24,7 @@ from cubicsplat_cli.metrics import head
 from cubicsplat_cli.settings import FitSettings
 
 MODES = ("open", "closed")
-COUNTS = (256, 512, 1024)
 # Published, Table 1: milliseconds of the forward and the backward pass; 2040 x 1344 px, 2,048 curves, RTX 4090.
-SIZE, CURVES = (2040, 1344), 2048
 STEP_MS = {"open": (2.70, 4.07), "closed": (10.68, 8.96)}
 # Published, Table 2: SSIM, PSNR in dB and minutes; mean of 200 pictures of DIV2K, RTX 4090.
 QUALITY = {
@@ -37,8 +35,8 @@ QUALITY = {
     ("closed", 512): (0.664, 24.31, 1.9),
     ("closed", 1024): (0.705, 25.78, 2.1),
 }
-# Published of one complex illustration: curves, PSNR and memory.
-MANY_CURVES, MANY_DB, MANY_MB = 32_768, 38.09, 2118
+# Published of one complex illustration: PSNR and memory.
+MANY_DB, MANY_MB = 38.09, 2118
 # Published: drawn so many times as large (24,480 px across) and averaged, it is within 0.5 dB of the native picture.
 MAGNIFICATION = 12
 
@@ -77,6 +75,24 @@ class Magnified:
 
 
 @dataclass(frozen=True)
+class Sizes:
+    """The paper's: size (px) and curves of Table 1, published values by mode and curves of Table 2, curves of the
+    complex illustration, and what is timed.
+    """
+
+    size: tuple[int, int] = (2040, 1344)
+    curves: int = 2048
+    quality: Mapping[tuple[str, int], tuple[float, float, float]] = field(default_factory=lambda: QUALITY)
+    many_curves: int = 32_768
+    times: step_times.Protocol = field(default_factory=step_times.Protocol)
+
+    @property
+    def counts(self) -> list[int]:
+        """Numbers of curves of Table 2, ascending."""
+        return sorted({count for _, count in self.quality})
+
+
+@dataclass(frozen=True)
 class Session:
     """What all tables need. pictures: of the folder. fit: settings by name. reporter: gets a line per measurement."""
 
@@ -84,6 +100,7 @@ class Session:
     fit: dict[str, Any]
     cache: Path | None
     reporter: Reporter
+    sizes: Sizes = Sizes()
 
     def runs(self, fits: Sequence[Fit]) -> Runs:
         return run_fits(fits, self.cache, self.reporter)
@@ -103,8 +120,8 @@ def steps(session: Session) -> Table:
     """Table 1."""
     found, rows = {}, []
     for mode in MODES:
-        settings = FitSettings.from_preset(mode=mode, curves=CURVES, **session.fit)
-        found[mode] = asdict(step_times.step_times(SIZE, settings))
+        settings = FitSettings.from_preset(mode=mode, curves=session.sizes.curves, **session.fit)
+        found[mode] = asdict(step_times.step_times(session.sizes.size, settings, session.sizes.times))
         session.reporter.summary(f"{mode}: {found[mode]['step_ms']:.2f} ms a step")
         rows.append((mode, *(number(v, 2) for v in (*found[mode].values(), *STEP_MS[mode]))))
     header = ("mode", "forward ms", "backward ms", "whole step ms", "published forward", "backward")
@@ -113,7 +130,7 @@ def steps(session: Session) -> Table:
 
 def growth(session: Session) -> Table:
     """The milliseconds of a step at five points of curves, pixels and S, and the exponent of each."""
-    found = step_times.growths(MODES, session.fit, session.reporter.summary)
+    found = step_times.growths(MODES, session.fit, session.reporter.summary, session.sizes.times)
     rows = []
     for g in found:
         points = (f"{value}: {ms:.1f}" for value, ms in zip(g.values, g.step_ms, strict=True))
@@ -123,8 +140,8 @@ def growth(session: Session) -> Table:
 
 def quality(session: Session) -> Table:
     """Table 2: means of the folder, with the published ones of DIV2K."""
-    runs, rows = session.runs(quality_jobs(session.pictures, MODES, COUNTS, session.fit)), []
-    for (mode, count), (ssim, level, minutes) in QUALITY.items():
+    runs, rows = session.runs(quality_jobs(session.pictures, MODES, session.sizes.counts, session.fit)), []
+    for (mode, count), (ssim, level, minutes) in session.sizes.quality.items():
         if of := runs.of(configuration_name(mode, count)):
             ours = means(of)
             size = ours["bytes"]
@@ -141,7 +158,7 @@ def quality(session: Session) -> Table:
 
 def magnify(session: Session) -> Table:
     """The first picture, drawn 12 times as large and averaged back: a row for each mode."""
-    jobs = quality_jobs(session.pictures[:1], MODES, COUNTS[-1:], session.fit)
+    jobs = quality_jobs(session.pictures[:1], MODES, session.sizes.counts[-1:], session.fit)
     runs = session.runs(jobs)
     found = [_magnified(run, svg, jobs[0].path, session.fit["threads"]) for run, svg in runs.done]
     rows = [
@@ -174,7 +191,7 @@ def _magnified(run: FitFigures, svg: bytes, path: Path, threads: int | None) -> 
 
 def large(session: Session) -> Table:
     """The first picture with 32,768 curves; the memory is the process's peak so far."""
-    runs = session.runs(quality_jobs(session.pictures[:1], ["closed"], [MANY_CURVES], session.fit))
+    runs = session.runs(quality_jobs(session.pictures[:1], ["closed"], [session.sizes.many_curves], session.fit))
     peak = memory().peak
     rows = [
         (
@@ -237,6 +254,11 @@ def paper(
     """
     names = chosen_tables(tables, folder)
     session = Session([] if folder is None else pictures_of(folder, limit), fit, cache, Reporter(quiet=quiet))
+    measure(names, session, json=json, markdown=markdown)
+
+
+def measure(names: Sequence[str], session: Session, *, json: bool = False, markdown: bool = False) -> None:
+    """Measure these tables and print them; ends the program with 1 where a fit failed."""
     report: dict[str, Any] = {**head(), "bench": "paper", "notes": {name: NOTES[name] for name in names}}
     failed: list[tuple[str, str, str]] = []
     for name in names:

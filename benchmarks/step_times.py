@@ -15,12 +15,21 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings
 
-WARMUP, REPEATS = 40, 11
-# Five points of each quantity that grows; the others stay at the usual value.
-GROWING_CURVES = (128, 512, 2048, 8192, 32_768)
-GROWING_SIZES = ((192, 128), (384, 256), (768, 512), (1536, 1024), (3072, 2048))
-GROWING_SAMPLES = (4, 8, 16, 32, 64)
-USUAL_CURVES, USUAL_SIZE, USUAL_SAMPLES = 512, (768, 512), 12
+
+@dataclass(frozen=True)
+class Protocol:
+    """What is timed: medians of `repeats` after `warmup` steps, at five points of each quantity that grows, the others
+    at their usual value. Sizes are (width, height) in px.
+    """
+
+    warmup: int = 40
+    repeats: int = 11
+    curves: tuple[int, ...] = (128, 512, 2048, 8192, 32_768)
+    sizes: tuple[tuple[int, int], ...] = ((192, 128), (384, 256), (768, 512), (1536, 1024), (3072, 2048))
+    samples: tuple[int, ...] = (4, 8, 16, 32, 64)
+    usual_curves: int = 512
+    usual_size: tuple[int, int] = (768, 512)
+    usual_samples: int = 12
 
 
 @dataclass(frozen=True)
@@ -43,25 +52,26 @@ class Growth:
     exponent: float
 
 
-def step_times(size: tuple[int, int], settings: FitSettings) -> StepTimes:
-    """Times in a fit of the drawn picture of this size (width, height in px), WARMUP steps after its start."""
-    settings = settings.with_(steps=max(settings.steps, total_steps(WARMUP, 3 * REPEATS, settings.recipe.finish)))
+def step_times(size: tuple[int, int], settings: FitSettings, protocol: Protocol) -> StepTimes:
+    """Times in a fit of the drawn picture of this size (width, height in px), the warm-up after its start."""
+    warmup, repeats = protocol.warmup, protocol.repeats
+    settings = settings.with_(steps=max(settings.steps, total_steps(warmup, 3 * repeats, settings.recipe.finish)))
     loop = FitLoop(synthetic_picture(*size), settings)
     engine, goal = loop.engine, loop.goal
     with one_torch_thread():
-        for _ in range(WARMUP):
+        for _ in range(warmup):
             loop.advance()
         raster = loop.schedule.raster(loop.schedule.phase(loop.progress))
-        forward = _median_ms(lambda: engine.render(loop.stepper.scene, raster))
-        both = _median_ms(lambda: engine.gradients(loop.stepper.scene, raster, target=goal))
-        whole = _median_ms(loop.advance)
+        forward = _median_ms(lambda: engine.render(loop.stepper.scene, raster), repeats)
+        both = _median_ms(lambda: engine.gradients(loop.stepper.scene, raster, target=goal), repeats)
+        whole = _median_ms(loop.advance, repeats)
     engine.close()
     return StepTimes(forward, max(0.0, both - forward), whole)
 
 
-def _median_ms(call: Callable[[], object]) -> float:
+def _median_ms(call: Callable[[], object], repeats: int) -> float:
     seconds = []
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         started = time.perf_counter()
         call()
         wait_for_gpu()
@@ -74,21 +84,24 @@ def exponent(values: Sequence[float], times: Sequence[float]) -> float:
     return float(np.polyfit(np.log(values), np.log(times), 1)[0])
 
 
-def growths(modes: Sequence[str], fit: Mapping[str, Any], tell: Callable[[str], None]) -> list[Growth]:
+def growths(
+    modes: Sequence[str], fit: Mapping[str, Any], tell: Callable[[str], None], protocol: Protocol
+) -> list[Growth]:
     """Growth with the curves, the pixels and S, the other two at their usual values. tell: gets a line per point."""
     found = []
+    size, count, edges = protocol.usual_size, protocol.usual_curves, protocol.usual_samples
     for mode in modes:
         points = {
-            "curves": [(count, USUAL_SIZE, count, USUAL_SAMPLES) for count in GROWING_CURVES],
-            "pixels": [(w * h, (w, h), USUAL_CURVES, USUAL_SAMPLES) for w, h in GROWING_SIZES],
-            "S": [(samples, USUAL_SIZE, USUAL_CURVES, samples) for samples in GROWING_SAMPLES],
+            "curves": [(curves, size, curves, edges) for curves in protocol.curves],
+            "pixels": [(w * h, (w, h), count, edges) for w, h in protocol.sizes],
+            "S": [(samples, size, count, samples) for samples in protocol.samples],
         }
         for what, rows in points.items():
             times = []
-            for value, size, curves, samples in rows:
+            for value, of_size, curves, samples in rows:
                 # Without a tolerance every cubic has S edges, as in the paper.
                 settings = FitSettings.from_preset(mode=mode, curves=curves, samples=samples, tolerance=0.0, **fit)
-                times.append(step_times(size, settings).step_ms)
+                times.append(step_times(of_size, settings, protocol).step_ms)
                 tell(f"{mode}, {value} {what}: {times[-1]:.2f} ms a step")
             values = tuple(row[0] for row in rows)
             found.append(Growth(what, mode, values, tuple(times), exponent(values, times)))

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,6 +45,12 @@ def command_of(name: str) -> Callable[..., None]:
     """The function of a benchmark, which a module or the program of a package of its name holds."""
     folder = Path(benchmarks.__file__).parent / name
     return getattr(import_module(f"benchmarks.{name}.__main__" if folder.is_dir() else f"benchmarks.{name}"), name)
+
+
+def rest_slow(*cases: Any, fast: int = 1) -> list[Any]:
+    """Cases to parametrise over, each once; only the first few are fast tests, and the others show more of the same."""
+    as_tuples = [case if isinstance(case, tuple) else (case,) for case in dict.fromkeys(cases)]
+    return [pytest.param(*case, marks=[pytest.mark.slow] * (i >= fast)) for i, case in enumerate(as_tuples)]
 
 
 def smooth_pixels(width: int, height: int, *, alpha: bool = False) -> np.ndarray:

@@ -25,12 +25,15 @@ KINDS = {"set_step": (StepValues, ctypes.c_void_p)}
 
 
 class FakeGpu:
-    """What its tests look at and set: contexts (a stack), failing (status by function), calls, captured, hints."""
+    """What its tests look at and set: contexts (a stack), failing (status by function), out_of_memory (functions of
+    torch that say so), calls, captured, hints.
+    """
 
     def __init__(self) -> None:
         self.contexts: list[int] = []
         self.version = 13000
         self.failing: dict[str, int] = {}
+        self.out_of_memory: set[str] = set()
         self.streams = [MAIN_STREAM]
         self.captured: list | None = None
         self.calls: list[tuple[str, str]] = []
@@ -47,6 +50,11 @@ class FakeGpu:
             prototype = ctypes.CFUNCTYPE(ctypes.c_int, *arguments)
             made[name] = prototype(lambda *a, name=name: self.failing.get(name) or getattr(self, name)(*a) or 0)
         return types.SimpleNamespace(**made)
+
+    def asked(self, function: str) -> None:
+        """What torch says of it."""
+        if function in self.out_of_memory:
+            raise RuntimeError("CUDA error: out of memory\nCompile with ...")
 
     def _handle(self, thing: object) -> int:
         self._handles.append(thing)
@@ -172,7 +180,8 @@ def install(monkeypatch) -> FakeGpu:
     MAIN_STREAM.wait_stream = OTHER_STREAM.wait_stream = lambda other: None
     properties = types.SimpleNamespace(name="Pretender", major=9, minor=0, total_memory=10**11)
     replaced = {
-        "current_device": lambda: 0, "device": lambda device: gpu.use(gpu.streams[-1]), "synchronize": lambda: None,
+        "current_device": lambda: gpu.asked("current_device") or 0,
+        "device": lambda device: gpu.use(gpu.streams[-1]), "synchronize": lambda: gpu.asked("synchronize"),
         "get_device_properties": lambda device: properties, "current_stream": lambda device: gpu.streams[-1],
         "Stream": lambda device: OTHER_STREAM, "stream": gpu.use, "CUDAGraph": gpu.graph, "Event": FakeEvent,
     }  # fmt: skip

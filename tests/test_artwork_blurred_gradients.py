@@ -77,6 +77,7 @@ def test_a_flat_drawing_that_is_blurred_has_no_gradients():
     assert without_blurred_gradients(soft, BLUR).gradients == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur", [0.8, 2.0])
 def test_other_blurs(blur):
     soft, _ = drawing()

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from PIL import Image
 
 from cubicsplat_cli import vectorize
@@ -158,7 +159,7 @@ def test_a_cutout_is_the_same_picture_without_overlaps(outlines, regions):
     assert cut.abutting
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", rest_slow(*range(12), fast=4))
 def test_random_heaps_of_shapes(seed):
     random = np.random.default_rng(seed)
     outlines = [GROUND]

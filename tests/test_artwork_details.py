@@ -144,6 +144,7 @@ def test_a_small_picture_gains_by_its_spots(monkeypatch: pytest.MonkeyPatch) -> 
     assert delta_e(document, drawn) < 0.8 * delta_e(document, vectorize.draw(target))
 
 
+@pytest.mark.slow
 def test_a_noisy_picture_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> Drawing:
         raise AssertionError("noise is no detail")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 
 from cubicsplat_cli.artwork.finish.finish import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
@@ -114,7 +115,10 @@ def test_settings_are_checked():
             ArtworkSettings(**wrong)
 
 
-@pytest.mark.parametrize("shape", [(1, 1, 3), (1, 40, 3), (40, 1, 4), (2, 2, 4), (24, 24, 3)])
+@pytest.mark.parametrize(
+    "shape",
+    rest_slow(*(((10, 12, 3),), ((1, 40, 3),), ((1, 1, 3),), ((40, 1, 4),), ((2, 2, 4),), ((24, 24, 3),)), fast=2),
+)
 def test_noise_of_any_size_is_drawn(shape):
     noise = np.random.default_rng(0).random(shape).astype(np.float32)
     drawing = draw(noise if shape[-1] == 3 else noise * noise[..., 3:])

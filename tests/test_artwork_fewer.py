@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 
 from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 
@@ -16,7 +17,7 @@ def wave(count, seed):
     return np.stack([x + rng.normal(0.0, 0.1, count), 5.0 * np.sin(0.3 * x) + rng.normal(0.0, 0.3, count)], axis=1)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", rest_slow(*range(20), fast=4))
 @pytest.mark.parametrize("tolerance", [0.2, 1.0, 3.0])
 def test_the_points_kept_are_those_of_another_program(seed, tolerance):
     from skimage.measure import approximate_polygon

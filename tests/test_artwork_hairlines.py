@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 
 from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blends
 from cubicsplat_cli.artwork.regions.inks import picture_inks
@@ -86,8 +88,9 @@ def slanted(degrees: float, width: float, below: tuple[float, ...], height: floa
     return np.dstack([colours, np.full((96, 96), 255.0)]).astype(np.float32)
 
 
-@pytest.mark.parametrize("degrees", [20.0, 40.0, 45.0])
-@pytest.mark.parametrize("below", [WHITE, BLUE])
+@pytest.mark.parametrize(
+    ("degrees", "below"), rest_slow((20.0, BLUE), (45.0, WHITE), *product((20.0, 40.0, 45.0), (WHITE, BLUE)), fast=2)
+)
 def test_a_slanting_line_is_one_region(degrees, below):
     levels = slanted(degrees, 1.3, below)
     regions = find_regions(levels, picture_inks(levels))
@@ -96,8 +99,9 @@ def test_a_slanting_line_is_one_region(degrees, below):
     assert sorted(regions.areas())[1] > 90
 
 
-@pytest.mark.parametrize("width", [1.0, 1.3, 1.8])
-@pytest.mark.parametrize("below", [WHITE, BLUE])
+@pytest.mark.parametrize(
+    ("width", "below"), rest_slow((1.0, BLUE), (1.8, WHITE), *product((1.0, 1.3, 1.8), (WHITE, BLUE)), fast=2)
+)
 def test_both_edges_of_a_thin_line_lie_right(width, below):
     levels = slanted(25.0, width, below)
     found = crossings(levels, regions := find_regions(levels, picture_inks(levels)))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from PIL import Image
 from scipy import ndimage
 
@@ -73,7 +75,7 @@ def test_what_happened_is_found_and_said():
     assert Condition(3.0, False, 1.2).words() == "a blur of 1.2 px and noise of 3.0 levels"
 
 
-@pytest.mark.parametrize(("file", "quality"), [("JPEG", 80), ("JPEG", 95), ("WEBP", 80)])
+@pytest.mark.parametrize(("file", "quality"), rest_slow(("JPEG", 95), ("WEBP", 80), ("JPEG", 80)))
 def test_a_margin_makes_no_compressed_picture_clean(file, quality):
     buffer = io.BytesIO()
     Image.fromarray(pixels("palette")[..., :3]).save(buffer, file, quality=quality)
@@ -83,7 +85,7 @@ def test_a_margin_makes_no_compressed_picture_clean(file, quality):
         assert condition_of(as_levels(as_picture(wide).target())).jpeg, margin
 
 
-@pytest.mark.parametrize("mode", ["RGB", "RGBA"])
+@pytest.mark.parametrize("mode", rest_slow("RGBA", "RGB"))
 def test_a_lossy_webp_is_known_and_drawn_as_it_was(mode):
     # Its blocks are of many sizes and smoothed: only the ringing tells.
     clean = pixels("clean") if mode == "RGBA" else pixels("palette")
@@ -140,7 +142,7 @@ def test_a_restored_picture_is_nearer_to_the_clean_one(kind, least):
     assert np.ptp(done[70:90, 20:40], axis=(0, 1)).max() == 0.0
 
 
-@pytest.mark.parametrize("kind", ["jpeg", "noisy"])
+@pytest.mark.parametrize("kind", rest_slow("jpeg", "noisy"))
 def test_the_drawing_is_that_of_the_clean_picture(kind):
     drawing = draw(target(kind))
     assert len(drawing.shapes) == 5
@@ -184,7 +186,7 @@ def test_a_spoilt_drawing_is_still_a_drawing(kind):
         assert found.name == "artwork", found.reason
 
 
-@pytest.mark.parametrize("scale", [0.5, 2])
+@pytest.mark.parametrize("scale", rest_slow(0.5, 2))
 def test_a_photo_as_a_jpeg_is_still_a_photo(scale):
     with Image.open(SAMPLES / "chelsea.png") as picture:
         sized = picture.convert("RGB").resize([round(side * scale) for side in picture.size], Image.Resampling.BICUBIC)
@@ -201,9 +203,11 @@ def test_a_photo_as_a_jpeg_is_still_a_photo(scale):
 # --- enlarged pictures ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("times", [2, 3])
-@pytest.mark.parametrize("filtered", ["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS"])
-def test_an_enlarged_picture_is_known_as_it_was(times, filtered):
+@pytest.mark.parametrize(
+    ("filtered", "times"),
+    rest_slow(("NEAREST", 2), ("BICUBIC", 3), *product(("NEAREST", "BILINEAR", "BICUBIC", "LANCZOS"), (2, 3)), fast=2),
+)
+def test_an_enlarged_picture_is_known_as_it_was(filtered, times):
     small = np.rint(255.0 * target("palette")).astype(np.uint8)
     large = Image.fromarray(small).resize((SIDE * times, SIDE * times), Image.Resampling[filtered])
     found, factor = before_enlargement(as_levels(as_picture(np.asarray(large)).target()))
@@ -237,7 +241,9 @@ def test_an_enlarged_picture_is_drawn_as_it_was():
 
 @pytest.mark.parametrize(
     ("kind", "note"),
-    [("jpeg", "through compression artefacts of"), ("blurred", "through a blur of 1."), ("enlarged", "2 times as")],
+    rest_slow(
+        ("jpeg", "through compression artefacts of"), ("blurred", "through a blur of 1."), ("enlarged", "2 times as")
+    ),
 )
 def test_the_report_says_what_was_drawn_through(kind, note):
     done = vectorize_pixels(pixels(kind), measure=False)

@@ -7,6 +7,7 @@ import io
 import numpy as np
 import pytest
 import resvg_py
+from conftest import rest_slow
 from PIL import Image
 
 from cubicsplat_cli.artwork import limits, plan, vectorize
@@ -39,6 +40,7 @@ def test_too_many_regions_join_their_neighbours(monkeypatch, caplog):
     assert "regions are too many to draw" in caplog.text
 
 
+@pytest.mark.slow
 def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, caplog):
     for module in (plan, stacking):
         monkeypatch.setattr(module, "MOST_COMPLETED", 20)
@@ -81,7 +83,7 @@ def test_every_outline_is_enlarged():
         assert np.allclose(one.outlines[0].ring().cubics, 3 * other.outlines[0].ring().cubics)
 
 
-@pytest.mark.parametrize("colors", [2, 3, 4])
+@pytest.mark.parametrize("colors", rest_slow(3, 2, 4))
 def test_inks_of_lines_count_among_the_colours_asked_for(colors):
     body = (
         '<rect width="120" height="90" fill="#fff"/><circle cx="40" cy="45" r="30" fill="#d32"/>'

@@ -77,6 +77,7 @@ def test_two_inks_that_noise_hides_the_edge_of_are_no_gradient():
     assert flat(suffered(image, "noise")).gradients == ()
 
 
+@pytest.mark.slow
 def test_a_drawing_of_a_jpeg_has_its_gradients_unless_the_inks_are_chosen():
     target = suffered(drawing(), "jpeg") / np.float32(255.0)
     assert len(draw(target).gradients) == 2

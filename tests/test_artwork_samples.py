@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from conftest import rest_slow
 
 from benchmarks.artwork.pixels import SCALES
 
@@ -24,7 +25,7 @@ BOUNDS = {
 }
 
 
-@pytest.mark.parametrize("name", BOUNDS)
+@pytest.mark.parametrize("name", rest_slow(*BOUNDS))
 def test_a_drawing_comes_as_near_in_as_much(run_benchmark, name):
     most, least, coordinates = BOUNDS[name]
     done = run_benchmark("artwork", SAMPLES, "--size", SIZE, "--only", name, "--json")

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PIL import Image
+from conftest import rest_slow
 from scans import scaled_pens
 from scans import scan_of as scan
-from scipy.spatial import cKDTree
 from skimage import data
-from stroke_icons import ICONS, SIZE, line_of, svg_of
+from stroke_icons import ICONS, svg_of
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork.geometry.beziers import points_at
-from cubicsplat_cli.artwork.geometry.stroke import pieces_of
-from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
+from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.style import choose_style
-from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
 
 SIDE = 600
@@ -28,7 +24,7 @@ def target_of(pixels: np.ndarray) -> np.ndarray:
     return pixels.astype(np.float32) / np.float32(255.0)
 
 
-@pytest.mark.parametrize(("light", "quality"), [(0.15, 85), (0.3, None)])
+@pytest.mark.parametrize(("light", "quality"), rest_slow((0.15, 85), (0.3, None)))
 def test_paper_is_white_and_ink_as_it_was_drawn(light, quality):
     found = scan_of(as_levels(target_of(scan(PENS, SIDE, light=light, quality=quality))))
     assert found is not None and 3.0 < found.grain < 9.0
@@ -40,32 +36,11 @@ def test_paper_is_white_and_ink_as_it_was_drawn(light, quality):
     assert (found.levels[..., 3] == 255.0).all()
 
 
-def test_a_scan_becomes_its_strokes_on_one_ground():
-    picture = target_of(scan(PENS, SIDE))
-    intake = taken_in(picture)
-    assert intake.scanned and intake.notes[0] == "drawn as ink on white paper under even light"
-    drawing = draw(picture, intake=intake, strokes=True)
-    strokes = [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
-    assert len(drawing.shapes) <= len(PENS) + 2 and strokes
-    assert drawing.shapes[0].ink == (255, 255, 255, 255)
-    assert [stroke.width for stroke in strokes] == pytest.approx([1.6 * SIDE / SIZE] * len(strokes), abs=0.5)
-    lines = np.concatenate([line_of(pen) for pen in PENS]) * SIDE / SIZE
-    cubics = np.concatenate([pieces_of(stroke.path)[0] for stroke in strokes])
-    drawn = np.concatenate([points_at(cubic[None], np.linspace(0.0, 1.0, 500)[None])[0] for cubic in cubics])
-    assert np.percentile(cKDTree(lines).query(drawn)[0], 95) < 0.3
-
-
 def test_a_scan_is_not_given_up_for_what_its_paper_lacks():
     # Uneven light alone is more than the 18 dB that any other drawing may be off.
     made = vectorize(scan(PENS, 320, light=0.5), mode="open", threads=1)
     assert made.report.style == "artwork" and made.report.quality.svg.psnr_db < 18.0
-
-
-def test_the_command_says_that_it_drew_a_scan(run_cli, tmp_path):
-    Image.fromarray(scan(PENS, 320)).save(tmp_path / "scan.png")
-    done = run_cli("vectorize", str(tmp_path / "scan.png"), "--style", "artwork", "--threads", "1")
-    assert done.returncode == 0, done.stderr
-    assert "drawn as ink on white paper under even light" in (tmp_path / "scan.json").read_text()
+    assert "drawn as ink on white paper under even light" in made.report.notes
 
 
 def gradient() -> np.ndarray:
@@ -89,6 +64,7 @@ def test_what_is_no_scan_stays_as_it_is():
     assert scan_of(seethrough) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grey", [False, True])
 def test_a_scan_is_artwork(grey):
     picture = target_of(scan(PENS, SIDE))
@@ -97,7 +73,10 @@ def test_a_scan_is_artwork(grey):
     assert choose_style(picture.astype(np.float32)).name == "artwork"
 
 
-def test_scans_of_text_are_artwork_and_grey_photos_are_not():
-    for name, style in (("page", "artwork"), ("text", "artwork"), ("camera", "photo"), ("grass", "photo")):
-        grey = np.asarray(getattr(data, name)())
-        assert choose_style(target_of(np.repeat(grey[..., None], 3, axis=2))).name == style, name
+@pytest.mark.parametrize(
+    ("name", "style"),
+    rest_slow(("page", "artwork"), ("camera", "photo"), ("text", "artwork"), ("grass", "photo")),
+)
+def test_scans_of_text_are_artwork_and_grey_photos_are_not(name, style):
+    grey = np.asarray(getattr(data, name)())
+    assert choose_style(target_of(np.repeat(grey[..., None], 3, axis=2))).name == style

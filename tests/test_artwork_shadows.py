@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.input.intake import taken_in
@@ -13,6 +14,7 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shadows.blurred import Layer, shaded
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.artwork.shadows.lifting import lifted
+from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.scene.paint import RadialGradient
@@ -74,11 +76,17 @@ def shadows(drawing) -> list:
     return [shape for shape in drawing.shapes if shape.name == "shadow"]
 
 
+@pytest.fixture(scope="module")
+def plain_card() -> Drawing:
+    """The drawing of `card()`."""
+    return draw(card())
+
+
 def levels_of(picture: np.ndarray) -> np.ndarray:
     return taken_in(picture).levels
 
 
-@pytest.mark.parametrize("radii", [(0.0, 0.0), (9.0, 9.0), (50.0, 30.0)])
+@pytest.mark.parametrize("radii", rest_slow(((9.0, 9.0),), ((0.0, 0.0),), ((50.0, 30.0),)))
 def test_a_layer_shades_as_a_blurred_box_does(radii):
     own = Box(50, 40, 150, 100, *radii)
     x, y = (np.arange(size * FINE) / FINE + 0.5 / FINE for size in (WIDTH, HEIGHT))
@@ -117,7 +125,7 @@ def test_boxes_and_ellipses_are_told_from_other_silhouettes():
     assert bar.left < -200 and bar.top < -200 and bar.right > WIDTH + 200 and bar.bottom == 30
 
 
-@pytest.mark.parametrize(("sigma", "dy", "alpha", "radius"), [(6.0, 5.0, 0.3, 8.0), (11.0, 8.0, 0.25, 16.0)])
+@pytest.mark.parametrize(("sigma", "dy", "alpha", "radius"), rest_slow((11.0, 8.0, 0.25, 16.0), (6.0, 5.0, 0.3, 8.0)))
 def test_the_shadow_of_a_box_is_found_and_taken_off(sigma, dy, alpha, radius):
     levels = levels_of(card(radius=radius, shade=(2.0, dy, sigma, alpha)))
     found = lifted(levels)
@@ -131,9 +139,8 @@ def test_the_shadow_of_a_box_is_found_and_taken_off(sigma, dy, alpha, radius):
 
 
 @pytest.mark.parametrize("renderer", ["resvg", "cairosvg"])
-def test_a_card_and_its_shadow_in_gradients(renderer):
-    picture = card()
-    drawing = draw(picture)
+def test_a_card_and_its_shadow_in_gradients(plain_card, renderer):
+    picture, drawing = card(), plain_card
     assert len(drawing.shapes) - len(shadows(drawing)) == 2 and 8 <= len(shadows(drawing)) <= 9
     gap = off(drawing, picture, renderer)
     assert gap.max() <= 3.0 and gap.mean() < 0.3
@@ -141,8 +148,8 @@ def test_a_card_and_its_shadow_in_gradients(renderer):
     assert gap[:, 80:120].max() <= 2.0 and gap[60:75].max() <= 2.0
 
 
-def test_pieces_of_a_shadow_abut_on_whole_pixels():
-    boxes = [shape.outlines[0] for shape in shadows(draw(card()))]
+def test_pieces_of_a_shadow_abut_on_whole_pixels(plain_card):
+    boxes = [shape.outlines[0] for shape in shadows(plain_card)]
     count = np.zeros((HEIGHT, WIDTH), dtype=int)
     for one in boxes:
         sides = np.array([one.x, one.y, one.x + one.width, one.y + one.height])
@@ -168,6 +175,7 @@ def test_a_shadow_over_two_grounds_is_one_shadow():
     assert np.percentile(gap, 99) <= 3.0
 
 
+@pytest.mark.slow
 def test_a_white_card_on_white_is_not_lost():
     picture = card(ink=WHITE)
     drawing = draw(picture)
@@ -175,6 +183,7 @@ def test_a_white_card_on_white_is_not_lost():
     assert drawing.shapes[-1].name == "white" and off(drawing, picture).max() <= 3.0
 
 
+@pytest.mark.slow
 def test_cards_of_different_elevation_beside_each_other():
     boxes, shades = [(20, 40, 80, 100), (115, 40, 175, 100)], [(0, 2, 2.0, 0.25), (0, 9, 9.0, 0.3)]
     picture = np.full((HEIGHT, WIDTH, 3), 250.0)
@@ -189,6 +198,7 @@ def test_cards_of_different_elevation_beside_each_other():
         assert layer.sigma == pytest.approx(sigma, rel=0.15) and layer.alpha == pytest.approx(alpha, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_button_on_a_card_each_with_its_own_shadow():
     lower, upper = box(40, 30, 160, 110, 8.0), box(70, 70, 130, 92, 11.0)
     picture = over(np.full((HEIGHT, WIDTH, 3), 225.0), shadow(lower, 0, 6, 8, 0.3), (0, 0, 0))
@@ -204,6 +214,7 @@ def test_a_button_on_a_card_each_with_its_own_shadow():
     assert np.percentile(gap, 99) <= 3.0
 
 
+@pytest.mark.slow
 def test_a_dark_small_shadow_with_sharp_corners():
     picture = card(radius=0.0, shade=(2.0, 4.0, 3.0, 0.4))
     (cast,) = lifted(levels_of(picture)).shadow.casts
@@ -212,6 +223,7 @@ def test_a_dark_small_shadow_with_sharp_corners():
     assert (layer.dx, layer.dy) == pytest.approx((2.0, 4.0), abs=0.75)
 
 
+@pytest.mark.slow
 def test_a_coloured_shadow():
     picture = card(shade=(0.0, 6.0, 9.0, 0.4), colour=BLUE)
     drawing = draw(picture)
@@ -226,6 +238,7 @@ def test_the_shadow_of_a_circle_is_one_gradient():
     assert isinstance(one.gradient, RadialGradient) and len(drawing.shapes) == 3
 
 
+@pytest.mark.slow
 def test_two_layers_as_pages_have_them():
     shape = box(*CARD, 8.0)
     dark = 1 - (1 - shadow(shape, 0, 9, 9, 0.16)) * (1 - shadow(shape, 0, 2, 2.5, 0.14))
@@ -246,11 +259,12 @@ def test_cards_and_gradients_without_a_shadow_stay_as_they_are():
         assert found.shadow is None and found.levels is levels
 
 
+@pytest.mark.slow
 def test_a_shadow_takes_no_more_shapes_than_there_may_be():
-    drawing = draw(card(), ArtworkSettings(curves=6))
+    drawing = draw(card(shade=(0.0, 2.0, 2.0, 0.3)), ArtworkSettings(curves=6))
     assert len(drawing.shapes) <= 6 and not shadows(drawing)
 
 
-@pytest.mark.parametrize("settings", [ArtworkSettings(stacking="cutout"), ArtworkSettings(colors=6)])
+@pytest.mark.parametrize("settings", rest_slow(ArtworkSettings(stacking="cutout"), ArtworkSettings(colors=6)))
 def test_no_gradients_where_shapes_abut_or_inks_are_chosen(settings):
-    assert not shadows(draw(card(), settings))
+    assert not shadows(draw(card(shade=(0.0, 2.0, 2.0, 0.3)), settings))

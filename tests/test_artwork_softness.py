@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+from itertools import product
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from PIL import Image
 from scipy import ndimage
 from skimage import data
@@ -56,22 +58,37 @@ def jpeg(levels: np.ndarray, quality: int = 80) -> np.ndarray:
         return np.asarray(Image.open(file)).astype(float)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("in_grey", [False, True])
-def test_skies_and_scenes_out_of_focus_are_photos(seed, in_grey):
+def out_of_focus(seed: int) -> np.ndarray:
+    """(H, W, 3) levels: a scene far beyond the lens's depth of field, with a grain of a level."""
     scene = ndimage.gaussian_filter(discs(seed, 30, 90.0), (14.0, 14.0, 0.0))
-    scene += np.random.default_rng(seed).normal(size=scene.shape)
-    for picture in (sky(seed), scene, jpeg(sky(seed))):
-        style = choose_style(of(grey(picture) if in_grey else picture))
-        assert style.name == "photo", style.reason
+    return scene + np.random.default_rng(seed).normal(size=scene.shape)
 
 
-@pytest.mark.parametrize("name", ["cell", "clock"])
-def test_soft_grey_photos_are_photos(name):
-    picture = getattr(data, name)().astype(float)
-    for seen in (picture, jpeg(picture)):
-        style = choose_style(of(seen))
-        assert style.name == "photo", style.reason
+def compressed_sky(seed: int) -> np.ndarray:
+    return jpeg(sky(seed))
+
+
+@pytest.mark.parametrize(
+    ("picture", "seed", "in_grey"),
+    rest_slow(
+        (sky, 1, False),
+        (out_of_focus, 1, True),
+        *product((sky, out_of_focus, compressed_sky), (1, 2), (False, True)),
+        fast=2,
+    ),
+)
+def test_skies_and_scenes_out_of_focus_are_photos(picture, seed, in_grey):
+    levels = picture(seed)
+    style = choose_style(of(grey(levels) if in_grey else levels))
+    assert style.name == "photo", style.reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spoilt", [jpeg, np.copy])
+@pytest.mark.parametrize("name", ["clock", "cell"])
+def test_soft_grey_photos_are_photos(name, spoilt):
+    style = choose_style(of(spoilt(getattr(data, name)().astype(float))))
+    assert style.name == "photo", style.reason
 
 
 def test_drawings_that_have_suffered_are_artwork_in_grey():

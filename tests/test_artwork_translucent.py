@@ -6,6 +6,7 @@ import io
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from PIL import Image
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
@@ -87,7 +88,7 @@ def test_the_uppermost_of_three_discs_is_the_one_that_was_drawn_last():
             assert shape.ink == pytest.approx(discs[k][1], abs=2)
 
 
-@pytest.mark.parametrize("film", [SHADE, SHEEN])
+@pytest.mark.parametrize("film", rest_slow((SHADE,), (SHEEN,)))
 def test_stripes_go_on_beneath_a_film(film):
     drawing = draw(painted(*FLAG, (slanted, film)))
     assert len(drawing.shapes) == 4 and translucent(drawing) == [3]
@@ -112,6 +113,7 @@ def test_a_film_over_nothing_and_over_a_shape():
     assert upper.ink == pytest.approx((*BLUE[:3], 153), abs=2) and isinstance(upper.outlines[0], Circle)
 
 
+@pytest.mark.slow
 def test_what_only_several_films_make_of_the_ground_is_theirs():
     # The piece beneath the uppermost one in which the two others overlap is seen nowhere else.
     films = [(disc(38.5, 60, 26), (*RED[:3], 153)), (disc(81.5, 60, 26), (*BLUE[:3], 153)), (disc(60, 60, 25), YELLOW)]
@@ -227,6 +229,7 @@ def test_many_films_over_each_other_do_not_make_an_opaque_shape():
     assert after.count == 2 and not any(sheet.cover[10:30, 10:30].any() for sheet in same)
 
 
+@pytest.mark.slow
 def test_a_film_counts_as_a_shape():
     picture = painted(*FLAG, (slanted, SHADE))
     assert len(draw(picture, ArtworkSettings(curves=4)).shapes) == 4

@@ -14,13 +14,13 @@ from conftest import smooth_pixels
 from PIL import Image
 from typer.testing import CliRunner
 
-from cubicsplat_cli.bench import runs
 from cubicsplat_cli.bench.quality import means, quality_jobs
 from cubicsplat_cli.bench.runs import CacheEntry, run_all
 from cubicsplat_cli.cli.bench import bench
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate import compare, rerender
 from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.pipeline import vectorize_picture
 
 SHORT = ("--steps", 12, "--threads", 1)
 
@@ -116,51 +116,46 @@ def test_a_bad_picture_is_reported_once_and_the_others_go_on(folder):
     assert isinstance(run("quality", folder, *SHORT).exception, InputError)
 
 
-def test_a_fit_that_breaks_down_is_reported_with_its_configuration(folder, monkeypatch):
-    original = runs.vectorize_picture
-
+def test_a_fit_that_breaks_down_is_reported_with_its_configuration(folder):
     def sometimes(picture, request, **options):
         if request.settings.curves == 5:
             raise EngineError("the fit broke\ndown")
-        return original(picture, request, **options)
+        return vectorize_picture(picture, request, **options)
 
-    monkeypatch.setattr(runs, "vectorize_picture", sometimes)
-    done = run("quality", folder, "--curves", "4,5", *SHORT)
-    assert done.exit_code == 1
-    assert "cubicsplat: failed: a.png, closed 5: the fit broke down" in done.stderr
-    assert "mean of 0" in done.stdout
-    assert "mean of 2" in done.stdout
+    said: list[str] = []
+    fits = quality_jobs(sorted(folder.iterdir()), ["closed"], [4, 5], {"preset": "draft", "steps": 12, "threads": 1})
+    found = run_all(fits, None, quiet, said.append, sometimes)
+    assert found.failed == [(name, "closed 5", "the fit broke down") for name in ("a.png", "b.png")]
+    assert "a.png, closed 5: failed: the fit broke down" in said
+    assert (len(found.of("closed 4")), len(found.of("closed 5"))) == (2, 0)
 
 
 # --- the cache ---------------------------------------------------------------------------------------------
 
 
-def test_a_second_run_takes_everything_from_the_cache(folder, tmp_path, monkeypatch):
+def test_a_second_run_takes_everything_from_the_cache(folder, tmp_path):
     cache = tmp_path / "new" / "cache"
     first = run_all(jobs_of(folder), cache, quiet, lambda _: None)
-    monkeypatch.setattr(runs, "vectorize_picture", lambda *_, **__: pytest.fail("fitted again"))
     said: list[str] = []
-    second = run_all(jobs_of(folder), cache, quiet, said.append)
+    second = run_all(jobs_of(folder), cache, quiet, said.append, lambda *_, **__: pytest.fail("fitted again"))
     assert [svg for _, svg in second.done] == [svg for _, svg in first.done]
     assert all(found.cached for found, _ in second.done)
     assert all("from the cache" in line for line in said)
     assert means(second.of("closed 5")) == means(first.of("closed 5"))
 
 
-def entry(folder: Path, **overrides) -> str:
+def entry(folder: Path, code: str | None = None, **overrides) -> str:
     (job, *_) = jobs_of(folder, **overrides)
-    return CacheEntry(Path("x"), job, load_picture(job.path)).json.name
+    return CacheEntry(Path("x"), job, load_picture(job.path), code).json.name
 
 
-def test_a_cached_result_counts_only_for_the_same_fit(folder, monkeypatch):
+def test_a_cached_result_counts_only_for_the_same_fit(folder):
     kept = entry(folder)
     assert kept == entry(folder)
     assert kept != entry(folder, steps=13)
     assert kept != entry(folder, seed=1)
     assert kept != entry(folder, rate_colours=0.01)
-    monkeypatch.setattr(runs, "code_digest", lambda: "other code")
-    assert kept != entry(folder)
-    monkeypatch.undo()
+    assert kept != entry(folder, "other code")
     Image.fromarray(smooth_pixels(32, 20) // 2).save(folder / "a.png")
     assert kept != entry(folder), "another picture of the same name"
 
@@ -244,8 +239,9 @@ def test_a_picture_of_the_users_is_never_replaced_by_a_sheet(folder):
         ("--mode", ","), ("--csv", "t.txt"), ("--sheet", "s.jpg"),
     ],
 )  # fmt: skip
-def test_wrong_values_are_refused_before_any_work(folder, arguments, monkeypatch):
-    monkeypatch.setattr(runs, "vectorize_picture", lambda *_, **__: pytest.fail("worked"))
+def test_wrong_values_are_refused_before_any_work(folder, arguments):
+    for path in folder.iterdir():
+        path.write_text("a picture that would be refused")
     assert isinstance(run("quality", folder, *arguments).exception, UsageError)
 
 

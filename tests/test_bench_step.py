@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import json
 import mmap
 import sys
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cubicsplat_cli.bench import memory as memory_module
 from cubicsplat_cli.bench.memory import Memory, from_status, memory
 from cubicsplat_cli.bench.step import measure_step, step_lines, synthetic_picture, total_steps
 from cubicsplat_cli.cli.bench import bench
@@ -118,23 +116,18 @@ def test_status_is_read_in_bytes():
 
 
 def test_systems_without_a_status_file_tell_the_peak_or_nothing(monkeypatch, tmp_path):
-    monkeypatch.setattr(memory_module, "_STATUS", tmp_path / "none")
-    found = memory()
+    found = memory(tmp_path / "none")
     assert found.resident is None
     assert found.peak > 10e6
+    monkeypatch.setitem(sys.modules, "resource", None)
+    assert memory(tmp_path / "none") == Memory(None, None)
+
+
+@pytest.mark.parametrize(("peak", "said"), [(400.0, "peak 400.0 MB in all"), (None, "not known")])
+def test_the_lines_say_what_is_known_of_the_memory(peak, said):
     report = measured()
-    assert report["memory"]["resident_above_mb"] is None
-    assert "in all" in step_lines(report)
-    original = builtins.__import__
-
-    def without_resource(name: str, *rest, **options):
-        if name == "resource":
-            raise ImportError(name)
-        return original(name, *rest, **options)
-
-    monkeypatch.setattr(builtins, "__import__", without_resource)
-    assert memory() == Memory(None, None)
-    assert "not known" in step_lines(measured())
+    unknown = dict.fromkeys(report["memory"]) | {"peak_mb": peak}
+    assert said in step_lines(report | {"memory": unknown})
 
 
 # --- the command -------------------------------------------------------------------------------------------

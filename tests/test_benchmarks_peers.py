@@ -164,9 +164,9 @@ def test_diffvg_is_used_as_its_authors_do(monkeypatch):
     assert red > green > blue
 
 
-def test_tools_are_named(monkeypatch):
+def test_tools_are_named(monkeypatch, tmp_path):
     with pytest.raises(UsageError, match="ours, photo, vtracer, potrace, diffvg"):
         tools.chosen_tools(["paint"])
-    monkeypatch.setattr(tools.shutil, "which", lambda name: None)
+    monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(UsageError, match=r"apt-get install potrace, or leave it out of --tools"):
         tools.chosen_tools(["ours", "potrace"])

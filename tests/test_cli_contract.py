@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import typer
 from command import cli_command, run_process
+from conftest import rest_slow
 
 import cubicsplat_cli
 from cubicsplat_cli import __main__
@@ -327,7 +328,7 @@ app(["--help"])
 
 @pytest.mark.skipif(resource is None, reason="no resource module on this system")
 @pytest.mark.parametrize(
-    ("arguments", "most"), [(["--version"], 0.4), (["--help"], 1.5), (["vectorize", "--help"], 1.5)]
+    ("arguments", "most"), rest_slow((("--version",), 0.4), (("vectorize", "--help"), 1.5), (("--help",), 1.5), fast=2)
 )
 def test_version_and_help_are_quick(arguments, most):
     # In the time of the help of a command that does nothing, which is mostly the libraries' and the machine's. That may

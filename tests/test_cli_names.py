@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from cli_runs import SHORT, json_lines, save_pictures, strict_json
-from conftest import smooth_pixels
+from conftest import rest_slow, smooth_pixels
 from PIL import Image
 
 from cubicsplat_cli.files.read import packed, read_file
@@ -66,7 +66,10 @@ def test_svg_only_and_no_json(photo, run_cli):
     assert names(photo.parent) == {"photo.png", "photo.svg"}
 
 
-@pytest.mark.parametrize("options", [["--svg-only"], [], ["--svg-only", "--svgz"], ["--style", "artwork", "--no-json"]])
+@pytest.mark.parametrize(
+    "options",
+    rest_slow((("--svg-only", "--svgz"),), ((),), (("--svg-only",),), (("--style", "artwork", "--no-json"),), fast=2),
+)
 def test_without_a_json_the_svg_itself_tells_whether_it_was_edited(options, photo, run_cli):
     svg = photo.with_suffix(".svgz" if "--svgz" in options else ".svg")
     arguments = ["vectorize", photo, *QUICK, *options]

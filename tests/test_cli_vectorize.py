@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_runs import SHORT, on_terminal, save_pictures, strict_json, wait_until
+from conftest import rest_slow
 from PIL import Image
 from warm import WarmCommand
 
@@ -198,7 +199,7 @@ def test_ctrl_c_writes_the_best_svg_so_far(photo):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", rest_slow(1, 2))
 def test_ctrl_c_writes_the_drawings_so_far(jobs, tmp_path):
     """Of rings whose outlines and finish take many seconds."""
     y, x = np.mgrid[0:240, 0:240] + 0.5
@@ -247,7 +248,7 @@ def test_progress_bar_on_a_terminal_and_its_colours(photo, monkeypatch):
     # Square brackets in the name must not be taken for markup.
     path = photo.with_name("[red]a[bold].png")
     photo.rename(path)
-    arguments = ["vectorize", path, "--curves", 12, "--steps", 8000, "--no-png", "--force"]
+    arguments = ["vectorize", path, "--curves", 12, "--steps", 3000, "--no-png", "--force"]
     code, text = on_terminal(arguments, monkeypatch)
     assert code == 0
     assert "[red]a[bold].png" in text
@@ -265,7 +266,7 @@ def test_progress_bar_on_a_terminal_and_its_colours(photo, monkeypatch):
 def test_one_display_for_many_pictures(tmp_path, monkeypatch):
     save_pictures(tmp_path / "in", ("a.png", "b.png", "c.png"))
     (tmp_path / "in" / "bad.png").write_text("no picture")
-    arguments = ["vectorize", tmp_path / "in", "-o", tmp_path / "out", "-j", 2, "--curves", 12, "--steps", 6000]
+    arguments = ["vectorize", tmp_path / "in", "-o", tmp_path / "out", "-j", 2, "--curves", 12, "--steps", 3000]
     code, text = on_terminal(arguments, monkeypatch, NO_COLOR="1")
     assert code == 1
     assert re.search(r"[0-4]/4 pictures", text), "the whole"

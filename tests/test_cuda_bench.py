@@ -8,9 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import rest_slow
 from engines import CUDA, open_cuda
 
-from cubicsplat_cli.raster.cuda import driver as cuda_driver
+from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.settings import Mode
 
 TOOL = Path(__file__).parent.parent / "tools" / "bench_gpu.py"
@@ -25,40 +26,38 @@ def tool(monkeypatch):
     return tool
 
 
-def test_fits_and_the_whole_command_are_timed(tool, monkeypatch, run_cli):
+def test_fits_and_the_whole_command_are_timed(tool, run_cli):
     """The command in this process, which has torch: its start, twice, is no behaviour of the tool."""
 
-    def run(command, check):
-        assert command[:3] == [sys.executable, "-m", "cubicsplat_cli"]
-        assert check
-        assert run_cli(*command[3:]).returncode == 0
+    def run(arguments):
+        assert run_cli(*arguments).returncode == 0
 
-    monkeypatch.setattr(tool.subprocess, "run", run)
     fit_s = tool.fit_seconds("cpu", 24, 16, steps=12, curves=3)
-    assert 0 < fit_s < tool.command_seconds("cpu", 24, 16, steps=12, curves=3)
+    assert 0 < fit_s < tool.command_seconds("cpu", 24, 16, run, steps=12, curves=3)
+
+
+def without_a_gpu():
+    raise EngineError("no GPU today")
 
 
 @pytest.mark.parametrize(("visible", "number", "shown"), [(None, 1, "1"), ("4,GPU-abc", 1, "GPU-abc"), ("2", 0, "2")])
 def test_everything_is_measured_on_the_gpu_that_is_asked_for(tool, monkeypatch, visible, number, shown):
     """The engine, the fit and the command, which is a process of its own."""
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible or "")
-    monkeypatch.setattr(cuda_driver, "missing_piece", lambda: "no GPU today")
-    assert tool.main(["--device", str(number)]) == 1
+    assert tool.main(["--device", str(number)], without_a_gpu) == 1
     assert os.environ["CUDA_VISIBLE_DEVICES"] == shown
 
 
-def test_without_a_gpu_the_benchmark_says_what_is_missing(tool, monkeypatch, capsys):
-    monkeypatch.setattr(cuda_driver, "missing_piece", lambda: "no GPU today")
-    assert tool.main([]) == 1
+def test_without_a_gpu_the_benchmark_says_what_is_missing(tool, capsys):
+    assert tool.main([], without_a_gpu) == 1
     assert capsys.readouterr().err == "bench_gpu: error: no GPU today\n"
 
 
 @pytest.mark.parametrize("kind", CUDA)
-@pytest.mark.parametrize("mode", list(Mode))
-def test_the_benchmark_of_the_gpu(kind, mode, tool, monkeypatch):
-    monkeypatch.setattr(tool, "ROUNDS", 1)
+@pytest.mark.parametrize("mode", rest_slow(*Mode))
+def test_the_benchmark_of_the_gpu(kind, mode, tool):
     case = tool.Case(mode, 40, 32, 24, 2, 6, 1e6, 1e-6, 500.0)
-    result = tool.measure(open_cuda(kind), case, warm_up=6, repeats=1)
+    result = tool.measure(open_cuda(kind), case, warm_up=6, repeats=1, rounds=1)
     assert result["psnr_db"] > 8.0
     assert set(result["kernel_ms"]["exact"]) == {"flatten", "raster_exact", "update"}
     assert all(ms > 0 for ms in result["step_ms"].values())

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 import struct
-import sys
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from conftest import rest_slow
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
@@ -39,7 +38,8 @@ LIMITS = {
 }  # fmt: skip
 MOST_CODE = {"raster_relaxed": 42_000, "raster_exact": 56_000}  # bytes, on sm_90: the walk over the curves stands once
 # The largest program for every architecture, and all programs for one.
-CASES = [(architecture, PROGRAMS[-1]) for architecture in MULTIPROCESSORS]
+CASES = [("sm_90", PROGRAMS[-1]), ("sm_75", PROGRAMS[-1])]
+CASES += [(architecture, PROGRAMS[-1]) for architecture in MULTIPROCESSORS]
 CASES += [("sm_90", program) for program in PROGRAMS[:-1]]
 # With gradients the largest program too, under limits of its own.
 PAINTED = Program(Mode.CLOSED, 4, painted=True)
@@ -81,27 +81,10 @@ def code_bytes(elf: bytes) -> dict[str, int]:
     return {name.removeprefix(".text."): size for name, size in found.items() if name.startswith(".text.")}
 
 
-@pytest.fixture(scope="module")
-def reports() -> dict[tuple[str, Program], tuple[bytes, dict[str, Resources]]]:
-    """Machine code and resources of every case; on two threads, since the compiler lets go of Python's lock."""
-    found = {}
-
-    def work(cases) -> None:
-        for architecture, program in cases:
-            code, log = cuda_compile.compile_text(program, architecture, ("--ptxas-options=-v",))
-            found[architecture, program] = code, resources(log)
-
-    threads = [threading.Thread(target=work, args=(CASES[i::2],)) for i in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return found
-
-
-@pytest.mark.parametrize(("architecture", "program"), CASES, ids=[f"{a}-{p.name}" for a, p in CASES])
-def test_kernels_stay_within_their_limits(reports, architecture, program):
-    code, found = reports[architecture, program]
+@pytest.mark.parametrize(("architecture", "program"), rest_slow(*CASES, fast=2))
+def test_kernels_stay_within_their_limits(architecture, program):
+    code, log = cuda_compile.compile_text(program, architecture, ("--ptxas-options=-v",))
+    found = resources(log)
     assert code[:4] == b"\x7fELF"
     assert set(found) == set(LIMITS)
     for name, (registers, spilled) in (PAINTED_LIMITS if program.painted else LIMITS).items():
@@ -111,15 +94,15 @@ def test_kernels_stay_within_their_limits(reports, architecture, program):
     if architecture == "sm_90":
         most_code = PAINTED_CODE if program.painted else MOST_CODE
         assert all(code_bytes(code)[name] <= most for name, most in most_code.items())
+    if program == PROGRAMS[-1]:
+        enough_blocks_fit(architecture, "relaxed", found["raster_relaxed"].registers)
+        enough_blocks_fit(architecture, "exact", found["raster_exact"].registers)
 
 
-@pytest.mark.parametrize("coverage", ["relaxed", "exact"])
-@pytest.mark.parametrize("architecture", list(MULTIPROCESSORS))
-def test_enough_blocks_fit_on_a_multiprocessor(reports, architecture, coverage):
-    """At least 16 warps at once, and shared memory that no GPU has to be asked for."""
+def enough_blocks_fit(architecture: str, coverage: str, taken: int) -> None:
+    """At least 16 warps at once on a multiprocessor, and shared memory that no GPU has to be asked for."""
     shared, registers, threads = MULTIPROCESSORS[architecture]
     bytes_taken = shared_bytes(coverage, slots_for(coverage, 48 * 1024, shared))
-    taken = reports[architecture, PROGRAMS[-1]][1][f"raster_{coverage}"].registers
     assert bytes_taken <= 48 * 1024
     resident = min(shared // (bytes_taken + 1024), registers // (taken * 256), threads // 256)
     assert resident >= 2
@@ -127,18 +110,22 @@ def test_enough_blocks_fit_on_a_multiprocessor(reports, architecture, coverage):
         assert resident >= (4 if coverage == "relaxed" else 3)
 
 
-def test_a_mistake_in_the_text_is_shown_with_its_line(monkeypatch):
+@pytest.mark.parametrize("architecture", rest_slow("compute_80", "compute_89", "compute_100"))
+def test_gradients_compile_for_the_other_architectures(architecture):
+    """To intermediate code, which takes half the time of machine code."""
+    code, _ = cuda_compile.compile_text(PAINTED, architecture)
+    assert all(f".entry {name}".encode() in code for name in LIMITS)
+
+
+def test_a_mistake_in_the_text_is_shown_with_its_line():
     broken = cuda_compile.sources() | {cuda_compile.MAIN: b"__global__ void f() { oops; }"}
-    monkeypatch.setattr(cuda_compile, "sources", lambda: dict(broken))
     with pytest.raises(EngineError, match=r"do not compile for sm_90[\s\S]*raster\.cu\(1\)[\s\S]*oops"):
-        cuda_compile.compile_text(PROGRAMS[0], "sm_90")
+        cuda_compile.compile_text(PROGRAMS[0], "sm_90", text=broken)
 
 
-def test_a_frame_that_differs_from_the_kernels_does_not_compile(monkeypatch):
-    wrong = [*PROGRAMS[0].definitions()[:3], "-DCS_FRAME_BYTES=8", "-DCS_STEP_BYTES=8"]
-    monkeypatch.setattr(Program, "definitions", lambda _: wrong)
+def test_a_frame_that_differs_from_the_kernels_does_not_compile():
     with pytest.raises(EngineError, match=r"frame\.py differs"):
-        cuda_compile.compile_text(PROGRAMS[0], "sm_90")
+        cuda_compile.compile_text(PROGRAMS[0], "sm_90", ("-UCS_FRAME_BYTES", "-DCS_FRAME_BYTES=8"))
 
 
 @pytest.mark.parametrize(
@@ -159,79 +146,75 @@ def test_gpus_too_old_and_too_new():
     assert code.endswith(b"\0"), "the driver reads intermediate code up to a zero byte"
 
 
+class Counting:
+    """A compiler that only counts."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def __call__(self, program: Program, architecture: str) -> tuple[bytes, str]:
+        self.calls.append(architecture)
+        return f"code {len(self.calls)}".encode(), ""
+
+    def code(self) -> bytes:
+        """From the cache or this compiler."""
+        return cuda_compile.machine_code(PROGRAMS[0], (9, 0), self)[0]
+
+
 @pytest.fixture
-def cache(tmp_path, monkeypatch):
-    """A cache of its own, and a compiler that only counts."""
-    calls = []
-
-    def compile_text(program, architecture):
-        calls.append(architecture)
-        return f"code {len(calls)}".encode(), ""
-
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(cuda_compile, "compile_text", compile_text)
-    return tmp_path / "cubicsplat" / "cuda", calls
+def folder(tmp_path, monkeypatch):
+    """A cache of its own."""
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.setenv(name, str(tmp_path))
+    folder = tmp_path / "cubicsplat" / "cuda"
+    assert cuda_compile.cache_folder() == folder
+    return folder
 
 
-def get(program=PROGRAMS[0], capability=(9, 0)):
-    return cuda_compile.machine_code(program, capability)[0]
-
-
-def test_the_cache_spares_the_compilation_and_the_line_about_it(cache, caplog):
+def test_the_cache_spares_the_compilation_and_the_line_about_it(folder, caplog):
     caplog.set_level("INFO", logger="cubicsplat")
-    folder, calls = cache
-    first = get()
-    assert get() == first
+    compiler = Counting()
+    assert compiler.code() == compiler.code() == b"code 1"
     assert caplog.messages == ["compiling the CUDA kernels (closed, RGB) for sm_90, once on this machine"]
-    assert calls == ["sm_90"]
+    assert compiler.calls == ["sm_90"]
     assert [path.suffix for path in folder.iterdir()] == [".bin"], "nothing temporary is left"
 
 
-def test_the_cache_knows_programs_architectures_versions_and_texts_apart(cache, monkeypatch):
-    _, calls = cache
-    get()
-    get(PROGRAMS[1])
-    get(PROGRAMS[0], (8, 0))
-    monkeypatch.setattr(nvrtc, "version", lambda: (99, 9))
-    get()
+def test_the_cache_knows_programs_architectures_versions_and_texts_apart():
     text = cuda_compile.sources()
-    monkeypatch.setattr(cuda_compile, "sources", lambda: text | {"pixel.h": text["pixel.h"] + b"\n"})
-    get()
-    assert len(calls) == 5
+    usual = (PROGRAMS[0], "sm_90", (13, 0), text)
+    others = [(PROGRAMS[1], *usual[1:]), (usual[0], "sm_80", *usual[2:]), (*usual[:2], (99, 9), text)]
+    others += [(*usual[:3], text | {"pixel.h": text["pixel.h"] + b"\n"})]
+    assert len({cuda_compile.cache_key(*given) for given in (usual, *others)}) == 5
+    assert cuda_compile.cache_key(*usual) == cuda_compile.cache_key(*usual)
 
 
 @pytest.mark.parametrize("damage", [b"", b"cubicsplat cubin 1\nshort", None], ids=["empty", "short", "flipped"])
-def test_a_damaged_cache_costs_a_compilation(cache, damage):
-    folder, calls = cache
-    get()
+def test_a_damaged_cache_costs_a_compilation(folder, damage):
+    compiler = Counting()
+    compiler.code()
     (path,) = folder.iterdir()
     data = bytearray(path.read_bytes())
     data[-1] ^= 1
     path.write_bytes(bytes(data) if damage is None else damage)
-    assert get() == b"code 2"
-    assert get() == b"code 2", "and is mended"
-    assert len(calls) == 2
+    assert compiler.code() == compiler.code() == b"code 2", "and is mended"
 
 
-def test_a_cache_that_cannot_be_written_costs_compilations(cache, tmp_path):
-    folder, calls = cache
+def test_a_cache_that_cannot_be_written_costs_compilations(folder):
     folder.parent.write_bytes(b"a file where the folder should be")
-    assert get() == b"code 1"
-    assert get() == b"code 2"
-    assert len(calls) == 2
+    compiler = Counting()
+    assert [compiler.code(), compiler.code()] == [b"code 1", b"code 2"]
 
 
-def test_without_a_home_folder_kernels_are_compiled_each_time(cache, monkeypatch):
+def test_without_a_home_folder_kernels_are_compiled_each_time(folder, monkeypatch):
     """As in a container whose user is in no user database."""
 
     def homeless():
         raise RuntimeError("Could not determine home directory.")
 
-    _, calls = cache
-    monkeypatch.delenv("XDG_CACHE_HOME")
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name)
     monkeypatch.setattr(Path, "home", homeless)
     assert cuda_compile.cache_folder() is None
-    assert get() == b"code 1"
-    assert get() == b"code 2"
-    assert len(calls) == 2
+    compiler = Counting()
+    assert [compiler.code(), compiler.code()] == [b"code 1", b"code 2"]

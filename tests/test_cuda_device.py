@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
-from emulated import compiler
+from emulated import EmulatedDriver, compiler
 from engines import close, open_cuda
 from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import DeviceError, EngineError
-from cubicsplat_cli.photo import fit
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.raster import draw, engines, operator, render_scene
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda import driver as cuda_driver
 from cubicsplat_cli.raster.cuda import engine as cuda
 from cubicsplat_cli.raster.cuda import libcuda
+from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -45,54 +48,62 @@ def test_the_operator_with_the_cuda_engine(mode, monkeypatch):
         assert close(got, want, 3e-3, 0.02)
 
 
+class Emulated(engines.Gpus):
+    """A machine with a GPU, or one on which the engine does not run for a reason."""
+
+    def __init__(self, broken: str = "", engine: type[CudaEngine] = CudaEngine) -> None:
+        self._broken, self._engine = broken, engine
+
+    def usable(self) -> bool:
+        return True
+
+    def engine(self, program: Program) -> CudaEngine:
+        if self._broken:
+            raise EngineError(self._broken)
+        return self._engine(program=program, driver=EmulatedDriver())
+
+
 @needs_compiler
-def test_auto_takes_the_gpu_where_there_is_one(monkeypatch, caplog):
-    monkeypatch.setattr(engines, "gpus", lambda: 1)
-    monkeypatch.setattr(cuda_driver, "missing_piece", lambda: None)
-    monkeypatch.setattr(engines, "cuda_engine", lambda **_: open_cuda("emulated"))
-    assert engines.open_engine("auto").name == engines.open_engine("cuda").name == "cuda"
-    assert engines.open_engine("cpu").name == "cpu"
-    assert engines.open_engine("auto", 1, subdivide=True).name == "cpu"
+def test_auto_takes_the_gpu_where_there_is_one(caplog):
+    opened = partial(engines.open_engine, gpus=Emulated())
+    assert opened("auto").name == opened("cuda").name == "cuda"
+    assert opened("cpu").name == "cpu"
+    assert opened("auto", 1, subdivide=True).name == "cpu"
     with pytest.raises(EngineError, match=r"no de Casteljau subdivision; use uniform samples, or the CPU"):
-        engines.open_engine("cuda", subdivide=True)
-    assert engines.open_engine("auto", 1, segments=43).name == "cpu"
+        opened("cuda", subdivide=True)
+    assert opened("auto", 1, segments=43).name == "cpu"
     with pytest.raises(EngineError, match="at most 42 segments and 4096 edges, not 20 and 20000"):
-        engines.open_engine("cuda", segments=20, samples=1000)
-
-    def broken(**_):
-        raise EngineError("its self-test failed")
-
-    monkeypatch.setattr(engines, "cuda_engine", broken)
-    assert engines.open_engine("auto", 1).name == "cpu"
+        opened("cuda", segments=20, samples=1000)
+    broken = Emulated("its self-test failed")
+    assert engines.open_engine("auto", 1, gpus=broken).name == "cpu"
     assert [message.split(";")[0] for message in caplog.messages] == [
         "using the CPU: the CUDA engine has no de Casteljau subdivision",
         "using the CPU: the CUDA engine draws curves of at most 42 segments and 4096 edges, not 43 and 43",
         "using the CPU: its self-test failed",
     ]  # fmt: skip
     with pytest.raises(EngineError, match="self-test failed"):
-        engines.open_engine("cuda")
+        engines.open_engine("cuda", gpus=broken)
 
 
 @needs_compiler
 @pytest.mark.parametrize("failing", [0, 37])
-def test_a_gpu_that_fails_leaves_the_best_so_far(monkeypatch, failing):
+def test_a_gpu_that_fails_leaves_the_best_so_far(failing):
     """The state that the host has last seen, measured on the CPU; before there is one, only the error."""
-    monkeypatch.setattr(engines, "cuda_engine", lambda **_: open_cuda("emulated"))
-    whole = CudaEngine.step
 
-    def step(self, scene, settings, training):
-        if self._number == failing:
-            raise DeviceError("the GPU failed: gone")
-        return whole(self, scene, settings, training)
+    class Failing(CudaEngine):
+        def step(self, scene, settings, training):
+            if self._number == failing and scene.logits and training.target.shape[0] == 20:
+                raise DeviceError("the GPU failed: gone")
+            return super().step(scene, settings, training)
 
-    monkeypatch.setattr(CudaEngine, "step", step)
     picture = random_target(random_scene(Mode.CLOSED, 1, 3, 24, 20, background=PAPER), 4).numpy()
     settings = FitSettings.from_preset("draft", curves=4, steps=60, device="cuda")
+    loop = FitLoop(picture, settings, opened=partial(engines.open_engine, gpus=Emulated(engine=Failing)))
     if not failing:
         with pytest.raises(DeviceError, match="gone"):
-            fit(picture, settings)
+            loop.finish()
         return
-    result = fit(picture, settings)
+    result = loop.finish()
     assert result.device["name"] == "cpu"
     assert np.isfinite(result.scene.points).all()
     assert result.steps == failing
@@ -103,25 +114,22 @@ def test_a_gpu_that_fails_leaves_the_best_so_far(monkeypatch, failing):
     assert 10 * np.log10(1 / np.mean((drawn - picture) ** 2)) > seen - 3.0
 
 
-def test_auto_takes_the_cpu_without_a_word_where_there_is_no_gpu(monkeypatch, caplog):
-    """Nor where torch was built without CUDA, whatever the machine has."""
-    for count in (0, 1):
-        monkeypatch.setattr(engines, "gpus", lambda count=count: count)
-        monkeypatch.setattr(torch.version, "cuda", None)
-        assert engines.open_engine("auto", 1).name == "cpu"
+@pytest.mark.skipif(torch.cuda.is_available(), reason="has a GPU")
+def test_auto_takes_the_cpu_without_a_word_where_there_is_no_gpu(caplog):
+    assert engines.open_engine("auto", 1).name == "cpu"
     assert caplog.messages == []
     assert engines.shared_engine(torch.device("cpu")) is engines.shared_engine(torch.device("cpu"))
 
 
 @needs_compiler
-def test_what_doctor_is_told(monkeypatch):
-    monkeypatch.setattr(torch.version, "cuda", None)
-    found = draw.describe()
+def test_what_doctor_is_told():
+    def without():
+        raise EngineError("this torch has no CUDA")
+
+    found = draw.describe(without)
     assert found["cpu"]["used"]
-    assert not found["cuda"]["used"]
-    assert found["cuda"]["reason"].startswith("this torch has no CUDA")
-    monkeypatch.setattr(draw, "cuda_engine", lambda: open_cuda("emulated"))
-    found = draw.describe()
+    assert found["cuda"] == {"available": False, "reason": "this torch has no CUDA", "used": False}
+    found = draw.describe(lambda: open_cuda("emulated"))
     assert found["cuda"] == {"available": True, "name": "cuda", "gpu": "emulated", "used": True}
     assert not found["cpu"]["used"]
 
@@ -140,36 +148,30 @@ class FakeLibrary:
         return 0
 
 
-def test_gpus_are_counted_without_torch(monkeypatch):
+def test_gpus_are_counted_without_torch():
     def missing():
         raise EngineError("no driver")
 
     for library, count in ((lambda: FakeLibrary(2), 2), (lambda: FakeLibrary(2, 100), 0), (missing, 0)):
-        monkeypatch.setattr(libcuda, "open_library", library)
-        assert libcuda.gpus() == count
+        assert libcuda.gpus(library) == count
 
 
-def test_torch_without_cuda(monkeypatch):
-    monkeypatch.setattr(torch.version, "cuda", None)
-    with pytest.raises(EngineError, match=r"this torch has no CUDA: install the CUDA wheel of torch .* use --device"):
+def test_torch_without_cuda():
+    why = cuda_driver.missing_piece(None)
+    assert re.match(r"this torch has no CUDA: install the CUDA wheel of torch .* use --device", why)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="has a GPU")
+def test_no_gpu():
+    said = r"no usable GPU: (Torch not compiled with CUDA enabled|Found no NVIDIA driver.*); check nvidia-smi"
+    assert re.match(said, cuda_driver.missing_piece("13.0"))
+    with pytest.raises(EngineError, match="use --device cpu"):
         CudaEngine()
 
 
-def test_no_gpu(monkeypatch):
-    def fail():
-        raise RuntimeError("Found no NVIDIA driver on your system.\nPlease check.")
-
-    monkeypatch.setattr(torch.version, "cuda", "13.0")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    monkeypatch.setattr(torch.cuda, "init", fail)
-    with pytest.raises(EngineError, match=r"no usable GPU: Found no NVIDIA driver on your system\. Please check; "):
-        CudaEngine()
-
-
-def test_an_incomplete_package(monkeypatch, tmp_path):
-    monkeypatch.setattr(cuda_compile, "KERNELS", tmp_path)
+def test_an_incomplete_package(tmp_path):
     with pytest.raises(EngineError, match=r"kernels are missing from the package .*; reinstall cubicsplat"):
-        cuda_compile.sources()
+        cuda_compile.sources(tmp_path)
 
 
 def test_the_kernels_are_written_for_the_device_alone():

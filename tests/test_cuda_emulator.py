@@ -6,14 +6,16 @@ import os
 import re
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from conftest import rest_slow
 from emulated import APPROXIMATE, EmulatedDriver, compiler
 from engines import assert_like_cpu, close, packed, state_for
-from scenes import DEGENERATE, PAPER, random_scene, random_target
+from scenes import COVERAGES, DEGENERATE, PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.photo import FitInputs
@@ -28,7 +30,7 @@ from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C++ compiler")
-RELAXED, EXACT = RasterSettings("relaxed", 1.5, 8), RasterSettings("exact", 1.0, 8)
+SETTINGS = RELAXED, EXACT = RasterSettings("relaxed", 1.5, 8), RasterSettings("exact", 1.0, 8)
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +38,14 @@ def engine():
     return CudaEngine(driver=EmulatedDriver())
 
 
-def scene_and_target(mode=Mode.CLOSED, curves=24, width=45, height=37, seed=1, **options):
-    scene = random_scene(mode, curves, 3, width, height, seed, background=PAPER, **options)
+def scene_and_target(mode=Mode.CLOSED, curves=24, width=45, height=37, seed=1, background=PAPER, **options):
+    scene = random_scene(mode, curves, 3, width, height, seed, background=background, **options)
     return packed(scene), random_target(scene, seed)
 
 
-@pytest.mark.parametrize("settings", [RELAXED, EXACT], ids=["relaxed", "exact"])
-@pytest.mark.parametrize("mode", list(Mode))
+@pytest.mark.parametrize(
+    ("mode", "settings"), rest_slow((Mode.OPEN, RELAXED), (Mode.CLOSED, EXACT), *product(Mode, SETTINGS), fast=2)
+)
 def test_results_do_not_depend_on_the_order_of_threads(engine, mode, settings):
     scene, target = scene_and_target(mode)
     picture = engine.render(scene, settings)
@@ -54,18 +57,17 @@ def test_results_do_not_depend_on_the_order_of_threads(engine, mode, settings):
             assert close(value, want[name], 1e-5), name
 
 
-@pytest.mark.parametrize("mode", list(Mode))
-def test_results_do_not_depend_on_the_last_places(engine, mode):
-    """A GPU fuses products and sums, and its roots and quotients are approximate."""
-    programs = [Program(mode, channels) for channels in (3, 4)]
-    rough = CudaEngine(program=programs[0], driver=EmulatedDriver(extra=APPROXIMATE))
-    rough._load(programs[1])  # both pass the self-test
-    for settings in (RELAXED, EXACT):
-        scene, target = scene_and_target(mode)
+@pytest.mark.parametrize(("mode", "channels"), rest_slow((Mode.CLOSED, 3), *product(Mode, (3, 4))))
+def test_results_do_not_depend_on_the_last_places(engine, mode, channels):
+    """A GPU fuses products and sums, and its roots and quotients are approximate; the self-test passes it."""
+    program = Program(mode, channels)
+    rough = CudaEngine(program=program, driver=EmulatedDriver(extra=APPROXIMATE))
+    for settings in SETTINGS:
+        scene, target = scene_and_target(mode, background=PAPER if channels == 3 else None)
         assert not torch.equal(rough.render(scene, settings), engine.render(scene, settings))
         assert_like_cpu(rough, scene, settings, target)
     for name, scene in DEGENERATE:
-        if scene.mode is mode:
+        if Program.of(packed(scene)) == program:
             pictures = [e.render(packed(scene), RELAXED) for e in (rough, engine)]
             assert close(*pictures, 1e-3), name
 
@@ -81,8 +83,9 @@ def test_what_is_not_a_number_shows_in_the_loss_or_the_fault(value):
     assert own.fault() is not None
 
 
-@pytest.mark.parametrize("settings", [RELAXED, EXACT], ids=["relaxed", "exact"])
-@pytest.mark.parametrize("shared_kb", [64, 76, 100])
+@pytest.mark.parametrize(
+    ("shared_kb", "settings"), rest_slow((64, EXACT), (76, RELAXED), *product((64, 76, 100), SETTINGS), fast=2)
+)
 def test_outlines_that_are_searched_again_give_the_same(engine, shared_kb, settings):
     """Multiprocessors with less shared memory keep fewer nearest edges for the backward pass, or none."""
     small = CudaEngine(driver=EmulatedDriver(shared_per_sm=shared_kb * 1024))
@@ -94,17 +97,19 @@ def test_outlines_that_are_searched_again_give_the_same(engine, shared_kb, setti
             assert close(value, want[name], 1e-5), name
 
 
-@pytest.mark.parametrize("coverage", ["relaxed", "exact"])
+MANY = {
+    "batches": (45, (20, 18), 0.4, (0.02, 0.05)),  # two in a tile
+    "lists": (700, (17, 17), 0.5, (0.001, 0.004)),  # more than the tile's holds
+    "rounds": (2300, (40, 20), 0.02, (0.3, 0.9)),  # more than one of the listing
+}
+
+
 @pytest.mark.parametrize(
-    ("curves", "size", "scale", "opacity"),
-    [
-        (45, (20, 18), 0.4, (0.02, 0.05)),  # two batches in a tile
-        (700, (17, 17), 0.5, (0.001, 0.004)),  # more than the tile's list holds
-        (2300, (40, 20), 0.02, (0.3, 0.9)),  # more than one round of the listing
-    ],
-    ids=["batches", "lists", "rounds"],
+    ("many", "coverage"),
+    rest_slow(("batches", "exact"), ("lists", "relaxed"), ("rounds", "exact"), *product(MANY, COVERAGES), fast=3),
 )
-def test_more_curves_than_any_list_holds(engine, curves, size, scale, opacity, coverage):
+def test_more_curves_than_any_list_holds(engine, many, coverage):
+    curves, size, scale, opacity = MANY[many]
     scene, target = scene_and_target(Mode.CLOSED, curves, *size, scale=scale, opacity=opacity)
     # Curves of a pixel's size are sampled by 16 lines where the whole ring lies in a strip, on the CPU in a block.
     assert_like_cpu(engine, scene, RasterSettings(coverage, 1.0, 4), target, tolerance=5e-3)
@@ -126,12 +131,13 @@ def test_curves_of_many_edges(engine, mode, segments, samples):
 
 
 @pytest.mark.parametrize("size", [(300, 20), (20, 300)])
-def test_pictures_of_several_super_tiles(engine, size, monkeypatch):
+def test_pictures_of_several_super_tiles(size):
     """Sorted into super-tiles, as many curves in many tiles are, and looked at one by one in every tile."""
     scene, target = scene_and_target(Mode.OPEN, 60, *size, scale=0.1)
+    engine = CudaEngine(driver=EmulatedDriver())
     assert_like_cpu(engine, scene, RELAXED, target)
     looked = engine.render(scene, RELAXED)
-    monkeypatch.setattr(engine, "most_looks", 0)
+    engine.most_looks = 0
     before = len(engine._driver.launches)
     assert torch.equal(engine.render(scene, RELAXED), looked)
     assert [launch[0] for launch in engine._driver.launches[before:]] == [
@@ -259,7 +265,7 @@ def emulated_engine(*_, **__):
     return CudaEngine(driver=EmulatedDriver())
 
 
-@pytest.mark.parametrize("fill", ["flat", "linear"])
+@pytest.mark.parametrize("fill", rest_slow("linear", "flat"))
 def test_a_fit_on_the_emulator_is_as_good_as_on_the_cpu(fill):
     """A whole fit with the CUDA engine in the CPU engine's place, exact finish included."""
     target = random_target(random_scene(Mode.CLOSED, 1, 3, 40, 32, background=PAPER), 4).numpy()

@@ -11,6 +11,7 @@ from functools import cache
 import pytest
 import torch
 from adan import ReferenceFit
+from conftest import rest_slow
 from engines import (
     CASE_NAMES,
     CASES,
@@ -203,8 +204,16 @@ PENALTIES = [Penalty(), Penalty(0.5, 1.0, 0.1), Penalty(0.0, 40.0, 2e-3)]
 
 
 @every_engine
-@pytest.mark.parametrize("penalty", PENALTIES, ids=["squares", "mixed", "absolute"])
-@pytest.mark.parametrize(("mode", "background"), CASES, ids=CASE_NAMES)
+@pytest.mark.parametrize(
+    ("penalty", "mode", "background"),
+    rest_slow(
+        (PENALTIES[0], Mode.OPEN, PAPER),
+        (PENALTIES[1], Mode.CLOSED, None),
+        (PENALTIES[2], Mode.CLOSED, PAPER),
+        *((penalty, *case) for penalty in PENALTIES for case in CASES),
+        fast=3,
+    ),
+)
 def test_weighted_penalties_have_the_gradients_and_importances_of_the_reference(engine, mode, background, penalty):
     loss, gradients, importances, (scene, target, weights) = weighted(mode, background, penalty)
     here, target, weights = packed(scene, engine.device), target.to(engine.device), weights.to(engine.device)

@@ -8,10 +8,12 @@ import math
 import subprocess
 import sys
 from io import BytesIO
+from itertools import product
 
 import numpy as np
 import pytest
 import torch
+from conftest import rest_slow
 from PIL import Image
 from scenes import PAPER, as_arguments, random_scene
 
@@ -105,8 +107,9 @@ def test_background_fills_the_canvas_and_size_is_what_was_asked_for(renderer):
 
 
 @BOTH
-@pytest.mark.parametrize("mode", list(Mode))
-@pytest.mark.parametrize("background", [None, PAPER])
+@pytest.mark.parametrize(
+    ("mode", "background"), rest_slow((Mode.CLOSED, None), (Mode.OPEN, PAPER), *product(Mode, (None, PAPER)), fast=2)
+)
 def test_file_shows_the_same_picture_as_the_reference_renderer(mode, background, renderer):
     scene = random_scene(mode, curves=10, width=64, height=48, background=background, seed=3)
     file = rerender(svg_of(scene), 64, 48, renderer=renderer)
@@ -281,6 +284,7 @@ def test_the_engines_picture_in_strips_is_the_whole_one(background, monkeypatch)
     assert psnr_db(reference_picture, candidate) == found.psnr_db
 
 
+@pytest.mark.slow
 def test_twelve_megapixels_are_measured_in_little_memory():
     """Of the process's own peak: what is drawn and compared lies in memory of numpy and of the engine."""
     code = (

@@ -12,13 +12,13 @@ import subprocess
 import sys
 import threading
 import time
+import types
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from cli_runs import SHORT, contents, start, strict_json, wait_until
-from conftest import smooth_pixels
+from conftest import rest_slow, smooth_pixels
 from image_files import encode
 from PIL import Image
 from warm import WarmCommand, run_warm
@@ -206,7 +206,7 @@ def test_two_runs_on_one_output(jpeg, tmp_path):
     assert report["output"]["svg_sha256"] == hashlib.sha256((results / "x.svg").read_bytes()).hexdigest()
 
 
-@pytest.mark.parametrize("order", ["abAB", "abBA", "baAB", "aAbB", "abA", "abB"])
+@pytest.mark.parametrize("order", rest_slow("abAB", "abA", "abBA", "baAB", "aAbB", "abB", fast=2))
 def test_two_runs_on_one_output_leave_the_set_of_the_one_that_ends_last(order, tmp_path):
     job = Job("x.png", tmp_path / "x.png", beside(tmp_path / "x.svg", png=True))
     sinks = {name: FileSink(job) for name in "ab"}
@@ -242,11 +242,12 @@ def test_files_are_put_while_no_other_run_does(tmp_path):
 
 
 def test_an_interrupt_waits_for_the_import_of_torch(monkeypatch):
-    monkeypatch.setattr(torch.__spec__, "_initializing", True, raising=False)
+    importing = types.SimpleNamespace(__spec__=types.SimpleNamespace(_initializing=True))
+    monkeypatch.setitem(sys.modules, "torch", importing)
     before = signal.signal(signal.SIGINT, lambda _number, _frame: interrupt())
     try:
         signal.raise_signal(signal.SIGINT)  # raises nothing yet
-        monkeypatch.setattr(torch.__spec__, "_initializing", False)
+        importing.__spec__._initializing = False
         with pytest.raises(KeyboardInterrupt):
             for _ in range(3000):  # a signal raised by a thread ends no sleep
                 time.sleep(0.01)
@@ -254,7 +255,7 @@ def test_an_interrupt_waits_for_the_import_of_torch(monkeypatch):
         signal.signal(signal.SIGINT, before)
 
 
-@pytest.mark.parametrize("delay", [0.02, 0.3, 0.8, 1.4])
+@pytest.mark.parametrize("delay", rest_slow(1.4, 0.02, 0.3, 0.8))
 def test_ctrl_c_at_any_moment(delay, jpeg):
     process = start("vectorize", jpeg, "--curves", 12, "--steps", 4_000_000, "--threads", 1)
     try:

@@ -34,11 +34,12 @@ ray.shutdown()
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     """Of a local Ray runtime, which nobody else can use."""
-    pytest.importorskip("ray", reason="Ray is not installed (pip install 'cubicsplat[ray]')")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        # Before the import, which is when Ray reads it.
         patch.setenv("RAY_AUTH_MODE", "token")
         patch.setenv("RAY_AUTH_TOKEN", secrets.token_hex(32))
+        pytest.importorskip("ray", reason="Ray is not installed (pip install 'cubicsplat[ray]')")
         process = subprocess.Popen([sys.executable, "-c", RUNTIME], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         try:
             yield process.stdout.readline().decode().strip()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 import torch
 from cli_runs import strict_json
+from conftest import rest_slow
 from test_fit import picture, settings
 
 from cubicsplat_cli.errors import UsageError
@@ -23,8 +26,10 @@ def random_picture(seed: int, *shape: int) -> torch.Tensor:
     return torch.rand(*shape, generator=torch.Generator().manual_seed(seed))
 
 
-@pytest.mark.parametrize("alpha", [False, True])
-@pytest.mark.parametrize("loss", MIXTURES)
+@pytest.mark.parametrize(
+    ("loss", "alpha"),
+    rest_slow(("huber", False), ("l2:0.7,ms-ssim:0.3", True), *product(MIXTURES, (False, True)), fast=2),
+)
 def test_a_fit_lowers_the_loss_that_it_is_asked_for(loss, alpha):
     target = picture(alpha=alpha)
     objective = Objective(loss, torch.from_numpy(target), None)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import gzip
 import hashlib
 import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from conftest import rest_slow
 from PIL import Image
 
 from cubicsplat_cli import UsageError, vectorize
@@ -168,8 +170,14 @@ def test_a_finished_drawing_stays_where_the_photo_fails(error, monkeypatch):
     assert any("the drawing stays" in note and ("memory" in note or "bug" in note) for note in report.notes)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.08, 0.13, 0.18, 0.25, 0.45, 0.55, 0.75, 0.85])
-@pytest.mark.parametrize("stop", ["interrupt", "limit"])
+@pytest.mark.parametrize(
+    ("share", "stop"),
+    rest_slow(
+        *((0.0, "limit"), (0.08, "interrupt"), (0.25, "limit"), (0.45, "interrupt"), (0.85, "limit")),
+        *product((0.0, 0.08, 0.13, 0.18, 0.25, 0.45, 0.55, 0.75, 0.85), ("interrupt", "limit")),
+        fast=5,
+    ),
+)
 def test_a_drawing_that_is_stopped_is_finished_with_what_there_is(share, stop, monkeypatch):
     said = []
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
 
 import pytest
 import torch
+from conftest import rest_slow
 from scenes import (
     BACKGROUNDS,
     COVERAGES,
@@ -148,7 +150,7 @@ def test_exact_coverage_of_a_disc_sums_to_its_area():
     assert covered[0, 0] == 0.0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", rest_slow(*range(3)))
 def test_exact_coverage_of_a_fill_matches_supersampled_winding(seed):
     scene = random_scene(Mode.CLOSED, 1, 4, 14, 12, seed=seed, scale=0.6)
     vertices = reference.flatten(scene.points, Mode.CLOSED, 8)[0]
@@ -375,9 +377,14 @@ def test_a_hidden_curve_is_not_visible():
 # --- degenerate scenes and wrong arguments -----------------------
 
 
-@pytest.mark.parametrize("scene", [pytest.param(scene, id=name) for name, scene in DEGENERATE])
-@pytest.mark.parametrize("coverage", COVERAGES)
-def test_degenerate_scenes_render_finitely(scene, coverage):
+EACH_IN_ONE = [(name, COVERAGES[i % 2]) for i, (name, _) in enumerate(DEGENERATE)]
+
+
+@pytest.mark.parametrize(
+    ("name", "coverage"), rest_slow(*EACH_IN_ONE, *product(dict(DEGENERATE), COVERAGES), fast=len(EACH_IN_ONE))
+)
+def test_degenerate_scenes_render_finitely(name, coverage):
+    scene = dict(DEGENERATE)[name]
     leaves = in_double(scene, requires_grad=True)
     picture = reference_render(leaves, coverage)
     target = random_target(scene)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import pytest
 import torch
+from conftest import rest_slow
 from scenes import (
-    BACKGROUNDS,
     COVERAGES,
     MODES,
     PAPER,
@@ -55,9 +56,10 @@ def finite_differences(scene: Scene, objective: Callable[[Scene], Tensor], name:
     return result.view_as(values)
 
 
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("background", BACKGROUNDS)
-@pytest.mark.parametrize("edge_width", [0.8, 3.0])
+@pytest.mark.parametrize(
+    ("mode", "background", "edge_width"),
+    rest_slow((Mode.CLOSED, PAPER, 3.0), (Mode.OPEN, None, 0.8), *product(MODES, (PAPER, None), (0.8, 3.0)), fast=2),
+)
 def test_relaxed_gradients_match_finite_differences(mode, background, edge_width):
     scene = random_scene(mode, 4, 2, 13, 11, seed=7, background=background, opacity=(0.3, 0.8), scale=0.3)
     target = random_target(scene).double()

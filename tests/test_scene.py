@@ -8,7 +8,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import DEGENERATE, PAPER, TENSORS, random_scene
+from scenes import DEGENERATE, PAPER, TENSORS, random_scene, reference_render
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import Scene, points_from_segments, segments_from_points
@@ -50,9 +50,12 @@ def test_properties(mode, background, channels):
     scene.validate()
 
 
-@pytest.mark.parametrize("scene", [pytest.param(scene, id=name) for name, scene in DEGENERATE])
-def test_degenerate_scenes_are_valid(scene):
-    scene.validate()
+def test_degenerate_scenes_are_valid_and_have_a_picture():
+    for name, scene in DEGENERATE:
+        scene.validate()
+        picture = reference_render(scene, samples=2)
+        assert picture.shape == (scene.height, scene.width, scene.channels), name
+        assert bool(((picture >= 0.0) & (picture <= 1.0)).all()), name
 
 
 def test_degenerate_names_are_unique_and_cover_both_modes_and_channel_counts():
@@ -71,18 +74,25 @@ def test_random_scene_depends_on_its_seed_only():
 def test_float64_and_gradients_are_allowed():
     scene = random_scene(Mode.OPEN)
     points = scene.points.double().requires_grad_()
-    replace(scene, points=points).validate()
+    other = replace(scene, points=points)
+    other.validate()
+    picture = reference_render(other)
+    assert torch.equal(picture, reference_render(scene))
+    picture.sum().backward()
+    assert points.grad.abs().sum() > 0.0
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_ends_of_the_ranges_are_allowed(value):
     scene = random_scene(Mode.CLOSED)
-    replace(
+    scene = replace(
         scene,
         colours=torch.full_like(scene.colours, value),
         opacities=torch.full_like(scene.opacities, value),
         background=(value, value, value),
-    ).validate()
+    )
+    scene.validate()
+    assert reference_render(scene).detach().numpy() == pytest.approx(value)
 
 
 def set_value(tensor: torch.Tensor, index: tuple[int, ...], value: float) -> torch.Tensor:

@@ -27,9 +27,9 @@ FLAGS = (
     "--force-device-scale-factor=1", "--default-background-color=00000000",
 )  # fmt: skip
 FITS = {
-    "filled": ("chelsea.png", "--max-size", 240, "--curves", 200, "--steps", 250, "--threads", 1),
-    "stroked": ("chelsea.png", "--max-size", 200, "--curves", 120, "--steps", 150, "--threads", 1, "--mode", "open"),
-    "transparent": ("logo.png", "--curves", 64, "--steps", 200, "--threads", 1),
+    "filled": ("chelsea.png", "--max-size", 160, "--curves", 120, "--steps", 120, "--threads", 1),
+    "stroked": ("chelsea.png", "--max-size", 140, "--curves", 80, "--steps", 100, "--threads", 1, "--mode", "open"),
+    "transparent": ("logo.png", "--curves", 64, "--steps", 100, "--threads", 1),
 }
 
 

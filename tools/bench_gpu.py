@@ -87,8 +87,8 @@ def scene_of(case: Case, target: Tensor, device: torch.device) -> SceneArrays:
 class Bench:
     """One case on one engine."""
 
-    def __init__(self, engine: CudaEngine, case: Case, warm_up: int) -> None:
-        self.engine, self.case = engine, case
+    def __init__(self, engine: CudaEngine, case: Case, warm_up: int, rounds: int) -> None:
+        self.engine, self.case, self.rounds = engine, case, rounds
         self.before = self._allocated()
         target = torch.from_numpy(synthetic_picture(case.width, case.height))
         self.target = target.to(engine.device)
@@ -119,7 +119,7 @@ class Bench:
         """Median over rounds of the mean time of `repeats` calls in a row, after a few that do not count."""
         for _ in range(3):
             body()
-        return statistics.median(self._round(body, repeats) / repeats for _ in range(ROUNDS))
+        return statistics.median(self._round(body, repeats) / repeats for _ in range(self.rounds))
 
     def _round(self, body: Callable[[], Any], repeats: int) -> float:
         """ms of so many calls: between events in the GPU's own queue, so that the host's waiting is no part of it."""
@@ -163,13 +163,15 @@ class Bench:
         }  # fmt: skip
 
 
-def measure(engine: CudaEngine, case: Case, warm_up: int = 200, repeats: int = 50) -> dict[str, Any]:
+def measure(
+    engine: CudaEngine, case: Case, warm_up: int = 200, repeats: int = 50, rounds: int = ROUNDS
+) -> dict[str, Any]:
     """Times and memory of one case, as plain values."""
     engine.close()
     if engine.device.type == "cuda":
         torch.cuda.empty_cache()
         torch.cuda.reset_peak_memory_stats()
-    return Bench(engine, case, warm_up).run(repeats)
+    return Bench(engine, case, warm_up, rounds).run(repeats)
 
 
 def standard(device: str, **changes: int) -> FitSettings:
@@ -183,7 +185,14 @@ def fit_seconds(device: str, width: int = 768, height: int = 512, **changes: int
     return [fit(target, settings).fit_s for _ in range(2)][-1]
 
 
-def command_seconds(device: str, width: int = 768, height: int = 512, **changes: int) -> float:
+def in_a_process(arguments: list[str]) -> None:
+    """The command with these arguments."""
+    subprocess.run([sys.executable, "-m", "cubicsplat_cli", *arguments], check=True)
+
+
+def command_seconds(
+    device: str, width: int = 768, height: int = 512, run: Callable[[list[str]], object] = in_a_process, **changes: int
+) -> float:
     """Time of the whole command, the second of two, from the start of its process to the files and its end."""
     with tempfile.TemporaryDirectory() as folder:
         picture_file = Path(folder) / "picture.png"
@@ -191,11 +200,11 @@ def command_seconds(device: str, width: int = 768, height: int = 512, **changes:
         options = ["--device", device, "--force", "--quiet"]
         for name, value in {"curves": 512, **changes}.items():
             options += [f"--{name}", str(value)]
-        command = [sys.executable, "-m", "cubicsplat_cli", "vectorize", str(picture_file), *options]
+        command = ["vectorize", str(picture_file), *options]
         taken = []
         for _ in range(2):
             start = time.perf_counter()
-            subprocess.run(command, check=True)
+            run(command)
             taken.append(time.perf_counter() - start)
     return taken[-1]
 
@@ -236,7 +245,7 @@ def show_only(number: int) -> None:
     os.environ["CUDA_VISIBLE_DEVICES"] = names[number] if number < len(names) else str(number)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, opened: Callable[[], CudaEngine] = CudaEngine) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--device", type=int, help="torch's number of the GPU")
@@ -244,7 +253,7 @@ def main(arguments: list[str] | None = None) -> int:
     if chosen.device is not None:
         show_only(chosen.device)
     try:
-        engine = CudaEngine()
+        engine = opened()
     except EngineError as error:
         print(f"bench_gpu: error: {error}", file=sys.stderr)
         return 1

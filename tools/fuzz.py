@@ -18,6 +18,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -102,10 +103,22 @@ def _work(pipe: Connection, target: str, seed: int, first: int, last: int) -> No
 
 
 class Campaign:
-    """Inputs of one target, tried in a process that is watched."""
+    """Inputs of one target, tried in a process that is watched.
 
-    def __init__(self, target: str, seed: int, inputs: int) -> None:
+    finds: folder for the bytes of finds. most_seconds: for one input. work: tries inputs, in the process.
+    """
+
+    def __init__(
+        self,
+        target: str,
+        seed: int,
+        inputs: int,
+        finds: Path = FINDS,
+        most_seconds: float = MOST_SECONDS,
+        work: Callable[[Connection, str, int, int, int], None] = _work,
+    ) -> None:
         self.target, self.seed, self.inputs = target, seed, inputs
+        self.folder, self.most_seconds, self.work = finds, most_seconds, work
         self.counts: Counter[str] = Counter()
         self.finds: list[str] = []
 
@@ -120,14 +133,14 @@ class Campaign:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe(duplex=False)
         arguments = (theirs, self.target, self.seed, first, self.inputs)
-        process = context.Process(target=_work, args=arguments, daemon=True)
+        process = context.Process(target=self.work, args=arguments, daemon=True)
         process.start()
         theirs.close()
         number, since = first - 1, time.monotonic()
         try:
             while True:
                 # The first message comes after the imports.
-                limit = 120.0 if number < first else MOST_SECONDS
+                limit = 120.0 if number < first else self.most_seconds
                 if not ours.poll(max(0.0, since + limit - time.monotonic())):
                     self._find(number, f"took more than {limit:g} s")
                     return max(number, first) + 1
@@ -153,8 +166,8 @@ class Campaign:
 
         data = make_input(self.target, max(0, number), self.seed)
         name = f"{self.target}-{hashlib.sha256(data).hexdigest()[:12]}"
-        FINDS.mkdir(parents=True, exist_ok=True)
-        (FINDS / name).write_bytes(data)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        (self.folder / name).write_bytes(data)
         self.finds.append(name)
         print(f"FIND {name} (input {number} of seed {self.seed}): {what}", flush=True)
 

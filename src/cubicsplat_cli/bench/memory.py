@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-_STATUS = Path("/proc/self/status")
+STATUS = Path("/proc/self/status")
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,10 @@ class Memory:
     peak: int | None
 
 
-def memory() -> Memory:
+def memory(status: Path = STATUS) -> Memory:
     """Read Linux's process status, or elsewhere the peak of `getrusage`; Windows has neither."""
     try:
-        return from_status(_STATUS.read_text(encoding="ascii"))
+        return from_status(status.read_text(encoding="ascii"))
     except OSError:
         return Memory(None, _peak_of_getrusage())
 

@@ -18,7 +18,7 @@ from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.metrics import Report, to_json
-from cubicsplat_cli.pipeline import vectorize_picture
+from cubicsplat_cli.pipeline import Result, vectorize_picture
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
@@ -80,11 +80,18 @@ class Runs:
         return [dict(zip(("picture", "configuration", "error"), failure, strict=True)) for failure in self.failed]
 
 
-def run_all(fits: Iterable[Fit], cache: Path | None, watch: Watch, tell: Callable[[str], None]) -> Runs:
+def run_all(
+    fits: Iterable[Fit],
+    cache: Path | None,
+    watch: Watch,
+    tell: Callable[[str], None],
+    vectorized: Callable[..., Result] | None = None,
+) -> Runs:
     """Every fit, from the cache where it was done before.
 
-    watch: makes the progress callback of a fit, a context manager of its name. tell: gets a line per picture. Raises
-    KeyboardInterrupt when a fit was interrupted (what was done is in the cache).
+    watch: makes the progress callback of a fit, a context manager of its name. tell: gets a line per picture.
+    vectorized: carries out a fit (default: `vectorize_picture`). Raises KeyboardInterrupt when a fit was interrupted
+    (what was done is in the cache).
     """
     runs = Runs()
     unreadable: set[Path] = set()
@@ -99,7 +106,7 @@ def run_all(fits: Iterable[Fit], cache: Path | None, watch: Watch, tell: Callabl
             _fail(runs, fit.path.name, "", error, tell)
             continue
         try:
-            run, svg = _run(fit, picture, cache, watch)
+            run, svg = _run(fit, picture, cache, watch, vectorized or vectorize_picture)
         except CubicSplatError as error:
             _fail(runs, fit.path.name, fit.configuration, error, tell)
             continue
@@ -115,14 +122,16 @@ def _fail(runs: Runs, picture: str, configuration: str, error: Exception, tell: 
     tell(f"{picture}{', ' if configuration else ''}{configuration}: failed: {text}")
 
 
-def _run(fit: Fit, picture: Picture, cache: Path | None, watch: Watch) -> tuple[FitFigures, bytes]:
+def _run(
+    fit: Fit, picture: Picture, cache: Path | None, watch: Watch, vectorized: Callable[..., Result]
+) -> tuple[FitFigures, bytes]:
     entry = None if cache is None else CacheEntry(cache, fit, picture)
     kept = None if entry is None else entry.read()
     if kept is not None:
         return kept
     with watch(f"{fit.path.name}, {fit.configuration}") as on_progress:
         request = Request(fit.settings, style="photo", precision=PRECISION)
-        result = vectorize_picture(picture, request, title=fit.path.name, on_progress=on_progress)
+        result = vectorized(picture, request, title=fit.path.name, on_progress=on_progress)
     if result.report.interrupted:
         raise KeyboardInterrupt
     run, svg = run_of_report(fit, result.report), result.svg.encode()
@@ -160,13 +169,13 @@ def run_of_report(fit: Fit, report: Report) -> FitFigures:
 class CacheEntry:
     """Cache files of one fit: a JSON and an SVG, named by a hash of all that decides the result."""
 
-    def __init__(self, folder: Path, fit: Fit, picture: Picture) -> None:
+    def __init__(self, folder: Path, fit: Fit, picture: Picture, code: str | None = None) -> None:
         decisive = fit.settings.public() | {
             "picture": picture.sha256,
             "precision": PRECISION,
             "version": __version__,
             "engine": fit.settings.device,
-            "code": code_digest(),
+            "code": code or code_digest(),
         }
         self.fit = fit
         stem = f"{fit.path.stem}-{fit.settings.mode.value}-{fit.settings.curves}-{settings_hash(decisive)}"

@@ -63,9 +63,9 @@ def leave_one_out_importance(
         engine.close()
 
 
-def describe() -> dict[str, Any]:
-    """Which engines this installation can run, and why not: for `cubicsplat doctor`."""
-    engines = {"cpu": _describe(CpuEngine), "cuda": _describe(cuda_engine)}
+def describe(cuda: Callable[[], Engine] = cuda_engine) -> dict[str, Any]:
+    """Which engines this installation can run, and why not: for `cubicsplat doctor`. cuda: opens CUDA's."""
+    engines = {"cpu": _describe(CpuEngine), "cuda": _describe(cuda)}
     if engines["cpu"]["available"]:
         engines["cpu"]["instruction_sets"] = instruction_sets()
     # What `--device auto` takes.

@@ -24,6 +24,22 @@ _of_gpu: dict[int, CudaEngine] = {}
 _lock = threading.Lock()
 
 
+class Gpus:
+    """What `open_engine` asks about GPUs, and gets an engine from."""
+
+    def usable(self) -> bool:
+        """Whether there is one for torch."""
+        if gpus() == 0:  # asked first, since the import of torch takes seconds
+            return False
+        from cubicsplat_cli.raster.cuda.driver import missing_piece
+
+        return missing_piece() is None
+
+    def engine(self, program: Program) -> Engine:
+        """CUDA's engine, for a program at first. Raises EngineError where it cannot run."""
+        return cuda_engine(program=program)
+
+
 def open_engine(
     device: str = "auto",
     threads: int | None = None,
@@ -34,35 +50,34 @@ def open_engine(
     subdivide: bool = False,
     segments: int = 1,
     samples: int = 1,
+    gpus: Gpus | None = None,
 ) -> Engine:
     """Opens the engine for `device`: "cpu", "cuda", or "auto", CUDA's where there is a GPU that passes its self-test.
 
     mode, channels, painted (with gradients): what it will draw first, which CUDA compiles and tests at once. subdivide:
     it has to know de Casteljau subdivision, which is the CPU's alone. segments: of the longest curve. samples: edges
-    per cubic at most. Raises EngineError with the reason where the engine that was asked for cannot run or draw this.
-    Where "auto" finds a GPU that it cannot use, it logs why.
+    per cubic at most. gpus: default this machine's. Raises EngineError with the reason where the engine that was asked
+    for cannot run or draw this. Where "auto" finds a GPU that it cannot use, it logs why.
     """
 
-    def cuda() -> CudaEngine:
+    gpus = gpus or Gpus()
+
+    def cuda() -> Engine:
         if subdivide:
             raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
         from cubicsplat_cli.raster.cuda.compile import Program
         from cubicsplat_cli.raster.cuda.frame import check_lengths
 
         check_lengths(segments, samples)
-        return cuda_engine(program=Program(mode, channels, painted))
+        return gpus.engine(Program(mode, channels, painted))
 
     if device == "cuda":
         return cuda()
-    # torch, which knows whether it can use a GPU, takes seconds to import: it is asked where the driver shows one.
-    if device == "auto" and gpus() > 0:
-        from cubicsplat_cli.raster.cuda.driver import missing_piece
-
-        if missing_piece() is None:
-            try:
-                return cuda()
-            except EngineError as error:
-                _log.warning("using the CPU: %s", error)
+    if device == "auto" and gpus.usable():
+        try:
+            return cuda()
+        except EngineError as error:
+            _log.warning("using the CPU: %s", error)
     return CpuEngine(threads)
 
 

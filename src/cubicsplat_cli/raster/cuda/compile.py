@@ -13,6 +13,7 @@ import logging
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from ctypes import sizeof
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,11 +58,11 @@ class Program:
         ]  # fmt: skip
 
 
-def sources() -> dict[str, bytes]:
+def sources(kernels: Path = KERNELS) -> dict[str, bytes]:
     """Every file of the kernels by name. Raises EngineError where the package is incomplete."""
-    headers = sorted(path for folder in ("cuda", "shared") for path in (KERNELS / folder).glob("*.*h"))
+    headers = sorted(path for folder in ("cuda", "shared") for path in (kernels / folder).glob("*.*h"))
     try:
-        return {path.name: path.read_bytes() for path in (KERNELS / "cuda" / MAIN, *headers)}
+        return {path.name: path.read_bytes() for path in (kernels / "cuda" / MAIN, *headers)}
     except OSError as error:
         raise EngineError(f"the CUDA kernels are missing from the package ({error}); reinstall cubicsplat") from error
 
@@ -95,9 +96,14 @@ def architecture_for(capability: tuple[int, int]) -> str:
     return f"compute_{max(older)}"
 
 
-def compile_text(program: Program, architecture: str, extra: tuple[str, ...] = ()) -> tuple[bytes, str]:
-    """Compiles the kernels: the machine code (CUBIN, or PTX for compute_NN) and the compiler's log."""
-    text = sources()
+def compile_text(
+    program: Program, architecture: str, extra: tuple[str, ...] = (), text: dict[str, bytes] | None = None
+) -> tuple[bytes, str]:
+    """Compiles the kernels: the machine code (CUBIN, or PTX for compute_NN) and the compiler's log.
+
+    extra: further options of NVRTC. text: as of `sources` (default: those).
+    """
+    text = dict(text or sources())
     main = text.pop(MAIN)
     chosen = [*options(program, architecture), *extra]
     intermediate = architecture.startswith("compute_")
@@ -107,26 +113,28 @@ def compile_text(program: Program, architecture: str, extra: tuple[str, ...] = (
     return code, log
 
 
-def cache_key(program: Program, architecture: str) -> str:
+def cache_key(program: Program, architecture: str, version: tuple[int, int], text: dict[str, bytes]) -> str:
     """Changes with the kernels' text, the options, the architecture and the compiler's version."""
     digest = hashlib.sha256()
-    parts = [(name, text) for name, text in sorted(sources().items())]
+    parts = sorted(text.items())
     parts += [("options", "\n".join(options(program, architecture)).encode())]
-    parts += [("nvrtc", ".".join(map(str, nvrtc.version())).encode())]
-    for name, text in parts:
-        digest.update(f"{name} {len(text)}\n".encode())
-        digest.update(text)
+    parts += [("nvrtc", ".".join(map(str, version)).encode())]
+    for name, part in parts:
+        digest.update(f"{name} {len(part)}\n".encode())
+        digest.update(part)
     return digest.hexdigest()
 
 
-def machine_code(program: Program, capability: tuple[int, int]) -> tuple[bytes, str]:
+def machine_code(
+    program: Program, capability: tuple[int, int], compiled: Callable[[Program, str], tuple[bytes, str]] = compile_text
+) -> tuple[bytes, str]:
     """Machine code of the kernels for a GPU, from the cache or compiled now (which it logs), and its architecture."""
     architecture = architecture_for(capability)
-    key = cache_key(program, architecture)
+    key = cache_key(program, architecture, nvrtc.version(), sources())
     code = read_cache(key)
     if code is None:
         _log.info("compiling the CUDA kernels (%s) for %s, once on this machine", program.name, architecture)
-        code, _ = compile_text(program, architecture)
+        code, _ = compiled(program, architecture)
         write_cache(key, code)
     return code, architecture
 

@@ -110,9 +110,9 @@ class LateCopy:
         return values
 
 
-def missing_piece() -> str | None:
-    """Why torch has no GPU here, in one sentence that says what to do; None where it has one."""
-    if torch.version.cuda is None:
+def missing_piece(cuda: str | None = torch.version.cuda) -> str | None:
+    """Why torch has no GPU here, in one sentence that says what to do; None where it has one. cuda: it is built for."""
+    if cuda is None:
         return "this torch has no CUDA: install the CUDA wheel of torch (https://pytorch.org), or use --device cpu"
     if torch.cuda.is_available():
         return None

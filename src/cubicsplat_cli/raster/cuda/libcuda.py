@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from collections.abc import Callable
 from ctypes import POINTER, byref, c_char_p, c_int, c_uint, c_void_p
 from typing import Any
 
@@ -32,9 +33,8 @@ MAX_SHARED_MEMORY_PER_MULTIPROCESSOR = 81
 PREFERRED_SHARED_MEMORY_CARVEOUT = 9
 
 
-def open_library() -> Any:
+def open_library(name: str = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1") -> Any:
     """The driver's library, which comes with the driver. Raises EngineError where it cannot be loaded."""
-    name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
     try:
         return ctypes.CDLL(name)
     except OSError as error:
@@ -44,10 +44,10 @@ def open_library() -> Any:
         ) from error
 
 
-def gpus() -> int:
+def gpus(opened: Callable[[], Any] = open_library) -> int:
     """How many GPUs the driver shows this process; 0 where there is no driver, or it fails. Needs no torch."""
     try:
-        library = open_library()
+        library = opened()
     except EngineError:
         return 0
     count = c_int()

@@ -6,7 +6,7 @@ import ctypes
 import importlib.util
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Sequence
 from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_void_p, create_string_buffer
 from functools import lru_cache
 from pathlib import Path
@@ -37,25 +37,31 @@ PROTOTYPES: dict[str, list[Any]] = {
 _PATTERNS = {"linux": ("libnvrtc.so.*", r"so\.(\d+)"), "win32": ("nvrtc64_*_0.dll", r"64_(\d+)\d_")}
 
 
-def _folders() -> Iterator[Path]:
-    """Where torch's wheels and NVIDIA's put it: torch/lib, nvidia/cuda_nvrtc/lib (12), nvidia/cu13/lib."""
-    yield Path(torch.__file__).parent / "lib"
-    package = importlib.util.find_spec("nvidia")
-    for place in package.submodule_search_locations or () if package else ():
-        for folder in ("lib", "bin"):
-            yield from sorted(Path(place).glob(f"*/{folder}"))
+def _packages() -> list[Path]:
+    """The folders of torch, and of NVIDIA's packages."""
+    nvidia = importlib.util.find_spec("nvidia")
+    return [Path(torch.__file__).parent, *map(Path, (nvidia and nvidia.submodule_search_locations) or ())]
 
 
-def candidates() -> list[str]:
-    """Files of NVRTC, then names for the system's loader; those of torch's CUDA version first, then the newest."""
-    pattern, version = _PATTERNS.get(sys.platform, _PATTERNS["linux"])
+def candidates(
+    packages: Sequence[Path] | None = None, cuda: str | None = torch.version.cuda, platform: str = sys.platform
+) -> list[str]:
+    """Files of NVRTC, then names for the system's loader; those of torch's CUDA version first, then the newest.
+
+    packages: folders of torch and of NVIDIA's packages (default: this Python's). cuda: version that torch is built for.
+    platform: as `sys.platform`.
+    """
+    pattern, version = _PATTERNS.get(platform, _PATTERNS["linux"])
     found = {}
-    for folder in _folders():
+    torchs, *nvidias = _packages() if packages is None else packages
+    # torch/lib, nvidia/cuda_nvrtc/lib (12), nvidia/cu13/lib.
+    folders = [path for place in nvidias for name in ("lib", "bin") for path in sorted(place.glob(f"*/{name}"))]
+    for folder in (torchs / "lib", *folders):
         for path in sorted(folder.glob(pattern)):
             if match := re.search(version, path.name):
                 found[str(path)] = int(match[1])
-    of_torch = int((torch.version.cuda or "0").split(".")[0])
-    if sys.platform == "linux":
+    of_torch = int((cuda or "0").split(".")[0])
+    if platform == "linux":
         found |= {f"libnvrtc.so.{n}": n for n in {of_torch, 13, 12} if n >= OLDEST_VERSION}
     # Sorting keeps the order of equals: files before names.
     return sorted((f for f in found if found[f] >= OLDEST_VERSION), key=lambda f: (found[f] != of_torch, -found[f]))
@@ -64,8 +70,13 @@ def candidates() -> list[str]:
 @lru_cache(maxsize=1)
 def library() -> Any:
     """The library with its prototypes. Raises EngineError where there is none that can be used."""
+    return loaded(candidates())
+
+
+def loaded(names: Sequence[str]) -> Any:
+    """The first of these libraries that can be used. Raises EngineError where there is none."""
     why = "there is none"
-    for name in candidates():
+    for name in names:
         try:
             found = ctypes.CDLL(name)
             for function, arguments in PROTOTYPES.items():
@@ -77,40 +88,41 @@ def library() -> Any:
     raise EngineError(f"NVIDIA's run-time compiler NVRTC cannot be loaded ({why[:200]}); {INSTALL}")
 
 
-def _call(function: str, *arguments: object) -> int:
-    """The status of a call."""
-    return int(getattr(library(), function)(*arguments))
-
-
-def _checked(function: str, *arguments: object) -> None:
-    if status := _call(function, *arguments):
+def _checked(function: str, *arguments: object, library: Any) -> None:
+    if status := int(getattr(library, function)(*arguments)):
         raise EngineError(f"NVRTC failed in {function}: error {status}")
 
 
 @lru_cache(maxsize=1)
 def version() -> tuple[int, int]:
     """Version of NVRTC. Raises EngineError where there is none, or one that is too old."""
+    return version_of(library())
+
+
+def version_of(library: Any) -> tuple[int, int]:
+    """Version of an NVRTC. Raises EngineError where it is too old."""
     major, minor = c_int(), c_int()
-    _checked("nvrtcVersion", byref(major), byref(minor))
+    _checked("nvrtcVersion", byref(major), byref(minor), library=library)
     if major.value < OLDEST_VERSION:
         raise EngineError(f"NVRTC {major.value}.{minor.value} is too old; version 12 or newer is needed. {INSTALL}")
     return major.value, minor.value
 
 
-def architectures() -> list[int]:
-    """Compute capabilities that it compiles for, as 10 * major + minor, ascending."""
+def architectures(of: Any = None) -> list[int]:
+    """Compute capabilities that an NVRTC (default: `library`) compiles for, as 10 * major + minor, ascending."""
+    of = of or library()
     count = c_int()
-    _checked("nvrtcGetNumSupportedArchs", byref(count))
+    _checked("nvrtcGetNumSupportedArchs", byref(count), library=of)
     numbers = (c_int * count.value)()
-    _checked("nvrtcGetSupportedArchs", numbers)
+    _checked("nvrtcGetSupportedArchs", numbers, library=of)
     return sorted(numbers)
 
 
 def _result(handle: c_void_p, size_of: str, get: str) -> bytes:
     size = c_size_t()
-    _checked(size_of, handle, byref(size))
+    _checked(size_of, handle, byref(size), library=library())
     text = create_string_buffer(max(1, size.value))
-    _checked(get, handle, text)
+    _checked(get, handle, text, library=library())
     return text.raw[: size.value]
 
 
@@ -124,13 +136,13 @@ def compile_program(
     handle = c_void_p()
     names = (c_char_p * len(headers))(*(header.encode() for header in headers))
     texts = (c_char_p * len(headers))(*headers.values())
-    _checked("nvrtcCreateProgram", byref(handle), text, name.encode(), len(headers), texts, names)
+    _checked("nvrtcCreateProgram", byref(handle), text, name.encode(), len(headers), texts, names, library=library())
     try:
         chosen = (c_char_p * len(options))(*(option.encode() for option in options))
-        status = _call("nvrtcCompileProgram", handle, len(options), chosen)
+        status = library().nvrtcCompileProgram(handle, len(options), chosen)
         log = _result(handle, "nvrtcGetProgramLogSize", "nvrtcGetProgramLog")
         kind = "PTX" if intermediate else "CUBIN"
         code = None if status else _result(handle, f"nvrtcGet{kind}Size", f"nvrtcGet{kind}")
         return code, log.rstrip(b"\0\n ").decode(errors="replace")
     finally:
-        _call("nvrtcDestroyProgram", byref(handle))
+        library().nvrtcDestroyProgram(byref(handle))
