@@ -35,9 +35,10 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves
 from cubicsplat_cli.photo.seeding import random_centres
+from cubicsplat_cli.photo.state import FitCurves
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.engine import OptimiserState, Rates, SceneArrays, Training
+from cubicsplat_cli.raster.engine import OptimiserState, Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -73,15 +74,15 @@ CASES = [
 ]
 
 
-def scene_of(case: Case, target: Tensor, device: torch.device) -> SceneArrays:
+def scene_of(case: Case, target: Tensor, device: torch.device) -> FitCurves:
     """Curves at random places with the colours of a target (H, W, 3) on the CPU: discs, or bent strokes."""
     generator = np.random.default_rng(1)
     settings = FitSettings.from_preset("standard", case.mode, curves=case.curves, segments=case.segments)
     centres = random_centres(case.curves, target, generator)
     radius = 0.4 * math.sqrt(case.width * case.height / case.curves)
     points = control_points(centres, radius, settings, generator)
-    curves = new_curves(points, colours_at(centres, target), 1.5, settings).as_torch(device)
-    return curves.for_engine(case.mode, case.width, case.height, (0.5, 0.5, 0.5), soft=False)
+    size, grey = (case.width, case.height), (0.5, 0.5, 0.5)
+    return new_curves(points, colours_at(centres, target), 1.5, settings, size, grey).as_torch(device)
 
 
 class Bench:
