@@ -86,6 +86,7 @@ def levels_of(picture: np.ndarray) -> np.ndarray:
     return taken_in(picture).levels
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radii", rest_slow(((9.0, 9.0),), ((0.0, 0.0),), ((50.0, 30.0),)))
 def test_a_layer_shades_as_a_blurred_box_does(radii):
     own = Box(50, 40, 150, 100, *radii)

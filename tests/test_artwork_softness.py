@@ -74,7 +74,6 @@ def compressed_sky(seed: int) -> np.ndarray:
         (sky, 1, False),
         (out_of_focus, 1, True),
         *product((sky, out_of_focus, compressed_sky), (1, 2), (False, True)),
-        fast=2,
     ),
 )
 def test_skies_and_scenes_out_of_focus_are_photos(picture, seed, in_grey):
@@ -130,6 +129,7 @@ def test_shares_of_what_is_even_and_what_drifts():
     assert rendered.drift > 0.9 and not rendered.drifts
 
 
+@pytest.mark.slow
 def test_a_picture_without_any_quiet_place_has_no_shares_and_is_a_photo():
     noise = np.random.default_rng(7).integers(0, 256, (32, 32)).astype(float)
     found = softness(255.0 * of(noise), np.ones(noise.shape, dtype=bool))

@@ -133,6 +133,7 @@ def test_potrace_draws_what_is_dark():
     assert b"<rect" not in tools.potrace_svg(pixels)
 
 
+@pytest.mark.slow
 def test_diffvg_is_used_as_its_authors_do(monkeypatch):
     """With a stand-in of the same interface, which draws the mean of the fills."""
     library = ModuleType("pydiffvg")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import rest_slow
 from PIL import Image
 
 from cubicsplat_cli.artwork.vectorize import draw
@@ -33,7 +34,7 @@ FITS = {
 }
 
 
-@pytest.fixture(scope="module", params=[*FITS, "artwork"])
+@pytest.fixture(scope="module", params=rest_slow("filled", "artwork", *FITS, fast=2))
 def drawing(request, tmp_path_factory, run_cli) -> Path:
     """The SVG of a sample."""
     folder = tmp_path_factory.mktemp("drawing")
