@@ -18,30 +18,18 @@ from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
 from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
-from cubicsplat_cli.artwork.residual.areas import Sight, areas, ringing
+from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, Sight, areas, ringing
 from cubicsplat_cli.artwork.residual.proposals import Canvas, Placed, proposals
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
-from cubicsplat_cli.scene.paint import Ink
 
-SHAPE_PARAMETERS = 3.0  # parameters that a shape is worth besides its outlines'
+SHAPE_PARAMETERS, INK_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new ink
 ROUNDS = 10
 PASSES = 2
 MOST_TRIED = 400  # areas
 
-INK_PARAMETERS = 3.0  # of a new ink
-
 _log = logging.getLogger("cubicsplat")
-
-
-@dataclass(frozen=True)
-class Change:
-    """fall: of half of the misfit, by a shape; floor: what a pixel of it has by chance; price: of the shape, nats."""
-
-    fall: float
-    floor: float
-    price: float
 
 
 def with_added(
@@ -60,90 +48,125 @@ def with_added(
     """
     sight = Sight.of(condition, min_area)
     for _ in range(PASSES):
-        added = _pass(drawing, goal, sight, detail)
+        if not drawing.shapes:
+            break
+        added = _Trials(drawing, goal, sight, detail).best()
         if added is drawing or (most is not None and len(added.shapes) > most):
             break
         drawing = added
     return drawing
 
 
-def _pass(drawing: Drawing, goal: Goal, sight: Sight, detail: float) -> Drawing:
-    if not drawing.shapes:
-        return drawing
-    still = [_still(shape, goal) for shape in drawing.shapes]
-    before = State.of(still, goal)
-    back = 255.0 * np.linalg.inv(goal.space)
-    picture, painted = goal.target @ back, before.image @ back
-    found = areas(picture, painted, sight)
-    if not found:
-        return drawing
-    canvas = Canvas(drawing)
-    errors = ((sight.noise + ringing((picture @ LUMA_CHROMA), sight)[..., 0]) / 255.0) ** 2
-    ways: list[list[list[Placed]]] = []
-    if len(found) > MOST_TRIED:
-        _log.warning("%d areas differ from the picture: only the %d largest are tried", len(found), MOST_TRIED)
-    for area in found[:MOST_TRIED]:
-        work().at()
-        ways.append(list(proposals(area, picture, painted, canvas, sight, detail)))
-    new = _best(drawing, ways, still, before, goal, detail, errors)
-    if not new:
-        return drawing
-    after = State.of(_stacked(still, [_still(each.shape, goal) for each in new], new), goal)
-    changes = [_change(each.shape, before, after, goal, errors) for each in new]
-    new = [
-        each for each, change in zip(new, changes, strict=True) if detail * change.fall > change.floor * change.price
-    ]
-    layers = _stacked(still, [_still(each.shape, goal) for each in new], new)
-    return replace(drawing, shapes=tuple(layer.shape for layer in layers)) if new else drawing
-
-
-def _best(
-    drawing: Drawing,
-    ways: list[list[list[Placed]]],
-    still: list[Layer],
-    before: State,
-    goal: Goal,
-    detail: float,
-    errors: np.ndarray,
-) -> list[Placed]:
-    """Of the ways to explain each area the one that shortens the description most, less what does not; from the back
-    to the front.
+@dataclass(frozen=True)
+class _Change:
+    """What a new shape changes. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
+    shape, nats.
     """
-    tried: list[list[tuple[list[Placed], list[Change]]]] = [[] for _ in ways]
-    for number in range(max(map(len, ways))):
-        work().at()
-        some = [(k, placed) for k, each in enumerate(ways) if number < len(each) for placed in each[number]]
-        some.sort(key=lambda pair: pair[1].beneath)
-        if not some:
-            continue
-        new = [placed for _, placed in some]
-        free = begin(replace(drawing, shapes=tuple(each.shape for each in new)), goal).layers
-        after = settle(State.of(_stacked(still, free, new), goal), goal, ROUNDS)
+
+    fall: float
+    floor: float
+    price: float
+
+
+@dataclass(frozen=True)
+class _Way:
+    """New shapes that explain an area, and what they change. fall: of half of the misfit of the area."""
+
+    shapes: list[Placed]
+    changes: list[_Change]
+    fall: float
+
+
+class _Trials:
+    """New shapes tried in a drawing, whose own stay as they are."""
+
+    def __init__(self, drawing: Drawing, goal: Goal, sight: Sight, detail: float) -> None:
+        self.drawing, self.goal, self.sight, self.detail = drawing, goal, sight, detail
+        self.still = [self._still(shape) for shape in drawing.shapes]
+        self.before = State.of(self.still, goal)
+        self.size = self.before.image.shape[:2]
+        back = 255.0 * np.linalg.inv(goal.space)
+        self.picture, self.painted = goal.target @ back, self.before.image @ back
+
+    def best(self) -> Drawing:
+        """The drawing with those that shorten the description; the same without any."""
+        found = areas(self.picture, self.painted, self.sight)
+        if len(found) > MOST_TRIED:
+            _log.warning("%d areas differ from the picture: only the %d largest are tried", len(found), MOST_TRIED)
+            found = found[:MOST_TRIED]
+        ways = self._ways(found)
+        new = sorted((each for some in ways for each in self._shortest(some)), key=lambda each: each.beneath)
+        if new:
+            _, changes, _ = self._tried(new, 0)
+            new = [each for each, change in zip(new, changes, strict=True) if self._net(change, change.floor) > 0.0]
+        if not new:
+            return self.drawing
+        layers = _stacked(self.still, [self._still(each.shape) for each in new], new)
+        return replace(self.drawing, shapes=tuple(layer.shape for layer in layers))
+
+    def _ways(self, found: list[Area]) -> list[list[_Way]]:
+        """The ways to explain each area, the first ones of all areas tried together, and so on."""
+        canvas = Canvas(self.drawing)
+        proposed: list[list[list[Placed]]] = []
+        for area in found:
+            work().at()
+            proposed.append(list(proposals(area, self.picture, self.painted, canvas, self.sight, self.detail)))
+        out: list[list[_Way]] = [[] for _ in found]
+        for number in range(max(map(len, proposed), default=0)):
+            some = [(k, each) for k, ways in enumerate(proposed) if number < len(ways) for each in ways[number]]
+            some.sort(key=lambda pair: pair[1].beneath)
+            if not some:
+                continue
+            new, changes, falls = self._tried([each for _, each in some], ROUNDS)
+            for k in sorted({k for k, _ in some}):
+                own = [i for i, (area, _) in enumerate(some) if area == k]
+                around = ndimage.binary_dilation(found[k].where, SQUARE, MARGIN)
+                fall = float(falls[found[k].rows, found[k].columns][around].sum())
+                out[k].append(_Way([new[i] for i in own], [changes[i] for i in own], fall))
+        return out
+
+    def _tried(self, new: list[Placed], rounds: int) -> tuple[list[Placed], list[_Change], np.ndarray]:
+        """New shapes after so many rounds, what each changes, and by how much half of the misfit falls, (H, W)."""
+        layers = [self._still(each.shape) for each in new]
+        if rounds:
+            layers = begin(replace(self.drawing, shapes=tuple(each.shape for each in new)), self.goal).layers
+        after = settle(State.of(_stacked(self.still, layers, new), self.goal), self.goal, rounds)
         new = _outlined(new, after)
-        changes = [_change(each.shape, before, after, goal, errors) for each in new]
-        for k in {k for k, _ in some}:
-            own = [i for i, (area, _) in enumerate(some) if area == k]
-            tried[k].append(([new[i] for i in own], [changes[i] for i in own]))
-    known = {shape.ink for shape in drawing.shapes}
-    best = [_shortest(each, known, detail) for each in tried]
-    return sorted((placed for some in best for placed in some), key=lambda each: each.beneath)
+        falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
+        return new, [self._change(each.shape, falls) for each in new], falls
 
+    def _change(self, shape: Shape, falls: np.ndarray) -> _Change:
+        price = PRICE * (SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines))
+        window, own = _changed(shape, self.goal.reach, self.size)
+        if not own.any():
+            return _Change(0.0, UNSEEN, price)
+        errors = self.sight.noise + ringing(self.picture[window] @ LUMA_CHROMA, self.sight)[own, 0]
+        slope = (premultiplied(shape.ink) @ self.goal.space - self.before.image[window][own]) * WHITE
+        floor = SHARE_SIGMA**2 * float((slope**2).sum(axis=1).mean()) + float(((errors / 255.0) ** 2).mean())
+        return _Change(float(falls[window][own].sum()), max(floor, UNSEEN), price)
 
-def _shortest(ways: list[tuple[list[Placed], list[Change]]], known: set[Ink], detail: float) -> list[Placed]:
-    """The way that shortens the description most, less the shapes that do not; none where none does.
+    def _net(self, change: _Change, floor: float) -> float:
+        """Nats by which a shape shortens the description, where a pixel has so much misfit by chance."""
+        return self.detail * change.fall / floor - change.price
 
-    known: inks that the drawing has already.
-    """
-    floor = max((change.floor for _, changes in ways for change in changes), default=0.0)
-    most, best = 0.0, list[Placed]()
-    for shapes, changes in ways:
-        nets = [detail * change.fall / floor - change.price for change in changes]
-        good = [each for each, net in zip(shapes, nets, strict=True) if net > 0.0]
-        new = {each.shape.ink for each in good} - known
-        total = sum(net for net in nets if net > 0.0) - PRICE * INK_PARAMETERS * len(new)
-        if total > most:
-            most, best = total, good
-    return best
+    def _shortest(self, ways: list[_Way]) -> list[Placed]:
+        """The shapes of the way that shortens the description most, less those that do not; none where none does."""
+        floor = max((change.floor for way in ways for change in way.changes), default=UNSEEN)
+        known = {shape.ink for shape in self.drawing.shapes}
+        most, best = 0.0, list[Placed]()
+        for way in ways:
+            good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
+            new = {way.shapes[k].shape.ink for k in good} - known
+            price = sum(way.changes[k].price for k in good) + PRICE * INK_PARAMETERS * len(new)
+            total = self.detail * way.fall / floor - price
+            if good and total > most:
+                most, best = total, [way.shapes[k] for k in good]
+        return best
+
+    def _still(self, shape: Shape) -> Layer:
+        """The layer of a shape that stays as it is."""
+        ink = premultiplied(shape.ink) @ self.goal.space
+        return layer_of(shape, ink, [Still(outline) for outline in shape.outlines])
 
 
 def _outlined(new: list[Placed], state: State) -> list[Placed]:
@@ -157,7 +180,7 @@ def _outlined(new: list[Placed], state: State) -> list[Placed]:
 
 
 def _stacked(still: list[Layer], free: list[Layer], new: list[Placed]) -> list[Layer]:
-    """The layers with each new one right above the one that it lies on."""
+    """The layers with each new one, back to front, right above the one that it lies on."""
     out, following = [], 0
     for number in range(-1, len(still)):
         if number >= 0:
@@ -168,31 +191,18 @@ def _stacked(still: list[Layer], free: list[Layer], new: list[Placed]) -> list[L
     return out
 
 
-def _still(shape: Shape, goal: Goal) -> Layer:
-    """The layer of a shape that stays as it is."""
-    return layer_of(shape, premultiplied(shape.ink) @ goal.space, [Still(outline) for outline in shape.outlines])
-
-
-def _change(shape: Shape, before: State, after: State, goal: Goal, errors: np.ndarray) -> Change:
-    """What a shape changes from one state to the other."""
-    price = PRICE * (SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines))
+def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
+    """The window on the canvas, of so many rows and columns, that a shape changes, and its pixels (h, w) bool. reach:
+    px to which it is blurred.
+    """
     rings = shape.oriented()
     cubics = np.concatenate([ring.cubics for ring in rings])
     points = cubics.reshape(-1, 2)
-    height, width = before.image.shape[:2]
-    reach = goal.reach
     x0, y0 = np.maximum(np.floor(points.min(axis=0)).astype(int) - reach, 0).tolist()
-    x1, y1 = np.minimum(np.ceil(points.max(axis=0)).astype(int) + reach, [width, height]).tolist()
+    x1, y1 = np.minimum(np.ceil(points.max(axis=0)).astype(int) + reach, size[::-1]).tolist()
+    window = slice(y0, max(y1, y0)), slice(x0, max(x1, x0))
     if x1 <= x0 or y1 <= y0:
-        return Change(0.0, UNSEEN, price)
+        return window, np.zeros((0, 0), dtype=bool)
     edges = edges_of(cubics, np.concatenate([ring.lines for ring in rings]))
     own = coverage(edges, y0, x0, y1 - y0, x1 - x0) > 0.0
-    if reach:
-        own = ndimage.binary_dilation(own, np.ones((3, 3)), reach)
-    window = slice(y0, y1), slice(x0, x1)
-    if not own.any():
-        return Change(0.0, UNSEEN, price)
-    slope = (premultiplied(shape.ink) @ goal.space - before.image[window][own]) * WHITE
-    floor = SHARE_SIGMA**2 * float((slope**2).sum(axis=1).mean()) + float(errors[window][own].mean())
-    change = before.misfit.reshape(height, width)[window] - after.misfit.reshape(height, width)[window]
-    return Change(0.5 * float(change[own].sum()), max(floor, UNSEEN), price)
+    return window, ndimage.binary_dilation(own, SQUARE, reach) if reach else own

@@ -25,6 +25,7 @@ RINGING, BLOCKS = 0.05, ((8, slice(0, 1)), (16, slice(1, 3)))
 SIDE = 5  # px, of the lines along which residuals are averaged
 OWN = 0.5  # of the mean around it that a pixel is off itself
 NOISY = 3.0  # standard deviations of the noise, in the mean of SIDE px
+SEAM = 24.0  # levels by which what lies beneath shows through where two shapes of a clean picture share a pixel
 MARGIN = 5  # px around an area that are looked at with it
 SQUARE = np.ones((3, 3), dtype=bool)
 # Rows and columns of the pixels over which residuals are averaged: a square of 3 x 3 px, and lines in four directions.
@@ -39,7 +40,7 @@ STENCILS = (
 # Px times levels of an area that people see, and px of a shape, in a clean picture: a dot of a px; and in one with
 # noise: 60 px of what is just unlike, or a short line.
 LEAST_CLEAN, SMALLEST_CLEAN = 160.0, 1
-LEAST, SMALLEST = 60.0 * UNLIKE, 12
+LEAST, SMALLEST = 60.0 * UNLIKE, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,8 @@ class Area:
 @dataclass(frozen=True)
 class Sight:
     """What tells a picture from its drawing. noise: standard deviation in levels; jpeg: whether edges ring; blur: its
-    standard deviation in px; least: px times levels of an area; smallest: px of a shape.
+    standard deviation in px; least: px times levels of an area; smallest: px of a shape;
+    seam: levels by which what lies beneath shows through on edges.
     """
 
     noise: float
@@ -63,11 +65,13 @@ class Sight:
     blur: float
     least: float
     smallest: float
+    seam: float
 
     @classmethod
     def of(cls, condition: Condition, min_area: float) -> Sight:
         least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if condition.clean else (LEAST, SMALLEST)
-        return cls(condition.noise, condition.jpeg, condition.blur, least, max(smallest, min_area))
+        seam = SEAM if condition.clean else 0.0
+        return cls(condition.noise, condition.jpeg, condition.blur, least, max(smallest, min_area), seam)
 
 
 def areas(picture: np.ndarray, painted: np.ndarray, sight: Sight) -> list[Area]:
@@ -99,8 +103,7 @@ def _unlike(picture: np.ndarray, painted: np.ndarray, rough: np.ndarray, sight: 
     reach = 1 + math.ceil(sight.blur)
     ring = ringing(seen, sight)
     for one, other in ((seen, drawn), (drawn, seen)):
-        off = np.zeros(seen.shape)
-        off[place] = one[place] - _clipped(one[place], other, place, reach)
+        off = _beyond(one, other, place, reach, sight.seam)
         at = np.nonzero(largest(np.abs(off)) > OWN * UNLIKE)
         if not len(at[0]):
             continue
@@ -112,15 +115,27 @@ def _unlike(picture: np.ndarray, painted: np.ndarray, rough: np.ndarray, sight: 
     return out
 
 
-def _clipped(values: np.ndarray, other: np.ndarray, place: tuple[np.ndarray, ...], reach: int) -> np.ndarray:
-    """Values (n, 4) at rows and columns (n,), limited to those that another picture (H, W, 4) has within `reach` px."""
-    padded = np.pad(other, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
-    low, high = np.full(values.shape, np.inf), np.full(values.shape, -np.inf)
+def _beyond(one: np.ndarray, other: np.ndarray, place: tuple[np.ndarray, ...], reach: int, seam: float) -> np.ndarray:
+    """(H, W, 4) by how much a picture is, at some rows and columns (n,), outside of the colours that another one has
+    within `reach` px; by so much less where that has an edge, beneath which other shapes may end.
+    """
+    low, high = _range(other, place, reach)
+    slack = np.where(largest(high - low) > UNLIKE, seam, 0.0)[:, None]
+    off = np.zeros(one.shape)
+    off[place] = one[place] - np.clip(one[place], low - slack, high + slack)
+    return off
+
+
+def _range(values: np.ndarray, place: tuple[np.ndarray, ...], reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 4) the least and the greatest values of a picture (H, W, 4) within `reach` px of rows and columns (n,)."""
+    padded = np.pad(values, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
+    low = np.full((len(place[0]), values.shape[2]), np.inf)
+    high = -low
     for dy in range(2 * reach + 1):
         for dx in range(2 * reach + 1):
             beside = padded[place[0] + dy, place[1] + dx]
             low, high = np.minimum(low, beside), np.maximum(high, beside)
-    return np.clip(values, low, high)
+    return low, high
 
 
 def ringing(seen: np.ndarray, sight: Sight) -> np.ndarray:

@@ -29,6 +29,7 @@ SOLID = 9  # px of an area that are surrounded by others of it, which show its c
 SAME = 8.0  # levels of one colour
 HALF, LESS = 0.5, 0.2  # shares from which a pixel is the new shape's, and from which one on the middle of a line is
 CLOSE = 12.0  # levels by which pixels of a line may be off its blends with what is drawn
+SHOWS = 0.1  # coverage of a pixel by a shape that shows in it
 CROSSED = 0.05  # share of a new shape that a shape shows in which it lies beneath the new one
 _EMPTY, _FULL = np.zeros(4), np.full(4, 255.0)
 
@@ -52,17 +53,21 @@ class Canvas:
         self._lows = np.array([each.low for each in self._painted])
         self._highs = np.array([each.high for each in self._painted])
 
-    def owners(self, rows: slice, columns: slice) -> np.ndarray:
-        """(h, w) the number of the uppermost shape that covers half or more of each pixel of a window; -1 for none."""
-        out = np.full((rows.stop - rows.start, columns.stop - columns.start), -1)
+    def owners(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
+        """(h, w) the number of the uppermost shape that covers half or more of each pixel of a window, and that of the
+        uppermost one that shows in it; -1 for none.
+        """
+        out = np.full((2, rows.stop - rows.start, columns.stop - columns.start), -1)
         corner, far = np.array([columns.start, rows.start]), np.array([columns.stop, rows.stop])
         for k in np.flatnonzero(((self._lows < far) & (self._highs > corner)).all(axis=1)).tolist():
             each = self._painted[k]
             x0, y0 = np.maximum(each.low, corner).tolist()
             x1, y1 = np.minimum(each.high, far).tolist()
-            own = coverage(each.edges, y0, x0, y1 - y0, x1 - x0) >= HALF
-            out[y0 - rows.start : y1 - rows.start, x0 - columns.start : x1 - columns.start][own] = k
-        return out
+            cover = coverage(each.edges, y0, x0, y1 - y0, x1 - x0)
+            view = out[:, y0 - rows.start : y1 - rows.start, x0 - columns.start : x1 - columns.start]
+            view[0][cover >= HALF] = k
+            view[1][cover >= SHOWS] = k
+        return out[0], out[1]
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,7 @@ def proposals(
     window = area.rows, area.columns
     values, ground = picture[window].astype(float), painted[window].astype(float)
     near = ndimage.binary_dilation(area.where, SQUARE, 2)
-    owners = canvas.owners(*window)
+    owners, touching = canvas.owners(*window)
     for colours in _colours(values, ground, area.where, canvas.palette):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
         for k, colour in enumerate(colours):
@@ -101,7 +106,7 @@ def proposals(
             cover = _cover(share, area.where, sight.blur)
             if cover.any():
                 contrast = max(float(np.median(largest(np.abs(colour - ground[cover])))), 1.0)
-                drawn = _Drawn(area, share, cover, owners, canvas)
+                drawn = _Drawn(area, share, cover, owners, touching, canvas)
                 ink = eight_bit(colour)
                 for beneath, outlines in drawn.outlines(sight.smallest, sight.noise / contrast, detail):
                     name = shape_name(ink, outlines, *canvas.size[::-1])
@@ -122,13 +127,14 @@ def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class _Drawn:
     """What is to be drawn in one colour in an area. share: (h, w) what it covers of each pixel; cover: (h, w) bool,
-    the pixels that are its own; owners: (h, w) which shapes show so far.
+    the pixels that are its own; owners, touching: (h, w) which shapes show so far.
     """
 
     area: Area
     share: np.ndarray
     cover: np.ndarray
     owners: np.ndarray
+    touching: np.ndarray
     canvas: Canvas
 
     def outlines(self, smallest: float, error: float, detail: float) -> Iterator[tuple[int, tuple[Outline, ...]]]:
@@ -142,7 +148,7 @@ class _Drawn:
         sizes = np.bincount(parts.ravel())
         for number in (1 + np.flatnonzero(sizes[1:] >= smallest)).tolist():
             own = parts == number
-            beneath = _beneath(self.owners[own])
+            beneath = _beneath(self.owners[own], self.touching[own])
             if sizes[number] <= DOT:
                 yield beneath, (self._dot(own),)
                 continue
@@ -165,10 +171,16 @@ class _Drawn:
         return replace(extent, top=extent.top + corner[1], left=extent.left + corner[0], contours=contours)
 
 
-def _beneath(owners: np.ndarray) -> int:
-    """The uppermost shape of those (n,) that show in more than a small part of a new one."""
-    numbers, counts = np.unique(owners, return_counts=True)
-    return int(numbers[counts > CROSSED * len(owners)].max(initial=-1))
+def _beneath(owners: np.ndarray, touching: np.ndarray) -> int:
+    """The uppermost shape of the owners (n,) of more than a small part of a new one, and of those that are the
+    uppermost to show (n,) in most of it, as hairlines do.
+    """
+    return max(_uppermost(owners, CROSSED), _uppermost(touching, HALF))
+
+
+def _uppermost(numbers: np.ndarray, share: float) -> int:
+    found, counts = np.unique(numbers, return_counts=True)
+    return int(found[counts > share * len(numbers)].max(initial=-1))
 
 
 def _colours(values: np.ndarray, ground: np.ndarray, where: np.ndarray, palette: np.ndarray) -> Iterator[np.ndarray]:
