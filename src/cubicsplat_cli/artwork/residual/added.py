@@ -151,14 +151,16 @@ class _Trials:
 
     def _shortest(self, ways: list[_Way]) -> list[Placed]:
         """The shapes of the way that shortens the description most, less those that do not; none where none does."""
-        floor = max((change.floor for way in ways for change in way.changes), default=UNSEEN)
+        floor = max((_floor(way.changes) for way in ways), default=UNSEEN)
         known = {shape.ink for shape in self.drawing.shapes}
         most, best = 0.0, list[Placed]()
         for way in ways:
             good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
             new = {way.shapes[k].shape.ink for k in good} - known
             price = sum(way.changes[k].price for k in good) + PRICE * INK_PARAMETERS * len(new)
-            total = self.detail * way.fall / floor - price
+            # What two of its shapes change is theirs once.
+            fall = min(way.fall, sum(way.changes[k].fall for k in good))
+            total = self.detail * fall / floor - price
             if good and total > most:
                 most, best = total, [way.shapes[k] for k in good]
         return best
@@ -167,6 +169,12 @@ class _Trials:
         """The layer of a shape that stays as it is."""
         ink = premultiplied(shape.ink) @ self.goal.space
         return layer_of(shape, ink, [Still(outline) for outline in shape.outlines])
+
+
+def _floor(changes: list[_Change]) -> float:
+    """What a pixel of some shapes has by chance: their mean, by what they explain."""
+    falls = np.array([max(change.fall, UNSEEN) for change in changes])
+    return float(np.average([change.floor for change in changes], weights=falls)) if changes else UNSEEN
 
 
 def _outlined(new: list[Placed], state: State) -> list[Placed]:

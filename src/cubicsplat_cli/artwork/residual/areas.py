@@ -55,12 +55,14 @@ class Area:
 
 @dataclass(frozen=True)
 class Sight:
-    """What tells a picture from its drawing. noise: standard deviation in levels; jpeg: whether edges ring; blur: its
+    """What tells a picture from its drawing. noise: standard deviation in levels, and error: that of
+    pixels on edges; jpeg: whether edges ring; blur: its
     standard deviation in px; least: px times levels of an area; smallest: px of a shape;
     seam: levels by which what lies beneath shows through on edges.
     """
 
     noise: float
+    error: float
     jpeg: bool
     blur: float
     least: float
@@ -71,7 +73,9 @@ class Sight:
     def of(cls, condition: Condition, min_area: float) -> Sight:
         least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if condition.clean else (LEAST, SMALLEST)
         seam = SEAM if condition.clean else 0.0
-        return cls(condition.noise, condition.jpeg, condition.blur, least, max(smallest, min_area), seam)
+        return cls(
+            condition.noise, condition.edge_error, condition.jpeg, condition.blur, least, max(smallest, min_area), seam
+        )
 
 
 def areas(picture: np.ndarray, painted: np.ndarray, sight: Sight) -> list[Area]:

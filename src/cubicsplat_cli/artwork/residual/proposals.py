@@ -93,9 +93,12 @@ def proposals(
     """The ways to explain an area of a picture (H, W, 4) in levels by shapes over what is painted, (H, W, 4)."""
     window = area.rows, area.columns
     values, ground = picture[window].astype(float), painted[window].astype(float)
+    inner = ndimage.binary_erosion(area.where, SQUARE)
+    if sight.noise:
+        values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
     near = ndimage.binary_dilation(area.where, SQUARE, 2)
     owners, touching = canvas.owners(*window)
-    for colours in _colours(values, ground, area.where, canvas.palette):
+    for colours in _colours(values, ground, area.where, inner, canvas.palette):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
         for k, colour in enumerate(colours):
             shares[k][near], rest[k][near] = blend_with(values[near], colour, ground[near], ground[near])
@@ -108,7 +111,7 @@ def proposals(
                 contrast = max(float(np.median(largest(np.abs(colour - ground[cover])))), 1.0)
                 drawn = _Drawn(area, share, cover, owners, touching, canvas)
                 ink = eight_bit(colour)
-                for beneath, outlines in drawn.outlines(sight.smallest, sight.noise / contrast, detail):
+                for beneath, outlines in drawn.outlines(sight.smallest, sight.error / contrast, detail):
                     name = shape_name(ink, outlines, *canvas.size[::-1])
                     found.append(Placed(Shape(ink, outlines, name), beneath))
         yield found
@@ -183,14 +186,19 @@ def _uppermost(numbers: np.ndarray, share: float) -> int:
     return int(found[counts > share * len(numbers)].max(initial=-1))
 
 
-def _colours(values: np.ndarray, ground: np.ndarray, where: np.ndarray, palette: np.ndarray) -> Iterator[np.ndarray]:
+def _colours(
+    values: np.ndarray, ground: np.ndarray, where: np.ndarray, inner: np.ndarray, palette: np.ndarray
+) -> Iterator[np.ndarray]:
     """(k, 4) the colours that an area (h, w) bool of a window may have, several ways: the one that is farthest from
     what is drawn; that of the palette which pixels are blends with; all that its inner pixels show.
     """
     value, beside = values[where], ground[where]
     off = ((value - beside) ** 2).sum(axis=1)
     strongest = off >= np.quantile(off, 0.75)
-    yield np.median(value[strongest], axis=0)[None]
+    farthest = np.median(value[strongest], axis=0)
+    # A thin translucent colour is that of a seam between two shapes.
+    if farthest[3] >= OPAQUE or inner.sum() >= SOLID:
+        yield farthest[None]
     best, chosen = CLOSE, None
     for ink in palette:
         share, rest = blend_with(value, ink, beside, beside)
@@ -199,13 +207,10 @@ def _colours(values: np.ndarray, ground: np.ndarray, where: np.ndarray, palette:
             best, chosen = cost, ink
     if chosen is not None:
         yield chosen[None]
-    inner = ndimage.binary_erosion(where, SQUARE)
-    if inner.sum() >= SOLID:
-        mean = ndimage.uniform_filter(values, (3, 3, 1))
-        places = modes(mean[inner], SAME, SOLID, np.zeros((0, 4)))
-        found = [np.median(values[inner][np.abs(mean[inner] - each).max(axis=1) <= SAME], axis=0) for each in places]
-        if found:
-            yield np.array(found)
+    places = modes(values[inner], SAME, SOLID, np.zeros((0, 4)))
+    if len(places):
+        own = [np.abs(values[inner] - each).max(axis=1) <= SAME for each in places]
+        yield np.array([np.median(values[inner][each], axis=0) for each in own])
 
 
 def _premultiplied(ink: tuple[int, int, int, int]) -> np.ndarray:
