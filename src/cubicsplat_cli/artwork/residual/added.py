@@ -26,7 +26,7 @@ from cubicsplat_cli.raster.stack import Goal
 
 SHAPE_PARAMETERS, INK_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new ink
 ROUNDS = 10
-PASSES = 2
+PASSES = 3
 MOST_TRIED = 400  # areas
 
 _log = logging.getLogger("cubicsplat")

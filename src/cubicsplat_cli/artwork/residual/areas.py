@@ -25,7 +25,7 @@ RINGING, BLOCKS = 0.05, ((8, slice(0, 1)), (16, slice(1, 3)))
 SIDE = 5  # px, of the lines along which residuals are averaged
 OWN = 0.5  # of the mean around it that a pixel is off itself
 NOISY = 3.0  # standard deviations of the noise, in the mean of SIDE px
-SEAM = 24.0  # levels by which what lies beneath shows through where two shapes of a clean picture share a pixel
+SEAM = 8.0  # levels that edges of a clean picture may be off: half of one of 4 x 4 samples a pixel
 MARGIN = 5  # px around an area that are looked at with it
 SQUARE = np.ones((3, 3), dtype=bool)
 # Rows and columns of the pixels over which residuals are averaged: a square of 3 x 3 px, and lines in four directions.
