@@ -117,6 +117,15 @@ def test_an_edge_that_is_slightly_off_gets_no_shape() -> None:
     assert explained(off, picture(truth(""))) is off
 
 
+def test_what_is_left_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    box = '<rect x="36" y="12" width="20" height="26" fill="#e6f5d8"/>'
+    explained(plain(), picture(truth(box)))
+    assert not caplog.messages
+    explained(plain(), picture(truth(box)), most=3)
+    (message,) = caplog.messages
+    assert message.startswith("areas that differ visibly from the picture: 1, of 5")
+
+
 def test_noise_is_explained_by_nothing() -> None:
     noise = np.random.default_rng(3).normal(0.0, 0.03, (48, 64, 1))
     target = picture(truth(""))
@@ -154,5 +163,5 @@ def test_a_small_picture_gains_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_of_many_areas_the_worst_are_tried(monkeypatch, caplog):
     monkeypatch.setattr(added, "MOST_TRIED", 3)
-    assert 3 < len(explained(plain(), picture(truth(DOTS))).shapes) <= 9
+    assert 3 < len(explained(plain(), picture(truth(DOTS))).shapes) <= 12
     assert "only the 3 largest are tried" in caplog.text

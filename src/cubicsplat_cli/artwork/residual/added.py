@@ -28,6 +28,7 @@ SHAPE_PARAMETERS, INK_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines',
 ROUNDS = 10
 PASSES = 3
 MOST_TRIED = 400  # areas
+SEEN = 60  # px of an area that is worth a note
 
 _log = logging.getLogger("cubicsplat")
 
@@ -46,15 +47,18 @@ def with_added(
     detail as in ArtworkSettings. min_area: px^2 that a shape has at least; most: shapes of the drawing, or None for any
     number.
     """
-    sight = Sight.of(condition, min_area)
+    if not drawing.shapes:
+        return drawing
+    trials = _Trials(drawing, goal, Sight.of(condition, min_area), detail)
     for _ in range(PASSES):
-        if not drawing.shapes:
+        added = trials.best()
+        if added is trials.drawing or (most is not None and len(added.shapes) > most):
             break
-        added = _Trials(drawing, goal, sight, detail).best()
-        if added is drawing or (most is not None and len(added.shapes) > most):
-            break
-        drawing = added
-    return drawing
+        trials = _Trials(added, goal, trials.sight, detail)
+    left = [int(area.where.sum()) for area in trials.found if area.where.sum() >= SEEN]
+    if left:
+        _log.warning("areas that differ visibly from the picture: %d, of %d px in all", len(left), sum(left))
+    return trials.drawing
 
 
 @dataclass(frozen=True)
@@ -87,10 +91,11 @@ class _Trials:
         self.size = self.before.image.shape[:2]
         back = 255.0 * np.linalg.inv(goal.space)
         self.picture, self.painted = goal.target @ back, self.before.image @ back
+        self.found = areas(self.picture, self.painted, sight)
 
     def best(self) -> Drawing:
         """The drawing with those that shorten the description; the same without any."""
-        found = areas(self.picture, self.painted, self.sight)
+        found = self.found
         if len(found) > MOST_TRIED:
             _log.warning("%d areas differ from the picture: only the %d largest are tried", len(found), MOST_TRIED)
             found = found[:MOST_TRIED]
