@@ -1,4 +1,4 @@
-"""Details that a drawing lost are found in its pixels: dots, hatching and letters of a px or less."""
+"""What a drawing does not explain of its picture is found and drawn: areas, thin lines, dots and hatching."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork import vectorize
-from cubicsplat_cli.artwork.details import candidates as candidates_of
-from cubicsplat_cli.artwork.details import spots
-from cubicsplat_cli.artwork.details.shares import ink_shares
-from cubicsplat_cli.artwork.details.spots import with_spots
-from cubicsplat_cli.artwork.details.subpixels import SIDE, arranged
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
+from cubicsplat_cli.artwork.input.condition import CLEAN, Condition
 from cubicsplat_cli.artwork.input.intake import as_levels
+from cubicsplat_cli.artwork.residual import added
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.evaluate.perceptual import mean_delta_e
@@ -59,75 +57,94 @@ def delta_e(document: Document, drawing: Drawing) -> float:
     return mean_delta_e(document.draw(4), written.draw(4))
 
 
-def test_shares_of_two_and_three_inks_are_those_that_they_were_mixed_with() -> None:
-    palette = np.array([WHITE, BLUE, RED], dtype=float)
-    shares = np.array([[1.0, 0.0, 0.0], [0.7, 0.3, 0.0], [0.0, 0.2, 0.8], [0.3, 0.3, 0.4]])
-    found = ink_shares(shares @ palette, palette, np.ones((4, 3), dtype=bool))
-    assert np.abs(found - shares).max() < 1e-6
+def explained(drawing: Drawing, target: np.ndarray, condition: Condition = CLEAN, **asked: Any) -> Drawing:
+    return added.with_added(drawing, goal_of(target, condition.blur), condition, **asked)
 
 
-def test_of_two_blends_that_explain_a_pixel_that_of_inks_near_is_taken() -> None:
-    palette = np.array([[0.0, 0, 0, 255], [255.0, 255, 255, 255], [128.0, 128, 128, 255]])
-    values = np.array([[200.0, 200, 200, 255]])
-    black = ink_shares(values, palette, np.array([[True, True, False]]))
-    grey = ink_shares(values, palette, np.array([[False, True, True]]))
-    assert black[0].tolist() == pytest.approx([55 / 255, 200 / 255, 0.0])
-    assert grey[0].tolist() == pytest.approx([0.0, 72 / 127, 55 / 127])
-
-
-def test_half_a_column_shared_by_two_pixels_becomes_one_line_at_their_border() -> None:
-    shares = np.zeros((6, 8, 2))
-    shares[:, 3:5, 1] = 0.25
-    shares[..., 0] = 1.0 - shares[..., 1]
-    labels = arranged(shares, np.zeros((6 * SIDE, 8 * SIDE), dtype=int), shares[..., 1] > 0.0)
-    expected = np.zeros(8 * SIDE, dtype=int)
-    expected[4 * SIDE - 1 : 4 * SIDE + 1] = 1
-    assert (labels == expected).all()
-
-
-def test_every_pixel_keeps_its_shares_and_those_not_open_what_is_drawn() -> None:
-    shares = np.random.default_rng(1).dirichlet((0.5, 0.5, 0.5), (7, 9))
-    drawn = np.full((7 * SIDE, 9 * SIDE), 2)
-    is_open = np.random.default_rng(2).random((7, 9)) < 0.6
-    labels = arranged(shares, drawn, is_open).reshape(7, SIDE, 9, SIDE).transpose(0, 2, 1, 3).reshape(7, 9, -1)
-    counts = (labels[..., None] == np.arange(3)).sum(axis=2)
-    assert np.abs(counts / SIDE**2 - shares)[is_open].max() < 1.0 / SIDE**2
-    assert (labels[~is_open] == 2).all()
+def new_shapes(drawing: Drawing) -> list[Shape]:
+    return [shape for shape in drawing.shapes if shape not in plain().shapes]
 
 
 @pytest.mark.parametrize(("details", "count"), [(DOTS, 15), (HATCH, 4)])
-def test_lost_details_are_drawn_where_they_are(details: str, count: int) -> None:
+def test_lost_details_are_drawn_where_they_are_in_the_fill_colours_of_the_drawing(details: str, count: int) -> None:
     document = truth(details)
-    drawing = with_spots(plain(), goal_of(picture(document)))
-    assert drawing.shapes[:3] == plain().shapes
-    spots = drawing.shapes[3:]
-    assert count - 1 <= len(spots) <= count + 3
-    assert {spot.ink for spot in spots} <= {WHITE, BLUE, RED}
-    assert delta_e(document, drawing) < 0.4 * delta_e(document, plain())
+    drawing = explained(plain(), picture(document))
+    assert [shape for shape in drawing.shapes if shape in plain().shapes] == list(plain().shapes)
+    new = new_shapes(drawing)
+    assert len(new) == count
+    assert {shape.ink for shape in new} <= {WHITE, BLUE, RED}
+    assert delta_e(document, drawing) < 0.1 * delta_e(document, plain())
+
+
+def test_an_area_of_a_lost_colour_is_drawn_in_it_beneath_what_lies_on_it() -> None:
+    """A pale green box, from beneath the red one up, of which the drawing has nothing."""
+    box = '<rect x="36" y="12" width="20" height="26" fill="#e6f5d8"/>'
+    document = truth(box + RED_BOX)
+    drawing = explained(plain(), picture(document))
+    (new,) = new_shapes(drawing)
+    assert new.ink == (230, 245, 216, 255)
+    assert drawing.shapes.index(new) < [shape.ink for shape in drawing.shapes].index(RED)
+    assert delta_e(document, drawing) < 0.05 * delta_e(document, plain())
+
+
+def test_lines_are_found_in_noise_and_through_a_blur() -> None:
+    line = '<path d="M32 6C44 2 50 26 60 22" fill="none" stroke="#143cc8" stroke-width="1.2"/>'
+    rng = np.random.default_rng(5)
+    clean = picture(truth(line))
+    noisy = np.clip(clean + rng.normal(0.0, 0.012, clean.shape) * [1.0, 1.0, 1.0, 0.0], 0.0, 1.0)
+    blurred = ndimage.gaussian_filter(clean, (1.2, 1.2, 0.0), mode="nearest")
+    for target, condition in ((noisy, Condition(noise=3.0)), (blurred, Condition(blur=1.2))):
+        drawing = explained(plain(), target, condition)
+        assert 1 <= len(new_shapes(drawing)) <= 2
+        assert delta_e(truth(line), drawing) < 0.5 * delta_e(truth(line), plain())
+
+
+def test_a_line_that_its_picture_lacks_is_covered() -> None:
+    line = Shape(BLUE, (Rectangle(34.0, 10.0, 24.0, 1.0),), "line")
+    drawing = explained(replace(plain(), shapes=(*plain().shapes, line)), picture(truth("")))
+    assert delta_e(truth(""), drawing) < 0.1 * delta_e(truth(""), replace(plain(), shapes=(*plain().shapes, line)))
 
 
 def test_a_drawing_that_explains_its_picture_stays_as_it_is() -> None:
     drawing = plain()
-    assert with_spots(drawing, goal_of(picture(truth("")))) is drawing
+    assert explained(drawing, picture(truth(""))) is drawing
 
 
-def test_an_edge_that_is_slightly_off_gets_no_spots() -> None:
+def test_an_edge_that_is_slightly_off_gets_no_shape() -> None:
     drawing = plain()
     moved = replace(drawing.shapes[1], outlines=(Rectangle(4.08, 4.0, 24.0, 40.0),))
     off = replace(drawing, shapes=(drawing.shapes[0], moved, drawing.shapes[2]))
-    assert with_spots(off, goal_of(picture(truth("")))) == off
+    assert explained(off, picture(truth(""))) is off
 
 
-def test_less_detail_draws_fewer_spots() -> None:
-    goal = goal_of(picture(truth(DOTS)))
-    assert len(with_spots(plain(), goal, 0.02).shapes) < len(with_spots(plain(), goal).shapes) - 5
+def test_what_is_left_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    box = '<rect x="36" y="12" width="20" height="26" fill="#e6f5d8"/>'
+    explained(plain(), picture(truth(box)))
+    assert not caplog.messages
+    explained(plain(), picture(truth(box)), most=3)
+    (message,) = caplog.messages
+    assert message.startswith("areas that differ visibly from the picture: 1, of 5")
 
 
-def test_large_spots_only_and_no_more_than_asked_for() -> None:
-    goal = goal_of(picture(truth(DOTS)))
-    assert len(with_spots(plain(), goal, min_area=2.0).shapes) in (6, 7, 8, 9, 10, 11)
-    assert len(with_spots(plain(), goal, most=4).shapes) == 7
-    assert len(with_spots(plain(), goal, most=0).shapes) == 3
+def test_noise_is_explained_by_nothing() -> None:
+    noise = np.random.default_rng(3).normal(0.0, 0.03, (48, 64, 1))
+    target = picture(truth(""))
+    target[..., :3] = np.clip(target[..., :3] + noise, 0.0, 1.0)
+    drawing = plain()
+    assert explained(drawing, target, Condition(noise=0.03 * 255.0)) is drawing
+
+
+def test_less_detail_draws_fewer_shapes() -> None:
+    target = picture(truth(DOTS))
+    assert len(explained(plain(), target, detail=0.02).shapes) < len(explained(plain(), target).shapes) - 5
+
+
+def test_large_shapes_only_and_no_more_than_asked_for() -> None:
+    target = picture(truth(DOTS))
+    assert len(explained(plain(), target, min_area=2.0).shapes) <= len(explained(plain(), target).shapes)
+    assert len(explained(plain(), target, min_area=20.0).shapes) == 3
+    assert len(explained(plain(), target, most=7).shapes) <= 7
+    assert len(explained(plain(), target, most=3).shapes) == 3
 
 
 @pytest.mark.parametrize("asked", [{"colors": 3}, {"palette": (WHITE[:3], BLUE[:3], RED[:3])}, {"curves": 3}])
@@ -136,43 +153,15 @@ def test_what_was_given_up_on_request_is_no_detail(asked: dict[str, Any]) -> Non
     assert len(vectorize.draw(target, ArtworkSettings(**asked)).shapes) < len(vectorize.draw(target).shapes)
 
 
-def test_a_small_picture_gains_by_its_spots(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_picture_gains_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
     document = truth(DOTS + HATCH)
     target = picture(document).astype(np.float32)
     drawn = vectorize.draw(target)
-    monkeypatch.setattr(vectorize, "with_spots", lambda drawing, *_: drawing)
+    monkeypatch.setattr(vectorize, "with_added", lambda drawing, *_: drawing)
     assert delta_e(document, drawn) < 0.8 * delta_e(document, vectorize.draw(target))
 
 
-@pytest.mark.slow
-def test_a_noisy_picture_gets_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*_: object) -> Drawing:
-        raise AssertionError("noise is no detail")
-
-    monkeypatch.setattr(vectorize, "with_spots", refused)
-    noise = np.random.default_rng(3).normal(0.0, 0.03, (48, 64, 1))
-    clean = picture(truth(""))
-    clean[..., :3] = np.clip(clean[..., :3] + noise, 0.0, 1.0)
-    assert vectorize.draw(clean.astype(np.float32)).shapes
-
-
-def test_of_many_inks_only_those_of_a_place_are_tried_there(monkeypatch):
-    side, many = 24, 60
-    rng = np.random.default_rng(3)
-    palette = np.column_stack([rng.integers(0, 256, (many, 3)), np.full(many, 255)]).astype(float)
-    levels = np.tile(palette[0], (side, side, 1))
-    levels[8:14, 8:14] = palette[1]
-    unexplained = (levels != palette[0]).any(axis=2)
-    looked = []
-    shares = candidates_of.ink_shares
-    monkeypatch.setattr(candidates_of, "ink_shares", lambda *given: looked.append(len(given[1])) or shares(*given))
-    (found,) = candidates_of.candidates(levels, palette, [], unexplained, 0)
-    assert looked == [2]
-    assert (found.ink, found.area) == (1, 36 * 16)
-
-
-def test_of_many_details_the_largest_are_tried(monkeypatch, caplog):
-    goal = goal_of(picture(truth(DOTS)))
-    monkeypatch.setattr(spots, "MOST_TRIED", 3)
-    assert 3 < len(with_spots(plain(), goal).shapes) <= 6
-    assert "details are too many: only the 3 largest are tried" in caplog.text
+def test_of_many_areas_the_worst_are_tried(monkeypatch, caplog):
+    monkeypatch.setattr(added, "MOST_TRIED", 3)
+    assert 3 < len(explained(plain(), picture(truth(DOTS))).shapes) <= 12
+    assert "only the 3 largest are tried" in caplog.text

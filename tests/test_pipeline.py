@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import rest_slow
-from PIL import Image
+from PIL import Image, ImageFilter
 
 from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.artwork import vectorize as drawing
@@ -29,6 +29,7 @@ from cubicsplat_cli.photo import FitInputs, Fitting
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture
 from cubicsplat_cli.pipeline import photo as photo_style
+from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.progress import COMMAND_BEGAN, Observer, Progress, StageTimer, Work
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
@@ -141,6 +142,15 @@ def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(monk
     assert "measured, but as a photo it has only" in second.style.reason
     few = Request(FitSettings(curves=12, steps=20, threads=1))
     assert len(list(candidates(task_of(as_picture(text), few, StageTimer())))) == 1
+
+
+def test_the_sketch_of_a_blurred_picture_is_compared_blurred(monkeypatch):
+    monkeypatch.setattr(drawing, "MANY", 0)
+    blurred = Image.fromarray(disc()).filter(ImageFilter.GaussianBlur(2.0))
+    sketches = []
+    made = drawn_outlines(task_of(as_picture(np.asarray(blurred)), Request(), StageTimer()), sketches.append)
+    assert made.blur > 0.5
+    assert [sketch.blur for sketch in sketches] == [made.blur]
 
 
 def fails(*_) -> None:

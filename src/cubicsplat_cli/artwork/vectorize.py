@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.details.spots import SHAPE_PARAMETERS, with_spots
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
 from cubicsplat_cli.artwork.geometry.outlines import Outline
@@ -28,6 +27,7 @@ from cubicsplat_cli.artwork.regions.inks import eight_bit, picture_inks
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
+from cubicsplat_cli.artwork.residual.added import SHAPE_PARAMETERS, with_added
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.placing import with_shadow
@@ -146,10 +146,10 @@ def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_sketch: 
             work().at("regularising", 0.8)
             drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
         # What was given up for fewer inks or shapes is no detail that was lost.
-        if condition.clean and settings.free_inks and len(shapes) <= MOST_DETAILED:
+        if settings.free_inks and len(shapes) <= MOST_DETAILED:
             work().at("adding details", 0.93)
-            most = None if settings.curves is None else settings.curves - len(shapes)
-            drawing = with_spots(drawing, goal, settings.detail, settings.min_area / intake.scale**2, most)
+            min_area = settings.min_area / intake.scale**2
+            drawing = with_added(drawing, goal, condition, settings.detail, min_area, settings.curves)
         if strokes:
             work().at("finding strokes", 0.97)
             drawing = with_strokes(drawing, settings.detail, error / 255.0)

@@ -79,10 +79,12 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
     with under_way(Work(task.on_progress, time.perf_counter() + task.seconds_to_make())) as work:
         target = task.target.target()
         intake = prepared(target)
-        drawing = draw(
-            target, chosen, intake, strokes=task.request.strokes,
-            on_sketch=lambda sketch: on_sketch(_drawn(scaled_drawing(sketch, *task.picture.size), task.request)),
-        )  # fmt: skip
+        blur = intake.scale * math.hypot(intake.condition.blur, ENLARGED if intake.times > 1 else 0.0)
+
+        def tell(sketch: Drawing) -> None:
+            on_sketch(replace(_drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
+
+        drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_sketch=tell)
     drawing = scaled_drawing(drawing, *task.picture.size)
     if chosen.stacking == CUTOUT:
         from cubicsplat_cli.artwork.planar.cutout import cut_out
@@ -94,7 +96,6 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     facts = {**made.facts, "interrupted": work.interrupted}
-    blur = intake.scale * math.hypot(intake.condition.blur, ENLARGED if intake.times > 1 else 0.0)
     return replace(
         made, notes=notes, facts=facts, may_be_photo=not intake.scanned, of_scan=intake.scanned, blur=blur
     )  # fmt: skip

@@ -50,7 +50,7 @@ def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float) -> np.ndarray
     sizes: list[float] = []
     places = np.zeros((0, 4))
     for where, apart in ((away, 0.0), (calm & ~away, FAR * reach)):
-        new = _modes(mean[where], reach, least, places)
+        new = modes(mean[where], reach, least, places)
         known = list(inks)
         for place in new:
             own = where & (np.abs(mean - place).max(axis=-1) <= reach)
@@ -89,7 +89,7 @@ def missing_colours(
     values = ndimage.uniform_filter(levels, (3, 3, 1))[off]
     found = [
         np.median(levels[off][np.abs(values - place).max(axis=-1) <= SAME], axis=0)
-        for place in _modes(values, SAME, LEAST_MISSING, np.zeros((0, 4)))
+        for place in modes(values, SAME, LEAST_MISSING, np.zeros((0, 4)))
     ]
     return np.array(found, dtype=float).reshape(-1, 4)
 
@@ -106,12 +106,12 @@ def colours_of_lines(levels: np.ndarray, palette: np.ndarray, before: np.ndarray
     share = ((value - ground) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
     unlike = np.abs(value - ground - np.clip(share, 0.0, 1.0)[:, None] * span).max(axis=1) > UNBLENDED
     value = value[unlike]
-    places = _modes(value, 2.0 * SAME, LEAST_OF_LINES, np.zeros((0, 4)))
+    places = modes(value, 2.0 * SAME, LEAST_OF_LINES, np.zeros((0, 4)))
     found = [np.median(value[np.abs(value - place).max(axis=1) <= 2.0 * SAME], axis=0) for place in places]
     return np.array(found, dtype=float).reshape(-1, 4)
 
 
-def _modes(values: np.ndarray, reach: float, least: float, known: np.ndarray) -> np.ndarray:
+def modes(values: np.ndarray, reach: float, least: float, known: np.ndarray) -> np.ndarray:
     """(k, 4) the densest places among values (n, 4), each with `least` values within reach, beyond those known."""
     cell = reach / 4.0
     cells, counts = np.unique(np.rint(values / cell).astype(np.int16), axis=0, return_counts=True)

@@ -42,11 +42,12 @@ OFF, THIN = 4.0, 0.25
 # in pictures that were enlarged by 1.5, and 2.3 to 33 times in clean ones.
 CLEARER = 2.0
 LEAST_CONTRAST = 3.0  # times the misfit, for shares of two inks to be told
-_TO_YCC = np.array(
+# (4, 4) what rows of RGBA are multiplied by for luma, chroma and opacity.
+LUMA_CHROMA = np.array(
     [
-        [0.299, 0.587, 0.114, 0.0],
-        [-0.168736, -0.331264, 0.5, 0.0],
-        [0.5, -0.418688, -0.081312, 0.0],
+        [0.299, -0.168736, 0.5, 0.0],
+        [0.587, -0.331264, -0.418688, 0.0],
+        [0.114, 0.5, -0.081312, 0.0],
         [0.0, 0.0, 0.0, 1.0],
     ]
 )
@@ -56,7 +57,7 @@ def seen_as(condition: Condition) -> np.ndarray:
     """(4, 4) what rows of RGBA are multiplied by for coordinates whose distances tell colours apart."""
     if not condition.jpeg:
         return np.eye(4)
-    return (_TO_YCC * np.array([1.0, CHROMA, CHROMA, 1.0])[:, None]).T
+    return LUMA_CHROMA * np.array([1.0, CHROMA, CHROMA, 1.0])
 
 
 def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
@@ -79,7 +80,7 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
     palette = noisy_inks(levels, seen, condition.noise)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
     nearest, _ = _nearest(seen, palette @ space)
-    new = missing_colours(levels, palette, nearest, _TO_YCC.T, condition.noise, jpeg=condition.jpeg)
+    new = missing_colours(levels, palette, nearest, LUMA_CHROMA, condition.noise, jpeg=condition.jpeg)
     palette = np.vstack([palette, new])
     thick = len(palette)
     if thick <= MOST_THICK:

@@ -1,0 +1,221 @@
+"""Shapes added to a finished drawing where its picture asks for them.
+
+Each is kept only where the description of the picture becomes shorter by it: half of chi^2 over the pixels that it
+changes, against a price for every parameter, before and after it is optimised against the pixels.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, begin, layer_of, premultiplied, settle
+from cubicsplat_cli.artwork.finish.freedom import Still
+from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
+from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
+from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, Sight, areas, ringing
+from cubicsplat_cli.artwork.residual.proposals import Canvas, Placed, proposals
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster.stack import Goal
+
+SHAPE_PARAMETERS, INK_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new ink
+ROUNDS = 10
+PASSES = 3
+MOST_TRIED = 400  # areas
+SEEN = 60  # px of an area that is worth a note
+
+_log = logging.getLogger("cubicsplat")
+
+
+def with_added(
+    drawing: Drawing,
+    goal: Goal,
+    condition: Condition,
+    detail: float = 1.0,
+    min_area: float = 0.0,
+    most: int | None = None,
+) -> Drawing:
+    """The drawing with shapes where it does not explain its goal, a picture in some condition; the same where that
+    needs none.
+
+    detail as in ArtworkSettings. min_area: px^2 that a shape has at least; most: shapes of the drawing, or None for any
+    number.
+    """
+    if not drawing.shapes:
+        return drawing
+    trials = _Trials(drawing, goal, Sight.of(condition, min_area), detail)
+    for _ in range(PASSES):
+        added = trials.best()
+        if added is trials.drawing or (most is not None and len(added.shapes) > most):
+            break
+        trials = _Trials(added, goal, trials.sight, detail)
+    left = [int(area.where.sum()) for area in trials.found if area.where.sum() >= SEEN]
+    if left:
+        _log.warning("areas that differ visibly from the picture: %d, of %d px in all", len(left), sum(left))
+    return trials.drawing
+
+
+@dataclass(frozen=True)
+class _Change:
+    """What a new shape changes. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
+    shape, nats.
+    """
+
+    fall: float
+    floor: float
+    price: float
+
+
+@dataclass(frozen=True)
+class _Way:
+    """New shapes that explain an area, and what they change. fall: of half of the misfit of the area."""
+
+    shapes: list[Placed]
+    changes: list[_Change]
+    fall: float
+
+
+class _Trials:
+    """New shapes tried in a drawing, whose own stay as they are."""
+
+    def __init__(self, drawing: Drawing, goal: Goal, sight: Sight, detail: float) -> None:
+        self.drawing, self.goal, self.sight, self.detail = drawing, goal, sight, detail
+        self.still = [self._still(shape) for shape in drawing.shapes]
+        self.before = State.of(self.still, goal)
+        self.size = self.before.image.shape[:2]
+        back = 255.0 * np.linalg.inv(goal.space)
+        self.picture, self.painted = goal.target @ back, self.before.image @ back
+        self.found = areas(self.picture, self.painted, sight)
+
+    def best(self) -> Drawing:
+        """The drawing with those that shorten the description; the same without any."""
+        found = self.found
+        if len(found) > MOST_TRIED:
+            _log.warning("%d areas differ from the picture: only the %d largest are tried", len(found), MOST_TRIED)
+            found = found[:MOST_TRIED]
+        ways = self._ways(found)
+        new = sorted((each for some in ways for each in self._shortest(some)), key=lambda each: each.beneath)
+        if new:
+            _, changes, _ = self._tried(new, 0)
+            new = [each for each, change in zip(new, changes, strict=True) if self._net(change, change.floor) > 0.0]
+        if not new:
+            return self.drawing
+        layers = _stacked(self.still, [self._still(each.shape) for each in new], new)
+        return replace(self.drawing, shapes=tuple(layer.shape for layer in layers))
+
+    def _ways(self, found: list[Area]) -> list[list[_Way]]:
+        """The ways to explain each area, the first ones of all areas tried together, and so on."""
+        canvas = Canvas(self.drawing)
+        proposed: list[list[list[Placed]]] = []
+        for area in found:
+            work().at()
+            proposed.append(list(proposals(area, self.picture, self.painted, canvas, self.sight, self.detail)))
+        out: list[list[_Way]] = [[] for _ in found]
+        for number in range(max(map(len, proposed), default=0)):
+            some = [(k, each) for k, ways in enumerate(proposed) if number < len(ways) for each in ways[number]]
+            some.sort(key=lambda pair: pair[1].beneath)
+            if not some:
+                continue
+            new, changes, falls = self._tried([each for _, each in some], ROUNDS)
+            for k in sorted({k for k, _ in some}):
+                own = [i for i, (area, _) in enumerate(some) if area == k]
+                around = ndimage.binary_dilation(found[k].where, SQUARE, MARGIN)
+                fall = float(falls[found[k].rows, found[k].columns][around].sum())
+                out[k].append(_Way([new[i] for i in own], [changes[i] for i in own], fall))
+        return out
+
+    def _tried(self, new: list[Placed], rounds: int) -> tuple[list[Placed], list[_Change], np.ndarray]:
+        """New shapes after so many rounds, what each changes, and by how much half of the misfit falls, (H, W)."""
+        layers = [self._still(each.shape) for each in new]
+        if rounds:
+            layers = begin(replace(self.drawing, shapes=tuple(each.shape for each in new)), self.goal).layers
+        after = settle(State.of(_stacked(self.still, layers, new), self.goal), self.goal, rounds)
+        new = _outlined(new, after)
+        falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
+        return new, [self._change(each.shape, falls) for each in new], falls
+
+    def _change(self, shape: Shape, falls: np.ndarray) -> _Change:
+        price = PRICE * (SHAPE_PARAMETERS + sum(outline.parameters for outline in shape.outlines))
+        window, own = _changed(shape, self.goal.reach, self.size)
+        if not own.any():
+            return _Change(0.0, UNSEEN, price)
+        errors = self.sight.noise + ringing(self.picture[window] @ LUMA_CHROMA, self.sight)[own, 0]
+        slope = (premultiplied(shape.ink) @ self.goal.space - self.before.image[window][own]) * WHITE
+        floor = SHARE_SIGMA**2 * float((slope**2).sum(axis=1).mean()) + float(((errors / 255.0) ** 2).mean())
+        return _Change(float(falls[window][own].sum()), max(floor, UNSEEN), price)
+
+    def _net(self, change: _Change, floor: float) -> float:
+        """Nats by which a shape shortens the description, where a pixel has so much misfit by chance."""
+        return self.detail * change.fall / floor - change.price
+
+    def _shortest(self, ways: list[_Way]) -> list[Placed]:
+        """The shapes of the way that shortens the description most, less those that do not; none where none does."""
+        floor = max((_floor(way.changes) for way in ways), default=UNSEEN)
+        known = {shape.ink for shape in self.drawing.shapes}
+        most, best = 0.0, list[Placed]()
+        for way in ways:
+            good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
+            new = {way.shapes[k].shape.ink for k in good} - known
+            price = sum(way.changes[k].price for k in good) + PRICE * INK_PARAMETERS * len(new)
+            # What two of its shapes change is theirs once.
+            fall = min(way.fall, sum(way.changes[k].fall for k in good))
+            total = self.detail * fall / floor - price
+            if good and total > most:
+                most, best = total, [way.shapes[k] for k in good]
+        return best
+
+    def _still(self, shape: Shape) -> Layer:
+        """The layer of a shape that stays as it is."""
+        ink = premultiplied(shape.ink) @ self.goal.space
+        return layer_of(shape, ink, [Still(outline) for outline in shape.outlines])
+
+
+def _floor(changes: list[_Change]) -> float:
+    """What a pixel of some shapes has by chance: their mean, by what they explain."""
+    falls = np.array([max(change.fall, UNSEEN) for change in changes])
+    return float(np.average([change.floor for change in changes], weights=falls)) if changes else UNSEEN
+
+
+def _outlined(new: list[Placed], state: State) -> list[Placed]:
+    """The new shapes with the outlines that they have in a state."""
+    own = {id(each.shape) for each in new}
+    layers = [layer for layer in state.layers if id(layer.shape) in own]
+    return [
+        replace(each, shape=replace(each.shape, outlines=tuple(o.outline() for o in layer.outlines)))
+        for each, layer in zip(new, layers, strict=True)
+    ]
+
+
+def _stacked(still: list[Layer], free: list[Layer], new: list[Placed]) -> list[Layer]:
+    """The layers with each new one, back to front, right above the one that it lies on."""
+    out, following = [], 0
+    for number in range(-1, len(still)):
+        if number >= 0:
+            out.append(still[number])
+        while following < len(new) and new[following].beneath == number:
+            out.append(free[following])
+            following += 1
+    return out
+
+
+def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
+    """The window on the canvas, of so many rows and columns, that a shape changes, and its pixels (h, w) bool. reach:
+    px to which it is blurred.
+    """
+    rings = shape.oriented()
+    cubics = np.concatenate([ring.cubics for ring in rings])
+    points = cubics.reshape(-1, 2)
+    x0, y0 = np.maximum(np.floor(points.min(axis=0)).astype(int) - reach, 0).tolist()
+    x1, y1 = np.minimum(np.ceil(points.max(axis=0)).astype(int) + reach, size[::-1]).tolist()
+    window = slice(y0, max(y1, y0)), slice(x0, max(x1, x0))
+    if x1 <= x0 or y1 <= y0:
+        return window, np.zeros((0, 0), dtype=bool)
+    edges = edges_of(cubics, np.concatenate([ring.lines for ring in rings]))
+    own = coverage(edges, y0, x0, y1 - y0, x1 - x0) > 0.0
+    return window, ndimage.binary_dilation(own, SQUARE, reach) if reach else own

@@ -1,0 +1,218 @@
+"""The shapes that an area of a picture asks for where its drawing does not explain it: their colours and outlines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.geometry.coverage import Edges, coverage, edges_of
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline
+from cubicsplat_cli.artwork.input.palette import modes
+from cubicsplat_cli.artwork.layers.completion import outlines_of
+from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents_of
+from cubicsplat_cli.artwork.names import shape_name
+from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
+from cubicsplat_cli.artwork.regions.hairlines import blend_with
+from cubicsplat_cli.artwork.regions.inks import eight_bit
+from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, Sight
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
+
+DOT = 4  # px of a shape, below which it becomes a circle
+SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
+SAME = 8.0  # levels of one colour
+HALF, LESS = 0.5, 0.2  # shares from which a pixel is the new shape's, and from which one on the middle of a line is
+CLOSE = 12.0  # levels by which pixels of a line may be off its blends with what is drawn
+SHOWS = 0.1  # coverage of a pixel by a shape that shows in it
+CROSSED = 0.05  # share of a new shape that a shape shows in which it lies beneath the new one
+_EMPTY, _FULL = np.zeros(4), np.full(4, 255.0)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A new shape, and the number of the shape of the drawing that it lies on; -1 for none."""
+
+    shape: Shape
+    beneath: int
+
+
+class Canvas:
+    """Which shapes of a drawing show where."""
+
+    def __init__(self, drawing: Drawing) -> None:
+        self.size = drawing.height, drawing.width
+        self.inks = np.array([_premultiplied(shape.ink) for shape in drawing.shapes])
+        self.palette = np.unique(self.inks, axis=0)
+        self._painted = [_Outlined.of(shape) for shape in drawing.shapes]
+        self._lows = np.array([each.low for each in self._painted])
+        self._highs = np.array([each.high for each in self._painted])
+
+    def owners(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
+        """(h, w) the number of the uppermost shape that covers half or more of each pixel of a window, and that of the
+        uppermost one that shows in it; -1 for none.
+        """
+        out = np.full((2, rows.stop - rows.start, columns.stop - columns.start), -1)
+        corner, far = np.array([columns.start, rows.start]), np.array([columns.stop, rows.stop])
+        for k in np.flatnonzero(((self._lows < far) & (self._highs > corner)).all(axis=1)).tolist():
+            each = self._painted[k]
+            x0, y0 = np.maximum(each.low, corner).tolist()
+            x1, y1 = np.minimum(each.high, far).tolist()
+            cover = coverage(each.edges, y0, x0, y1 - y0, x1 - x0)
+            view = out[:, y0 - rows.start : y1 - rows.start, x0 - columns.start : x1 - columns.start]
+            view[0][cover >= HALF] = k
+            view[1][cover >= SHOWS] = k
+        return out[0], out[1]
+
+
+@dataclass(frozen=True)
+class _Outlined:
+    """The edges of a shape, and the (2,) least and greatest x and y of its box, whole px."""
+
+    edges: Edges
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def of(cls, shape: Shape) -> _Outlined:
+        rings = shape.oriented()
+        cubics = np.concatenate([ring.cubics for ring in rings])
+        points = cubics.reshape(-1, 2)
+        edges = edges_of(cubics, np.concatenate([ring.lines for ring in rings]))
+        return cls(edges, np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int))
+
+
+def proposals(
+    area: Area, picture: np.ndarray, painted: np.ndarray, canvas: Canvas, sight: Sight, detail: float
+) -> Iterator[list[Placed]]:
+    """The ways to explain an area of a picture (H, W, 4) in levels by shapes over what is painted, (H, W, 4)."""
+    window = area.rows, area.columns
+    values, ground = picture[window].astype(float), painted[window].astype(float)
+    inner = ndimage.binary_erosion(area.where, SQUARE)
+    if sight.noise:
+        values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
+    near = ndimage.binary_dilation(area.where, SQUARE, 2)
+    owners, touching = canvas.owners(*window)
+    for colours in _colours(values, ground, area.where, inner, canvas.palette):
+        shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
+        for k, colour in enumerate(colours):
+            shares[k][near], rest[k][near] = blend_with(values[near], colour, ground[near], ground[near])
+        best = rest.argmin(axis=0)
+        found: list[Placed] = []
+        for k, colour in enumerate(colours):
+            share = np.where(near & (best == k), shares[k], 0.0)
+            cover = _cover(share, area.where, sight.blur)
+            if cover.any():
+                contrast = max(float(np.median(largest(np.abs(colour - ground[cover])))), 1.0)
+                drawn = _Drawn(area, share, cover, owners, touching, canvas)
+                ink = eight_bit(colour)
+                for beneath, outlines in drawn.outlines(sight.smallest, sight.error / contrast, detail):
+                    name = shape_name(ink, outlines, *canvas.size[::-1])
+                    found.append(Placed(Shape(ink, outlines, name), beneath))
+        yield found
+
+
+def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
+    """(h, w) bool: the pixels that are a new shape's, by its shares in them: half of what it has most of beside them;
+    lines stay in one piece.
+    """
+    most = ndimage.maximum_filter(share, 3 + 2 * math.ceil(blur))
+    cover = (share >= HALF) | ((share >= np.maximum(LESS, HALF * most)) & where)
+    levels = np.repeat(share[..., None], 4, axis=2)
+    return joined_at_corners(cover.astype(np.int32), levels, np.array([_EMPTY, _FULL]) / 255.0) > 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """What is to be drawn in one colour in an area. share: (h, w) what it covers of each pixel; cover: (h, w) bool,
+    the pixels that are its own; owners, touching: (h, w) which shapes show so far.
+    """
+
+    area: Area
+    share: np.ndarray
+    cover: np.ndarray
+    owners: np.ndarray
+    touching: np.ndarray
+    canvas: Canvas
+
+    def outlines(self, smallest: float, error: float, detail: float) -> Iterator[tuple[int, tuple[Outline, ...]]]:
+        """The outlines of each connected part of so many px and more, and the shape that it lies on. error: of the
+        shares.
+        """
+        regions = Regions(self.cover.astype(np.int32), np.array([_EMPTY, _FULL]), np.arange(2))
+        levels = np.repeat((255.0 * self.share)[..., None], 4, axis=2)
+        found = crossings(levels, regions, max(ROUNDING, 255.0 * error))
+        parts, _ = ndimage.label(self.cover)
+        sizes = np.bincount(parts.ravel())
+        for number in (1 + np.flatnonzero(sizes[1:] >= smallest)).tolist():
+            own = parts == number
+            beneath = _beneath(self.owners[own], self.touching[own])
+            if sizes[number] <= DOT:
+                yield beneath, (self._dot(own),)
+                continue
+            opaque = self.canvas.inks[np.maximum(self.owners, 0), 3] >= OPAQUE
+            for extent in extents_of(own, (self.owners > beneath) & opaque & ~self.cover, found):
+                yield beneath, outlines_of(self._placed(extent), self.canvas.size, detail)
+
+    def _dot(self, own: np.ndarray) -> Circle:
+        """A circle that covers as much as the shares in and around a part of very few px."""
+        y, x = np.nonzero(ndimage.binary_dilation(own, SQUARE))
+        share = self.share[y, x]
+        middle = [float((share * (at + 0.5)).sum() / share.sum()) for at in (x, y)]
+        radius = math.sqrt(float(share.sum()) / math.pi)
+        return Circle(middle[0] + self.area.columns.start, middle[1] + self.area.rows.start, radius)
+
+    def _placed(self, extent: Extent) -> Extent:
+        """An extent of the window on the canvas."""
+        corner = np.array([self.area.columns.start, self.area.rows.start])
+        contours = tuple(replace(each, points=each.points + corner) for each in extent.contours)
+        return replace(extent, top=extent.top + corner[1], left=extent.left + corner[0], contours=contours)
+
+
+def _beneath(owners: np.ndarray, touching: np.ndarray) -> int:
+    """The uppermost shape of the owners (n,) of more than a small part of a new one, and of those that are the
+    uppermost to show (n,) in most of it, as hairlines do.
+    """
+    return max(_uppermost(owners, CROSSED), _uppermost(touching, HALF))
+
+
+def _uppermost(numbers: np.ndarray, share: float) -> int:
+    found, counts = np.unique(numbers, return_counts=True)
+    return int(found[counts > share * len(numbers)].max(initial=-1))
+
+
+def _colours(
+    values: np.ndarray, ground: np.ndarray, where: np.ndarray, inner: np.ndarray, palette: np.ndarray
+) -> Iterator[np.ndarray]:
+    """(k, 4) the colours that an area (h, w) bool of a window may have, several ways: the one that is farthest from
+    what is drawn; that of the palette which pixels are blends with; all that its inner pixels show.
+    """
+    value, beside = values[where], ground[where]
+    off = ((value - beside) ** 2).sum(axis=1)
+    strongest = off >= np.quantile(off, 0.75)
+    farthest = np.median(value[strongest], axis=0)
+    # A thin translucent colour is that of a seam between two shapes.
+    if farthest[3] >= OPAQUE or inner.sum() >= SOLID:
+        yield farthest[None]
+    best, chosen = CLOSE, None
+    for ink in palette:
+        share, rest = blend_with(value, ink, beside, beside)
+        cost = float(rest.mean())
+        if np.median(share[strongest]) >= LESS and cost < best:
+            best, chosen = cost, ink
+    if chosen is not None:
+        yield chosen[None]
+    places = modes(values[inner], SAME, SOLID, np.zeros((0, 4)))
+    if len(places):
+        own = [np.abs(values[inner] - each).max(axis=1) <= SAME for each in places]
+        yield np.array([np.median(values[inner][each], axis=0) for each in own])
+
+
+def _premultiplied(ink: tuple[int, int, int, int]) -> np.ndarray:
+    r, g, b, a = ink
+    return np.array([r * a / 255.0, g * a / 255.0, b * a / 255.0, a])
