@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_artwork_fitting import sampled, star
 
-from cubicsplat_cli.artwork.geometry.beziers import bernstein
+from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.tracing.corners import find_corners
 from cubicsplat_cli.artwork.tracing.cubics import Ends, fit_cubics
@@ -67,6 +67,35 @@ def test_pieces_moved_off_their_points_find_back() -> None:
     found, _, misfit = refine(start, points, np.full(len(points), SIGMA**-2), Feet(piece, u))
     assert misfit < 5.0
     assert np.abs(found.anchors[0] - truth.anchors[0]).max() < 0.05
+
+
+@pytest.mark.parametrize("repeats", [1, 20])
+def test_a_round_is_a_damped_gauss_newton_step_of_the_variables(repeats: int) -> None:
+    one = drop()
+    count, shift = len(one.anchors), 200.0 * np.arange(repeats)[:, None, None]
+    tiled = {name: np.tile(getattr(one, name), (repeats, 1)) for name in ("incoming", "outgoing")}
+    flags = {name: np.tile(getattr(one, name), repeats) for name in ("lines", "smooth", "level")}
+    anchors = (one.anchors + shift).reshape(-1, 2)
+    pieces = Pieces(anchors, **tiled, **flags, tied=np.arange(2 * len(anchors)).reshape(-1, 2))
+    truth = Variables(pieces).moved(np.zeros(Variables(pieces).total + 1))
+    piece = np.repeat(np.arange(count * repeats), 30)
+    u = np.tile((np.arange(30) + 0.5) / 30, count * repeats)
+    rng = np.random.default_rng(3)
+    points = (bernstein(u)[:, None, :] @ truth.cubics[piece])[:, 0] + rng.normal(0.0, 0.05, (len(u), 2))
+    weights = rng.uniform(0.5, 2.0, len(u))
+    start, feet, before = refine(truth, points, weights, Feet(piece, u), 0)
+    slopes, _ = derivatives(start.cubics[feet.piece], feet.u[:, None])
+    normals = np.stack([-slopes[:, 0, 1], slopes[:, 0, 0]], axis=1) / np.hypot(*slopes[:, 0].T)[:, None]
+    rest = ((points_at(start.cubics[feet.piece], feet.u[:, None])[:, 0] - points) * normals).sum(axis=1)
+    rows = np.zeros((len(u), count * repeats, 8))
+    rows[np.arange(len(u)), feet.piece] = (bernstein(feet.u)[:, :, None] * normals[:, None]).reshape(-1, 8)
+    jacobian = rows.reshape(len(u), -1) @ Variables(start).jacobian().toarray()
+    gram = jacobian.T @ (weights[:, None] * jacobian)
+    gram += np.diag(1e-3 * (gram.diagonal() + 1e-4 * gram.diagonal().max()) + 0.3)
+    step = np.linalg.solve(gram, -jacobian.T @ (weights * rest))
+    found, _, after = refine(start, points, weights, Feet(piece, u), 1)
+    assert after < before
+    assert found.cubics == pytest.approx(Variables(start).moved(np.append(step, 0.0)).cubics, abs=1e-7)
 
 
 def test_a_star_has_corners_and_a_circle_has_none() -> None:

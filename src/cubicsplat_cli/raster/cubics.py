@@ -1,14 +1,19 @@
-"""Cubics fitted to runs of points, and the feet of points on cubics, by the native library."""
+"""Cubics and outlines fitted to points, and the feet of points on cubics, by the native library."""
 
 from __future__ import annotations
 
 import ctypes
-from ctypes import c_int32, c_int64, c_void_p
+from ctypes import c_double, c_int32, c_int64, c_void_p
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
+from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import library
+
+_T = TypeVar("_T", int, float)
 
 
 def newton_steps(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -46,41 +51,57 @@ def gauss_newton(
     return values, cubics, u
 
 
-def settled(
-    cubics: np.ndarray,
-    ends: np.ndarray,
-    smooth: np.ndarray,
+@dataclass(frozen=True)
+class Joints:
+    """What an outline of A anchors and S pieces (A when closed, else A - 1) keeps while it is fitted. lines: (S,) bool.
+    smooth: (A,) bool, whether feet pass from piece to piece there, and handles lie in line. level: (A,) bool, smooth
+    ones whose direction stays. tied: (A, 2) int, the variable of each coordinate of an anchor, -1 for none."""
+
+    lines: np.ndarray
+    smooth: np.ndarray
+    level: np.ndarray
+    tied: np.ndarray
+
+    def _given(self) -> list[np.ndarray]:
+        flags = [np.ascontiguousarray(array, bool) for array in (self.lines, self.smooth, self.level)]
+        return [*flags, np.ascontiguousarray(self.tied, np.int64)]
+
+    def variables(self) -> int:
+        """How many variables move the outline. Raises EngineError where the library or the memory is missing."""
+        given = self._given()
+        total = _library().cs_count_variables(len(self.smooth), len(self.lines), *(a.ctypes.data for a in given))
+        return _checked(int(total))
+
+
+def refined(
+    joints: Joints,
+    outline: tuple[np.ndarray, np.ndarray, np.ndarray],
     points: np.ndarray,
-    piece: np.ndarray,
-    u: np.ndarray,
+    weights: np.ndarray,
+    feet: tuple[np.ndarray, np.ndarray],
     rounds: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The pieces (n,) and parameters (n,) of the feet of points (n, 2) on an outline, nearer by `rounds` Newton steps,
-    and of each how far it is off its point along the normal (n,), px, and that (n, 2).
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], float]:
+    """An outline nearest to points (n, 2) along its normals, by at most `rounds` damped Gauss-Newton steps, their feet,
+    and chi^2: Huber's, of distances in standard errors, linear beyond 3.
 
-    cubics: (S, 4, 2) px; ends: (S,) the anchor at which each piece ends; smooth: (A,) bool, at which anchors feet pass
-    to the neighbouring piece. Raises EngineError where the library is missing.
+    outline: anchors, and handles before and after them, relative to them, (A, 2) px each; those at smooth joints are
+    turned into one direction first. weights: (n,) 1/px^2. feet: piece (n,) and parameter (n,) to start from. Raises
+    EngineError where the library or the memory is missing.
     """
-    piece, u = np.array(piece, dtype=np.int64), np.array(u, dtype=np.float64)
-    given = [_plain(cubics), np.ascontiguousarray(ends, np.int64), np.ascontiguousarray(smooth, bool), _plain(points)]
-    rest, normals = np.empty(len(u)), np.empty((len(u), 2))
-    arrays = (array.ctypes.data for array in (*given, piece, u, rest, normals))
-    _library().cs_settle(len(u), len(cubics), rounds, *arrays)
-    return piece, u, rest, normals
+    given = joints._given()
+    parts = tuple(np.array(part, dtype=np.float64, order="C") for part in outline)
+    points, weights = _plain(points), _plain(weights)
+    piece, u = np.array(feet[0], dtype=np.int64), np.array(feet[1], dtype=np.float64)
+    arrays = (a.ctypes.data for a in (*given, *parts))
+    places = (a.ctypes.data for a in (points, weights, piece, u))
+    chi = _library().cs_refine(len(joints.smooth), len(joints.lines), *arrays, len(u), *places, rounds)
+    return (parts[0], parts[1], parts[2]), (piece, u), _checked(float(chi))
 
 
-def piece_equations(
-    count: int, piece: np.ndarray, u: np.ndarray, rest: np.ndarray, normals: np.ndarray, weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Gram matrices (count, 8, 8) and gradients (count, 8) over the control points of each piece, of the weighted
-    squares of the distances `rest` (n,) along the normals (n, 2) at the feet of n points.
-
-    Raises EngineError where the library is missing.
-    """
-    gram, slope = np.zeros((count, 8, 8)), np.zeros((count, 8))
-    given = [np.ascontiguousarray(piece, np.int64), *(_plain(array) for array in (u, rest, normals, weights))]
-    _library().cs_piece_equations(len(u), *(array.ctypes.data for array in (*given, gram, slope)))
-    return gram, slope
+def _checked(result: _T) -> _T:
+    if result < 0:
+        raise EngineError("there is no memory for the outlines of the drawing; make the picture smaller")
+    return result
 
 
 def _plain(array: np.ndarray) -> np.ndarray:
@@ -91,9 +112,9 @@ def _plain(array: np.ndarray) -> np.ndarray:
 def _library() -> ctypes.CDLL:
     lib = library()
     lib.cs_nearer.restype = lib.cs_fit_cubics.restype = None
-    lib.cs_settle.restype = lib.cs_piece_equations.restype = None
-    lib.cs_settle.argtypes = [c_int64, c_int64, c_int32, *[c_void_p] * 8]
-    lib.cs_piece_equations.argtypes = [c_int64, *[c_void_p] * 7]
+    lib.cs_count_variables.restype, lib.cs_refine.restype = c_int64, c_double
+    lib.cs_count_variables.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
+    lib.cs_refine.argtypes = [c_int64, c_int64, *[c_void_p] * 7, c_int64, *[c_void_p] * 4, c_int32]
     lib.cs_nearer.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
     lib.cs_fit_cubics.argtypes = [c_int64, c_int32, c_int32, *[c_void_p] * 10]
     return lib

@@ -12,6 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
+from cubicsplat_cli.raster.cubics import Joints
+
 LARGEST_STEP = 3.0  # px
 PAIR = np.array([0, 1])
 LONGEST_HANDLE = 1.2  # of the distance between its piece's ends; longer ones do not grow
@@ -45,6 +47,11 @@ class Pieces:
     def ends(self) -> np.ndarray:
         """(S,) the anchor at which each piece ends."""
         return (np.arange(len(self.lines)) + 1) % len(self.anchors)
+
+    @property
+    def joints(self) -> Joints:
+        """What stays of the pieces while they move."""
+        return Joints(self.lines, self.smooth, self.level, self.tied)
 
     @cached_property
     def cubics(self) -> np.ndarray:
@@ -201,12 +208,6 @@ class Pattern:
         """The matrix with the values that are not always the same."""
         return sparse.csr_matrix((self._data(values), self.indices, self.indptr), shape=self.shape)
 
-    def dense(self, values: list[np.ndarray]) -> np.ndarray:
-        """The same matrix with its zeros."""
-        out = np.zeros(self.shape)
-        out.reshape(-1)[self.place] = self._data(values)
-        return out
-
     def _data(self, values: list[np.ndarray]) -> np.ndarray:
         every = np.concatenate([self.constant, *values])[self.order]
         return np.add.reduceat(every, self.starts) if len(every) else every
@@ -234,10 +235,6 @@ class Variables:
     def jacobian(self) -> sparse.csr_matrix:
         """(8 S, variables): how the control points move with the variables."""
         return self.numbering.pattern.filled(self._by_handles())
-
-    def dense_jacobian(self) -> np.ndarray:
-        """The same matrix with its zeros: of few variables it is done with sooner."""
-        return self.numbering.pattern.dense(self._by_handles())
 
     def _by_handles(self) -> list[np.ndarray]:
         outgoing, incoming = self.numbering.handles
