@@ -165,9 +165,38 @@ def test_of_many_inks_only_those_of_a_place_are_tried_there(monkeypatch):
     looked = []
     shares = candidates_of.ink_shares
     monkeypatch.setattr(candidates_of, "ink_shares", lambda *given: looked.append(len(given[1])) or shares(*given))
-    (found,) = candidates_of.candidates(levels, palette, [], unexplained, 0)
+    painted = np.zeros((SIDE * side, SIDE * side), dtype=np.uint16)
+    (found,) = candidates_of.candidates(levels, palette, painted, unexplained)
     assert looked == [2]
     assert (found.ink, found.area) == (1, 36 * 16)
+
+
+def test_a_large_place_is_looked_at_in_bands_with_the_same_result(monkeypatch):
+    rng = np.random.default_rng(5)
+    palette = np.column_stack([rng.integers(0, 256, (5, 3)), np.full(5, 255)]).astype(float)
+    shares = rng.dirichlet(np.full(5, 0.3), (40, 24))
+    shares[rng.random((40, 24)) < 0.3] = np.eye(5)[2]
+    painted = np.full((SIDE * 40, SIDE * 24), 2, dtype=np.uint16)
+    unexplained = rng.random((40, 24)) < 0.5
+    found = []
+    for band in (candidates_of.BAND, 3 * 24):
+        monkeypatch.setattr(candidates_of, "BAND", band)
+        some = candidates_of.candidates(shares @ palette, palette, painted, unexplained)
+        found.append([(each.ink, each.area, each.corner.tolist(), each.mask.tolist()) for each in some])
+    assert len(found[0]) > 20
+    assert found[0] == found[1]
+
+
+def test_what_is_painted_is_the_uppermost_shape_that_covers_most_of_a_subpixel():
+    shapes = (*plain().shapes, Shape(WHITE, (Rectangle(8.0, 8.0, 4.13, 2.0),), "box"))
+    painted = candidates_of.painted_inks(replace(plain(), shapes=shapes), [0, 1, 2, 3], 9)
+    assert painted.shape == (SIDE * 48, SIDE * 64) and painted.dtype == np.uint16
+    assert np.bincount(painted.ravel()).tolist() == [
+        16 * (64 * 48 - 24 * 40 - 16 * 12),
+        16 * 24 * 40 - 8 * 17,
+        16 * 16 * 12,
+        8 * 17,
+    ]
 
 
 def test_of_many_details_the_largest_are_tried(monkeypatch, caplog):

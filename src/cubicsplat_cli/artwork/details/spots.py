@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.details.candidates import Painted, candidates
+from cubicsplat_cli.artwork.details.candidates import candidates, painted_inks
 from cubicsplat_cli.artwork.details.subpixels import SIDE
 from cubicsplat_cli.artwork.finish.finish import (
     HUBER,
@@ -29,7 +29,7 @@ from cubicsplat_cli.artwork.finish.finish import (
 )
 from cubicsplat_cli.artwork.finish.freedom import Still
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.robust import huber
@@ -86,10 +86,10 @@ def _found(drawing: Drawing, goal: Goal, unexplained: np.ndarray, min_area: floa
     """The ways to draw each candidate of min_area px^2 or more, the largest first."""
     paints: list[Paint | None] = list(dict.fromkeys((shape.ink, shape.gradient) for shape in drawing.shapes))
     numbers = {paint: number for number, paint in enumerate(paints)}
-    painted = [Painted.of(shape, numbers[shape.ink, shape.gradient]) for shape in drawing.shapes]
     inks = [255.0 * premultiplied(paint[0]) for paint in paints if paint is not None]
     palette = np.array([*inks, np.zeros(4)])
-    found = list(candidates(255.0 * goal.target, palette, painted, unexplained, len(inks)))
+    drawn = painted_inks(drawing, [numbers[shape.ink, shape.gradient] for shape in drawing.shapes], len(inks))
+    found = list(candidates(255.0 * goal.target, palette, drawn, unexplained))
     ways = []
     if len(found) > MOST_TRIED:
         _log.warning("%d details are too many: only the %d largest are tried", len(found), MOST_TRIED)
@@ -98,7 +98,7 @@ def _found(drawing: Drawing, goal: Goal, unexplained: np.ndarray, min_area: floa
         if paint is not None and paint[0][3] >= OPAQUE and each.area >= min_area * SIDE**2:
             ink, gradient = paint
             size = drawing.width, drawing.height
-            ways.append([Shape(ink, rings, shape_name(ink, rings, *size), gradient) for rings in each.ways])
+            ways.append([Shape(ink, rings, shape_name(ink, rings, *size), gradient) for rings in each.ways()])
     return ways
 
 
@@ -136,8 +136,8 @@ def _painted_over(image: np.ndarray, spot: Shape) -> tuple[tuple[slice, slice], 
     x1, y1 = np.minimum(np.ceil(points.max(axis=0)).astype(int), image.shape[1::-1]).tolist()
     if x1 <= x0 or y1 <= y0:
         return None
-    edges = edges_of(cubics, np.concatenate([ring.lines for ring in rings]))
-    cover = coverage(edges, y0, x0, y1 - y0, x1 - x0)[..., None]
+    lines = np.concatenate([ring.lines for ring in rings])
+    cover = coverage(cubics, lines, y0, x0, y1 - y0, x1 - x0)[..., None]
     window = (slice(y0, y1), slice(x0, x1))
     slope = premultiplied(spot.ink) - image[window]
     touched = cover[..., 0] > 0.0

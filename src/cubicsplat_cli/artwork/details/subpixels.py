@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from cubicsplat_cli.artwork.geometry.coverage import arrange
+
 SIDE = 4  # subpixels along a pixel's side
 SMOOTH = 0.4  # px, standard deviation by which interpolated shares are smoothed
 KEPT = 0.15  # share by which an ink may have less at a subpixel where it is drawn
@@ -24,7 +26,7 @@ def arranged(shares: np.ndarray, drawn: np.ndarray, open_pixels: np.ndarray) -> 
     scores = np.stack([_interpolated(shares[..., p]) + KEPT * (drawn == p) for p in range(inks)], axis=2)
     y, x = np.nonzero(open_pixels)
     labels = drawn.copy()
-    own = _assigned(blocks(scores)[y, x], _counts(shares[y, x]))
+    own = arrange(blocks(scores)[y, x], _counts(shares[y, x]))
     view = labels.reshape(len(shares), SIDE, -1, SIDE)
     view[y, :, x, :] = own.reshape(-1, SIDE, SIDE)
     return labels
@@ -50,24 +52,3 @@ def _counts(shares: np.ndarray) -> np.ndarray:
     order = np.argsort(whole - exact, axis=1, kind="stable")
     rank = np.argsort(order, axis=1, kind="stable")
     return (whole + (rank < missing[:, None])).astype(int)
-
-
-def _assigned(scores: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """(n, SIDE^2) an ink for every subpixel, `counts` (n, P) of each, those first that would lose most by another one.
-
-    scores: (n, SIDE^2, P), more where an ink rather lies.
-    """
-    left = counts.copy()
-    out = np.full(scores.shape[:2], -1)
-    rows = np.arange(len(scores))
-    for _ in range(SIDE * SIDE):
-        may = np.where((left > 0)[:, None, :] & (out < 0)[..., None], scores, -1e9)
-        ranked = np.partition(may, -2, axis=2) if may.shape[2] > 1 else may
-        second = ranked[..., -2] if may.shape[2] > 1 else np.zeros(may.shape[:2])
-        # Where only one ink is left nothing can be lost, and where no ink may go all is.
-        regret = np.where(out < 0, np.minimum(may.max(axis=2) - second, 1e6), -1.0)
-        place = regret.argmax(axis=1)
-        ink = may[rows, place].argmax(axis=1)
-        out[rows, place] = ink
-        left[rows, ink] -= 1
-    return out

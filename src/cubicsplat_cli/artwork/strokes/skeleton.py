@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 from skimage.morphology import skeletonize
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 
 FINEST = 8  # pixels of the skeleton per px
@@ -60,7 +60,7 @@ def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
     low = np.floor(cubics.min(axis=(0, 1))) - 2.0
     size = np.ceil(cubics.max(axis=(0, 1))) + 3.0 - low
     columns, rows = (size * scale).astype(int)
-    mask = coverage(edges_of((cubics - low) * scale, lines), 0, 0, int(rows), int(columns)) > 0.5
+    mask = coverage((cubics - low) * scale, lines, 0, 0, int(rows), int(columns)) > 0.5
     graph = _graph(skeletonize(mask))
     for branch in graph.branches:
         branch.points = (branch.points + 0.5) / scale + low
