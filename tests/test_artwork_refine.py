@@ -12,9 +12,9 @@ from test_artwork_fitting import sampled, star
 from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.tracing.corners import find_corners
-from cubicsplat_cli.artwork.tracing.cubics import Ends, fit_cubics
 from cubicsplat_cli.artwork.tracing.refine import Feet, refine
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.raster.cubics import piece_misfits
 
 SIGMA = 0.02
 
@@ -137,6 +137,8 @@ def test_many_cubics_are_found_from_their_points_at_once() -> None:
     positions = truth[:, [0, 3]] + 0.05
     cos, sin = math.cos(0.017), math.sin(0.017)
     tangents = tangents @ np.array([[cos, sin], [-sin, cos]])
-    ends = Ends(positions, tangents, np.full((3, 2, 2), 0.1))
-    fits = fit_cubics(ends, points, np.full((3, 20), SIGMA**-2))
-    assert np.sqrt(fits.squares.max()) < 0.02
+    nodes = 20 * np.array([0, 1, 1, 2, 2, 3]), positions.reshape(-1, 2), tangents.reshape(-1, 2), np.full((6, 2), 0.1)
+    first, weights = np.array([0, 2, 4]), np.full(60, SIGMA**-2)
+    cubics, _, _, _ = piece_misfits(first, first + 1, nodes, points.reshape(-1, 2), weights, 4.0)
+    gaps = np.abs(points[:, :, None] - points_at(cubics, np.tile(np.linspace(0.0, 1.0, 999), (3, 1)))[:, None])
+    assert np.hypot(gaps[..., 0], gaps[..., 1]).min(axis=2).max() < 0.02

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import c_double, c_int32, c_int64, c_void_p
+from ctypes import byref, c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeVar
@@ -27,28 +27,50 @@ def newton_steps(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.nd
     return out
 
 
-def gauss_newton(
-    base: np.ndarray,
-    directions: np.ndarray,
-    expected: np.ndarray,
-    stiffness: np.ndarray,
-    limits: np.ndarray,
+def piece_misfits(
+    first: np.ndarray,
+    last: np.ndarray,
+    nodes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     points: np.ndarray,
     weights: np.ndarray,
-    u: np.ndarray,
-    rounds: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values (P, 6), cubics (P, 4, 2) and parameters (P, K) of P cubics, each nearest to its K points along the normal.
+    price: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of pieces that join P pairs of nodes of a run, first and last (P,): the best cubics (P, 4, 2) px, the misfits of
+    those and of the best lines (P,), Huber's chi^2 of 20 points each, and what the angles of lines cost at either end
+    (P, 2), nats.
 
-    A cubic is base (P, 4, 2) + its values times directions (P, 6, 4, 2); values are pulled towards those expected
-    (P, 6) with a stiffness (P, 6), the first two keep within limits (P, 2). points: (P, K, 2). weights: (P, K). u:
-    (P, K) to start from. Raises EngineError where the library is missing.
+    nodes: of N nodes how many points come before each, positions (N, 2) px, unit tangents (N, 2), and standard errors
+    (N, 2), in px across the run and radians, within which cubics choose their ends. points: (n, 2) px, n >= 1, that
+    tell something; weights: (n,) 1/px^2. price: of a parameter, nats; cubics that are far off for it are only roughly
+    fitted. Raises EngineError where the library is missing.
     """
-    given = [_plain(array) for array in (base, directions, expected, stiffness, limits, points, weights)]
-    u, values, cubics = _plain(u).copy(), np.empty((len(base), 6)), np.empty((len(base), 4, 2))
-    arrays = (array.ctypes.data for array in (*given, u, values, cubics))
-    _library().cs_fit_cubics(*u.shape, rounds, *arrays)
-    return values, cubics, u
+    count = len(first)
+    pairs = [np.ascontiguousarray(array, np.int64) for array in (first, last, nodes[0])]
+    given = [_plain(array) for array in (*nodes[1:], points, weights)]
+    found = np.empty((count, 4, 2)), np.empty(count), np.empty(count), np.empty((count, 2))
+    at = [array.ctypes.data for array in (*pairs, *given[:3])]
+    told = (array.ctypes.data for array in given[3:])
+    _library().cs_piece_misfits(count, *at, len(weights), *told, price, *(array.ctypes.data for array in found))
+    return found
+
+
+def cheapest_path(
+    count: int, first: np.ndarray, last: np.ndarray, costs: np.ndarray, bend: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """The cheapest path from node 0 to node count - 1: its pairs in order, their kinds, and its cost.
+
+    first, last: (P,) of pairs, in the order of their first nodes. costs: (P, 2) of each pair as a line (kind 0) and as
+    a cubic (kind 1). bend: of a line after a line. Raises EngineError where the library or the memory is missing.
+    """
+    given = [np.ascontiguousarray(array, np.int64) for array in (first, last)]
+    costs, cost = _plain(costs), c_double()
+    path, kinds = np.empty(count, np.int64), np.empty(count, np.int64)
+    arrays = (array.ctypes.data for array in (*given, costs))
+    out = (array.ctypes.data for array in (path, kinds))
+    found = _library().cs_cheapest(count, len(first), *arrays, bend, *out, byref(cost))
+    if not found:
+        raise EngineError("there is no memory for the outlines of the drawing; make the picture smaller")
+    return path[:found][::-1], kinds[:found][::-1], cost.value
 
 
 @dataclass(frozen=True)
@@ -111,10 +133,12 @@ def _plain(array: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL:
     lib = library()
-    lib.cs_nearer.restype = lib.cs_fit_cubics.restype = None
+    lib.cs_nearer.restype = lib.cs_piece_misfits.restype = None
     lib.cs_count_variables.restype, lib.cs_refine.restype = c_int64, c_double
     lib.cs_count_variables.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
     lib.cs_refine.argtypes = [c_int64, c_int64, *[c_void_p] * 7, c_int64, *[c_void_p] * 4, c_int32]
     lib.cs_nearer.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
-    lib.cs_fit_cubics.argtypes = [c_int64, c_int32, c_int32, *[c_void_p] * 10]
+    lib.cs_piece_misfits.argtypes = [c_int64, *[c_void_p] * 6, c_int64, *[c_void_p] * 2, c_double, *[c_void_p] * 4]
+    lib.cs_cheapest.argtypes = [c_int64, c_int64, *[c_void_p] * 3, c_double, *[c_void_p] * 3]
+    lib.cs_cheapest.restype = c_int64
     return lib
