@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from skimage.morphology import skeletonize
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Ring
@@ -54,6 +53,8 @@ def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
 
     Spurs into corners are taken off, and junctions that a crossing falls apart into are joined again.
     """
+    from skimage.morphology import skeletonize  # takes a while to import, and few drawings have strokes
+
     scale = int(np.clip(np.ceil(PIXELS_ACROSS / max(width, 1e-6)), 1, FINEST))
     cubics = np.concatenate([ring.cubics for ring in rings])
     lines = np.concatenate([ring.lines for ring in rings])
