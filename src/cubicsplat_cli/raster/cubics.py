@@ -14,6 +14,7 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import library
 
 _T = TypeVar("_T", int, float)
+Outline = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def newton_steps(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -95,14 +96,39 @@ class Joints:
         return _checked(int(total))
 
 
+def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> Outline:
+    """An outline after a step of its variables (at least as many numbers), of at most 3 px or half a radian each.
+
+    outline: anchors, and handles before and after them, relative to them, (A, 2) px each. Raises EngineError where the
+    library or the memory is missing.
+    """
+    parts = [np.array(part, dtype=np.float64, order="C") for part in outline]
+    arrays = (a.ctypes.data for a in (*joints._given(), _plain(step), *parts))
+    _checked(-_library().cs_move_outline(len(joints.smooth), len(joints.lines), *arrays))
+    return parts[0], parts[1], parts[2]
+
+
+def outline_jacobian(joints: Joints, outline: Outline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How the 8 coordinates of the control points of each piece move with the variables: the values, columns and row
+    starts of a sparse matrix. outline: as for `moved_outline`. Raises EngineError where the library or the memory is
+    missing.
+    """
+    rows = 8 * len(joints.lines)
+    values, columns, starts = np.empty(8 * rows), np.empty(8 * rows, np.int32), np.empty(rows + 1, np.int32)
+    parts = (_plain(part) for part in outline)
+    arrays = [a.ctypes.data for a in (*joints._given(), *parts, starts, columns, values)]
+    count = _checked(int(_library().cs_outline_jacobian(len(joints.smooth), len(joints.lines), *arrays)))
+    return values[:count].copy(), columns[:count].copy(), starts
+
+
 def refined(
     joints: Joints,
-    outline: tuple[np.ndarray, np.ndarray, np.ndarray],
+    outline: Outline,
     points: np.ndarray,
     weights: np.ndarray,
     feet: tuple[np.ndarray, np.ndarray],
     rounds: int,
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], float]:
+) -> tuple[Outline, tuple[np.ndarray, np.ndarray], float]:
     """An outline nearest to points (n, 2) along its normals, by at most `rounds` damped Gauss-Newton steps, their feet,
     and chi^2: Huber's, of distances in standard errors, linear beyond 3.
 
@@ -136,6 +162,8 @@ def _library() -> ctypes.CDLL:
     lib.cs_nearer.restype = lib.cs_piece_misfits.restype = None
     lib.cs_count_variables.restype, lib.cs_refine.restype = c_int64, c_double
     lib.cs_count_variables.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
+    lib.cs_move_outline.argtypes, lib.cs_outline_jacobian.restype = [c_int64, c_int64, *[c_void_p] * 8], c_int64
+    lib.cs_outline_jacobian.argtypes = [c_int64, c_int64, *[c_void_p] * 10]
     lib.cs_refine.argtypes = [c_int64, c_int64, *[c_void_p] * 7, c_int64, *[c_void_p] * 4, c_int32]
     lib.cs_nearer.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
     lib.cs_piece_misfits.argtypes = [c_int64, *[c_void_p] * 6, c_int64, *[c_void_p] * 2, c_double, *[c_void_p] * 4]
