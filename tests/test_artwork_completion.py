@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.hulls import holes_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import _Window, hidden_runs
@@ -197,7 +197,7 @@ def test_stripes_beneath_a_stripe_stay_rectangles():
 
 def test_a_loop_that_runs_the_other_way_is_covered_too():
     eight = polygon(np.array([[2.0, 2.0], [10.0, 10.0], [18.0, 2.0], [18.0, 10.0], [10.0, 2.0], [2.0, 10.0]]))
-    covered = coverage(edges_of(eight.cubics, eight.lines), 0, 0, 12, 20)
+    covered = coverage(eight.cubics, eight.lines, 0, 0, 12, 20)
     assert covered[5, 3] == pytest.approx(1.0) and covered[5, 16] == pytest.approx(1.0)
     assert covered[3, 10] == pytest.approx(1.0) and covered[0, 0] == 0.0
 

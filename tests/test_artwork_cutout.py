@@ -12,7 +12,7 @@ from conftest import rest_slow
 from PIL import Image
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, polygon, ring_of_cubics
 from cubicsplat_cli.artwork.planar.cutout import cut_out
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -41,7 +41,7 @@ def masks(drawing: Drawing) -> np.ndarray:
         rings = shape.oriented()
         cubics = np.concatenate([ring.cubics for ring in rings])
         lines = np.concatenate([ring.lines for ring in rings])
-        found.append(coverage(edges_of(cubics, lines), 0, 0, drawing.height, drawing.width))
+        found.append(coverage(cubics, lines, 0, 0, drawing.height, drawing.width))
     return np.array(found)
 
 

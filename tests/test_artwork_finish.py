@@ -4,7 +4,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.freedom import Held, freedom_of
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
 from cubicsplat_cli.artwork.input.condition import Condition
@@ -20,7 +20,7 @@ def finish(drawing, target):
 
 def covered(outline, height, width):
     ring = fine_ring(outline) if not hasattr(outline, "anchors") else outline
-    return coverage(edges_of(ring.cubics, ring.lines), 0, 0, height, width)
+    return coverage(ring.cubics, ring.lines, 0, 0, height, width)
 
 
 def picture(shapes, height, width):

@@ -9,7 +9,7 @@ from cubicsplat_cli.artwork.finish.demotion import given_up
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.finish import begin, goal_of
 from cubicsplat_cli.artwork.finish.polish import polish
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Ellipse,
@@ -58,7 +58,7 @@ def test_the_polish_bends_a_line_that_should_be_an_arc():
     square = polygon(SQUARE.anchors + 0.6)
     cubics = square.cubics
     cubics[0, 1:3, 1] -= 0.7
-    share = coverage(edges_of(cubics, np.array([False, True, True, True])), 0, 0, 48, 48)
+    share = coverage(cubics, np.array([False, True, True, True]), 0, 0, 48, 48)
     target = share[..., None] * (np.array(RED) / 255.0)
     start = Drawing(48, 48, (Shape(RED, (square,), "red"),))
     done = polish(start, goal_of(target))
@@ -67,7 +67,7 @@ def test_the_polish_bends_a_line_that_should_be_an_arc():
 
 
 def test_the_polish_leaves_alone_what_is_right():
-    share = coverage(edges_of(SQUARE.cubics, SQUARE.lines), 0, 0, 48, 48)
+    share = coverage(SQUARE.cubics, SQUARE.lines, 0, 0, 48, 48)
     start = Drawing(48, 48, (Shape(RED, (SQUARE,), "red"),))
     done = polish(start, goal_of(share[..., None] * (np.array(RED) / 255.0)))
     assert np.allclose(done.shapes[0].outlines[0].anchors, SQUARE.anchors, atol=1e-6)
@@ -76,7 +76,7 @@ def test_the_polish_leaves_alone_what_is_right():
 def polished(drawn: Outline, start: Outline) -> Outline:
     """What the polish makes of an outline where another one was drawn."""
     ring = drawn.ring()
-    target = coverage(edges_of(ring.cubics, ring.lines), 0, 0, 48, 48)[..., None] * (np.array(RED) / 255.0)
+    target = coverage(ring.cubics, ring.lines, 0, 0, 48, 48)[..., None] * (np.array(RED) / 255.0)
     (outline,) = polish(Drawing(48, 48, (Shape(RED, (start,), "red"),)), goal_of(target)).shapes[0].outlines
     return outline
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Ellipse
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.ends import heading
@@ -110,7 +110,7 @@ def test_what_upper_shapes_shut_in_is_not_covered_from_beneath_them():
     covered = np.zeros(labels.shape)
     for contour, outline in zip(coat.contours, outlines_of(coat, labels.shape, 1.0), strict=True):
         ring = outline.ring()
-        share = np.abs(coverage(edges_of(ring.cubics, ring.lines), 0, 0, *labels.shape))
+        share = np.abs(coverage(ring.cubics, ring.lines, 0, 0, *labels.shape))
         covered += -share if contour.hole else share
     assert covered[labels == 2].min() > 0.5
     assert covered[46:69, 46:74].max() < 0.5

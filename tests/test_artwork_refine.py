@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from test_artwork_fitting import sampled, star
 
-from cubicsplat_cli.artwork.geometry.beziers import bernstein
+from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.tracing.corners import find_corners
-from cubicsplat_cli.artwork.tracing.cubics import Ends, fit_cubics
 from cubicsplat_cli.artwork.tracing.refine import Feet, refine
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.raster.cubics import piece_misfits
 
 SIGMA = 0.02
 
@@ -44,14 +44,15 @@ def test_the_control_points_move_with_the_variables_as_the_jacobian_says() -> No
         np.testing.assert_allclose(jacobian[:, k], (ends[0] - ends[1]) / 2e-5, atol=1e-5)
 
 
-def test_pieces_that_have_moved_keep_the_numbers_of_their_variables_and_those_with_other_joints_do_not() -> None:
-    variables = Variables(drop())
-    moved = variables.moved(np.full(variables.total + 1, 0.01))
-    assert Variables(moved).numbering is variables.numbering
-    cornered = replace(moved, smooth=np.zeros_like(moved.smooth))
-    fresh = replace(cornered, numbering=None)
-    assert Variables(cornered).total == Variables(fresh).total > variables.total
-    assert abs(Variables(cornered).jacobian() - Variables(fresh).jacobian()).max() == 0.0
+def test_the_variables_are_numbered_alike_in_both_languages() -> None:
+    for smooth in (drop().smooth, np.zeros(5, dtype=bool), np.ones(5, dtype=bool)):
+        for tied in (np.arange(10).reshape(5, 2), np.full((5, 2), -1)):
+            variables = Variables(replace(drop(), smooth=smooth, tied=tied))
+            assert variables.total == variables.numbering.total
+            step = np.zeros(variables.total + 1)
+            step[variables.numbering.length_out[2]] = 0.25  # px, of a handle that is smooth or at a corner
+            if smooth[2]:
+                assert variables.moved(step).outgoing[2] == pytest.approx([-12.25, 0.0])
 
 
 def test_pieces_moved_off_their_points_find_back() -> None:
@@ -67,6 +68,35 @@ def test_pieces_moved_off_their_points_find_back() -> None:
     found, _, misfit = refine(start, points, np.full(len(points), SIGMA**-2), Feet(piece, u))
     assert misfit < 5.0
     assert np.abs(found.anchors[0] - truth.anchors[0]).max() < 0.05
+
+
+@pytest.mark.parametrize("repeats", [1, 20])
+def test_a_round_is_a_damped_gauss_newton_step_of_the_variables(repeats: int) -> None:
+    one = drop()
+    count, shift = len(one.anchors), 200.0 * np.arange(repeats)[:, None, None]
+    tiled = {name: np.tile(getattr(one, name), (repeats, 1)) for name in ("incoming", "outgoing")}
+    flags = {name: np.tile(getattr(one, name), repeats) for name in ("lines", "smooth", "level")}
+    anchors = (one.anchors + shift).reshape(-1, 2)
+    pieces = Pieces(anchors, **tiled, **flags, tied=np.arange(2 * len(anchors)).reshape(-1, 2))
+    truth = Variables(pieces).moved(np.zeros(Variables(pieces).total + 1))
+    piece = np.repeat(np.arange(count * repeats), 30)
+    u = np.tile((np.arange(30) + 0.5) / 30, count * repeats)
+    rng = np.random.default_rng(3)
+    points = (bernstein(u)[:, None, :] @ truth.cubics[piece])[:, 0] + rng.normal(0.0, 0.05, (len(u), 2))
+    weights = rng.uniform(0.5, 2.0, len(u))
+    start, feet, before = refine(truth, points, weights, Feet(piece, u), 0)
+    slopes, _ = derivatives(start.cubics[feet.piece], feet.u[:, None])
+    normals = np.stack([-slopes[:, 0, 1], slopes[:, 0, 0]], axis=1) / np.hypot(*slopes[:, 0].T)[:, None]
+    rest = ((points_at(start.cubics[feet.piece], feet.u[:, None])[:, 0] - points) * normals).sum(axis=1)
+    rows = np.zeros((len(u), count * repeats, 8))
+    rows[np.arange(len(u)), feet.piece] = (bernstein(feet.u)[:, :, None] * normals[:, None]).reshape(-1, 8)
+    jacobian = rows.reshape(len(u), -1) @ Variables(start).jacobian().toarray()
+    gram = jacobian.T @ (weights[:, None] * jacobian)
+    gram += np.diag(1e-3 * (gram.diagonal() + 1e-4 * gram.diagonal().max()) + 0.3)
+    step = np.linalg.solve(gram, -jacobian.T @ (weights * rest))
+    found, _, after = refine(start, points, weights, Feet(piece, u), 1)
+    assert after < before
+    assert found.cubics == pytest.approx(Variables(start).moved(np.append(step, 0.0)).cubics, abs=1e-7)
 
 
 def test_a_star_has_corners_and_a_circle_has_none() -> None:
@@ -108,6 +138,8 @@ def test_many_cubics_are_found_from_their_points_at_once() -> None:
     positions = truth[:, [0, 3]] + 0.05
     cos, sin = math.cos(0.017), math.sin(0.017)
     tangents = tangents @ np.array([[cos, sin], [-sin, cos]])
-    ends = Ends(positions, tangents, np.full((3, 2, 2), 0.1))
-    fits = fit_cubics(ends, points, np.full((3, 20), SIGMA**-2))
-    assert np.sqrt(fits.squares.max()) < 0.02
+    nodes = 20 * np.array([0, 1, 1, 2, 2, 3]), positions.reshape(-1, 2), tangents.reshape(-1, 2), np.full((6, 2), 0.1)
+    first, weights = np.array([0, 2, 4]), np.full(60, SIGMA**-2)
+    cubics, _, _, _ = piece_misfits(first, first + 1, nodes, points.reshape(-1, 2), weights, 4.0)
+    gaps = np.abs(points[:, :, None] - points_at(cubics, np.tile(np.linspace(0.0, 1.0, 999), (3, 1)))[:, None])
+    assert np.hypot(gaps[..., 0], gaps[..., 1]).min(axis=2).max() < 0.02

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
+from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
-from cubicsplat_cli.raster.cubics import newton_steps, piece_equations, settled
+from cubicsplat_cli.raster.cubics import Joints, newton_steps, refined
 from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, Form, fitted_values, flanks, parabolas
 
 
@@ -76,17 +76,17 @@ def test_flanks_are_extrapolated_from_the_longest_believed_run():
         assert error[i] == pytest.approx(wide, rel=1e-6)
 
 
-def test_feet_pass_on_at_smooth_joints_and_give_the_normal_equations_of_their_pieces():
+def test_feet_pass_on_at_smooth_joints_only():
     rng = np.random.default_rng(2)
     anchors = 10.0 * np.stack([np.cos(np.arange(4) * np.pi / 2), np.sin(np.arange(4) * np.pi / 2)], axis=1)
-    after = np.roll(anchors, -1, axis=0)
+    after, before = np.roll(anchors, -1, axis=0), np.roll(anchors, 1, axis=0)
     cubics = np.stack([anchors, anchors + 0.55 * after, after + 0.55 * anchors, after], axis=1)
     ends, smooth = np.array([1, 2, 3, 0]), np.array([True, False, True, True])
     angles = np.linspace(-3.0, 3.0, 50)
     points = 10.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1) + 0.1 * rng.normal(size=(50, 2))
-    piece, u = rng.integers(0, 4, 50), rng.uniform(size=50)
+    weights, piece, u = rng.uniform(1.0, 9.0, 50), rng.integers(0, 4, 50), rng.uniform(size=50)
     own, at = piece.copy(), u.copy()
-    for _ in range(3):
+    for _ in range(2):
         at = newton_steps(cubics[own], points[:, None], at[:, None])[:, 0]
         on, back = (at > 1.0) & smooth[ends[own]], (at < 0.0) & smooth[own]
         own = (own + on.astype(int) - back) % 4
@@ -94,17 +94,13 @@ def test_feet_pass_on_at_smooth_joints_and_give_the_normal_equations_of_their_pi
     slopes, _ = derivatives(cubics[own], at[:, None])
     normals = np.stack([-slopes[:, 0, 1], slopes[:, 0, 0]], axis=1) / np.hypot(*slopes[:, 0].T)[:, None]
     rest = ((points_at(cubics[own], at[:, None])[:, 0] - points) * normals).sum(axis=1)
-    found = settled(cubics, ends, smooth, points, piece, u, 3)
+    joints = Joints(np.zeros(4, dtype=bool), smooth, np.zeros(4, dtype=bool), np.arange(8).reshape(4, 2))
+    outline, found, chi = refined(joints, (anchors, 0.55 * before, 0.55 * after), points, weights, (piece, u), 0)
     assert (found[0] == own).all() and (own != piece).any()
-    for one, other in zip(found[1:], (at, rest, normals), strict=True):
-        assert one == pytest.approx(other, abs=1e-9)
-    weights = rng.uniform(1.0, 9.0, 50)
-    gram, slope = piece_equations(4, own, at, rest, normals, weights)
-    rows = (bernstein(at)[:, :, None] * normals[:, None]).reshape(-1, 8)
-    for k in range(4):
-        mine = own == k
-        assert gram[k] == pytest.approx((rows[mine] * weights[mine, None]).T @ rows[mine])
-        assert slope[k] == pytest.approx(rows[mine].T @ (weights * rest)[mine])
+    assert found[1] == pytest.approx(at, abs=1e-9) and outline[0].tolist() == anchors.tolist()
+    size = np.abs(rest) * np.sqrt(weights)
+    assert size.max() > 3.0 > size.min()
+    assert chi == pytest.approx(np.where(size <= 3.0, size**2, 6.0 * size - 9.0).sum())
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.errors import EngineError
@@ -38,7 +38,7 @@ def test_the_picture_is_composed_of_exact_coverages():
     expected = np.zeros((HEIGHT, WIDTH, 4))
     for outline, ink in zip(OUTLINES, INKS, strict=True):
         ring = fine_ring(outline)
-        share = coverage(edges_of(ring.cubics, ring.lines), 0, 0, HEIGHT, WIDTH)[..., None]
+        share = coverage(ring.cubics, ring.lines, 0, 0, HEIGHT, WIDTH)[..., None]
         expected = expected * (1.0 - ink[3] * share) + share * ink
     assert np.abs(draw_stack(stack_of(), goal_of())[0] - expected).max() < 1e-6
 

@@ -12,6 +12,7 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import library
 
 CIRCLE, ELLIPSE, BOX = 0, 1, 2
+_NO_MEMORY = "there is no memory for the outlines of the drawing; make the picture smaller"
 _ROOM = 64  # cracks beyond those around a mask's box
 
 
@@ -30,10 +31,22 @@ def traced(mask: np.ndarray) -> list[np.ndarray]:
         cracks, ends = np.empty((room, 3), np.int64), np.empty(room, np.int64)
         loops = call(mask.ctypes.data, *mask.shape, room, cracks.ctypes.data, ends.ctypes.data, byref(count))
         if loops < 0:
-            raise EngineError("there is no memory for the outlines of the drawing; make the picture smaller")
+            raise EngineError(_NO_MEMORY)
         if count.value <= room:
             return np.split(cracks[: count.value], ends[: loops - 1]) if loops else []
         room = count.value
+
+
+def kept_points(points: np.ndarray, tolerance: float) -> np.ndarray:
+    """(n,) bool: the points (n, 2) of a chain, n >= 1, between which no other is more than `tolerance` off the straight
+    line, the first and the last among them. Raises EngineError where the library or the memory is missing.
+    """
+    points, kept = _doubles(points), np.zeros(len(points), dtype=bool)
+    call = library().cs_fewer_points
+    call.argtypes = [c_int64, c_void_p, c_double, c_void_p]
+    if call(len(points), points.ctypes.data, tolerance, kept.ctypes.data):
+        raise EngineError(_NO_MEMORY)
+    return kept
 
 
 def flanks(

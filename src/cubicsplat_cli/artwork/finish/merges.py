@@ -94,28 +94,31 @@ class Sight:
         seen = ((c.slope[own] * WHITE) ** 2).sum(axis=1) * SHARE_SIGMA**2 > UNSEEN
         return cls(piece[order], t[order], seen[order])
 
-    def weights(self, piece: int, t: np.ndarray) -> np.ndarray:
-        """(n,) 1/px^2 of points of a piece at growing parameters."""
-        first, last = np.searchsorted(self.piece, [piece, piece + 1])
-        if first == last:
+    def weights(self, piece: np.ndarray | int, t: np.ndarray) -> np.ndarray:
+        """(n,) 1/px^2 of points of pieces (n,), or of one, at parameters (n,)."""
+        first, last = np.searchsorted(self.piece, piece), np.searchsorted(self.piece, piece, "right") - 1
+        places = 2.0 * self.piece + self.t  # which grow
+        after = np.clip(np.searchsorted(places, 2.0 * piece + t), first, np.maximum(last, first))
+        crossed = first <= last
+        after = np.where(crossed, after, 0)
+        before = np.where(crossed, np.maximum(after - 1, first), 0)
+        if not len(places):
             return np.full(len(t), HIDDEN_SIGMA**-2)
-        places = self.t[first:last]
-        after = np.clip(np.searchsorted(places, t), 0, len(places) - 1)
-        before = np.maximum(after - 1, 0)
-        near = np.where(np.abs(places[before] - t) < np.abs(places[after] - t), before, after)
-        return np.where(self.seen[first:last][near], SEEN_SIGMA**-2, HIDDEN_SIGMA**-2)
+        near = np.where(np.abs(self.t[before] - t) < np.abs(self.t[after] - t), before, after)
+        return np.where(crossed & self.seen[near], SEEN_SIGMA**-2, HIDDEN_SIGMA**-2)
 
 
 def samples_along(ring: Ring, sight: Sight, most: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """Of each piece points (n, 2) px, their weights (n,) 1/px^2, and how many px each stands for: one, unless the piece
     is shorter than 4 px or longer than `most`."""
-    cubics, found = ring.cubics, []
-    lengths = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
-    for i in range(ring.pieces):
-        count = int(np.clip(np.ceil(lengths[i]), 4, most))
-        t = (np.arange(count) + 0.5) / count
-        found.append((points_at(cubics[i][None], t[None])[0], sight.weights(i, t), float(lengths[i]) / count))
-    return found
+    lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
+    counts = np.clip(np.ceil(lengths), 4, most).astype(int)
+    ends = np.cumsum(counts)
+    piece = np.repeat(np.arange(ring.pieces), counts)
+    t = (np.arange(len(piece)) - (ends - counts)[piece] + 0.5) / counts[piece]
+    points, weights = np.einsum("nk,nkc->nc", bernstein(t), ring.cubics[piece]), sight.weights(piece, t)
+    parts = zip(np.split(points, ends[:-1]), np.split(weights, ends[:-1]), (lengths / counts).tolist(), strict=True)
+    return list(parts)
 
 
 def _plan(ring: Ring, sight: Sight, held: Held, detail: float) -> list[Merge]:

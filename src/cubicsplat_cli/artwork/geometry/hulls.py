@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import polygon
 
 
@@ -20,7 +20,7 @@ def hull_mask(mask: np.ndarray) -> np.ndarray:
     sides = [np.stack([np.repeat(x, 2), np.stack([rows, rows + 1], axis=1).ravel()], axis=1) for x in (right, left)]
     corners = np.array(_chain(sides[0].tolist()) + _chain(sides[1][::-1].tolist()), dtype=float)
     ring = polygon(corners)
-    return mask | (coverage(edges_of(ring.cubics, ring.lines), 0, 0, *mask.shape) >= 0.5)
+    return mask | (coverage(ring.cubics, ring.lines, 0, 0, *mask.shape) >= 0.5)
 
 
 def _chain(points: list[list[int]]) -> list[list[int]]:

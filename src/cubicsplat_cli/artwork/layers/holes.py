@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, polygon
 from cubicsplat_cli.artwork.layers.extents import Extent
 from cubicsplat_cli.artwork.tracing.fitting import few_lines
@@ -14,7 +14,7 @@ MOST_WRONG = 20  # px of holes that an outer outline may cut off or enclose
 
 def enclosed(ring: Ring, top: int, left: int, size: tuple[int, ...]) -> np.ndarray:
     """(h, w) bool: the pixels of a window, by its corner and size in px, of which a ring encloses half or more."""
-    return coverage(edges_of(ring.cubics, ring.lines), top, left, *size) > 0.5
+    return coverage(ring.cubics, ring.lines, top, left, *size) > 0.5
 
 
 def without_stray_holes(fitted: tuple[Outline, ...], extent: Extent) -> tuple[Outline, ...]:

@@ -34,9 +34,11 @@ def round_votes(regions: Regions, found: Crossings, clear: np.ndarray) -> dict[t
     votes: dict[tuple[int, int], float] = {}
     for region, box in enumerate(ndimage.find_objects(regions.labels + 1)):
         mask = regions.labels[box] == region
-        if clear[region] or mask.size < LEAST or not _full(mask):
+        if clear[region] or mask.size < LEAST:
             continue
         loop = max(trace(mask), key=lambda one: one.area)
+        if not _full(loop):
+            continue
         placed = Loop(loop.x + box[1].start, loop.y + box[0].start, loop.direction)
         beside = _beside(regions.labels, placed)
         if len(beside) > 1 and _round(placed, found):
@@ -44,11 +46,18 @@ def round_votes(regions: Regions, found: Crossings, clear: np.ndarray) -> dict[t
     return votes
 
 
-def _full(mask: np.ndarray) -> bool:
-    """Whether a mask, holes filled, is as full as an ellipse, which no rectangle is."""
-    rows, columns = np.nonzero(ndimage.binary_fill_holes(mask))
-    spread = float(np.linalg.det(np.cov(rows, columns) + np.eye(2) / 12.0)) if len(rows) > 1 else 0.0
-    return spread > 0.0 and abs(len(rows) / (4.0 * math.pi * math.sqrt(spread)) - 1.0) <= FULLNESS
+def _full(loop: Loop) -> bool:
+    """Whether what a loop encloses is as full as an ellipse, which no rectangle is: by its area and second moments, in
+    integrals along its cracks.
+    """
+    along = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[loop.direction]
+    x, y = loop.x - loop.x.mean(), loop.y - loop.y.mean()
+    area = float((x * along[:, 1]).sum())
+    mean = np.array([(x**2 * along[:, 1]).sum(), -(y**2 * along[:, 0]).sum()]) / (2.0 * area)
+    xx, yy = (x**3 * along[:, 1]).sum() / 3.0, -(y**3 * along[:, 0]).sum() / 3.0
+    xy = (x**2 * (y + 0.5 * along[:, 1]) * along[:, 1]).sum() / 2.0
+    spread = np.array([[xx, xy], [xy, yy]]) / area - np.outer(mean, mean)
+    return bool(abs(area / (4.0 * math.pi * math.sqrt(float(np.linalg.det(spread)))) - 1.0) <= FULLNESS)
 
 
 def _round(loop: Loop, found: Crossings) -> bool:

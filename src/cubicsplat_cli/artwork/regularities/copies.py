@@ -17,6 +17,7 @@ SIZE_OFF = 0.4  # px by which the extents of two outlines that are alike may dif
 # Where all of them shows: px that what is alike is off, its farthest point, with the middles of the extents on each
 # other, and px^2 for every px of the length by which areas differ, beyond the least.
 ASTRAY, AREA_OFF, LEAST_AREA_OFF = 0.6, 0.1, 1.0
+FIRST_LOOK = 16  # points of an outline that are compared before all of them are
 MOST_MODELS = 32  # of about its size that an outline is compared with, the first ones
 FLIPS = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))  # as it is, mirrored either way, turned by half a circle
 
@@ -99,10 +100,14 @@ def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) 
 def _settled(model: Track, track: Track, signs: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """The shift (2,) with which the model lies nearest to an outline, and its standard errors (2,) px; None where it
     lies not near enough."""
+    most = ASTRAY if model.whole and track.whole else LARGEST
+    # Most outlines are not alike, which a few points tell.
+    if track.off((model.seen * signs + shift)[:: len(model.seen) // FIRST_LOOK + 1])[0].max() > most:
+        return None
     for left in reversed(range(TRIES + 1)):
         forth, ahead = track.off(model.seen * signs + shift)
         # Where all of it shows, what is alike and of one size lies nearly right at once.
-        if forth.max() > (ASTRAY if left == TRIES and model.whole and track.whole else LARGEST):
+        if forth.max() > (most if left == TRIES else LARGEST):
             return None
         back, behind = model.off((track.seen - shift) * signs)
         size, ways = np.concatenate([forth, back]), np.concatenate([ahead, -behind * signs])

@@ -198,7 +198,7 @@ def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:
 def mirrored_freedom(found: MirroredRing, held: Held) -> TiedRing:
     """A ring that is its own mirror image and stays so: the freedom of one half; the axis stays where it is."""
     pieces = ring_pieces(found.ring, held)
-    numbering = Numbering.of(pieces)
+    numbering = Numbering(pieces)
     return TiedRing(pieces, tie_matrix(numbering.total, list(_ties(numbering, found))))
 
 

@@ -15,7 +15,7 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, begin, layer_of, premultiplied, settle
 from cubicsplat_cli.artwork.finish.freedom import Still
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
 from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, Sight, areas, ringing
@@ -216,6 +216,6 @@ def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[sli
     window = slice(y0, max(y1, y0)), slice(x0, max(x1, x0))
     if x1 <= x0 or y1 <= y0:
         return window, np.zeros((0, 0), dtype=bool)
-    edges = edges_of(cubics, np.concatenate([ring.lines for ring in rings]))
-    own = coverage(edges, y0, x0, y1 - y0, x1 - x0) > 0.0
+    lines = np.concatenate([ring.lines for ring in rings])
+    own = coverage(cubics, lines, y0, x0, y1 - y0, x1 - x0) > 0.0
     return window, ndimage.binary_dilation(own, SQUARE, reach) if reach else own

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.geometry.coverage import Edges, coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline
 from cubicsplat_cli.artwork.input.palette import modes
 from cubicsplat_cli.artwork.layers.completion import outlines_of
@@ -63,7 +63,7 @@ class Canvas:
             each = self._painted[k]
             x0, y0 = np.maximum(each.low, corner).tolist()
             x1, y1 = np.minimum(each.high, far).tolist()
-            cover = coverage(each.edges, y0, x0, y1 - y0, x1 - x0)
+            cover = coverage(each.cubics, each.lines, y0, x0, y1 - y0, x1 - x0)
             view = out[:, y0 - rows.start : y1 - rows.start, x0 - columns.start : x1 - columns.start]
             view[0][cover >= HALF] = k
             view[1][cover >= SHOWS] = k
@@ -72,9 +72,12 @@ class Canvas:
 
 @dataclass(frozen=True)
 class _Outlined:
-    """The edges of a shape, and the (2,) least and greatest x and y of its box, whole px."""
+    """The pieces (S, 4, 2) of a shape's outlines, of which some are lines (S,) bool, and the (2,) least and greatest x
+    and y of its box, whole px.
+    """
 
-    edges: Edges
+    cubics: np.ndarray
+    lines: np.ndarray
     low: np.ndarray
     high: np.ndarray
 
@@ -83,8 +86,8 @@ class _Outlined:
         rings = shape.oriented()
         cubics = np.concatenate([ring.cubics for ring in rings])
         points = cubics.reshape(-1, 2)
-        edges = edges_of(cubics, np.concatenate([ring.lines for ring in rings]))
-        return cls(edges, np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int))
+        lines = np.concatenate([ring.lines for ring in rings])
+        return cls(cubics, lines, np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int))
 
 
 def proposals(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.shadows.blurred import reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import SQUARE
 from cubicsplat_cli.artwork.shadows.found import Cast
@@ -73,6 +73,6 @@ def _owners(drawing: Drawing) -> np.ndarray:
     out = np.full((drawing.height, drawing.width), -1)
     for number, shape in enumerate(drawing.shapes):
         rings = shape.oriented()
-        edges = edges_of(np.concatenate([r.cubics for r in rings]), np.concatenate([r.lines for r in rings]))
-        out[coverage(edges, 0, 0, *out.shape) >= 0.5] = number
+        cubics, lines = np.concatenate([r.cubics for r in rings]), np.concatenate([r.lines for r in rings])
+        out[coverage(cubics, lines, 0, 0, *out.shape) >= 0.5] = number
     return out

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import (
     Circle,
     Outline,
@@ -122,7 +122,7 @@ def _covered(groups: list[tuple[Ring, ...]], low: np.ndarray, high: np.ndarray) 
     for rings in groups:
         cubics = np.concatenate([ring.cubics for ring in rings])
         lines = np.concatenate([ring.lines for ring in rings])
-        total += coverage(edges_of(cubics, lines), int(low[1]), int(low[0]), height, width)
+        total += coverage(cubics, lines, int(low[1]), int(low[0]), height, width)
     return np.minimum(total, 1.0)
 
 

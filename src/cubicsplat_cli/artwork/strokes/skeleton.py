@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from skimage.morphology import skeletonize
 
-from cubicsplat_cli.artwork.geometry.coverage import coverage, edges_of
+from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 
 FINEST = 8  # pixels of the skeleton per px
@@ -54,13 +53,15 @@ def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
 
     Spurs into corners are taken off, and junctions that a crossing falls apart into are joined again.
     """
+    from skimage.morphology import skeletonize  # takes a while to import, and few drawings have strokes
+
     scale = int(np.clip(np.ceil(PIXELS_ACROSS / max(width, 1e-6)), 1, FINEST))
     cubics = np.concatenate([ring.cubics for ring in rings])
     lines = np.concatenate([ring.lines for ring in rings])
     low = np.floor(cubics.min(axis=(0, 1))) - 2.0
     size = np.ceil(cubics.max(axis=(0, 1))) + 3.0 - low
     columns, rows = (size * scale).astype(int)
-    mask = coverage(edges_of((cubics - low) * scale, lines), 0, 0, int(rows), int(columns)) > 0.5
+    mask = coverage((cubics - low) * scale, lines, 0, 0, int(rows), int(columns)) > 0.5
     graph = _graph(skeletonize(mask))
     for branch in graph.branches:
         branch.points = (branch.points + 0.5) / scale + low

@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.tracing.layout import independent, lay_out
 from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
 from cubicsplat_cli.artwork.tracing.refine import Feet, refine
 from cubicsplat_cli.artwork.tracing.smoothing import HIDDEN_SIGMA
-from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.errors import InputError
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
@@ -110,7 +110,7 @@ def _if_cheaper(
     best: Fitted, trial: Pieces, points: np.ndarray, weights: np.ndarray, price: float
 ) -> tuple[Fitted, bool]:
     """The fit of more regular pieces, if what it loses is worth less than the parameters it saves."""
-    saved = Variables(best[0]).total - Variables(trial).total
+    saved = best[0].joints.variables() - trial.joints.variables()
     if saved <= 0:
         return best, True
     fitted = refine(trial, points, weights, best[1])

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.robust import OUTLYING, huber
-from cubicsplat_cli.artwork.tracing.cubics import Ends, fit_cubics, rough_cubics
 from cubicsplat_cli.artwork.tracing.smoothing import LocalFits, arc_lengths
+from cubicsplat_cli.raster.cubics import cheapest_path, piece_misfits
 
 SURE_WEIGHT = 4.0  # 1/px^2: points that know less are no place for a joint
 FEWEST_NODES, MOST_NODES = 6, 48
 NODES_PER_RADIAN = 4.0
 STRAIGHT_SHARE = 0.01  # of sqrt(1/px): how dense nodes are on straight stretches against bent ones
-SAMPLES = 20
 WIDEST_TURN = math.radians(200.0)  # of one cubic, all bends added
 LINE_PARAMETERS, CUBIC_PARAMETERS = 2, 5
 BEND_PARAMETERS = 4  # of a line after a line where no corner was found
@@ -28,8 +26,6 @@ BEND_PARAMETERS = 4  # of a line after a line where no corner was found
 PAIR_PARAMETERS = (LINE_PARAMETERS + CUBIC_PARAMETERS + 1, LINE_PARAMETERS + CUBIC_PARAMETERS)
 CORNER_ERRORS = (0.15, 0.3)  # px and radians: how well the ends at corners are known beforehand
 LEAST_ERRORS = (0.01, 0.01)  # px and radians
-LINE_SLACK = math.radians(0.5)  # between a line and the tangent where it meets a cubic smoothly
-HOPELESS = 400.0  # misfit, per price of a parameter and per point, above which a rough cubic need not be refined
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,7 @@ def divide(section: Section, price: float) -> Division:
     first, last = _pairs(nodes)
     lines, cubics, line_cost, cubic_cost = _fits(section, nodes, first, last, price)
     costs = np.stack([line_cost, cubic_cost], axis=1)
-    chosen, kinds, cost = _cheapest(len(nodes.index), first, last, costs, BEND_PARAMETERS * price)
+    chosen, kinds, cost = cheapest_path(len(nodes.index), first, last, costs, BEND_PARAMETERS * price)
     straight = kinds == 0
     stops = np.append(first[chosen], len(nodes.index) - 1)
     pieces = np.where(straight[:, None, None], lines[chosen], cubics[chosen])
@@ -189,94 +185,13 @@ def _fits(
     """Of node pairs: lines and cubics (P, 4, 2), and what they cost (P,), in nats."""
     # Only points that tell something are sampled: a few that show between hidden ones must not be missed.
     telling = np.flatnonzero(section.weights > 0.0)
-    lo, hi = (np.searchsorted(telling, nodes.index[pair]) for pair in (first, last))
-    share = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    rank = (lo[:, None] + (hi - lo)[:, None] * share).astype(int)
-    index = np.append(telling, 0)[np.minimum(rank, max(len(telling) - 1, 0))]
-    points = section.fits.positions[index]
-    share_of = ((hi - lo) / SAMPLES)[:, None]
-    weights = section.weights[index] * share_of
-    ends = np.stack([nodes.at[first], nodes.at[last]], axis=1)
-    tangents = np.stack([nodes.tangent[first], nodes.tangent[last]], axis=1)
-    errors = np.stack([nodes.errors[first], nodes.errors[last]], axis=1)
-    single = section.weights[index]
-    run = Ends(ends, tangents, errors)
-    rough = rough_cubics(run, points, weights)
-    curve_misfit = _bounded(rough.squares * single, share_of)
-    close = (curve_misfit < HOPELESS * (price + (hi - lo))) | (last == first + 1)
-    exact = fit_cubics(run.taken(close), points[close], weights[close])
-    cubics = rough.cubics
-    cubics[close] = exact.cubics
-    curve_misfit[close] = _bounded(exact.squares * single[close], share_of[close]) + exact.strain
+    some = telling if len(telling) else np.zeros(1, dtype=int)
+    given = np.searchsorted(telling, nodes.index), nodes.at, nodes.tangent, nodes.errors
+    points, weights = section.fits.positions[some], section.weights[some]
+    cubics, cubic_misfit, line_misfit, bends = piece_misfits(first, last, given, points, weights, price)
     starts, stops = section.corners & (first == 0), section.corners & (last == len(nodes.index) - 1)
-    cubic_cost = 0.5 * curve_misfit + price * (CUBIC_PARAMETERS + starts - nodes.level[last])
-    line_cost = 0.5 * _line_misfit(points, weights, single, ends, errors[..., 0]) + price * LINE_PARAMETERS
-    line_cost += (
-        _strain(ends, tangents[:, 0], errors[:, 0]) * ~starts + _strain(ends, tangents[:, 1], errors[:, 1]) * ~stops
-    )
+    cubic_cost = 0.5 * cubic_misfit + price * (CUBIC_PARAMETERS + starts - nodes.level[last])
+    line_cost = 0.5 * line_misfit + price * LINE_PARAMETERS + bends[:, 0] * ~starts + bends[:, 1] * ~stops
+    ends = np.stack([nodes.at[first], nodes.at[last]], axis=1)
     thirds = np.array([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])[:, None]
-    lines = ends[:, :1] * (1.0 - thirds) + ends[:, 1:] * thirds
-    return lines, cubics, line_cost, cubic_cost
-
-
-def _bounded(squares: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(P,) chi^2 of squared residuals (P, K) in sigmas, linear beyond OUTLYING, each counted `share` (P, 1) times."""
-    return (share * huber(np.sqrt(squares), OUTLYING)).sum(axis=1)
-
-
-def _strain(ends: np.ndarray, tangents: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """(P,) nats for the angle between lines (P, 2, 2) and the tangents (P, 2) where they meet a smooth run."""
-    way = ends[:, 1] - ends[:, 0]
-    angle = np.arctan2(way[:, 0] * tangents[:, 1] - way[:, 1] * tangents[:, 0], (way * tangents).sum(1))
-    slack = LINE_SLACK + errors[:, 1]
-    return 0.5 * np.minimum(np.abs(angle) / slack, 30.0) ** 2
-
-
-def _line_misfit(
-    points: np.ndarray, weights: np.ndarray, single: np.ndarray, ends: np.ndarray, errors: np.ndarray
-) -> np.ndarray:
-    """(P,) chi^2 of the best line through each run of points (P, K, 2) and near its ends (P, 2, 2)."""
-    share = np.concatenate([weights / np.maximum(single, 1e-12), np.ones(errors.shape)], axis=1)
-    single = np.concatenate([single, errors**-2.0], axis=1)
-    squares = _line_squares(np.concatenate([points, ends], axis=1), single * share)
-    return _bounded(squares * single, share)
-
-
-def _line_squares(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(P, K) squared distances, px^2, from the best line through each run of points (P, K, 2)."""
-    total = np.maximum(weights.sum(1), 1e-12)
-    centred = points - ((weights[..., None] * points).sum(1) / total[:, None])[:, None]
-    x, y = centred[..., 0], centred[..., 1]
-    xx, yy, xy = (weights * x * x).sum(1), (weights * y * y).sum(1), (weights * x * y).sum(1)
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)[:, None]
-    return (x * np.sin(angle) - y * np.cos(angle)) ** 2
-
-
-def _cheapest(
-    count: int, first: np.ndarray, last: np.ndarray, costs: np.ndarray, bend: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """The cheapest path from node 0 to node count - 1: its pairs in order, their kinds, and its cost.
-
-    costs: (P, 2) of each pair as a line (kind 0) and as a cubic (kind 1). bend: of a line after a line.
-    """
-    best = np.full((count, 2), np.inf)
-    best[0, 1] = 0.0
-    via = np.zeros((count, 2), dtype=int)
-    kind_before = np.zeros((count, 2), dtype=int)
-    order = np.argsort(last, kind="stable")
-    bounds = np.searchsorted(last[order], np.arange(count + 1))
-    surcharge = np.array([[bend, 0.0], [0.0, 0.0]])
-    for node in range(1, count):
-        own = order[bounds[node] : bounds[node + 1]]
-        totals = best[first[own]][:, :, None] + surcharge[None] + costs[own][:, None, :]
-        flat = totals.reshape(-1, 2)
-        k = flat.argmin(axis=0)
-        best[node] = flat[k, [0, 1]]
-        via[node], kind_before[node] = own[k // 2], k % 2
-    path, kinds, node, kind = [], [], count - 1, int(best[-1].argmin())
-    while node > 0:
-        pair = via[node, kind]
-        path.append(pair)
-        kinds.append(kind)
-        node, kind = first[pair], kind_before[node, kind]
-    return np.array(path[::-1], dtype=int), np.array(kinds[::-1], dtype=int), float(best[-1].min())
+    return ends[:, :1] * (1.0 - thirds) + ends[:, 1:] * thirds, cubics, line_cost, cubic_cost

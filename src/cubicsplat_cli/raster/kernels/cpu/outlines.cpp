@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <exception>
+#include <utility>
 #include <vector>
 
 #include "abi.h"
@@ -203,5 +204,37 @@ CS_EXPORT int64_t cs_trace(const uint8_t* pixels, int64_t height, int64_t width,
     return -1;
   }
   return loops;
+}
+
+// The method of Ramer, Douglas and Peucker: kept (count) is set at the first and last point of a chain (x 2), and where
+// another one is more than `tolerance` off the straight line between those kept. 1 where there is no memory, else 0.
+CS_EXPORT int32_t cs_fewer_points(int64_t count, const double* points, double tolerance, uint8_t* kept) {
+  try {
+    std::vector<std::pair<int64_t, int64_t>> left{{0, count - 1}};
+    kept[0] = kept[count - 1] = 1;
+    while (!left.empty()) {
+      const auto [first, last] = left.back();
+      left.pop_back();
+      const double *a = points + 2 * first, *b = points + 2 * last;
+      const double x = b[0] - a[0], y = b[1] - a[1], length = std::hypot(x, y), square = length * length;
+      double most = -1.0;
+      int64_t farthest = first;
+      for (int64_t n = first + 1; n < last; n++) {
+        const double u = points[2 * n] - a[0], v = points[2 * n + 1] - a[1], along = u * x + v * y;
+        // From the line where a point lies beside it, from the nearer one of its ends elsewhere.
+        const bool beside = along > 0.0 && along < square;
+        const double gap = beside ? std::fabs(v * x - u * y) / std::max(length, 1e-300)
+                                  : std::min(std::hypot(u, v), std::hypot(u - x, v - y));
+        if (gap > most) most = gap, farthest = n;
+      }
+      if (most > tolerance) {
+        kept[farthest] = 1;
+        left.push_back({first, farthest}), left.push_back({farthest, last});
+      }
+    }
+  } catch (const std::exception&) {
+    return 1;
+  }
+  return 0;
 }
 }

@@ -1,8 +1,5 @@
 // Stacks of shapes in double precision: their picture, and how it changes with every control point. This is what the
 // artwork style optimises.
-//
-// A pixel's coverage is its area within the outlines, whose winding number is 0 or 1. An edge (dx, dy) in a pixel adds the
-// area to its left there and -dy to all pixels to its right; moving it by (u, v) changes its pixel's area by u dy - v dx.
 
 #include "stack.h"
 
@@ -13,195 +10,10 @@
 #include <vector>
 
 #include "stack_misfit.h"
+#include "stack_trace.h"
 
 namespace cs {
 namespace {
-
-constexpr double kFlatness = 0.001;  // px between a cubic and its polyline
-constexpr int kMostEdges = 256;
-constexpr float kNothing = 1e-12f;  // coverage that is only the rounding of a sum
-
-struct Point {
-  double x, y;
-};
-
-Point between(Point a, Point b, double t) { return {a.x + (b.x - a.x) * t, a.y + (b.y - a.y) * t}; }
-
-struct Cubic {
-  const double* p;
-
-  Point at(int k) const { return {p[2 * k], p[2 * k + 1]}; }
-  Point at(double t) const {
-    const double s = 1.0 - t, b[4] = {s * s * s, 3.0 * s * s * t, 3.0 * s * t * t, t * t * t};
-    Point q{0.0, 0.0};
-    for (int k = 0; k < 4; k++) q = {q.x + b[k] * p[2 * k], q.y + b[k] * p[2 * k + 1]};
-    return q;
-  }
-  // Edges that keep within the flatness: the root of 3/4 |second difference| / flatness.
-  int edges() const {
-    double bend = 0.0;
-    for (int k = 0; k < 4; k++) bend = std::max(bend, std::fabs(p[k] - 2.0 * p[k + 2] + p[k + 4]));
-    return std::clamp(int(std::ceil(std::sqrt(0.75 * std::min(bend, 1e6) / kFlatness))), 1, kMostEdges);
-  }
-};
-
-// Neighbours of a row that a layer covers alike.
-struct Span {
-  int row, first, last;  // columns, the last one not included
-  float covered;         // more than nothing
-};
-
-// Pixels from (left, top) on, and what outlines add to the sums along their rows that become coverages.
-struct Window {
-  int left, top, width, height;
-  struct Step {
-    int column;
-    double change;
-  };
-  std::vector<std::pair<int, Step>> steps;  // by row, in the order of the pieces
-
-  // What bounds the area from `x` on along `height` px of a row.
-  void add(int row, double x, double height) {
-    if (row < top || row >= top + this->height) return;
-    const double along = std::clamp(x - left, 0.0, double(width));
-    const int column = int(along);
-    const double share = x - left < 0.0 ? 0.0 : along - column;
-    steps.push_back({row - top, {column, height * (1.0 - share)}});
-    steps.push_back({row - top, {column + 1, height * share}});
-  }
-
-  // Adds the coverages to `out`, row by row from left to right. Sums are taken in the order of the pieces, so that they
-  // are the same to the last bit as those over every pixel of the window.
-  void finish(std::vector<Span>& out) const {
-    std::vector<int64_t> ends(height + 1, 0);
-    for (const auto& [row, step] : steps) ends[row + 1]++;
-    for (int j = 0; j < height; j++) ends[j + 1] += ends[j];
-    std::vector<Step> sorted(steps.size());
-    for (size_t n = steps.size(); n-- > 0;) sorted[--ends[steps[n].first + 1]] = steps[n].second;
-    const auto before = [](const Step& a, const Step& b) { return a.column < b.column; };
-    for (int j = 0; j < height; j++) {
-      Step* const begin = sorted.data() + ends[j + 1];
-      Step* const end = j + 1 < height ? sorted.data() + ends[j + 2] : sorted.data() + sorted.size();
-      std::stable_sort(begin, end, before);
-      double sum = 0.0;
-      for (const Step* at = begin; at < end;) {
-        const int first = at->column;
-        double change = 0.0;
-        for (; at < end && at->column == first; at++) change += at->change;
-        sum += change;
-        const int last = std::min(at < end ? at->column : width, width);
-        const float covered = float(std::clamp(sum, 0.0, 1.0));
-        if (covered > kNothing && first < last) out.push_back({top + j, left + first, left + last, covered});
-      }
-    }
-  }
-};
-
-// Collects what the pieces do to the pixels that they cross.
-class CrossingList {
- public:
-  CrossingList(CsCrossings* out, int width, int height) : out_(out), width_(width), height_(height) { out_->count = 0; }
-
-  void begin(int piece) { piece_ = piece, pixel_ = -1; }
-
-  // An edge (dx, dy) in pixel (column, row), at parameter t in its middle.
-  void add(int column, int row, double t, double dx, double dy) {
-    if (column < 0 || row < 0 || column >= width_ || row >= height_) return;
-    const int pixel = row * width_ + column;
-    if (pixel != pixel_) {
-      end();
-      pixel_ = pixel, weight_ = moment_ = 0.0;
-      std::fill(change_, change_ + 8, 0.0);
-    }
-    const double s = 1.0 - t, b[4] = {s * s * s, 3.0 * s * s * t, 3.0 * s * t * t, t * t * t};
-    const double length = std::fabs(dx) + std::fabs(dy) + 1e-12;
-    weight_ += length, moment_ += length * t;
-    for (int k = 0; k < 4; k++) change_[2 * k] += b[k] * dy, change_[2 * k + 1] -= b[k] * dx;
-  }
-
-  void end() {
-    if (pixel_ >= 0) {
-      const int64_t n = out_->count++;
-      if (n < out_->room) {
-        out_->piece[n] = piece_, out_->pixel[n] = pixel_, out_->t[n] = moment_ / weight_;
-        std::copy(change_, change_ + 8, out_->change + 8 * n);
-      }
-    }
-    pixel_ = -1;
-  }
-
- private:
-  CsCrossings* out_;
-  int width_, height_, piece_ = 0, pixel_ = -1;
-  double weight_ = 0.0, moment_ = 0.0, change_[8] = {};
-};
-
-// Where a value that runs from a to b next passes a whole number, as a share of the way, and the share between two.
-struct Steps {
-  double next, step;
-  Steps(double a, double b) : next(2.0), step(0.0) {
-    if (a == b) return;
-    const double first = b > a ? std::floor(a) + 1.0 : std::ceil(a) - 1.0;
-    next = (first - a) / (b - a), step = 1.0 / std::fabs(b - a);
-  }
-  void pass(double at) {
-    if (next <= at) next += step;
-  }
-};
-
-class Tracer {
- public:
-  Tracer(Window& window, CrossingList& crossings, int grid) : window_(window), crossings_(crossings), grid_(grid) {}
-
-  void piece(int number, const double* points, bool line, double sign) {
-    const Cubic cubic{points};
-    const int count = line ? 1 : cubic.edges();
-    crossings_.begin(number);
-    Point from = cubic.at(0);
-    for (int i = 0; i < count; i++) {
-      const Point to = i + 1 == count ? cubic.at(3) : cubic.at(double(i + 1) / count);
-      edge(from, to, double(i) / count, 1.0 / count, sign);
-      if (grid_ > 0) samples(from, to, sign);
-      from = to;
-    }
-    crossings_.end();
-  }
-
- private:
-  Window& window_;
-  CrossingList& crossings_;
-  int grid_;
-
-  void edge(Point from, Point to, double t, double span, double sign) {
-    Steps across(from.x, to.x), down(from.y, to.y);
-    double at = 0.0;
-    Point start = from;
-    while (at < 1.0) {
-      const double until = std::min({across.next, down.next, 1.0});
-      // The last part ends exactly where the next edge starts, or coverage would leak along rows.
-      const Point stop = until >= 1.0 ? to : between(from, to, until);
-      const double x = 0.5 * (start.x + stop.x), y = 0.5 * (start.y + stop.y);
-      const double dx = sign * (stop.x - start.x), dy = sign * (stop.y - start.y);
-      crossings_.add(int(std::floor(x)), int(std::floor(y)), t + span * 0.5 * (at + until), dx, dy);
-      if (grid_ == 0) window_.add(int(std::floor(y)), x, -dy);
-      start = stop, at = until;
-      across.pass(at), down.pass(at);
-    }
-  }
-
-  // The crossings of the middles of the sub-scanlines, to the nearest sample.
-  void samples(Point from, Point to, double sign) {
-    const bool falls = to.y > from.y;
-    const Point top = falls ? from : to, bottom = falls ? to : from;
-    const double slope = (bottom.x - top.x) / (bottom.y - top.y), height = (falls ? -sign : sign) / grid_;
-    const double first = std::max(std::ceil(top.y * grid_ - 0.5), double(window_.top) * grid_);
-    const double last = std::min(std::ceil(bottom.y * grid_ - 0.5), double(window_.top + window_.height) * grid_);
-    for (double line = first; line < last; line += 1.0) {
-      const double x = top.x + slope * ((line + 0.5) / grid_ - top.y);
-      window_.add(int(std::floor(line / grid_)), std::floor(x * grid_ + 0.5) / grid_, height);
-    }
-  }
-};
 
 // The part of the canvas that pieces may reach.
 Window window_of(const CsStack& s, int first, int last) {
@@ -229,7 +41,7 @@ void lay(const Span* first, const Span* last, const double* ink, int width, doub
 void draw(const CsStack& s, const CsFit& fit, double* image, double* misfit, CsCrossings* out) {
   const int64_t pixels = int64_t(s.width) * s.height;
   std::fill(image, image + 4 * pixels, 0.0);
-  CrossingList crossings(out, s.width, s.height);
+  Crossings crossings(out, s.width, s.height);
   std::vector<Span> spans;
   std::vector<int64_t> span_ends{0}, ends{0};
   for (int layer = 0, piece = 0; layer < s.layers; layer++) {

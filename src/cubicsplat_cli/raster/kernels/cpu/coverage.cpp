@@ -1,0 +1,36 @@
+// What outlines cover of pixels, without derivatives.
+#include <cstdint>
+#include <exception>
+
+#include "abi.h"
+#include "stack_trace.h"
+
+namespace cs {
+namespace {
+
+void trace(int64_t pieces, const double* cubics, const uint8_t* lines, Window& window) {
+  CsCrossings none{};
+  Crossings crossings(&none, 0, 0);
+  Tracer tracer(window, crossings, 0);
+  for (int64_t n = 0; n < pieces; n++) tracer.piece(int(n), cubics + 8 * n, lines[n] != 0, 1.0);
+}
+
+}  // namespace
+}  // namespace cs
+
+extern "C" {
+
+// out: height x width, the coverage of a window, its corner at (left, top), by closed outlines of pieces (x 8), of which
+// some are lines. 1 where there is no memory, else 0.
+CS_EXPORT int32_t cs_coverage(int64_t pieces, const double* cubics, const uint8_t* lines, int32_t left, int32_t top,
+                              int32_t width, int32_t height, double* out) {
+  try {
+    cs::Window window{left, top, width, height, {}};
+    cs::trace(pieces, cubics, lines, window);
+    window.finish(out);
+  } catch (const std::exception&) {
+    return 1;
+  }
+  return 0;
+}
+}
