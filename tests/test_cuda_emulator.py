@@ -283,7 +283,7 @@ def test_a_fit_on_the_emulator_changes_its_size_and_its_number_of_curves():
         target[::2, ::2].copy(), FitSettings.from_preset("draft", curves=6, steps=40), opened=emulated_engine
     )
     assert loop.relax(0.5)
-    loop.resize(lambda scene, importance: (np.argsort(-importance)[:4], 9))
+    loop.resize(np.argsort(-loop.importance())[:4], 9)
     assert loop.relax()
     loop.go_over_to(target, FitInputs())
     result = loop.finish()

@@ -54,7 +54,10 @@ def with_added(
         added = trials.best()
         if added is trials.drawing or (most is not None and len(added.shapes) > most):
             break
-        trials = _Trials(added, goal, trials.sight, detail)
+        after = _Trials(added, goal, trials.sight, detail)
+        if len(after.found) >= len(trials.found):
+            break  # such as the colour fringes of text for an LCD: shapes do not explain what is there
+        trials = after
     left = [int(area.where.sum()) for area in trials.found if area.where.sum() >= SEEN]
     if left:
         _log.warning("areas that differ visibly from the picture: %d, of %d px in all", len(left), sum(left))

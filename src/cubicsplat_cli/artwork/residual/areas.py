@@ -55,10 +55,11 @@ class Area:
 
 @dataclass(frozen=True)
 class Sight:
-    """What tells a picture from its drawing. noise: standard deviation in levels, and error: that of
-    pixels on edges; jpeg: whether edges ring; blur: its
-    standard deviation in px; least: px times levels of an area; smallest: px of a shape;
-    seam: levels by which what lies beneath shows through on edges.
+    """What tells a picture from its drawing.
+
+    noise: standard deviation in levels; error: that of pixels on edges. jpeg: whether edges ring. blur: standard
+    deviation, px. least: px times levels of an area. smallest: px of a shape. seam: levels by which what lies beneath
+    shows through on edges.
     """
 
     noise: float

@@ -69,8 +69,7 @@ struct Window {
   }
 
   // Adds the coverages to `out`, row by row from left to right. Sums are taken in the order of the pieces, so that they
-  // are the same to the last bit as those over every pixel of the window. turned: less than nothing counts as well, since
-  // a loop of an outline that crosses itself is filled.
+  // are the same to the last bit as those over every pixel of the window.
   void finish(std::vector<Span>& out) const {
     std::vector<int64_t> ends(height + 1, 0);
     for (const auto& [row, step] : steps) ends[row + 1]++;
