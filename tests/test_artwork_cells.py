@@ -16,7 +16,7 @@ from cubicsplat_cli.api import vectorize
 from cubicsplat_cli.artwork import style
 from cubicsplat_cli.artwork.input import cells as cells_module
 from cubicsplat_cli.artwork.input.cells import FEW_COLOURS, MOST_CELLS, Cells, cells_of, forced_cells
-from cubicsplat_cli.artwork.mosaic import MOST_CORNERS, Layer, mosaic, outlines
+from cubicsplat_cli.artwork.mosaic import MOST_CORNERS, CellLayer, mosaic, outlines
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.convert import as_picture
@@ -244,7 +244,7 @@ def test_loops_follow_any_mask():
 def test_parts_of_a_layer_cover_what_it_covers():
     mask = np.random.default_rng(7).random((90, 120)) < 0.5
     for alpha in (255, 100):
-        layer = Layer((1, 2, 3, alpha), mask, np.arange(121.0), np.arange(91.0))
+        layer = CellLayer((1, 2, 3, alpha), mask, np.arange(121.0), np.arange(91.0))
         covered = np.zeros(mask.shape, dtype=int)
         for part in layer.parts():
             assert len(part.loops[0]) <= MOST_CORNERS

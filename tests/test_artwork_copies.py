@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.freedom import CopyFreedom, Held, freedom_of
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, flattened
-from cubicsplat_cli.artwork.geometry.ways import Way
+from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.regularities.regularities import with_copies
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw
@@ -124,7 +124,7 @@ SHAPES = [Circle(3.0, 4.0, 2.0), Ellipse(3.0, 4.0, 5.0, 2.0, 0.4), Rectangle(1.0
 @given(signs=st.tuples(SIGN, SIGN), shift=st.tuples(PLACE, PLACE), angle=ANGLE)
 def test_a_primitive_comes_to_lie_where_its_points_do(shape, signs, shift, angle):
     # A circle that is turned is the same.
-    way = Way(signs, shift, 0.0 if isinstance(shape, Circle) else angle)
+    way = RigidTransform(signs, shift, 0.0 if isinstance(shape, Circle) else angle)
     points, moved = (r.cubics.reshape(-1, 2) for r in (fine_ring(shape), fine_ring(way.outline(shape))))
     gaps = np.hypot(*(way.points(points)[:, None] - moved).transpose(2, 0, 1))
     assert gaps.min(axis=1).max() < 1e-9
@@ -132,13 +132,13 @@ def test_a_primitive_comes_to_lie_where_its_points_do(shape, signs, shift, angle
 
 @given(st.lists(st.tuples(SIGN, SIGN, PLACE, PLACE, ANGLE), min_size=2, max_size=2))
 def test_one_way_after_another_is_one_way(ways):
-    first, second = (Way((a, b), (x, y), angle) for a, b, x, y, angle in ways)
+    first, second = (RigidTransform((a, b), (x, y), angle) for a, b, x, y, angle in ways)
     points = np.array([[3.0, 4.0], [-20.0, 7.5], [0.0, 0.0]])
     assert second.after(first).points(points) == pytest.approx(second.points(first.points(points)), abs=1e-9)
 
 
 def test_a_quarter_turn_is_exact():
-    box = Way((1.0, 1.0), (3.0, 0.0), 0.5 * np.pi).outline(Rectangle(1.0, 2.0, 7.0, 4.0))
+    box = RigidTransform((1.0, 1.0), (3.0, 0.0), 0.5 * np.pi).outline(Rectangle(1.0, 2.0, 7.0, 4.0))
     assert box == Rectangle(-3.0, 1.0, 4.0, 7.0)
 
 
@@ -152,7 +152,7 @@ def test_copies_follow_their_model_and_fit_together():
     state = begin(Drawing(96, 48, shapes), goal)
     model = freedom_of(shapes[0].outlines[0], held)
     state.layers[0].outlines[0] = model
-    state.layers[1].outlines[0] = CopyFreedom(model, Way((1.0, 1.0), (46.0, 0.0)), 0)
+    state.layers[1].outlines[0] = CopyFreedom(model, RigidTransform((1.0, 1.0), (46.0, 0.0)), 0)
     first, second = (layer.outlines[0].outline() for layer in settle(state, goal, trim=False).layers)
     assert (first.r, second.r) == pytest.approx((9.02, 9.02), abs=0.005) and first.r == second.r
     assert (second.cx - first.cx, second.cy - first.cy) == (46.0, 0.0)
@@ -183,7 +183,7 @@ def test_one_that_is_hardly_alike_does_not_keep_the_others_from_being_copies():
 
 def test_the_jacobian_of_a_copy_matches_finite_differences():
     ring = Circle(20.0, 19.0, 9.3).ring()
-    copy = CopyFreedom(freedom_of(ring, Held(64, 64)), Way((-1.0, 1.0), (60.0, 3.0), 0.4), 0)
+    copy = CopyFreedom(freedom_of(ring, Held(64, 64)), RigidTransform((-1.0, 1.0), (60.0, 3.0), 0.4), 0)
     jacobian = copy.jacobian.toarray()
     for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
         change = (copy.moved(step).cubics - copy.moved(-step).cubics).ravel() / 2e-5
@@ -198,7 +198,7 @@ def test_repeated_rings_are_the_same_text_but_for_the_first_point():
         np.array([True, False, False]),
         np.zeros(3, bool),
     )
-    moved = [Way((1.0, 1.0), shift).outline(ring) for shift in ((0.0, 0.0), (1.11, 60.07), (300.5, 7.0))]
+    moved = [RigidTransform((1.0, 1.0), shift).outline(ring) for shift in ((0.0, 0.0), (1.11, 60.07), (300.5, 7.0))]
     shapes = tuple(Shape((colour, 0, 0, 255), (one,), "x") for colour, one in zip((255, 200, 150), moved, strict=True))
     text = write_drawing(Drawing(400, 100, shapes), precision=2, title="x", comment="y")
     paths = re.findall(r' d="M([^"]*)"', text)

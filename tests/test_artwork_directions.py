@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cubicsplat_cli.artwork.finish.finish import LONGEST
 from cubicsplat_cli.artwork.finish.freedom import Held, Pins, freedom_of
 from cubicsplat_cli.artwork.geometry.outlines import Ring, polygon
-from cubicsplat_cli.artwork.geometry.ways import Way
+from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.regularities.directions import Slope, directed, has_diagonal
 from cubicsplat_cli.artwork.regularities.tied import tied_ring
 from cubicsplat_cli.artwork.regularities.ties import null_basis
@@ -97,7 +97,7 @@ def test_directed_lines_stay_so_however_the_ring_moves(steps):
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 @settings(max_examples=25, deadline=None)
 def test_a_directed_ring_on_steps_is_as_regular(across, down):
-    ring = Way((1.0, 1.0), (across, down)).outline(house(0.3))
+    ring = RigidTransform((1.0, 1.0), (across, down)).outline(house(0.3))
     found = directed(tied_ring(freedom_of(ring, Held(64, 64))), SLOPES)
     placed = found.on_steps(0.01).outline()
     assert np.abs(100.0 * placed.anchors - np.rint(100.0 * placed.anchors)).max() < 1e-6

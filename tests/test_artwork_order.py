@@ -14,16 +14,16 @@ from cubicsplat_cli.artwork.layers.ends import heading
 from cubicsplat_cli.artwork.layers.extents import extents
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.layers.rounds import round_votes
-from cubicsplat_cli.artwork.layers.stacking import Layer, Stack, _without_cycles, stack
+from cubicsplat_cli.artwork.layers.stacking import Stack, StackedShape, _without_cycles, stack
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import Crossings, crossings
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions, crossings
 
 FINE = 8
 SIZE = 100
 INKS = np.array([[250.0, 250.0, 250.0, 255.0], [200.0, 30.0, 30.0, 255.0], [30.0, 50.0, 180.0, 255.0]])
 
 
-def drawn(names) -> tuple[Regions, Crossings]:
+def drawn(names) -> tuple[Regions, EdgePositions]:
     """The regions of a picture whose inks at x, y are those of these names (h, w), and where they end."""
     y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE
     fine = names(x - 50.0, y - 50.0)
@@ -104,7 +104,7 @@ def test_what_upper_shapes_shut_in_is_not_covered_from_beneath_them():
     labels[25:45, 10:110] = 4
     inks = np.vstack([INKS, [[20.0, 120.0, 40.0, 255.0], [0.0, 0.0, 0.0, 255.0]]])
     regions = Regions(labels, inks, np.arange(5))
-    stack = Stack(tuple(Layer((k,), k) for k in range(5)), np.arange(5))
+    stack = Stack(tuple(StackedShape((k,), k) for k in range(5)), np.arange(5))
     found = crossings(inks[labels], regions)
     (coat,) = (part for part in extents(regions, stack, found) if part.layer == 2)
     covered = np.zeros(labels.shape)

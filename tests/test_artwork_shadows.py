@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.input.intake import taken_in
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.artwork.shadows.blurred import Layer, shaded
+from cubicsplat_cli.artwork.shadows.blurred import BlurredBox, shaded
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shapes import Drawing
@@ -96,20 +96,20 @@ def test_a_layer_shades_as_a_blurred_box_does(radii):
     down = np.maximum(np.abs(y - 70) - 30 + ry, 0.0) / ry
     inside = (np.hypot(across[None], down[:, None]) <= 1.0).astype(float)
     blurred = ndimage.gaussian_filter(np.pad(inside, 240), 6.0 * FINE, truncate=5.0)[240:-240, 240:-240]
-    field = shaded(own, [Layer(0.0, 0.0, 0.0, 0.0, 6.0, 0.4)], x, y)
+    field = shaded(own, [BlurredBox(0.0, 0.0, 0.0, 0.0, 6.0, 0.4)], x, y)
     assert np.abs(field - 0.4 * blurred).max() < 1e-3
 
 
 def test_moved_and_larger_boxes_and_layers_that_multiply():
     x, y = np.arange(60) + 0.5, np.arange(50) + 0.5
     own = Box(20, 20, 40, 30, 4, 4)
-    one, two = Layer(3, 1, 0, 0, 3, 0.3), Layer(0, 4, 2, 1, 6, 0.2)
+    one, two = BlurredBox(3, 1, 0, 0, 3, 0.3), BlurredBox(0, 4, 2, 1, 6, 0.2)
     both = shaded(own, [one, two], x, y)
     assert both == pytest.approx(1 - (1 - shaded(own, [one], x, y)) * (1 - shaded(own, [two], x, y)))
     assert shaded(own, [two], x, y) == pytest.approx(
-        shaded(Box(18, 22, 42, 36, 7, 7), [Layer(0, 0, 0, 0, 6, 0.2)], x, y)
+        shaded(Box(18, 22, 42, 36, 7, 7), [BlurredBox(0, 0, 0, 0, 6, 0.2)], x, y)
     )
-    resting = shaded(own, [Layer(0, 0, 0, 0, 3, 0.3)], x, y)
+    resting = shaded(own, [BlurredBox(0, 0, 0, 0, 3, 0.3)], x, y)
     assert shaded(own, [one], x, y)[1:, 3:] == pytest.approx(resting[:-1, :-3])
 
 

@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.tracing.contours import Crossings, crossings
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions, crossings
 from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
 from cubicsplat_cli.artwork.translucent.merging import Sheet, with_covered
 from cubicsplat_cli.artwork.translucent.paint import FULL, Paint, likeliest, paint_of
@@ -132,7 +132,7 @@ def test_four_opaque_inks_that_meet_stay_opaque():
     assert translucent(draw(painted(*check))) == []
 
 
-def shown(names) -> tuple[Regions, Crossings]:
+def shown(names) -> tuple[Regions, EdgePositions]:
     """Regions 0 to 3 where names (h, w) of x, y say so, from the middle: of grounds 0 and 1, shaded 2 and 3."""
     y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE - SIZE / 2
     shares = (names(x, y)[..., None] == np.arange(4)).reshape(SIZE, FINE, SIZE, FINE, 4).mean(axis=(1, 3))

@@ -22,7 +22,7 @@ MOST_CORNERS = 1365  # of a curve of a scene, whose arrays have room for the lon
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class CellLayer:
     """The cells of one colour. ink: of 8 bits, not premultiplied. mask: (R, C) bool, which cells it covers. x: (C + 1,)
     and y: (R + 1,) float64, px, where their columns and rows begin and end.
     """
@@ -38,7 +38,7 @@ class Layer:
         corners, ends = outlines(self.mask)
         return np.stack([self.x[corners[:, 0]], self.y[corners[:, 1]]], axis=1), ends
 
-    def parts(self) -> list[Layer]:
+    def parts(self) -> list[CellLayer]:
         """The same in parts of at most MOST_CORNERS corners; opaque ones overlap by a row or column of cells."""
         if len(self.loops[0]) <= MOST_CORNERS or self.mask.size == 1:
             return [self] if len(self.loops[0]) else []
@@ -68,7 +68,7 @@ class Mosaic:
 
     width: int
     height: int
-    layers: tuple[Layer, ...]
+    layers: tuple[CellLayer, ...]
 
     @property
     def corners(self) -> int:
@@ -122,7 +122,7 @@ def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> 
             mask = mask | (_widened(mask) & (above[box] > place))
         ends = (slice(side.start, side.stop + 1) for side in box)
         down, across = (where[side] for where, side in zip((y, x), ends, strict=True))
-        layers.append(Layer(ink, mask, across, down))
+        layers.append(CellLayer(ink, mask, across, down))
     return Mosaic(width, height, tuple(layers))
 
 

@@ -12,8 +12,8 @@ from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_
 from cubicsplat_cli.artwork.regions.inks import LEAST_FLAT, flat_pixels, picture_inks
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING, Crossings, crossings
-from cubicsplat_cli.artwork.translucent.parts import Part, parts_of
+from cubicsplat_cli.artwork.tracing.contours import ROUNDING, EdgePositions, crossings
+from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import work
 
 # A picture of more than FEW regions has regions of LEAST_AREA px and more on average, or is blurred by the next of
@@ -28,8 +28,8 @@ class Plan:
 
     levels: np.ndarray
     regions: Regions
-    found: Crossings
-    parts: list[Part]
+    found: EdgePositions
+    parts: list[TranslucentPart]
 
 
 def planned(

@@ -34,7 +34,7 @@ from cubicsplat_cli.artwork.shadows.placing import with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
-from cubicsplat_cli.artwork.translucent.parts import Part, parts_of
+from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.scene.paint import mean_ink
 
@@ -188,7 +188,7 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
 
 
 def _traced(
-    parts: list[Part], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
+    parts: list[TranslucentPart], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
 ) -> tuple[Shape, ...]:
     """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px."""
     least, sought = _least_points([part.extent for part in parts]), len(parts) <= MOST_POLISHED
@@ -202,11 +202,11 @@ def _traced(
     return (*shapes, *_polygons(parts[len(fitted) :], canvas, flat))
 
 
-def _polygons(parts: list[Part], canvas: tuple[int, int], flat: Flattened) -> tuple[Shape, ...]:
+def _polygons(parts: list[TranslucentPart], canvas: tuple[int, int], flat: Flattened) -> tuple[Shape, ...]:
     return tuple(_shape(part, polygons_of(part.extent), canvas, flat) for part in parts)
 
 
-def _shape(part: Part, outlines: tuple[Outline, ...], canvas: tuple[int, int], flat: Flattened) -> Shape:
+def _shape(part: TranslucentPart, outlines: tuple[Outline, ...], canvas: tuple[int, int], flat: Flattened) -> Shape:
     ink = eight_bit(part.ink)
     return Shape(ink, outlines, shape_name(ink, outlines, canvas[1], canvas[0]), flat.gradient(part.ink))
 

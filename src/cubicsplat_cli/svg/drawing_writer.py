@@ -24,7 +24,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 )
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, Chain, Stroke
-from cubicsplat_cli.artwork.mosaic import Layer, Mosaic
+from cubicsplat_cli.artwork.mosaic import CellLayer, Mosaic
 from cubicsplat_cli.artwork.names import colour_name
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.svg.compound import compounds
@@ -251,13 +251,13 @@ def write_mosaic(mosaic: Mosaic, *, precision: int | None = None, title: str, co
     return document(root)
 
 
-def _layer_name(layer: Layer, mosaic: Mosaic) -> str:
+def _layer_name(layer: CellLayer, mosaic: Mosaic) -> str:
     corners, _ = layer.loops
     whole = len(corners) == 4 and (np.ptp(corners, axis=0) == (mosaic.width, mosaic.height)).all()
     return "background" if whole else colour_name(layer.ink)
 
 
-def _layer_path(layer: Layer, precision: int) -> str:
+def _layer_path(layer: CellLayer, precision: int) -> str:
     """The loops of a layer in steps of 10^-precision px, relative, so that like forms are the same text."""
     places, ends = layer.loops
     corners = to_steps(places, precision)

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
-from cubicsplat_cli.artwork.geometry.ways import Way
+from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 
 # Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
@@ -263,7 +263,7 @@ class CopyFreedom:
     source: the number of the model through all outlines of the drawing, itself no copy.
     """
 
-    def __init__(self, model: Freedom, way: Way, source: int) -> None:
+    def __init__(self, model: Freedom, way: RigidTransform, source: int) -> None:
         self.model, self.way, self.source = model, way, source
         self.cubics, self.lines = way.points(model.cubics), model.lines
 

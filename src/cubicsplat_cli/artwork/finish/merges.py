@@ -50,7 +50,8 @@ def with_merges(state: State, goal: Goal, held: Held, detail: float, error: floa
     outlines = [o for layer in state.layers for o in layer.outlines]
     rings = [o.outline() for o in outlines]
     plans = [
-        _plan(ring, Sight.of(state, k), held, detail) if isinstance(ring, Ring) else [] for k, ring in enumerate(rings)
+        _plan(ring, Visibility.of(state, k), held, detail) if isinstance(ring, Ring) else []
+        for k, ring in enumerate(rings)
     ]
     if not any(plans):
         return state
@@ -79,7 +80,7 @@ def merged(ring: Ring, plan: list[Merge]) -> Ring:
 
 
 @dataclass(frozen=True)
-class Sight:
+class Visibility:
     """Where the pieces of an outline show. piece, t: of its crossings, in order; seen: (m,) bool."""
 
     piece: np.ndarray
@@ -87,7 +88,7 @@ class Sight:
     seen: np.ndarray
 
     @classmethod
-    def of(cls, state: State, number: int) -> Sight:
+    def of(cls, state: State, number: int) -> Visibility:
         c, own = state.crossings, slice(state.marks[number], state.marks[number + 1])
         piece, t = c.piece[own] - state.pieces[number], c.t[own]
         order = np.lexsort((t, piece))
@@ -108,7 +109,7 @@ class Sight:
         return np.where(crossed & self.seen[near], SEEN_SIGMA**-2, HIDDEN_SIGMA**-2)
 
 
-def samples_along(ring: Ring, sight: Sight, most: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
+def samples_along(ring: Ring, sight: Visibility, most: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
     """Of each piece points (n, 2) px, their weights (n,) 1/px^2, and how many px each stands for: one, unless the piece
     is shorter than 4 px or longer than `most`."""
     lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
@@ -121,7 +122,7 @@ def samples_along(ring: Ring, sight: Sight, most: int) -> list[tuple[np.ndarray,
     return list(parts)
 
 
-def _plan(ring: Ring, sight: Sight, held: Held, detail: float) -> list[Merge]:
+def _plan(ring: Ring, sight: Visibility, held: Held, detail: float) -> list[Merge]:
     """The merges of a ring that are worth a trial, none of which overlap, from the best on."""
     cubics = ring.cubics
     samples = [(points, weights * px) for points, weights, px in samples_along(ring, sight, FEW)]

@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, R
 
 
 @dataclass(frozen=True)
-class Way:
+class RigidTransform:
     """How an outline becomes another one: x and y times `signs`, 1 or -1 each, turned about the origin by `angle`, and
     then shifted by px."""
 
@@ -31,12 +31,12 @@ class Way:
         """Points (..., 2) where they come to lie."""
         return points @ self.matrix + np.array(self.shift)
 
-    def after(self, first: Way) -> Way:
+    def after(self, first: RigidTransform) -> RigidTransform:
         """Another way and then this one, as one way."""
         mirrored = self.signs[0] != self.signs[1]
         signs = (first.signs[0] * self.signs[0], first.signs[1] * self.signs[1])
         x, y = self.points(np.array(first.shift)).tolist()
-        return Way(signs, (x, y), (-first.angle if mirrored else first.angle) + self.angle)
+        return RigidTransform(signs, (x, y), (-first.angle if mirrored else first.angle) + self.angle)
 
     def outline(self, outline: Outline) -> Outline:
         """An outline where it comes to lie; a ring has the same pieces in the same order."""

@@ -22,7 +22,7 @@ from cubicsplat_cli.artwork.gradients.parts import (
     plateau,
     widened,
 )
-from cubicsplat_cli.artwork.gradients.shade import Area, Shade
+from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED, united
 
@@ -33,7 +33,7 @@ MOST_HINTS = 3
 DEEPEST, SEEDS, LEAST_SHARE = 2, 3, 0.3
 
 
-def gradient_areas(levels: np.ndarray, parts: np.ndarray, count: int, tries: int = MOST_TRIES) -> list[Area]:
+def gradient_areas(levels: np.ndarray, parts: np.ndarray, count: int, tries: int = MOST_TRIES) -> list[ShadedArea]:
     """The gradients of a picture (H, W, 4), premultiplied levels, the largest first.
 
     None in flat pictures, and in those of more than MOST_PARTS uneven parts, which are photos or textures. tries: how
@@ -59,7 +59,7 @@ def gradient_areas(levels: np.ndarray, parts: np.ndarray, count: int, tries: int
 class _Search:
     """The gradients found so far, and how often one may still be sought."""
 
-    found: list[Area]
+    found: list[ShadedArea]
     left: int
 
     def shade(self, x: np.ndarray, y: np.ndarray, values: np.ndarray) -> Shade | None:
@@ -86,7 +86,7 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
             return
         known = part.explained(shade)
         if known.mean() >= EXPLAINED:
-            search.found.append(Area(shade, part.with_rests(shade, known)))
+            search.found.append(ShadedArea(shade, part.with_rests(shade, known)))
             return
     if clear or even.mean() >= LEAST_PLATEAU:
         first = len(search.found)
@@ -97,7 +97,7 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
     _largest(part, search, depth)
 
 
-def _filled(part: Part, area: Area) -> Area:
+def _filled(part: Part, area: ShadedArea) -> ShadedArea:
     """The area with its holes that its gradient explains too: bands of it that were taken for another ink."""
     hole = ndimage.binary_fill_holes(area.mask) & ~area.mask
     own = hole[part.rows, part.columns]
@@ -121,12 +121,12 @@ def _fading(whole: Part, piece: Part, ink: np.ndarray, search: _Search, depth: i
         return
     fading = _faded(shade, ink)
     if fading is None:
-        search.found.append(Area(shade, piece.mask))
+        search.found.append(ShadedArea(shade, piece.mask))
         return
     shade, rim, inwards = fading
     t = shade.t(wider.x, wider.y)
     own = known & ((t < rim) if inwards else (t > rim))
-    search.found.append(Area(shade, wider.within(own), ink, rim, inwards))
+    search.found.append(ShadedArea(shade, wider.within(own), ink, rim, inwards))
 
 
 def _faded(shade: Shade, ink: np.ndarray) -> tuple[Shade, float, bool] | None:
@@ -162,6 +162,6 @@ def _largest(part: Part, search: _Search, depth: int) -> None:
     if shade is None:
         return
     known = part.explained(shade)
-    search.found.append(Area(shade, part.within(known)))
+    search.found.append(ShadedArea(shade, part.within(known)))
     for piece in part.pieces(~known):
         _explain(piece, search, depth + 1)

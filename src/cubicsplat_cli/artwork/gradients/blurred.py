@@ -14,7 +14,7 @@ from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.noisy import GROWN, is_step, plane_areas
 from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE, smooth_parts
-from cubicsplat_cli.artwork.gradients.shade import Area
+from cubicsplat_cli.artwork.gradients.shade import ShadedArea
 from cubicsplat_cli.artwork.input.condition import Condition
 
 # Levels by which a pixel that a gradient is followed to may be off it, px that it is followed for, and the share of an
@@ -44,7 +44,7 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
     return without_areas(levels, _rest(parts, areas), areas, blur)
 
 
-def _followed(levels: np.ndarray, parts: np.ndarray, area: Area, rim: int) -> Area:
+def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int) -> ShadedArea:
     """The area with what hangs on it that its gradient explains too: pixels within `rim` px, and tips."""
     near = ndimage.binary_dilation(area.mask, SQUARE, iterations=FARTHEST) & ~area.mask
     y, x = np.nonzero(near)
@@ -60,7 +60,7 @@ def _followed(levels: np.ndarray, parts: np.ndarray, area: Area, rim: int) -> Ar
     return replace(area, mask=ndimage.binary_propagation(area.mask, PLUS, own))
 
 
-def _rest(parts: np.ndarray, areas: list[Area]) -> np.ndarray:
+def _rest(parts: np.ndarray, areas: list[ShadedArea]) -> np.ndarray:
     """(H, W) int32 numbers from 1 on of what changes evenly and is in no area, 0 elsewhere."""
     free = parts > 0
     for area in areas:

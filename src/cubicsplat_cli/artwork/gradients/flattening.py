@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
-from cubicsplat_cli.artwork.gradients.shade import Area, gradient_of
+from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.scene.paint import Gradient, painted
 
 REACH, SLOTS = 3, 4  # px in which the paints of a blend are sought, and how many
@@ -53,7 +53,7 @@ def flattened(levels: np.ndarray) -> Flattened:
     return without_areas(levels, parts, gradient_areas(levels, parts, count))
 
 
-def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[Area], blur: float = 0.0) -> Flattened:
+def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea], blur: float = 0.0) -> Flattened:
     """A picture (H, W, 4), premultiplied levels, without the gradients of these areas.
 
     parts: (H, W) int32 numbers from 1 on of what changes evenly, 0 for edges. blur: px, standard deviation of what
@@ -201,7 +201,7 @@ def _blends_of_three(
     return cost, rest, flat
 
 
-def _fade(out: np.ndarray, levels: np.ndarray, area: Area, paint: np.ndarray, paints: Paints) -> None:
+def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, paint: np.ndarray, paints: Paints) -> None:
     """Where a gradient ends without an edge, an edge of its own is drawn, along the line at which it does."""
     near = ndimage.binary_dilation(area.mask, np.ones((3, 3), dtype=bool), iterations=2)
     y, x = np.nonzero(near)

@@ -13,7 +13,7 @@ from scipy import ndimage
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
 from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE
-from cubicsplat_cli.artwork.gradients.shade import Area, Shade
+from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import calm_pixels
 
@@ -40,7 +40,7 @@ def without_noisy_gradients(levels: np.ndarray, condition: Condition) -> Flatten
     return without_areas(levels, _even(levels, condition.noise), areas)
 
 
-def plane_areas(levels: np.ndarray, condition: Condition) -> list[Area]:
+def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     """The gradients of a picture (H, W, 4), premultiplied levels, and the windows that show them."""
     means, smooth = _planes(levels.astype(np.float64), condition)
     parts, count = _ramps(means, smooth)
@@ -96,7 +96,7 @@ def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
     return bool((change[length < shortest] >= MOST_CHANGE * np.ptp(shade.ramp.colours, axis=0).max()).any())
 
 
-def _grown(levels: np.ndarray, area: Area, condition: Condition) -> Area:
+def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition) -> ShadedArea:
     """The area with the pixels around it that its gradient explains too."""
     y, x = np.nonzero(ndimage.binary_dilation(area.mask, SQUARE, iterations=GROWN) & ~area.mask)
     off = np.abs(area.shade.extended().at(x + 0.5, y + 0.5) - levels[y, x]).max(axis=1)

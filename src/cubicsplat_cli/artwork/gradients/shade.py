@@ -51,7 +51,7 @@ class Shade:
 
 
 @dataclass(frozen=True)
-class Area:
+class ShadedArea:
     """A gradient and where it is seen. mask: (H, W) bool. ground: the colour (4,) in levels of what it fades into
     without an edge, or None; rim: t where it does; inwards: whether the ramp lies below that t."""
 

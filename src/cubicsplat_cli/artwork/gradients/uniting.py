@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, SQUARE, Part
 from cubicsplat_cli.artwork.gradients.ramps import alike
-from cubicsplat_cli.artwork.gradients.shade import Area, Shade
+from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.progress import work
 
@@ -21,7 +21,7 @@ SAME_RAMP = 2.0  # levels by which two ramps may be off each other, for one to b
 MOST_UNIONS = 80  # tried, of which pictures with so many gradients need few: each takes some tenths of a second
 
 
-def united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Area]:
+def united(levels: np.ndarray, parts: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
     """The areas, those with one gradient where a single one explains them all, and what they continue in."""
     whole = (slice(0, levels.shape[0]), slice(0, levels.shape[1]))
     out = [area for area in found if area.ground is not None]
@@ -50,7 +50,7 @@ def united(levels: np.ndarray, parts: np.ndarray, found: list[Area]) -> list[Are
     claimed = np.logical_or.reduce([area.mask for area in found])
     for group in groups:
         _continue(levels, parts, claimed, group)
-    return out + [Area(group.shade, part.mask) for group in groups for part in group.members]
+    return out + [ShadedArea(group.shade, part.mask) for group in groups for part in group.members]
 
 
 @dataclass
@@ -67,7 +67,7 @@ def _around(mask: np.ndarray) -> np.ndarray:
     return ndimage.binary_dilation(mask, SQUARE, iterations=GAP)
 
 
-def _meets(group: _Group, area: Area, near: np.ndarray) -> bool:
+def _meets(group: _Group, area: ShadedArea, near: np.ndarray) -> bool:
     """Whether the ramps of a group and an area, carried on, have about the same colours between the two. near: what is
     `_around` the area.
     """

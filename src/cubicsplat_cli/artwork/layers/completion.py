@@ -26,7 +26,7 @@ from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.taut import SLACK, Room, taut
-from cubicsplat_cli.artwork.layers.ways import Loop, Way, sides_meeting, simply, ways_on
+from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
@@ -170,7 +170,7 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
     def wrong(points: np.ndarray) -> int:
         return len(window.wrong(polygon(points)))
 
-    loop = Loop(contour.points, contour.sigma, wrong, room, window.canvas)
+    loop = HiddenLoop(contour.points, contour.sigma, wrong, room, window.canvas)
     whole = whole and len(runs) <= SEVERAL
     left = [ways_on(loop, run) if whole else simply(loop, run) for run in runs]
     ways = [next(each) for each in left]
@@ -230,8 +230,8 @@ def _with_corners(
     found: Outline,
     contour: Contour,
     runs: list[np.ndarray],
-    ways: list[Way],
-    loop: Loop,
+    ways: list[Completion],
+    loop: HiddenLoop,
     window: _Window,
     detail: float,
 ) -> Outline:
@@ -282,7 +282,9 @@ def hidden_runs(sigma: np.ndarray) -> list[np.ndarray]:
     return [np.arange(a, a + (b - a) % n + 1) % n for a, b in zip(starts, stops, strict=True)]
 
 
-def guided(contour: Contour, runs: list[np.ndarray], ways: list[Way]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def guided(
+    contour: Contour, runs: list[np.ndarray], ways: list[Completion]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, standard errors, and which points are corners, with every hidden run guided in its way."""
     points, sigma, corners = contour.points.copy(), contour.sigma.copy(), np.zeros(len(contour.points), dtype=bool)
     for run, way in zip(runs, ways, strict=True):

@@ -13,9 +13,9 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.layers.stacking import Stack
-from cubicsplat_cli.artwork.regions.cracks import Loop, trace
+from cubicsplat_cli.artwork.regions.cracks import CrackLoop, trace
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import Crossings, loop_points
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
@@ -48,7 +48,7 @@ class Extent:
     contours: tuple[Contour, ...]
 
 
-def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent]:
+def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[Extent]:
     """The parts of all layers, back to front."""
     depth = stack.rank[regions.labels]
     opaque = regions.inks[:, 3] >= OPAQUE
@@ -62,7 +62,7 @@ def extents(regions: Regions, stack: Stack, found: Crossings) -> Iterator[Extent
         yield from _parts(place, (rows.start, columns.start), shown, above, found, joined)
 
 
-def extents_of(cover: np.ndarray, above: np.ndarray, found: Crossings) -> Iterator[Extent]:
+def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> Iterator[Extent]:
     """The parts of a translucent sheet, which is of no layer. cover: (H, W) bool, where it shows; above: (H, W) bool,
     what hides it.
     """
@@ -72,7 +72,7 @@ def extents_of(cover: np.ndarray, above: np.ndarray, found: Crossings) -> Iterat
 
 
 def _parts(
-    place: int, corner: tuple[int, int], shown: np.ndarray, above: np.ndarray, found: Crossings, joined: bool
+    place: int, corner: tuple[int, int], shown: np.ndarray, above: np.ndarray, found: EdgePositions, joined: bool
 ) -> Iterator[Extent]:
     """corner: the top and left of the windows `shown` and `above`."""
     parts, _ = ndimage.label(_grown(shown, above, joined))
@@ -115,7 +115,7 @@ def _dilated(mask: np.ndarray, times: int) -> np.ndarray:
 
 
 def _extent(
-    place: int, top: int, left: int, part: np.ndarray, shown: np.ndarray, above: np.ndarray, found: Crossings
+    place: int, top: int, left: int, part: np.ndarray, shown: np.ndarray, above: np.ndarray, found: EdgePositions
 ) -> Extent:
     contours = []
     for loop in sorted(trace(part), key=lambda loop: -loop.area):
@@ -123,10 +123,10 @@ def _extent(
     return Extent(place, top, left, shown & part, shown | above, holes_of(part), tuple(contours))
 
 
-def _contour(loop: Loop, shown: np.ndarray, top: int, left: int, found: Crossings) -> Contour:
+def _contour(loop: CrackLoop, shown: np.ndarray, top: int, left: int, found: EdgePositions) -> Contour:
     row, column = loop.inside
     visible = shown[row, column]
-    placed = Loop(loop.x + left, loop.y + top, loop.direction)
+    placed = CrackLoop(loop.x + left, loop.y + top, loop.direction)
     points, sigma, index = loop_points(placed, found)
     hidden = ~visible[index]
     points[hidden] = placed.middles[index[hidden]]

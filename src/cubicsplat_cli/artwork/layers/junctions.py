@@ -14,10 +14,10 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.layers.ends import heading
-from cubicsplat_cli.artwork.regions.cracks import Loop as Cracks
+from cubicsplat_cli.artwork.regions.cracks import CrackLoop as Cracks
 from cubicsplat_cli.artwork.regions.cracks import trace
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import Crossings, loop_points
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
 
 REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
@@ -43,7 +43,7 @@ class _Passing:
         return math.exp(-0.5 * (self.turn / self.error) ** 2) * math.sqrt(0.5 * math.pi) / self.error
 
 
-def junction_votes(regions: Regions, found: Crossings) -> dict[tuple[int, int], float]:
+def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, int], float]:
     """How sure it is that a region lies above another: for (above, below) the sum over their meeting points with a
     third, each from LEAST_VOTE to 1.
     """
@@ -68,7 +68,7 @@ def _near(a: tuple[int, int], b: tuple[int, int]) -> bool:
     return max(abs(a[0] - b[0]), abs(a[1] - b[1])) <= MEETING
 
 
-def _passings(regions: Regions, found: Crossings) -> list[_Passing]:
+def _passings(regions: Regions, found: EdgePositions) -> list[_Passing]:
     out = []
     labels = np.pad(regions.labels, 1, constant_values=-1)
     for region, box in enumerate(ndimage.find_objects(regions.labels + 1)):

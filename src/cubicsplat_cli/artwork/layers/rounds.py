@@ -12,9 +12,9 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse
-from cubicsplat_cli.artwork.regions.cracks import Loop, trace
+from cubicsplat_cli.artwork.regions.cracks import CrackLoop, trace
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import Crossings, loop_points
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
 from cubicsplat_cli.artwork.tracing.fitting import FINEST_SIGMA, PLAIN_MISFIT, parameter_price
 from cubicsplat_cli.artwork.tracing.layout import independent
 from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
@@ -26,7 +26,7 @@ FULLNESS = (
 )
 
 
-def round_votes(regions: Regions, found: Crossings, clear: np.ndarray) -> dict[tuple[int, int], float]:
+def round_votes(regions: Regions, found: EdgePositions, clear: np.ndarray) -> dict[tuple[int, int], float]:
     """How sure it is that a region lies above another: VOTE for each neighbour of one that is round all the way.
 
     found: where the outlines of the regions run. clear: (R,) bool, regions of which nothing is drawn.
@@ -39,14 +39,14 @@ def round_votes(regions: Regions, found: Crossings, clear: np.ndarray) -> dict[t
         loop = max(trace(mask), key=lambda one: one.area)
         if not _full(loop):
             continue
-        placed = Loop(loop.x + box[1].start, loop.y + box[0].start, loop.direction)
+        placed = CrackLoop(loop.x + box[1].start, loop.y + box[0].start, loop.direction)
         beside = _beside(regions.labels, placed)
         if len(beside) > 1 and _round(placed, found):
             votes |= {(region, other): VOTE for other in beside}
     return votes
 
 
-def _full(loop: Loop) -> bool:
+def _full(loop: CrackLoop) -> bool:
     """Whether what a loop encloses is as full as an ellipse, which no rectangle is: by its area and second moments, in
     integrals along its cracks.
     """
@@ -60,14 +60,14 @@ def _full(loop: Loop) -> bool:
     return bool(abs(area / (4.0 * math.pi * math.sqrt(float(np.linalg.det(spread)))) - 1.0) <= FULLNESS)
 
 
-def _round(loop: Loop, found: Crossings) -> bool:
+def _round(loop: CrackLoop, found: EdgePositions) -> bool:
     points, sigma, _ = loop_points(loop, found)
     weights = independent(points, np.maximum(sigma, FINEST_SIGMA) ** -2.0)
     fitted = fit_primitive(points, weights, parameter_price(points, 1.0))
     return fitted is not None and isinstance(fitted[0], Circle | Ellipse) and fitted[2] <= PLAIN_MISFIT
 
 
-def _beside(labels: np.ndarray, loop: Loop) -> set[int]:
+def _beside(labels: np.ndarray, loop: CrackLoop) -> set[int]:
     """The regions around a loop; none where it touches the canvas's border."""
     row, column = loop.outside
     beyond = (row < 0) | (column < 0) | (row >= labels.shape[0]) | (column >= labels.shape[1])

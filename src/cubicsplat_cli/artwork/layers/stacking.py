@@ -23,7 +23,7 @@ from cubicsplat_cli.artwork.layers.rounds import round_votes
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.inks import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import Crossings
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
@@ -36,7 +36,7 @@ MOST_WAITING = 8  # how many groups may wait for each other in a row
 
 
 @dataclass(frozen=True)
-class Layer:
+class StackedShape:
     """One shape to be drawn. members: the regions that show of it, ascending. region: the largest of them."""
 
     members: tuple[int, ...]
@@ -47,11 +47,11 @@ class Layer:
 class Stack:
     """layers: back to front. rank: (R,) the layer of each region, -1 where nothing is drawn."""
 
-    layers: tuple[Layer, ...]
+    layers: tuple[StackedShape, ...]
     rank: np.ndarray
 
 
-def stack(regions: Regions, found: Crossings, joined: bool = True) -> Stack:
+def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
     """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one ink may
     be one beneath what hides it. Of more than MOST_COMPLETED regions only those that enclose others are known to lie
     beneath these, and all others lie in the order of their sizes."""
@@ -65,14 +65,14 @@ def stack(regions: Regions, found: Crossings, joined: bool = True) -> Stack:
     for place, name in enumerate(order):
         members = np.nonzero(group == name)[0]
         rank[members] = place
-        layers.append(Layer(tuple(int(m) for m in members), int(members[areas[members].argmax()])))
+        layers.append(StackedShape(tuple(int(m) for m in members), int(members[areas[members].argmax()])))
     return Stack(tuple(layers), rank)
 
 
 class _Facts:
     """What is measured of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
 
-    def __init__(self, regions: Regions, found: Crossings, clear: np.ndarray) -> None:
+    def __init__(self, regions: Regions, found: EdgePositions, clear: np.ndarray) -> None:
         self.regions, self.clear = regions, clear
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()

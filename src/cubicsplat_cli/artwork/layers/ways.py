@@ -28,7 +28,7 @@ PARALLEL, DEPTH, FARTHEST = math.radians(25.0), 0.5, 3.0 * REACH
 
 
 @dataclass(frozen=True)
-class Way:
+class Completion:
     """points: (m, 2) px in place of a hidden run's; sigma: their standard error, px, inf where they do not matter;
     corners: (k,) which of them are corners."""
 
@@ -41,7 +41,7 @@ Wrong = Callable[[np.ndarray], int]
 
 
 @dataclass(frozen=True)
-class Loop:
+class HiddenLoop:
     """A closed outline, some of it hidden. points: (n, 2) px; sigma: (n,) px, inf where hidden; wrong: how many px an
     outline of points (n, 2) covers or leaves wrongly; canvas: height and width, px."""
 
@@ -52,13 +52,13 @@ class Loop:
     canvas: tuple[int, int]
 
 
-def ways_on(loop: Loop, run: np.ndarray) -> Iterator[Way]:
+def ways_on(loop: HiddenLoop, run: np.ndarray) -> Iterator[Completion]:
     """The ways to go on along a hidden run (m,), indices in order, the simplest first; the last always stays hidden."""
     points, sigma = loop.points, loop.sigma
     first, last = end_of(points, sigma, run[0], -1), end_of(points, sigma, run[-1], 1)
     meet = _meeting(first, last)
     straight = first.straight and last.straight
-    yield Way(points[run], np.inf, np.zeros(0, dtype=int))
+    yield Completion(points[run], np.inf, np.zeros(0, dtype=int))
     if meet is not None and straight:
         yield from _by_lines(loop, run, (first, last), meet)
     yield from _by_cubic(loop, run, SLIGHT)
@@ -76,7 +76,7 @@ def ways_on(loop: Loop, run: np.ndarray) -> Iterator[Way]:
     yield from simply(loop, run, (first, last))
 
 
-def _long(loop: Loop, first: End, last: End) -> bool:
+def _long(loop: HiddenLoop, first: End, last: End) -> bool:
     """Whether what shows is longer, the way that the first end is heading, than the ends are apart."""
     if first.tangent is None:
         return False
@@ -84,14 +84,14 @@ def _long(loop: Loop, first: End, last: End) -> bool:
     return bool(np.ptp(along) >= np.hypot(*(last.at - first.at)))
 
 
-def sides_meeting(loop: Loop, run: np.ndarray) -> Way | None:
+def sides_meeting(loop: HiddenLoop, run: np.ndarray) -> Completion | None:
     """The way by straight sides that go on until they meet; None where there are none, or they would not be hidden."""
     ends = end_of(loop.points, loop.sigma, run[0], -1), end_of(loop.points, loop.sigma, run[-1], 1)
     meet = _meeting(*ends) if ends[0].straight and ends[1].straight else None
     return None if meet is None else next(_by_lines(loop, run, ends, meet), None)
 
 
-def simply(loop: Loop, run: np.ndarray, ends: tuple[End, End] | None = None) -> Iterator[Way]:
+def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = None) -> Iterator[Completion]:
     """The ways by the fewest and shortest straight lines."""
     points = loop.points[run]
     first, last = ends or tuple(end_of(loop.points, loop.sigma, run[k], step) for k, step in ((0, -1), (-1, 1)))
@@ -100,13 +100,13 @@ def simply(loop: Loop, run: np.ndarray, ends: tuple[End, End] | None = None) -> 
     yield from _by_lines(loop, run, (first, last), along_edge(points))
 
 
-def _by_cubic(loop: Loop, run: np.ndarray, most: float) -> Iterator[Way]:
+def _by_cubic(loop: HiddenLoop, run: np.ndarray, most: float) -> Iterator[Completion]:
     curve = continued(loop.points, loop.sigma, run, most, loop.wrong)
     if curve is not None:
-        yield Way(curve, CURVE_SIGMA, np.zeros(0, dtype=int))
+        yield Completion(curve, CURVE_SIGMA, np.zeros(0, dtype=int))
 
 
-def _by_lines(loop: Loop, run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Way]:
+def _by_lines(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End], corners: np.ndarray) -> Iterator[Completion]:
     """Straight lines from one end through the corners (k, 2) to the other; none where the run has too few points."""
     count = len(run)
     if count < len(corners):
@@ -120,7 +120,7 @@ def _by_lines(loop: Loop, run: np.ndarray, ends: tuple[End, End], corners: np.nd
     index = np.maximum.accumulate(index - np.arange(len(index))) + np.arange(len(index))
     index = np.clip(index, np.arange(len(index)), count - len(index) + np.arange(len(index)))
     points[index] = corners
-    yield Way(points, np.inf, index)
+    yield Completion(points, np.inf, index)
 
 
 def _meeting(first: End, last: End) -> np.ndarray | None:
@@ -152,7 +152,7 @@ def _across(first: End, last: End) -> np.ndarray | None:
     return np.array([first.at + far[0] * u, last.at + far[1] * v]) if min(far) >= LEAST_REACH else None
 
 
-def _off_canvas(loop: Loop, first: End, last: End) -> np.ndarray | None:
+def _off_canvas(loop: HiddenLoop, first: End, last: End) -> np.ndarray | None:
     """(k, 2) corners on the canvas's border where both ends, going straight on, leave it on the same side or about one
     of its corners, each by no longer a way than its outline is long in that direction; None elsewhere.
     """

@@ -20,7 +20,7 @@ LEFT = np.array([[0, -1], [0, 0], [-1, 0], [-1, -1]])
 
 
 @dataclass(frozen=True)
-class Loop:
+class CrackLoop:
     """A closed loop of cracks. x, y: (n,) start vertices; direction: (n,) 0..3, east, south, west, north."""
 
     x: np.ndarray
@@ -51,6 +51,6 @@ class Loop:
         return 0.5 * float((self.x * ends[:, 1] - self.y * ends[:, 0]).sum())
 
 
-def trace(mask: np.ndarray) -> list[Loop]:
+def trace(mask: np.ndarray) -> list[CrackLoop]:
     """The loops around a mask (H, W) bool, the longest first; its pixels connect along edges, not corners."""
-    return [Loop(*cracks.T) for cracks in sorted(traced(mask), key=lambda cracks: -len(cracks))]
+    return [CrackLoop(*cracks.T) for cracks in sorted(traced(mask), key=lambda cracks: -len(cracks))]

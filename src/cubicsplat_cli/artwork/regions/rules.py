@@ -27,7 +27,7 @@ CORNER, SHARE, MOST_GROUNDS = 24, 0.5, 4
 
 
 @dataclass(frozen=True)
-class _Runs:
+class _LineRuns:
     """Level or upright rows of pixels of one colour. y, x: (n, ) where they begin; length: (n,) px; upright: (n,) bool;
     colour, before, behind: (n, 4) levels of themselves and of the grounds on either side.
     """
@@ -40,8 +40,8 @@ class _Runs:
     before: np.ndarray
     behind: np.ndarray
 
-    def where(self, keep: np.ndarray) -> _Runs:
-        return _Runs(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
+    def where(self, keep: np.ndarray) -> _LineRuns:
+        return _LineRuns(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
 
 def with_rules(
@@ -69,7 +69,7 @@ def with_rules(
     return inks, out
 
 
-def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _Runs) -> np.ndarray:
+def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRuns) -> np.ndarray:
     """(H, W) bool: the pixels `on` rules of one ink, and those that go on from them around corners: blends of it with a
     ground, of which it has most.
     """
@@ -84,7 +84,7 @@ def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _Runs) -
     return ndimage.binary_dilation(on, np.ones((3, 3), dtype=bool), CORNER, mask=blends | on)
 
 
-def _colours(found: _Runs) -> list[np.ndarray]:
+def _colours(found: _LineRuns) -> list[np.ndarray]:
     """The colours that long rules have, those of the most px first."""
     long = found.where(found.length >= LONG)
     colours, index = np.unique(np.rint(long.colour), axis=0, return_inverse=True)
@@ -97,7 +97,7 @@ def _colours(found: _Runs) -> list[np.ndarray]:
     return [colours[k] for k in np.argsort(-sizes, kind="stable")[:MOST_RULES] if sizes[k]]
 
 
-def _between(found: _Runs) -> np.ndarray:
+def _between(found: _LineRuns) -> np.ndarray:
     """(n,) bool: the colour is a blend of what is on either side, as an edge's between two pixels is."""
     span = found.behind - found.before
     rest = found.colour - found.before
@@ -113,7 +113,7 @@ def _gap(colours: np.ndarray, palette: np.ndarray) -> np.ndarray:
     return gap
 
 
-def _runs(levels: np.ndarray) -> _Runs:
+def _runs(levels: np.ndarray) -> _LineRuns:
     """All of SHORT px and more, opaque and one px wide, with an even row of another colour on either side."""
     parts = []
     for upright in (False, True):
@@ -121,7 +121,7 @@ def _runs(levels: np.ndarray) -> _Runs:
         y, x, length = _rows(lines)
         sides = [lines[y + step, x] for step in (0, -1, 1)]
         parts.append((*((x, y) if upright else (y, x)), length, np.full(len(y), upright), *sides))
-    return _Runs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return _LineRuns(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _rows(lines: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Sight, samples_along
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples_along
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
 from cubicsplat_cli.artwork.regularities.mirrored import Axis
 
@@ -33,7 +33,7 @@ class Track:
     whole: bool
 
     @classmethod
-    def of(cls, ring: Ring, sight: Sight) -> Track:
+    def of(cls, ring: Ring, sight: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
         samples = samples_along(ring, sight, MOST)
         shown = np.concatenate([w > 0.5 * SEEN_SIGMA**-2 for _, w, _ in samples])

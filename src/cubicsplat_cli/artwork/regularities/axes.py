@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.merges import Sight
+from cubicsplat_cli.artwork.finish.merges import Visibility
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, MEAN, SIGMAS, SYSTEMATIC, Symmetry, Track, symmetry_of
@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.regularities.mirrored import Axis
 LEVEL = 1e-9
 
 
-def found_axes(rings: dict[int, tuple[Ring, Sight]], size: tuple[int, int]) -> dict[int, Axis]:
+def found_axes(rings: dict[int, tuple[Ring, Visibility]], size: tuple[int, int]) -> dict[int, Axis]:
     """Of rings by number the axes of those that are their own mirror images, on half steps of the file's grid; size:
     px of the canvas."""
     found: dict[int, Symmetry] = {}

@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
-from cubicsplat_cli.artwork.geometry.ways import Way
+from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
 from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, Turn, Walk, evenly, turned_onto
 
@@ -27,7 +27,7 @@ class Copy:
     """That an outline is like another one. model: its number; way: how it comes to lie where it does."""
 
     model: int
-    way: Way
+    way: RigidTransform
 
 
 def found_copies(
@@ -78,7 +78,7 @@ def found_copies(
     return copies
 
 
-def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) -> Way | None:
+def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) -> RigidTransform | None:
     """How a model comes to lie on an outline; None where they are not alike."""
     (low, high), (start, end) = model.extent, track.extent
     if min(len(model.seen), len(track.seen)) < 8:
@@ -93,7 +93,7 @@ def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) 
                 home = mirrors[c] if flip[c] < 0.0 else 0.0
                 if abs(shift[c] - home) <= SIGMAS * np.hypot(error[c], SYSTEMATIC):
                     shift[c] = home
-            return Way(flip, tuple((np.rint(shift / step) * step).tolist()))
+            return RigidTransform(flip, tuple((np.rint(shift / step) * step).tolist()))
     return None
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Sight
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.regularities.tied import TiedRing
 from cubicsplat_cli.artwork.regularities.ties import null_basis
@@ -35,7 +35,7 @@ class Slope:
     angle: float
 
 
-def found_slopes(rings: Mapping[int, tuple[Ring, Sight]]) -> dict[int, list[Slope]]:
+def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list[Slope]]:
     """The lines of rings by number that are in the directions of a family, where the drawing has clearly more of these
     than chance would put there."""
     lines = [(k, *line) for k, (ring, sight) in rings.items() for line in _sloping(ring, sight)]
@@ -55,7 +55,7 @@ def found_slopes(rings: Mapping[int, tuple[Ring, Sight]]) -> dict[int, list[Slop
     return found
 
 
-def _sloping(ring: Ring, sight: Sight) -> Iterable[tuple[int, float, float]]:
+def _sloping(ring: Ring, sight: Visibility) -> Iterable[tuple[int, float, float]]:
     """Number, length, px, and direction, radians, of the lines of a ring that show and slope."""
     ways = np.roll(ring.anchors, -1, axis=0) - ring.anchors
     for i in np.flatnonzero(ring.lines & (np.abs(ways) > LEVEL).all(axis=1)).tolist():

@@ -25,7 +25,7 @@ from cubicsplat_cli.artwork.finish.freedom import (
     freedom_of,
     ring_pieces,
 )
-from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Sight
+from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
 from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of, gain
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
@@ -83,7 +83,7 @@ def with_symmetries(state: State, goal: Goal, held: Held, detail: float, error: 
     """The state with the rings that are their own mirror images made and kept such; the same without any."""
     outlines = _outlines(state)
     rings = {k: ring for k, o in enumerate(outlines) if isinstance(ring := o.outline(), Ring)}
-    axes = found_axes({k: (ring, Sight.of(state, k)) for k, ring in rings.items()}, (held.width, held.height))
+    axes = found_axes({k: (ring, Visibility.of(state, k)) for k, ring in rings.items()}, (held.width, held.height))
     tied = {k: freedom for k, axis in axes.items() if (freedom := _mirrored(rings[k], axis, held)) is not None}
     return _settled(state, tied, goal, detail, error)
 
@@ -107,7 +107,7 @@ def with_directions(state: State, goal: Goal, detail: float, error: float) -> St
     outlines = _outlines(state)
     free = {k: one for k, o in enumerate(outlines) if (one := tied_ring(o)) is not None}
     rings = {k: ring for k in free if isinstance(ring := free[k].outline(), Ring)}
-    slopes = found_slopes({k: (ring, Sight.of(state, k)) for k, ring in rings.items()})
+    slopes = found_slopes({k: (ring, Visibility.of(state, k)) for k, ring in rings.items()})
     tied = {k: one for k, own in slopes.items() if (one := directed(free[k], own)) is not None}
     return _settled(state, tied, goal, detail, error)
 
@@ -120,7 +120,7 @@ def with_copies(state: State, goal: Goal, held: Held, detail: float, error: floa
         shape = freedom.outline()
         if not freedom.jacobian.shape[1]:
             continue
-        track = Track.of(shape if isinstance(shape, Ring) else fine_ring(shape), Sight.of(state, k))
+        track = Track.of(shape if isinstance(shape, Ring) else fine_ring(shape), Visibility.of(state, k))
         inside = (track.extent[0] > ON_BORDER).all() and (track.extent[1] < np.array(size) - ON_BORDER).all()
         # What is held on the border would not stay there; primitives are held by their numbers alone.
         if inside or isinstance(freedom, PrimitiveFreedom):
@@ -139,7 +139,7 @@ def with_rotations(state: State, goal: Goal, detail: float, error: float) -> Sta
     for k, freedom in enumerate(outlines):
         ring = freedom.outline()
         if isinstance(freedom, RingFreedom | TiedRing) and isinstance(ring, Ring) and not is_box(ring):
-            found = rotated(freedom, Track.of(ring, Sight.of(state, k)))
+            found = rotated(freedom, Track.of(ring, Visibility.of(state, k)))
             tied |= {k: found} if found is not None else {}
     tied |= _followers(outlines, tied)
     return _settled(state, tied, goal, detail, error)

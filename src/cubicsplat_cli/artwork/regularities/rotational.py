@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from cubicsplat_cli.artwork.finish.freedom import RingFreedom
-from cubicsplat_cli.artwork.geometry.ways import Way
+from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, Track
 from cubicsplat_cli.artwork.regularities.tied import TiedRing
 from cubicsplat_cli.artwork.regularities.ties import LEAST, null_basis
@@ -36,9 +36,9 @@ class Rotation:
     parts: int
     middle: np.ndarray
 
-    def way(self, count: int) -> Way:
+    def way(self, count: int) -> RigidTransform:
         """How a ring comes to lie on itself by `count` parts."""
-        turn = Way((1.0, 1.0), (0.0, 0.0), 2.0 * math.pi * count / self.parts)
+        turn = RigidTransform((1.0, 1.0), (0.0, 0.0), 2.0 * math.pi * count / self.parts)
         x, y = (self.middle - turn.points(self.middle)).tolist()
         return replace(turn, shift=(x, y))
 

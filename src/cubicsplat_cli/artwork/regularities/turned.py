@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
-from cubicsplat_cli.artwork.geometry.ways import Way
+from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
 
 STEPS = 128  # round an outline
@@ -87,10 +87,10 @@ class Turn:
     errors: tuple[float, float]
 
     @property
-    def way(self) -> Way:
+    def way(self) -> RigidTransform:
         """The way itself."""
-        x, y = (self.at - Way(self.signs, (0.0, 0.0), self.angle).points(self.pivot)).tolist()
-        return Way(self.signs, (x, y), self.angle)
+        x, y = (self.at - RigidTransform(self.signs, (0.0, 0.0), self.angle).points(self.pivot)).tolist()
+        return RigidTransform(self.signs, (x, y), self.angle)
 
     def near(self, angle: float) -> bool:
         """Whether an angle is within the errors of this one."""
@@ -123,7 +123,7 @@ def _settled(
     middle of the model begins to lie."""
     pivot, at = np.array([middle.real, middle.imag]), np.array([onto.real, onto.imag])
     for left in reversed(range(TRIES + 1)):
-        matrix = Way(signs, (0.0, 0.0), angle).matrix
+        matrix = RigidTransform(signs, (0.0, 0.0), angle).matrix
         spokes = (model.seen - pivot) @ matrix
         forth, ahead = track.off(spokes + at)
         if forth.max() > LARGEST:
@@ -148,7 +148,7 @@ def _settled(
     return Turn(signs, math.remainder(angle, 2.0 * math.pi), pivot, at, errors)
 
 
-def evenly(turns: Sequence[Turn], step: float) -> list[Way]:
+def evenly(turns: Sequence[Turn], step: float) -> list[RigidTransform]:
     """The ways of the turns of one model: around a middle that they share, by whole parts of a turn, where they are so
     within their errors; by whole quarters of a turn otherwise where they are that. step: of the file's grid, px.
     """
@@ -160,7 +160,7 @@ def evenly(turns: Sequence[Turn], step: float) -> list[Way]:
     return ways
 
 
-def _level(turn: Turn, step: float) -> Way:
+def _level(turn: Turn, step: float) -> RigidTransform:
     """The way of a turn, by quarters on whole steps where that is within its errors."""
     quarter = 0.5 * math.pi * round(turn.angle / (0.5 * math.pi))
     if not turn.near(quarter):
@@ -170,7 +170,7 @@ def _level(turn: Turn, step: float) -> Way:
     return replace(way, shift=(x, y))
 
 
-def _around(turns: Sequence[Turn], step: float) -> list[Way] | None:
+def _around(turns: Sequence[Turn], step: float) -> list[RigidTransform] | None:
     """The ways around one middle by whole parts of a turn; None where some is not so within its errors."""
     for parts in range(2, MOST_PARTS + 1):
         part = 2.0 * math.pi / parts
@@ -189,5 +189,5 @@ def _around(turns: Sequence[Turn], step: float) -> list[Way] | None:
     ways = []
     for turn in exact:
         x, y = (middle - middle @ turn.way.matrix).tolist()
-        ways.append(Way(turn.signs, (x, y), turn.angle))
+        ways.append(RigidTransform(turn.signs, (x, y), turn.angle))
     return ways

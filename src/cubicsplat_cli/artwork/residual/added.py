@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
 from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
-from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, Sight, areas, ringing
+from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, areas, ringing
 from cubicsplat_cli.artwork.residual.proposals import Canvas, Placed, proposals
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
@@ -49,7 +49,7 @@ def with_added(
     """
     if not drawing.shapes:
         return drawing
-    trials = _Trials(drawing, goal, Sight.of(condition, min_area), detail)
+    trials = _Trials(drawing, goal, ErrorModel.of(condition, min_area), detail)
     for _ in range(PASSES):
         added = trials.best()
         if added is trials.drawing or (most is not None and len(added.shapes) > most):
@@ -87,7 +87,7 @@ class _Way:
 class _Trials:
     """New shapes tried in a drawing, whose own stay as they are."""
 
-    def __init__(self, drawing: Drawing, goal: Goal, sight: Sight, detail: float) -> None:
+    def __init__(self, drawing: Drawing, goal: Goal, sight: ErrorModel, detail: float) -> None:
         self.drawing, self.goal, self.sight, self.detail = drawing, goal, sight, detail
         self.still = [self._still(shape) for shape in drawing.shapes]
         self.before = State.of(self.still, goal)

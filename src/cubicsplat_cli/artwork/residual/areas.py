@@ -54,7 +54,7 @@ class Area:
 
 
 @dataclass(frozen=True)
-class Sight:
+class ErrorModel:
     """What tells a picture from its drawing.
 
     noise: standard deviation in levels; error: that of pixels on edges. jpeg: whether edges ring. blur: standard
@@ -71,7 +71,7 @@ class Sight:
     seam: float
 
     @classmethod
-    def of(cls, condition: Condition, min_area: float) -> Sight:
+    def of(cls, condition: Condition, min_area: float) -> ErrorModel:
         least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if condition.clean else (LEAST, SMALLEST)
         seam = SEAM if condition.clean else 0.0
         return cls(
@@ -79,7 +79,7 @@ class Sight:
         )
 
 
-def areas(picture: np.ndarray, painted: np.ndarray, sight: Sight) -> list[Area]:
+def areas(picture: np.ndarray, painted: np.ndarray, sight: ErrorModel) -> list[Area]:
     """Where a picture (H, W, 4) in levels is unlike what is painted, (H, W, 4), the worst first."""
     gap = largest(np.abs(picture - painted))
     where = _unlike(picture, painted, gap > OWN * UNLIKE, sight)
@@ -99,7 +99,7 @@ def areas(picture: np.ndarray, painted: np.ndarray, sight: Sight) -> list[Area]:
     return sorted(found, key=lambda area: -area.weight)
 
 
-def _unlike(picture: np.ndarray, painted: np.ndarray, rough: np.ndarray, sight: Sight) -> np.ndarray:
+def _unlike(picture: np.ndarray, painted: np.ndarray, rough: np.ndarray, sight: ErrorModel) -> np.ndarray:
     """(H, W) bool: of the rough pixels (H, W) bool those that no colour drawn near them explains, and those drawn in a
     colour that the picture does not have near them.
     """
@@ -143,7 +143,7 @@ def _range(values: np.ndarray, place: tuple[np.ndarray, ...], reach: int) -> tup
     return low, high
 
 
-def ringing(seen: np.ndarray, sight: Sight) -> np.ndarray:
+def ringing(seen: np.ndarray, sight: ErrorModel) -> np.ndarray:
     """(H, W, 4) levels by which a JPEG's edges are off in a picture (H, W, 4) in luma and chroma; else 0."""
     out = np.zeros(seen.shape, dtype=np.float32)
     for block, channels in BLOCKS if sight.jpeg else ():

@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.hairlines import blend_with
 from cubicsplat_cli.artwork.regions.inks import eight_bit
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, Sight
+from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, ErrorModel
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
 
@@ -91,7 +91,7 @@ class _Outlined:
 
 
 def proposals(
-    area: Area, picture: np.ndarray, painted: np.ndarray, canvas: Canvas, sight: Sight, detail: float
+    area: Area, picture: np.ndarray, painted: np.ndarray, canvas: Canvas, sight: ErrorModel, detail: float
 ) -> Iterator[list[Placed]]:
     """The ways to explain an area of a picture (H, W, 4) in levels by shapes over what is painted, (H, W, 4)."""
     window = area.rows, area.columns

@@ -38,7 +38,7 @@ BEYOND = 4.2  # sigmas from a box at which its shadow ends
 
 
 @dataclass(frozen=True)
-class Layer:
+class BlurredBox:
     """One blurred copy of a box. dx, dy: px by which it is moved; grown: px by which it is larger on all sides;
     rounder: px by which its corners have a larger radius; sigma: px of its blur; alpha: of its middle, 0..1."""
 
@@ -58,12 +58,12 @@ class Layer:
         return box.grown(self.grown, self.rounder).moved(self.dx, self.dy)
 
 
-def layers_of(numbers: np.ndarray) -> tuple[Layer, ...]:
+def layers_of(numbers: np.ndarray) -> tuple[BlurredBox, ...]:
     """The layers that numbers (6 k,) stand for."""
     out = []
     for dx, dy, grown, rounder, sigma, odds in numbers.reshape(-1, NUMBERS).tolist():
         bounded = float(np.clip(np.exp(sigma), LEAST_SIGMA, MOST_SIGMA))
-        out.append(Layer(dx, dy, grown, rounder, bounded, float(1.0 / (1.0 + np.exp(-odds)))))
+        out.append(BlurredBox(dx, dy, grown, rounder, bounded, float(1.0 / (1.0 + np.exp(-odds)))))
     return tuple(out)
 
 
@@ -100,7 +100,7 @@ def blurred_box(box: Box, sigma: float, x: np.ndarray, y: np.ndarray) -> np.ndar
     return np.asarray(np.clip(rows @ columns.T, 0.0, 1.0))
 
 
-def shaded(box: Box, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def shaded(box: Box, layers: Sequence[BlurredBox], x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(h, w) how much the layers of a box darken at rows y (h,) and columns x (w,), px; 0..1."""
     left = np.ones((len(y), len(x)))
     for layer in layers:
@@ -109,7 +109,7 @@ def shaded(box: Box, layers: Sequence[Layer], x: np.ndarray, y: np.ndarray) -> n
 
 
 @dataclass(frozen=True)
-class Sight:
+class ShadowSamples:
     """What is seen of the shadows of some boxes that have the same layers.
 
     rows, columns: (n,) of pixels; seen: (n,) how much each is darkened; through: (n,) light that other shadows leave
@@ -129,12 +129,12 @@ class Sight:
         """The rows and columns that there are, and which of them each pixel has."""
         return tuple(np.unique(at, return_inverse=True) for at in (self.rows, self.columns))
 
-    def every(self, few: int) -> Sight:
+    def every(self, few: int) -> ShadowSamples:
         """The same of every so many pixels."""
         rows, columns, seen, through = (v[::few] for v in (self.rows, self.columns, self.seen, self.through))
-        return Sight(self.boxes, rows, columns, seen, through, tuple(v[::few] for v in self.open), self.scale)
+        return ShadowSamples(self.boxes, rows, columns, seen, through, tuple(v[::few] for v in self.open), self.scale)
 
-    def light(self, layer: Layer) -> np.ndarray:
+    def light(self, layer: BlurredBox) -> np.ndarray:
         """(n,) the share of light that a layer leaves each pixel."""
         (ys, row), (xs, column) = self._places
         out = np.ones(len(self.seen))
@@ -145,14 +145,14 @@ class Sight:
             out[own] *= 1.0 - layer.alpha * np.clip(field, 0.0, 1.0)
         return out
 
-    def off(self, layers: Sequence[Layer]) -> np.ndarray:
+    def off(self, layers: Sequence[BlurredBox]) -> np.ndarray:
         """(n,) levels by which each pixel is darker than seen."""
         return self._off([self.light(layer) for layer in layers])
 
     def _off(self, lights: list[np.ndarray]) -> np.ndarray:
         return np.asarray(self.scale * (1.0 - np.prod([self.through, *lights], axis=0) - self.seen))
 
-    def settled(self, layers: Sequence[Layer]) -> tuple[tuple[Layer, ...], float]:
+    def settled(self, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:
         """The layers that come nearest to what is seen, by Levenberg-Marquardt steps, and the mean square in
         levels^2."""
         numbers = np.concatenate([layer.numbers() for layer in layers])
@@ -202,7 +202,7 @@ class Sight:
         return out
 
 
-def reached(box: Box, layers: Sequence[Layer], shape: tuple[int, int]) -> tuple[slice, slice]:
+def reached(box: Box, layers: Sequence[BlurredBox], shape: tuple[int, int]) -> tuple[slice, slice]:
     """The rows and columns of a picture (H, W) that the shadow of a box may reach."""
     ends = []
     for layer in layers:

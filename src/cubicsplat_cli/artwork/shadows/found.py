@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.shadows.blurred import Layer, Sight, reached, shaded
+from cubicsplat_cli.artwork.shadows.blurred import BlurredBox, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds
 
 # Levels by which a pixel may be off its shadow, share of the shaded that must not be, levels that count as shade.
@@ -28,7 +28,7 @@ class Cast:
     """The shadow of one thing: its blurred copies."""
 
     caster: Caster
-    layers: tuple[Layer, ...]
+    layers: tuple[BlurredBox, ...]
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
         return None
     best = None
     for casters in casters_of(levels, shaded_, parts > 0):
-        layers = _Search(shaded_, seen, scale, casters).best()
+        layers = _ShadowSearch(shaded_, seen, scale, casters).best()
         if layers is not None:
             casts = tuple(Cast(c, own) for c, own in zip(casters, layers, strict=True) if own is not None)
             shadow = Shadow(shaded_, casts)
@@ -100,10 +100,10 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
     return best
 
 
-Layers = tuple[Layer, ...]
+Layers = tuple[BlurredBox, ...]
 
 
-class _Search:
+class _ShadowSearch:
     """The search for the layers of some casters. seen: (H, W) how much each pixel of the grounds is shaded; scale:
     levels of a whole shade."""
 
@@ -164,7 +164,7 @@ class _Search:
         own = self.nearest[self.dark][:CHECKED] == k
         return own.sum() < FEWEST or bool(self._explained(found)[own].mean() >= EXPLAINED)
 
-    def _sight(self, own: list[int], found: Sequence[Layers | None]) -> Sight:
+    def _sight(self, own: list[int], found: Sequence[Layers | None]) -> ShadowSamples:
         """What is seen of the shadows of some casters, next to them."""
         near = np.isin(self.nearest, own)
         at = np.concatenate([np.flatnonzero(near & self.dark)[:DARK], np.flatnonzero(near & ~self.dark)[:LIGHT]])
@@ -172,10 +172,10 @@ class _Search:
         through = self._light(others, found, at)
         return self._seen(own, at, through)
 
-    def _seen(self, own: list[int], at: np.ndarray, through: np.ndarray) -> Sight:
+    def _seen(self, own: list[int], at: np.ndarray, through: np.ndarray) -> ShadowSamples:
         boxes = tuple(self.casters[k].box for k in own)
         open_ = tuple(self.open[k][at] for k in own)
-        return Sight(boxes, self.rows[at], self.columns[at], self.seen[at], through, open_, self.scale)
+        return ShadowSamples(boxes, self.rows[at], self.columns[at], self.seen[at], through, open_, self.scale)
 
     def _light(self, own: list[int], found: Sequence[Layers | None], at: np.ndarray) -> np.ndarray:
         """(n,) what the shadows of some casters let through to pixels."""
@@ -185,14 +185,14 @@ class _Search:
             out = np.prod([out, *(sight.light(layer) for layer in found[k] or ())], axis=0)
         return out
 
-    def _layers(self, sight: Sight, begun: Layers, most: int, known: list[Layers]) -> Layers | None:
+    def _layers(self, sight: ShadowSamples, begun: Layers, most: int, known: list[Layers]) -> Layers | None:
         """The fewest layers that explain a sight, or those that come nearest; None where one is unlikely."""
         begins = [begun] if begun else [(self._begin(sight, sigma),) for sigma in BEGIN]
         best = _more(sight, _nearest(sight, [*begins, *known]), most)
         return best if all(map(_likely, best)) else None
 
-    def _begin(self, sight: Sight, sigma: float) -> Layer:
-        return Layer(0.0, 1.0, -1.0, 0.0, sigma, min(1.5 * float(sight.seen.max()), 0.9))
+    def _begin(self, sight: ShadowSamples, sigma: float) -> BlurredBox:
+        return BlurredBox(0.0, 1.0, -1.0, 0.0, sigma, min(1.5 * float(sight.seen.max()), 0.9))
 
     def _explained(self, found: Sequence[Layers | None]) -> np.ndarray:
         """(n,) bool which of the shaded pixels the shadows explain."""
@@ -207,7 +207,7 @@ class _Search:
         return len(at) == 0 or bool((self.scale * (1.0 - light) <= CLOSE).mean() >= EXPLAINED)
 
 
-def _more(sight: Sight, best: Layers, most: int) -> Layers:
+def _more(sight: ShadowSamples, best: Layers, most: int) -> Layers:
     """The layers, and as many more, up to so many, as bring them nearer to what is seen until they are exact."""
     while len(best) < most and _explained(sight, best) >= HALFWAY:
         if _explained(sight, best) >= EXPLAINED and _rough(sight, best) <= ROUGH:
@@ -221,26 +221,26 @@ def _more(sight: Sight, best: Layers, most: int) -> Layers:
     return best
 
 
-def _nearest(sight: Sight, begins: list[Layers]) -> Layers:
+def _nearest(sight: ShadowSamples, begins: list[Layers]) -> Layers:
     """The layers that come nearest to what is seen, from those to begin with: first to some of the pixels."""
     few = sight.every(FEW)
     best, _ = min((few.settled(layers) for layers in begins), key=lambda fit: fit[1])
     return sight.settled(best)[0] if _explained(few, best) >= HALFWAY else best
 
 
-def _explained(sight: Sight, layers: Layers) -> float:
+def _explained(sight: ShadowSamples, layers: Layers) -> float:
     """The share of the shaded pixels in a sight that layers explain."""
     dark = sight.scale * sight.seen > FAINT
     return float((np.abs(sight.off(layers)) <= CLOSE)[dark].mean()) if dark.any() else 0.0
 
 
-def _rough(sight: Sight, layers: Layers) -> float:
+def _rough(sight: ShadowSamples, layers: Layers) -> float:
     """Levels, the root of the mean square, by which layers are off what is seen shaded."""
     off = sight.off(layers)[sight.scale * sight.seen > FAINT]
     return float(np.sqrt((off * off).mean())) if len(off) else 0.0
 
 
-def _likely(layer: Layer) -> bool:
+def _likely(layer: BlurredBox) -> bool:
     """Whether a layer is one that people draw: neither moved far nor much smaller or larger than what casts it."""
     moved = float(np.hypot(layer.dx, layer.dy))
     return moved <= MOST_MOVED and abs(layer.grown) <= MOST_GROWN + 0.5 * layer.sigma

@@ -35,7 +35,7 @@ class Piece(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class OffsetPlan:
     """What the outline of a centre line of S pieces is made of, whatever its exact numbers.
 
     parts: (S,) int, into how many parts the offset of each is cut; turns: (S,) radians, by how much the line turns from
@@ -46,13 +46,13 @@ class Plan:
     turns: np.ndarray
 
 
-def plan_of(cubics: np.ndarray, lines: np.ndarray) -> Plan:
+def plan_of(cubics: np.ndarray, lines: np.ndarray) -> OffsetPlan:
     """The plan for a centre line, closed or not: the last turn is back to the first piece."""
     tangents = [_tangents(cubic) for cubic in cubics]
     parts = [1 if line else _parts(cubic) for cubic, line in zip(cubics, lines, strict=True)]
     turns = np.array([_turn(tangents[i - 1][1], tangents[i][0]) for i in range(len(cubics))])
     turns = np.where(np.abs(turns) < STRAIGHT, 0.0, turns)
-    return Plan(np.array(parts), np.roll(turns, -1))
+    return OffsetPlan(np.array(parts), np.roll(turns, -1))
 
 
 def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
@@ -76,7 +76,7 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     return (_ring_of([*left, (across, True), *back, (home, True)]),)
 
 
-def rings_around(cubics: np.ndarray, lines: np.ndarray, stroke: Stroke, plan: Plan) -> list[list[Piece]]:
+def rings_around(cubics: np.ndarray, lines: np.ndarray, stroke: Stroke, plan: OffsetPlan) -> list[list[Piece]]:
     """The pieces of the outline of a stroke along cubics (S, 4, 2) that have a length, lines (S,) bool of them: one
     ring, or of a closed stroke that on the side of the normal (-y, x) and the other one, run the other way.
 
@@ -144,7 +144,7 @@ def _straight(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a + (b - a) * _THIRDS
 
 
-def _side(cubics: np.ndarray, lines: np.ndarray, reach: float, stroke: Stroke, plan: Plan) -> list[Piece]:
+def _side(cubics: np.ndarray, lines: np.ndarray, reach: float, stroke: Stroke, plan: OffsetPlan) -> list[Piece]:
     """The offset of all pieces, reach px to the side of the normal (-y, x), with joins."""
     count = len(cubics)
     tangents = [_tangents(cubic) for cubic in cubics]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.cracks import Loop
+from cubicsplat_cli.artwork.regions.cracks import CrackLoop
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.thin import thin_edges
 
@@ -33,7 +33,7 @@ RIM, TANGENT = 1.0, 6.0
 
 
 @dataclass(frozen=True)
-class Crossings:
+class EdgePositions:
     """Sub-pixel positions across every crack of a picture.
 
     rows: (H + 1, W) y of the border across the horizontal crack above pixel (y, x); columns: (H, W + 1) x of the border
@@ -48,12 +48,12 @@ class Crossings:
     rim: float = 0.0
 
 
-def crossings(levels: np.ndarray, regions: Regions, error: float = ROUNDING) -> Crossings:
+def crossings(levels: np.ndarray, regions: Regions, error: float = ROUNDING) -> EdgePositions:
     """Positions for all cracks between different regions of a picture (H, W, 4) in levels, known to an error."""
     rows, row_sigma = _level(levels, regions, error)
     turned = Regions(regions.labels.T, regions.inks, regions.ink_of)
     columns, column_sigma = _level(levels.transpose(1, 0, 2), turned, error)
-    return Crossings(rows, row_sigma, columns.T, column_sigma.T, RIM if error > ROUNDING else 0.0)
+    return EdgePositions(rows, row_sigma, columns.T, column_sigma.T, RIM if error > ROUNDING else 0.0)
 
 
 def _level(levels: np.ndarray, regions: Regions, error: float) -> tuple[np.ndarray, np.ndarray]:
@@ -164,7 +164,7 @@ def _third_beside(
     return out
 
 
-def loop_points(loop: Loop, found: Crossings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def loop_points(loop: CrackLoop, found: EdgePositions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sub-pixel points along a loop: (m, 2) px, their standard errors (m,), and the index (m,) of each one's crack.
 
     Where the border runs rather level its points come from the horizontal cracks, else from the vertical ones, so that
@@ -192,7 +192,7 @@ def loop_points(loop: Loop, found: Crossings) -> tuple[np.ndarray, np.ndarray, n
     return points, sigma, index
 
 
-def _leaving(loop: Loop, found: Crossings) -> np.ndarray:
+def _leaving(loop: CrackLoop, found: EdgePositions) -> np.ndarray:
     """(n,) which cracks on the canvas's border lie where the loop seems to leave it like something round, though it may
     never have reached it: a circle of radius r that touches the border is within the rim of it for the root of 2 r rim
     to either side, and after twice that four times as far away.

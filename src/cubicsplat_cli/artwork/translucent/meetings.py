@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.layers.ends import Heading, heading
 from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
-from cubicsplat_cli.artwork.tracing.contours import Crossings
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
 STEPS = 96
@@ -60,7 +60,9 @@ def _around(labels: np.ndarray, at: np.ndarray) -> Meeting | None:
     return None
 
 
-def goes_on(labels: np.ndarray, found: Crossings, at: np.ndarray, edges: tuple[tuple[int, int], ...]) -> bool | None:
+def goes_on(
+    labels: np.ndarray, found: EdgePositions, at: np.ndarray, edges: tuple[tuple[int, int], ...]
+) -> bool | None:
     """Whether the edge between one pair of regions goes straight on as that between another pair at a meeting; None
     where one of the two is too short or too rough to tell.
     """
@@ -74,7 +76,7 @@ def goes_on(labels: np.ndarray, found: Crossings, at: np.ndarray, edges: tuple[t
     return turn <= MOST_TURN * error and abs(float((other.at - one.at) @ normal)) <= MOST_OFFSET
 
 
-def _arm(labels: np.ndarray, found: Crossings, at: np.ndarray, pair: tuple[int, int]) -> Heading | None:
+def _arm(labels: np.ndarray, found: EdgePositions, at: np.ndarray, pair: tuple[int, int]) -> Heading | None:
     """Where the edge between two regions is heading at a meeting."""
     reach = int(REACHES[0]) + 2
     top, left = max(int(at[1]) - reach, 0), max(int(at[0]) - reach, 0)

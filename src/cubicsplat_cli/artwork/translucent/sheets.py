@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import Crossings
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
 from cubicsplat_cli.artwork.translucent.merging import Sheet, merged, with_covered
 from cubicsplat_cli.artwork.translucent.paint import Paint, likeliest, paint_of
@@ -39,7 +39,7 @@ class _Found:
 
 
 def without_sheets(
-    regions: Regions, found: Crossings, fixed: np.ndarray | None = None
+    regions: Regions, found: EdgePositions, fixed: np.ndarray | None = None
 ) -> tuple[Regions, tuple[Sheet, ...]]:
     """The regions as they are without translucent sheets, and the sheets, the uppermost first.
 
@@ -59,7 +59,7 @@ def without_sheets(
     return regions, tuple(sheets)
 
 
-def _uppermost(regions: Regions, found: Crossings, fixed: np.ndarray) -> _Found | None:
+def _uppermost(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> _Found | None:
     """Of the sheets that nothing speaks against, the largest: where several lie over each other that is one of them
     rather than the place in which they do.
     """
@@ -71,7 +71,7 @@ def _uppermost(regions: Regions, found: Crossings, fixed: np.ndarray) -> _Found 
     return max(good, key=lambda s: (sum(areas[c] for c in s.grounds), -min(s.grounds)))
 
 
-def _crossings(regions: Regions, found: Crossings, fixed: np.ndarray) -> list[_Crossing]:
+def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> list[_Crossing]:
     out = []
     for place in meetings(regions.labels):
         if fixed[list(place.regions)].any():
