@@ -70,6 +70,11 @@ class ErrorModel:
     smallest: float
     seam: float
 
+    @property
+    def clean(self) -> bool:
+        """Whether every difference is one of the drawing."""
+        return self.seam > 0.0
+
     @classmethod
     def of(cls, condition: Condition, min_area: float) -> ErrorModel:
         least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if condition.clean else (LEAST, SMALLEST)

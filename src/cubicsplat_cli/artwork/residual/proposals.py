@@ -101,7 +101,7 @@ def proposals(
         values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
     near = ndimage.binary_dilation(area.where, SQUARE, 2)
     owners, touching = canvas.owners(*window)
-    for colours in _colours(values, ground, area.where, inner, canvas.palette):
+    for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=sight.clean):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
         for k, colour in enumerate(colours):
             shares[k][near], rest[k][near] = blend_with(values[near], colour, ground[near], ground[near])
@@ -190,17 +190,20 @@ def _uppermost(numbers: np.ndarray, share: float) -> int:
 
 
 def _colours(
-    values: np.ndarray, ground: np.ndarray, where: np.ndarray, inner: np.ndarray, palette: np.ndarray
+    values: np.ndarray, ground: np.ndarray, where: np.ndarray, inner: np.ndarray, palette: np.ndarray, *, pure: bool
 ) -> Iterator[np.ndarray]:
     """(k, 4) the colours that an area (h, w) bool of a window may have, several ways: the one that is farthest from
     what is drawn; that of the palette which pixels are blends with; all that its inner pixels show.
+
+    pure: a colour that is new shows as such in several pixels, as in a clean picture, and is no blend.
     """
     value, beside = values[where], ground[where]
     off = ((value - beside) ** 2).sum(axis=1)
     strongest = off >= np.quantile(off, 0.75)
     farthest = np.median(value[strongest], axis=0)
     # A thin translucent colour is that of a seam between two shapes.
-    if farthest[3] >= OPAQUE or inner.sum() >= SOLID:
+    new = not pure or (np.abs(value - farthest).max(axis=1) <= SAME).sum() >= SOLID
+    if new and (farthest[3] >= OPAQUE or inner.sum() >= SOLID):
         yield farthest[None]
     best, chosen = CLOSE, None
     for ink in palette:
