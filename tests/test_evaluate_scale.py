@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import importlib
 import math
+import mmap
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +18,18 @@ from scenes import PAPER, ragged_scene, random_scene, rectangle, scene_of
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import compare_premultiplied, rerender, scaled
-from cubicsplat_cli.evaluate.scaled import Tile, area_means, crop, downsampled_scene, downsampled_svg, scaled_samples
+from cubicsplat_cli.evaluate.scaled import (
+    Tile,
+    area_means,
+    crop,
+    downsampled_scene,
+    downsampled_svg,
+    draw_part,
+    scaled_samples,
+)
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster import render_scene
-from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene import Scene, pack_rings, scaled_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import quantise_scene, write_svg
 from cubicsplat_cli.svg.untrusted import SvgSize
@@ -225,6 +236,26 @@ def test_an_empty_root_and_other_encodings():
     latin = '<?xml version="1.0" encoding="latin-1"?><svg width="8" height="4"><title>é</title></svg>'
     with pytest.raises(InputError, match="UTF-8"):
         downsampled_svg(latin.encode("latin-1"), 8, 4, 2, renderer="resvg")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads Linux's own count of memory")
+def test_one_long_ring_among_short_ones_costs_no_memory():
+    """600 squares, and one shape of 20,000 corners: 290 MB of points if every row were as long as the longest."""
+    square = np.repeat([[1, 1], [9, 1], [9, 9], [1, 9]], 3, axis=0).astype(np.float32)
+    angles = np.linspace(0.0, 2.0 * np.pi, 60_000, endpoint=False)
+    disc = (20.0 + 15.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1)).astype(np.float32)
+    before = resident_bytes()
+    points, ring_ends = pack_rings(Mode.CLOSED, [[disc], *[[square]] * 600])
+    flat = np.ones(601, np.float32)
+    scene = Scene(Mode.CLOSED, 40, 40, points, np.zeros((601, 3), np.float32), flat, 0 * flat, PAPER, ring_ends)
+    drawn = draw_part(scaled_scene(scene, 80, 80), 1, Tile(0, 0, 80, 80), 4, None)
+    assert np.allclose(drawn[[8, 40], [8, 40]], 0.0, atol=0.01)
+    assert np.allclose(drawn[70, 5], PAPER, atol=0.01)
+    assert resident_bytes() - before < 100e6
+
+
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
 
 
 def test_memory_is_that_of_a_tile(monkeypatch):

@@ -92,19 +92,21 @@ def draw_part(scene: Scene, scale: int, tile: Tile, samples: int, threads: int |
     samples: edges per cubic at most. threads: None for one per core.
     """
     from cubicsplat_cli.raster import render_scene
+    from cubicsplat_cli.scene.arrays import padded
 
     scene = scene.as_numpy()
     corner = np.array([tile.left, tile.top], scene.points.dtype)
     size = np.array([tile.width, tile.height], scene.points.dtype)
+    points, used = scene.unpadded() - corner, scene.points_used()
     # A curve lies within the hull of its control points; one more pixel than its half-width is left around it.
-    reach = scene.half_widths[:, None] + 1.0
-    low, high = scene.points.min(axis=1) - corner, scene.points.max(axis=1) - corner
+    reach, starts = scene.half_widths[:, None] + 1.0, used.cumsum() - used
+    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
     touches = ((high >= -reach) & (low <= size + reach)).all(axis=1)
     # A scene has at least one curve; where none touches the tile, one that does not is as good.
     touches[0] = True
-    part = scene.chosen(touches)
-    points, gradients = part.points - corner, part.gradients
-    points *= scale
+    points = padded(points[touches.repeat(used)] * points.dtype.type(scale), used[touches])
+    part = replace(scene, points=scene.points[:, :0]).chosen(touches)
+    gradients = part.gradients
     if gradients is not None:
         gradients = gradients.seen_from(tile.left, tile.top).scaled(scale, scale)
     part = replace(

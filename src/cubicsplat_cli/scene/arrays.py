@@ -7,6 +7,8 @@ tensor of it. On a GPU `xp.where` and `xp.clip` take plain numbers without waiti
 
 from __future__ import annotations
 
+import math
+import mmap
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -82,6 +84,37 @@ def sigmoid(values: Array) -> Array:
 def logit(shares: Array) -> Array:
     """The inverse of `sigmoid`, for values in (0, 1)."""
     return namespace(shares).log(shares / (1.0 - shares))
+
+
+def padded(points: Array, used: Array, room: int | None = None) -> Array:
+    """(N, K, 2): the control points (P, 2) of N curves, `used` (N,) int64 of them each, in rows that end with zeros.
+
+    room: K, by default as many as the longest curve needs. The inverse of `Scene.unpadded`.
+    """
+    room = int(used.max()) if room is None else room
+    if room * used.shape[0] == points.shape[0]:
+        return points.reshape(-1, room, 2)
+    rows = _zeros((used.shape[0] * room, 2), points)
+    rows[places_used(used, room)] = points
+    return rows.reshape(-1, room, 2)
+
+
+def _zeros(shape: tuple[int, int], array: Array) -> Array:
+    """Zeros of another's kind, type and place, which on the host take no memory before they are written.
+
+    The padding of a drawing with one long shape is most of it. numpy asks for huge pages, of which each row fills one.
+    """
+    if not isinstance(array, np.ndarray):
+        return namespace(array).zeros(shape, dtype=array.dtype, device=array.device)
+    return np.ndarray(shape, array.dtype, buffer=mmap.mmap(-1, math.prod(shape) * array.itemsize))
+
+
+def places_used(used: Array, room: int) -> Array:
+    """(P,) int64: the rows of (N K, 2) that are in use, where the first `used` (N,) of every `room`, K, are."""
+    counts = as_numpy(used)
+    ends = counts.cumsum()
+    before = np.arange(len(counts)) * room - (ends - counts)
+    return like(used, np.arange(ends[-1]) + before.repeat(counts), "int64")
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene.arrays import Array, CurveArrays, is_array, kind_of, like, namespace
+from cubicsplat_cli.scene.arrays import Array, CurveArrays, is_array, kind_of, like, namespace, padded, places_used
 from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
@@ -100,6 +100,20 @@ class Scene(CurveArrays):
         pairs = [pair for pair in itertools.pairwise(ends) if pair[0] < pair[1]]
         return [self.points[curve, 3 * begin : 3 * end + shared] for begin, end in pairs]
 
+    def points_used(self) -> Array:
+        """(N,) int64: how many control points of each curve are in its rings; the rest of its row is padding."""
+        xp = namespace(self.points)
+        if self.ring_ends is None:
+            return like(self.points, [self.points_per_curve] * self.curves, "int64")
+        shared = 0 if self.mode is Mode.CLOSED else 1
+        return 3 * xp.astype(self.ring_ends[:, -1], xp.int64) + shared
+
+    def unpadded(self) -> Array:
+        """(P, 2): the control points of all rings, curve after curve."""
+        if self.ring_ends is None:
+            return self.points.reshape(-1, 2)
+        return self.points.reshape(-1, 2)[places_used(self.points_used(), self.points_per_curve)]
+
     def validate(self) -> None:
         """Raise InputError, naming the variable and what it should be, unless the scene can be rendered.
 
@@ -108,7 +122,7 @@ class Scene(CurveArrays):
         self.validate_form()
         if self.ring_ends is not None:
             _check_ring_ends(self.ring_ends, self.segments)
-        _check_range("points", self.points)
+        self._check_points()
         _check_range("colours", self.colours, 0.0, 1.0)
         _check_range("opacities", self.opacities, 0.0, 1.0)
         _check_range("half_widths", self.half_widths, 0.0, 0.0 if self.mode is Mode.CLOSED else None)
@@ -125,6 +139,13 @@ class Scene(CurveArrays):
         self._validate_shapes()
         if self.background is not None:
             _check_background(self.background)
+
+    def _check_points(self) -> None:
+        bad = ~namespace(self.points).isfinite(self.unpadded()).all(axis=1)
+        if bad.any():
+            ends = namespace(self.points).cumsum(self.points_used(), axis=0)
+            curve = int((ends <= _first_curve(bad)).sum())
+            raise InputError(f"points must be finite, but curve {curve} holds NaN or infinity")
 
     def _validate_shapes(self) -> None:
         tensors = {
@@ -189,11 +210,7 @@ def pack_rings(mode: Mode, curves: Sequence[Sequence[Array]]) -> tuple[Array, Ar
     whole = [xp.concat(tuple(rings)) for rings in curves]
     if len(counts[0]) == 1 and all(of_curve == counts[0] for of_curve in counts):
         return xp.stack(whole), None
-    longest = max(p.shape[0] for p in whole)
-    # The padding of a drawing with one long shape is most of it: numpy's zeros take no memory before they are written.
-    points = xp.zeros((len(whole), longest, 2), dtype=first.dtype, device=first.device)
-    for curve, p in enumerate(whole):
-        points[curve, : p.shape[0]] = p
+    points = padded(xp.concat(tuple(whole)), like(first, [p.shape[0] for p in whole], "int64"))
     rows = [list(itertools.accumulate(of_curve)) for of_curve in counts]
     most = max(map(len, rows))
     table = [row + row[-1:] * (most - len(row)) for row in rows]
@@ -220,11 +237,13 @@ def scaled_scene(scene: Scene, width: int, height: int) -> Scene:
     if (scene.width, scene.height) == (width, height):
         return scene
     across, down = width / scene.width, height / scene.height
+    points = scene.unpadded() * like(scene.points, [across, down])
+    points = padded(points, scene.points_used(), scene.points_per_curve)
     return replace(
         scene,
         width=width,
         height=height,
-        points=scene.points * like(scene.points, [across, down]),
+        points=points,
         half_widths=scene.half_widths * math.sqrt(across * down),
         gradients=None if scene.gradients is None else scene.gradients.scaled(across, down),
     )
