@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator
-from importlib import import_module
+from importlib import import_module, invalidate_caches
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,23 @@ def pytest_configure() -> None:
 def _quick_workers() -> Iterator[None]:
     with forked_from_a_warm_process():
         yield
+
+
+@pytest.fixture
+def package(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str], None]:
+    """Installs a package of a name and a text in the place of the one that is there, for one test."""
+    folder = tmp_path_factory.mktemp("packages")
+    monkeypatch.syspath_prepend(folder)
+
+    def install(name: str, text: str) -> None:
+        (folder / f"{name}.py").write_text(text)
+        for loaded in [module for module in sys.modules if module.split(".")[0] == name]:
+            monkeypatch.delitem(sys.modules, loaded)
+        monkeypatch.setitem(sys.modules, name, None)  # so that the one put here goes with the test
+        del sys.modules[name]
+        invalidate_caches()
+
+    return install
 
 
 @pytest.fixture(scope="session")

@@ -185,16 +185,18 @@ def install(monkeypatch) -> FakeGpu:
         "get_device_properties": lambda device: properties, "current_stream": lambda device: gpu.streams[-1],
         "Stream": lambda device: OTHER_STREAM, "stream": gpu.use, "CUDAGraph": gpu.graph, "Event": FakeEvent,
     }  # fmt: skip
-    for name, value in replaced.items():
-        monkeypatch.setattr(torch.cuda, name, value)
-    empty_like = torch.empty_like
-    monkeypatch.setattr(torch, "empty_like", lambda t, pin_memory=False, **options: empty_like(t, **options))
-    monkeypatch.setattr(cuda_driver, "missing_piece", lambda: None)
-    monkeypatch.setattr(cuda_driver, "_drivers", {})
-    monkeypatch.setattr(libcuda, "open_library", gpu.library)
-    monkeypatch.setattr(nvrtc, "version", lambda: (13, 0))
-    text = "{0.mode.value} {0.channels}"
-    monkeypatch.setattr(cuda_driver, "machine_code", lambda program, _: (text.format(program).encode(), "sm_90"))
+    empty_like, text = torch.empty_like, "{0.mode.value} {0.channels}"
+    places = [
+        *((torch.cuda, name, value) for name, value in replaced.items()),
+        (torch, "empty_like", lambda t, pin_memory=False, **options: empty_like(t, **options)),
+        (cuda_driver, "missing_piece", lambda: None),
+        (cuda_driver, "_drivers", {}),
+        (libcuda, "open_library", gpu.library),
+        (nvrtc, "version", lambda: (13, 0)),
+        (cuda_driver, "machine_code", lambda program, _: (text.format(program).encode(), "sm_90")),
+    ]
+    for owner, name, value in places:
+        monkeypatch.setattr(owner, name, value)
     return gpu
 
 

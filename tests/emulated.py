@@ -22,7 +22,7 @@ from cubicsplat_cli.raster.cuda.frame import Frame
 
 EMULATOR = Path(__file__).with_name("cuda_emulator")
 LIBRARIES = Path(__file__).parent.parent / "build" / "emulator"
-OPTIONS = ["-std=c++17", "-O1", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unknown-pragmas"]
+OPTIONS = ["-std=c++17", "-Og", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unknown-pragmas"]
 
 # Arithmetic as a GPU may do it, where the CPU can.
 APPROXIMATE = ("-ffp-contract=fast", "-DEMULATOR_APPROXIMATE", *(["-mfma"] if platform.machine() == "x86_64" else []))

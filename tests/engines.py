@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 import torch
@@ -47,7 +48,9 @@ def _case(kind: str, *values: object, name: str = "") -> object:
 
 
 CUDA = [_case("emulated"), _case("gpu")]
-ENGINES = [_case(kind) for kind in (FIRST, *OTHERS, "arm")] + CUDA
+# The CPU's other instruction sets, whose code is the same, are fast tests of `WITH_SETTINGS` alone.
+REST = [pytest.param(kind, marks=pytest.mark.slow, id=kind) for kind in OTHERS]
+ENGINES = [_case(FIRST), *REST, _case("arm"), *CUDA]
 
 
 def _representative(kind: str) -> list[RasterSettings]:
@@ -82,6 +85,19 @@ def _degenerate_cases() -> list[object]:
 
 
 DEGENERATE_CASES = _degenerate_cases()
+
+
+def with_cases(engines: Sequence[Any]) -> list[Any]:
+    """(engine, mode, background) of all engines and cases. Of the emulated GPU, for which each case is a program of its
+    own to compile, two that show both modes and both kinds of ground are fast tests.
+    """
+    made = []
+    for (mode, background), name in zip(CASES, CASE_NAMES, strict=True):
+        for engine in engines:
+            rare = engine.id == "emulated" and (mode is Mode.CLOSED) == (background is None)
+            marks = [*engine.marks, *[pytest.mark.slow] * rare]
+            made.append(pytest.param(*engine.values, mode, background, marks=marks, id=f"{name}-{engine.id}"))
+    return made
 
 
 def open_cuda(kind: str, **options) -> CudaEngine:

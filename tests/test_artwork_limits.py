@@ -66,15 +66,14 @@ def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, c
     assert np.abs(begin(drawing, goal_of(target)).image - target).mean() < 0.01
 
 
-def test_a_large_picture_is_drawn_smaller_and_enlarged(monkeypatch, caplog):
-    monkeypatch.setattr(limits, "MOST_PIXELS", 64 * 64)
-    picture = np.zeros((100, 126, 3), np.float32)
-    picture[20:60, 30:90] = 1.0
+def test_a_large_picture_is_drawn_smaller_and_enlarged(caplog):
+    picture = np.zeros((1300, 1600, 3), np.float32)
+    picture[200:600, 300:900] = 1.0
     drawing = vectorize.draw(picture)
-    assert (drawing.width, drawing.height) == (126, 100)
+    assert (drawing.width, drawing.height) == (1600, 1300)
     box = drawing.shapes[-1].outlines[0].ring().anchors
-    assert np.abs(box.min(axis=0) - [30, 20]).max() < 0.1
-    assert np.abs(box.max(axis=0) - [90, 60]).max() < 0.1
+    assert np.abs(box.min(axis=0) - [300, 200]).max() < 0.1
+    assert np.abs(box.max(axis=0) - [900, 600]).max() < 0.1
     assert "drawn at 1/2 of its size" in caplog.text
 
 

@@ -248,16 +248,17 @@ def test_two_layers_as_pages_have_them():
     assert found.shadow is not None and [len(cast.layers) for cast in found.shadow.casts] == [2]
 
 
-def test_cards_and_gradients_without_a_shadow_stay_as_they_are():
+@pytest.mark.parametrize("kind", rest_slow("plain", "glow", "ramp", fast=2))
+def test_cards_and_gradients_without_a_shadow_stay_as_they_are(kind):
     shape = box(*CARD, 8.0)
     plain = over(np.full((HEIGHT, WIDTH, 3), 240.0), shape, BLUE)
     ramp = np.linspace(120.0, 250.0, WIDTH)[None, :, None] * np.ones((HEIGHT, 1, 3))
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     glow = 255.0 - 120.0 * np.clip(1.0 - np.hypot(x - 100, y - 70) / 60.0, 0.0, 1.0)[..., None] * np.array([0, 1, 1])
-    for picture in (plain, over(ramp, shape, BLUE), over(glow, box(90, 60, 110, 80), BLUE)):
-        levels = levels_of(np.rint(picture).astype(np.float32) / np.float32(255))
-        found = lifted(levels)
-        assert found.shadow is None and found.levels is levels
+    pictures = {"plain": plain, "ramp": over(ramp, shape, BLUE), "glow": over(glow, box(90, 60, 110, 80), BLUE)}
+    levels = levels_of(np.rint(pictures[kind]).astype(np.float32) / np.float32(255))
+    found = lifted(levels)
+    assert found.shadow is None and found.levels is levels
 
 
 @pytest.mark.slow

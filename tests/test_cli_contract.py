@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import re
@@ -289,16 +288,13 @@ def test_doctor_reports_versions_renderers_and_engine(run_cli, capsys):
     assert "cpu" in text
 
 
-def test_doctor_names_problems(monkeypatch):
+def test_doctor_names_problems(monkeypatch, package):
     from cubicsplat_cli import raster
     from cubicsplat_cli.cli import doctor
 
-    def nothing(name: str):
-        raise ImportError(f"no {name}")
-
     monkeypatch.setattr(raster, "describe", lambda: {"cpu": {"available": False, "reason": "no library"}})
-    renderers = importlib.import_module("cubicsplat_cli.evaluate.rerender")
-    monkeypatch.setattr(renderers, "_import_module", nothing)
+    for name in ("cairosvg", "resvg_py"):
+        package(name, f'raise ImportError("no {name}")')
     found = doctor.examine()
     assert any("no library" in problem for problem in found["problems"])
     assert any("renderer" in problem for problem in found["problems"])

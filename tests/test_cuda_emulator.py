@@ -126,7 +126,7 @@ def test_curves_of_many_edges(engine, mode, segments, samples):
     assert_like_cpu(engine, packed(scene), settings, random_target(scene))
 
 
-@pytest.mark.parametrize("size", [(300, 20), (20, 300)])
+@pytest.mark.parametrize("size", rest_slow(((300, 20),), ((20, 300),)))
 def test_pictures_of_several_super_tiles(size):
     """Sorted into super-tiles, as many curves in many tiles are, and looked at one by one in every tile."""
     scene, target = scene_and_target(Mode.OPEN, 60, *size, scale=0.1)

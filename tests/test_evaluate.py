@@ -75,10 +75,7 @@ def noise(height: int, width: int, channels: int = 3, seed: int = 0) -> np.ndarr
     return np.random.default_rng(seed).integers(0, 256, (height, width, channels), dtype=np.uint8)
 
 
-def without_libcairo(name: str):
-    if name == "cairosvg":
-        raise OSError('no library called "cairo-2" was found\nand more lines')
-    return importlib.import_module(name)
+WITHOUT_LIBCAIRO = """raise OSError('no library called "cairo-2" was found\\nand more lines')"""
 
 
 # --- rendering ---------------------------------------------------------------------------------------------
@@ -141,8 +138,8 @@ def test_the_two_renderers_agree():
     assert np.abs(first - second).mean() < 1.5
 
 
-def test_missing_libcairo_falls_back_and_says_so(monkeypatch):
-    monkeypatch.setattr(RENDERER, "_import_module", without_libcairo)
+def test_missing_libcairo_falls_back_and_says_so(package):
+    package("cairosvg", WITHOUT_LIBCAIRO)
     rendered = rerender(svg_of(two_squares(None)), 12, 8)
     assert rendered.renderer.startswith("resvg_py ")
     assert "libcairo" in rendered.note
@@ -163,21 +160,17 @@ def test_hint_suits_the_system(monkeypatch, system, hint):
     assert hint in RENDERER.install_hint()
 
 
-def test_a_renderer_asked_for_by_name_is_never_replaced(monkeypatch):
-    monkeypatch.setattr(RENDERER, "_import_module", without_libcairo)
+def test_a_renderer_asked_for_by_name_is_never_replaced(package):
+    package("cairosvg", WITHOUT_LIBCAIRO)
     with pytest.raises(EngineError, match="libcairo"):
         rerender(svg_of(two_squares(None)), 12, 8, renderer="cairosvg")
     with pytest.raises(UsageError, match="inkscape"):
         rerender(svg_of(two_squares(None)), 12, 8, renderer="inkscape")
 
 
-def test_no_renderer_at_all_is_an_error_with_both_reasons(monkeypatch):
-    def nothing(name: str):
-        if name == "resvg_py":
-            raise ImportError("no resvg here")
-        return without_libcairo(name)
-
-    monkeypatch.setattr(RENDERER, "_import_module", nothing)
+def test_no_renderer_at_all_is_an_error_with_both_reasons(package):
+    package("cairosvg", WITHOUT_LIBCAIRO)
+    package("resvg_py", 'raise ImportError("no resvg here")')
     with pytest.raises(EngineError, match=r"libcairo.*pip install resvg_py"):
         rerender(svg_of(two_squares(None)), 12, 8)
 

@@ -139,11 +139,8 @@ def test_weights_that_cannot_be_had_are_said_in_one_line(with_network):
         (RuntimeError("operator torchvision::nms does not exist"), "does not belong to this torch"),
     ],
 )
-def test_packages_that_are_missing_or_do_not_fit(error, words, monkeypatch):
-    def fails(name):
-        raise error
-
-    monkeypatch.setattr(module.importlib, "import_module", fails)
+def test_packages_that_are_missing_or_do_not_fit(error, words, package):
+    package("torchmetrics", f"raise {error!r}")
     with pytest.raises(EngineError, match=words):
         further(as_picture(LARGE), LARGE, ["ms-ssim"])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import mmap
 import sys
@@ -88,13 +87,11 @@ def test_area_means_are_exact_means_of_blocks():
 
 @BOTH
 @GROUNDS
-def test_tiles_of_a_file_together_are_the_whole_drawing(renderer, background, monkeypatch):
+def test_tiles_of_a_file_together_are_the_whole_drawing(renderer, background):
     svg = svg_of(random_scene(Mode.OPEN, curves=8, width=50, height=34, background=background, seed=2))
     whole = premultiplied(rerender(svg, 150, 102, renderer=renderer).pixels.astype(np.float64))
     want = whole.reshape(34, 3, 50, 3, 4).mean(axis=(1, 3))
-    monkeypatch.setattr(scaled, "TILE_PIXELS", 500)
-    monkeypatch.setattr(scaled, "MAX_TILE_SIDE", 60)
-    got = downsampled_svg(svg, 50, 34, 3, renderer=renderer)
+    got = downsampled_svg(svg, 50, 34, 3, renderer=renderer, tile_pixels=500)
     assert got.renderer.startswith({"cairosvg": "cairosvg ", "resvg": "resvg_py "}[renderer])
     assert want.std() > 0.05
     # Straight and premultiplied 8-bit pixels round differently; nothing else may differ with cairo. resvg's outlines
@@ -113,15 +110,13 @@ def test_scale_one_is_the_native_drawing(renderer):
 
 @pytest.mark.parametrize("mode", list(Mode))
 @GROUNDS
-def test_tiles_of_a_scene_together_are_the_whole_render(mode, background, monkeypatch):
+def test_tiles_of_a_scene_together_are_the_whole_render(mode, background):
     scene = random_scene(mode, curves=8, width=50, height=34, background=background, seed=3)
     scene.points[0] -= 500.0  # the tiles without this curve are right only if it is never drawn
     large = replace(scene, width=150, height=102, points=scene.points * 3, half_widths=scene.half_widths * 3)
     whole = render_scene(large, samples=scaled_samples(24, 3), threads=1)
     want = whole.reshape(34, 3, 50, 3, -1).mean(axis=(1, 3))
-    monkeypatch.setattr(scaled, "TILE_PIXELS", 500)
-    monkeypatch.setattr(scaled, "MAX_TILE_SIDE", 60)
-    got = downsampled_scene(scene, 3, threads=1)
+    got = downsampled_scene(scene, 3, threads=1, tile_pixels=500)
     assert got.shape == want.shape
     assert np.abs(got - want).max() < 2e-3
 
@@ -167,11 +162,10 @@ def test_senseless_scales_are_refused(scale):
         downsampled_scene(random_scene(Mode.CLOSED), scale)
 
 
-def test_a_scene_of_ragged_rings_is_drawn_in_parts(monkeypatch):
+def test_a_scene_of_ragged_rings_is_drawn_in_parts():
     scene = ragged_scene(Mode.CLOSED)
     whole = render_scene(scene, samples=48, threads=1)
-    monkeypatch.setattr(scaled, "TILE_PIXELS", 300)
-    assert np.abs(downsampled_scene(scene, 1, samples=48, threads=1) - whole).max() < 2e-5
+    assert np.abs(downsampled_scene(scene, 1, samples=48, threads=1, tile_pixels=300) - whole).max() < 2e-5
 
 
 def test_bad_scenes_and_files_are_refused():
@@ -186,13 +180,8 @@ def test_bad_scenes_and_files_are_refused():
         downsampled_svg(wrong, 9, 9, 2, source="here.svg", renderer="cairosvg")
 
 
-def test_a_missing_libcairo_is_told(monkeypatch):
-    def without(name: str):
-        if name == "cairosvg":
-            raise OSError("no library")
-        return importlib.import_module(name)
-
-    monkeypatch.setattr(importlib.import_module("cubicsplat_cli.evaluate.rerender"), "_import_module", without)
+def test_a_missing_libcairo_is_told(package):
+    package("cairosvg", 'raise OSError("no library")')
     found = downsampled_svg(svg_of(random_scene(Mode.CLOSED)), 24, 20, 2)
     assert found.renderer.startswith("resvg_py ")
     assert "libcairo" in found.note
@@ -220,10 +209,9 @@ SHIFTED = (
 
 @pytest.mark.parametrize("svg", [PERCENT, SHIFTED, PREFIXED])
 @BOTH
-def test_files_of_others_are_cropped_right(svg, renderer, monkeypatch):
+def test_files_of_others_are_cropped_right(svg, renderer):
     """Left half red, right half nothing, whatever the root looks like."""
-    monkeypatch.setattr(scaled, "MAX_TILE_SIDE", 14)
-    got = downsampled_svg(svg.encode(), 20, 10, 2, renderer=renderer).pixels
+    got = downsampled_svg(svg.encode(), 20, 10, 2, renderer=renderer, tile_pixels=14**2).pixels
     want = np.zeros((10, 20, 4))
     want[:, :10] = (1, 0, 0, 1)
     assert np.abs(got - want).max() < 1e-6
@@ -270,11 +258,10 @@ def test_memory_is_that_of_a_tile(monkeypatch):
         return original(scene, **options)
 
     monkeypatch.setattr(raster, "render_scene", spy)
-    monkeypatch.setattr(scaled, "TILE_PIXELS", 2000)
     dots = [rectangle(x, y, x + 2, y + 2) for x in (2, 30) for y in (2, 12, 22)]
     scene = scene_of(Mode.CLOSED, dots, 40, 26, background=PAPER)
     assert torch.isfinite(scene.points).all()
-    downsampled_scene(scene, 4, threads=1)
+    downsampled_scene(scene, 4, threads=1, tile_pixels=2000)
     assert len(seen) > 5
     assert max(pixels for pixels, _ in seen) <= 2000
     assert max(curves for _, curves in seen) <= 3

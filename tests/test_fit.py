@@ -15,11 +15,11 @@ from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo import FitResult, fit
 from cubicsplat_cli.photo.evaluator import psnr
 from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.photo.schedule import Schedule
 from cubicsplat_cli.photo.start import choose_background, curves_of
 from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -99,18 +99,16 @@ def test_the_result_is_the_best_exact_picture_that_was_seen(mode, monkeypatch):
     assert loss_of(result.scene, target) <= min(seen) * 1.02 + 1e-3
 
 
-def test_the_best_state_is_kept_when_the_last_steps_spoil_it(monkeypatch):
+def test_the_best_state_is_kept_when_the_last_steps_spoil_it():
     target = picture()
-    fit_loop = loop(target)
-    original = Schedule.rates
 
-    def wild_at_the_end(self: Schedule, phase, unit):
-        rates = original(self, phase, unit)
-        if fit_loop.step >= 57:
-            rates.points, rates.colours = 50.0, 5.0
-        return rates
+    class WildAtTheEnd(CpuEngine):
+        def step(self, scene, settings, training):
+            if fit_loop.step >= 57:
+                training.rates.points, training.rates.colours = 50.0, 5.0
+            return super().step(scene, settings, training)
 
-    monkeypatch.setattr(Schedule, "rates", wild_at_the_end)
+    fit_loop = FitLoop(target, settings(), opened=lambda *_, **__: WildAtTheEnd(1))
     result = fit_loop.finish()
     assert result.history[-1]["psnr_db"] < 0.9 * psnr(loss_of(result.scene, target), target.size)
 
@@ -307,17 +305,17 @@ def test_the_published_preset_runs_and_gets_better(mode):
 
 
 @pytest.mark.parametrize("at", [0, 1, 30, 58])
-def test_an_interrupt_returns_the_best_so_far(at, monkeypatch):
+def test_an_interrupt_returns_the_best_so_far(at):
     target = picture()
-    original = FitLoop.advance
 
-    def interrupted(self: FitLoop) -> None:
-        if self.step == at:
-            raise KeyboardInterrupt
-        original(self)
+    class Interrupted(CpuEngine):
+        def step(self, scene, settings, training):
+            if fit_loop.step == at:
+                raise KeyboardInterrupt
+            return super().step(scene, settings, training)
 
-    monkeypatch.setattr(FitLoop, "advance", interrupted)
-    result = fit(target, settings())
+    fit_loop = FitLoop(target, settings(), opened=lambda *_, **__: Interrupted(1))
+    result = fit_loop.finish()
     assert result.interrupted
     assert result.steps == at
     result.scene.validate()
@@ -381,9 +379,12 @@ def test_values_that_are_not_finite_are_named_with_curve_and_step(mode, name, st
         fit_loop.advance()
 
 
-def test_a_loss_that_is_not_finite_is_told_even_where_no_parameter_is_to_blame(monkeypatch):
-    fit_loop = loop(picture())
-    monkeypatch.setattr(fit_loop.engine, "step", lambda *_, **__: math.inf)
+def test_a_loss_that_is_not_finite_is_told_even_where_no_parameter_is_to_blame():
+    class Infinite(CpuEngine):
+        def step(self, scene, settings, training):
+            return math.inf
+
+    fit_loop = FitLoop(picture(), settings(), opened=lambda *_, **__: Infinite(1))
     with pytest.raises(EngineError, match=r"step 0.*loss is inf"):
         fit_loop.advance()
 

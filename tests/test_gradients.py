@@ -20,6 +20,7 @@ from engines import (
     outliers,
     packed,
     state_for,
+    with_cases,
 )
 from scenes import (
     MODES,
@@ -229,9 +230,7 @@ def wanted(mode, background, raster):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("engine", ENGINES, indirect=True)
-@pytest.mark.parametrize("background", [PAPER, None])
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("engine", "mode", "background"), with_cases(ENGINES), indirect=["engine"])
 def test_the_engine_matches_the_reference(engine, mode, background):
     for raster in (RELAXED, EXACT):
         scene, image, loss, gradients = wanted(mode, background, raster)
@@ -258,9 +257,7 @@ def test_importance(engine, kind):
     assert close(got["importance"], want, 5e-3)
 
 
-@every_engine
-@pytest.mark.parametrize("background", [PAPER, None])
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("engine", "mode", "background"), with_cases([ENGINES[0], *CUDA]), indirect=["engine"])
 def test_flat_kinds_are_drawn_as_without_gradients(engine, mode, background):
     """To the bit: the way through the gradients changes nothing else."""
     scene = random_scene(mode, 20, 3, 50, 40, 2, background=background)

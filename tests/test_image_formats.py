@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-import types
-from io import BytesIO
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from image_files import encode
 from PIL import Image, features
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.files import decode, names
+from cubicsplat_cli.files import names
 from cubicsplat_cli.files.load import load_picture
 from cubicsplat_cli.jobs.sources import find_sources
 
@@ -77,14 +75,14 @@ def test_avif_is_read(tmp_path):
 
 
 def test_avif_without_a_pillow_that_reads_it_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(decode.Image, "OPEN", {"PNG": None})
-    monkeypatch.setattr(decode.Image, "init", lambda: None)
+    Image.init()
+    monkeypatch.delitem(Image.OPEN, "AVIF", raising=False)
     with pytest.raises(InputError, match=r"is an AVIF picture; pip install -U 'Pillow>=11\.3'"):
         load_picture(b"\0\0\0\x14ftypavif\0\0\0\0avif" + bytes(99))
 
 
 def test_heic_says_what_to_install(tmp_path, monkeypatch, run_cli):
-    monkeypatch.setattr(decode, "reads_heic", lambda: False)
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)  # as if it were not installed
     path = tmp_path / "x.jpg"
     path.write_bytes(HEIC)
     done = run_cli("vectorize", path)
@@ -94,28 +92,26 @@ def test_heic_says_what_to_install(tmp_path, monkeypatch, run_cli):
     )
 
 
-def test_heic_is_read_by_its_plugin_where_that_is_installed(tmp_path, monkeypatch):
+def test_heic_is_read_by_its_plugin_where_that_is_installed(tmp_path, monkeypatch, package):
     """With a plugin of the test's, which takes the file for another."""
-    plugin = types.ModuleType("pillow_heif")
-    plugin.register_heif_opener = lambda: Image.register_open(
-        "HEIF",
-        lambda file, name: Image.open(BytesIO(encode(Image.new("RGB", (9, 7)))), formats=("PNG",)),
-        lambda _: True,
+    package(
+        "pillow_heif",
+        "from PIL import Image\n"
+        "def register_heif_opener():\n"
+        "    Image.register_open('HEIF', lambda file, name: Image.new('RGB', (9, 7)), lambda _: True)\n",
     )
-    monkeypatch.setitem(sys.modules, "pillow_heif", plugin)
-    monkeypatch.setattr(decode, "reads_heic", lambda: True)
-    monkeypatch.setattr("cubicsplat_cli.jobs.sources.reads_heic", lambda: True)
-    Image.init()  # what it knows by itself must not go with the copies
-    monkeypatch.setattr(decode.Image, "OPEN", dict(Image.OPEN))
-    monkeypatch.setattr(decode.Image, "ID", list(Image.ID))
+    Image.init()  # what it knows by itself must not go with the copy
+    monkeypatch.setitem(Image.OPEN, "HEIF", None)
+    monkeypatch.setattr(Image, "ID", list(Image.ID))
     path = tmp_path / "x.heic"
     path.write_bytes(HEIC)
     assert load_picture(path).width == 9
     assert [source.path for source in find_sources([str(tmp_path)], recursive=False).sources] == [path]
 
 
-def test_whether_heic_is_read_depends_on_what_is_installed(monkeypatch):
-    monkeypatch.setattr(names.importlib.util, "find_spec", lambda name: None if name == "pillow_heif" else ...)
-    assert not names.reads_heic()
-    monkeypatch.setattr(names.importlib.util, "find_spec", lambda name: ...)
+def test_whether_heic_is_read_depends_on_what_is_installed(monkeypatch, package):
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "pillow_heif", None)
+        assert not names.reads_heic()
+    package("pillow_heif", "")
     assert names.reads_heic()

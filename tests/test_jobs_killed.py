@@ -103,6 +103,7 @@ def test_kill_9_of_the_command_loses_nothing(clean, tmp_path, run_cli):
     assert status == {name: "unchanged" if name in complete else "done" for name in NAMES}
 
 
+@pytest.mark.slow  # test_jobs_pool.py has workers that die in a pool of its own
 def test_a_killed_worker_takes_down_no_more_than_a_moment(clean, tmp_path):
     pictures, wanted = clean
 

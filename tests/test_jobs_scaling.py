@@ -41,21 +41,19 @@ def test_sides_that_were_rounded_fit_again():
 
 
 def test_only_what_is_too_large_is_scaled_for_measuring(monkeypatch):
-    picture = load_picture(encode(Image.fromarray(smooth_pixels(60, 20))))
+    picture, wide = (load_picture(encode(Image.fromarray(smooth_pixels(*size)))) for size in ((60, 20), (65534, 4)))
     assert measurable(picture) is picture
-    monkeypatch.setattr(limits, "MAX_SIDE", 30)
-    assert (measurable(picture).width, measurable(picture).height) == (30, 10)
+    assert (measurable(wide).width, measurable(wide).height) == (32767, 2)
     monkeypatch.setattr(limits, "MAX_MEASURED_PIXELS", 100)
     small = measurable(picture)
     assert 60 <= small.width * small.height <= 110
 
 
-def test_a_picture_too_large_to_draw_is_measured_smaller_and_says_so(monkeypatch):
-    monkeypatch.setattr(limits, "MAX_SIDE", 30)
-    picture = load_picture(encode(Image.fromarray(smooth_pixels(60, 20))), name="wide.png")
+def test_a_picture_too_large_to_draw_is_measured_smaller_and_says_so():
+    picture = load_picture(encode(Image.fromarray(smooth_pixels(65534, 4))), name="wide.png")
     settings = FitSettings.from_preset(curves=8, steps=20, threads=1)
     done = vectorize_picture(picture, Request(settings, style="photo"))
-    assert 'viewBox="0 0 60 20"' in done.svg
-    assert done.pixels.shape[:2] == (10, 30)
-    assert "quality measured at 30 x 10 pixels" in done.report.notes
+    assert 'viewBox="0 0 65534 4"' in done.svg
+    assert done.pixels.shape[:2] == (2, 32767)
+    assert "quality measured at 32767 x 2 pixels" in done.report.notes
     assert done.report.quality.agreement_db > 35

@@ -125,8 +125,7 @@ def test_a_result_far_from_its_picture_says_so():
     assert not any("far" in note for note in vectorize(disc(), threads=1).report.notes)
 
 
-def test_a_drawing_that_is_near_its_picture_stays(monkeypatch):
-    monkeypatch.setattr(choose, "choose_style", as_drawing)
+def test_a_drawing_that_is_near_its_picture_stays():
     noisy = np.clip(disc() + np.random.default_rng(1).normal(0, 5, (80, 96, 3)), 0, 255).astype(np.uint8)
     assert vectorize(noisy, threads=1, measure=False).report.style == "artwork"
 

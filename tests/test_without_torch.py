@@ -51,9 +51,9 @@ def test_no_command_on_the_cpu_imports_torch(tmp_path):
     for name in ("a.png", "many/b.png", "many/c.png"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         Image.fromarray(smooth_pixels(48, 36)).save(tmp_path / name)
-    Image.fromarray(smooth_pixels(1800, 1300)).save(tmp_path / "large.jpg")
+    Image.fromarray(smooth_pixels(1100, 800)).save(tmp_path / "large.jpg")
     Image.fromarray(smooth_pixels(48, 36)[..., 0]).save(tmp_path / "mask.png")
-    usual = ["--style", "photo", "--preset", "draft", "--steps", "30", "--curves", "12", "--threads", "1", "--force"]
+    usual = ["--style", "photo", "--preset", "draft", "--steps", "12", "--curves", "12", "--threads", "1", "--force"]
     fit = ["vectorize", "a.png", "-o", "a.svg", *usual]
     lines = [
         fit,
@@ -66,7 +66,7 @@ def test_no_command_on_the_cpu_imports_torch(tmp_path):
         [*fit, "--report", "--animation", "a.webp"],
         [*fit[:3], "b.svg", *usual, "--init", "a.svg"],
         [*fit[:3], "b.svg", *usual[:-3], "--force", "--curves", "20", "--init", "a.svg", "--freeze"],
-        ["vectorize", "a.png", "-o", "b.svg", "--style", "photo", "--steps", "30", "--max-bytes", "900", "--force"],
+        ["vectorize", "a.png", "-o", "b.svg", "--style", "photo", "--steps", "12", "--max-bytes", "900", "--force"],
         ["vectorize", "large.jpg", "-o", "large.svg", *usual],
         ["vectorize", "many", "-o", "out", *usual, "--jobs", "1"],
         ["vectorize", "a.png", "-o", "c.svg", "--style", "artwork", "--force"],

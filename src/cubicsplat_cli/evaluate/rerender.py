@@ -7,7 +7,7 @@ import io
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
@@ -182,17 +182,13 @@ def _probe(name: str) -> RendererInfo:
 def _load(name: str) -> tuple[ModuleType | None, str | None]:
     """Import a renderer; where that fails, the problem and its remedy instead."""
     try:
-        return _import_module(_PACKAGES[name]), None
+        return importlib.import_module(_PACKAGES[name]), None
     except OSError as error:
         # cairocffi looks for the shared library while it is imported.
         first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
         return None, f"{name} found no libcairo ({first_line}); {install_hint()}"
     except ImportError as error:
         return None, f"{name} cannot be imported ({error}); pip install {_PACKAGES[name]}"
-
-
-# A seam: tests put a function here that fails as a system without libcairo does.
-_import_module: Callable[[str], ModuleType] = importlib.import_module
 
 
 def _draw_cairosvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:

@@ -43,19 +43,27 @@ _SVG = "http://www.w3.org/2000/svg"
 
 
 def downsampled_svg(
-    svg: bytes, width: int, height: int, scale: int, *, source: str = "SVG", renderer: str | None = None
+    svg: bytes,
+    width: int,
+    height: int,
+    scale: int,
+    *,
+    source: str = "SVG",
+    renderer: str | None = None,
+    tile_pixels: int = TILE_PIXELS,
 ) -> Rendered:
     """Draw SVG bytes of any origin at (width * scale) x (height * scale) px and average to width x height.
 
-    The pixels are (H, W, 4) float32, premultiplied, in [0, 1]. Memory is bounded by one tile and the result. Raises
-    UsageError for a scale outside 1..12, and what `check_untrusted` and `rerender` raise.
+    The pixels are (H, W, 4) float32, premultiplied, in [0, 1]. Memory is bounded by one tile, of at most `tile_pixels`
+    px of the enlarged picture, and the result. Raises UsageError for a scale outside 1..12, and what `check_untrusted`
+    and `rerender` raise.
     """
     SCALE.check("scale", scale)
     size = check_untrusted(svg, source)
     module, name, note = choose_renderer(renderer)
     pixels = np.empty((height, width, 4), np.float32)
     with drawing_with(name, source):
-        for tile in tiles(width, height, scale, TILE_PIXELS):
+        for tile in tiles(width, height, scale, tile_pixels):
             if name == "cairosvg":
                 part = _tile_cairosvg(module, svg, width * scale, height * scale, scale, tile)
             else:
@@ -71,16 +79,19 @@ def scaled_samples(samples: int, scale: int) -> int:
     return min(_MOST_SAMPLES, round(samples * scale**0.5))
 
 
-def downsampled_scene(scene: Scene, scale: int, *, samples: int = 24, threads: int | None = None) -> np.ndarray:
+def downsampled_scene(
+    scene: Scene, scale: int, *, samples: int = 24, threads: int | None = None, tile_pixels: int = TILE_PIXELS
+) -> np.ndarray:
     """The engine's exact picture of a scene `scale` times as large, averaged back: (H, W, C) float32.
 
     C = 3, or 4 (premultiplied) without a background. samples: edges per cubic at scale 1. Memory is bounded by one
-    tile and the result. Raises UsageError for a scale outside 1..12, InputError for a scene that is not valid.
+    tile, as of `downsampled_svg`, and the result. Raises UsageError for a scale outside 1..12, InputError for a scene
+    that is not valid.
     """
     SCALE.check("scale", scale)
     scene.validate()
     picture = np.empty((scene.height, scene.width, scene.channels), np.float32)
-    for tile in tiles(scene.width, scene.height, scale, TILE_PIXELS):
+    for tile in tiles(scene.width, scene.height, scale, tile_pixels):
         drawn = draw_part(scene, scale, tile, scaled_samples(samples, scale), threads)
         picture[tile.rows, tile.columns] = area_means(drawn, scale)
     return picture
