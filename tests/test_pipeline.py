@@ -67,12 +67,18 @@ def blotches() -> np.ndarray:
     return pixels
 
 
-def as_drawing(_target) -> Style:
-    return Style("artwork", "flat")
+@pytest.fixture
+def taken_for(monkeypatch):
+    """Makes every picture suit a style: that, and the reason."""
+
+    def take(style: str, reason: str) -> None:
+        monkeypatch.setattr(choose, "choose_style", lambda _target: Style(style, reason))
+
+    return take
 
 
-def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch):
-    monkeypatch.setattr(choose, "choose_style", as_drawing)
+def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch, taken_for):
+    taken_for("artwork", "flat")
     task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer())
     first, second = candidates(task)
     assert (first.style.name, second.style.name) == ("artwork", "photo")
@@ -85,13 +91,13 @@ def test_a_drawing_that_a_quick_photo_outdoes_gives_way_to_a_photo(monkeypatch):
 
 
 @pytest.mark.parametrize("svg", [None, Path("x.svg")])
-def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_svg(svg, monkeypatch):
+def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_svg(svg, taken_for):
     class Puts(MemorySink):
         def put(self, kind: str, data: bytes) -> None:
             puts.append((kind, data))
 
     puts: list[tuple[str, bytes]] = []
-    monkeypatch.setattr(choose, "choose_style", as_drawing)
+    taken_for("artwork", "flat")
     data = encode_png(np.dstack([blotches(), np.full((18, 24), 255, np.uint8)]))
     job = Job("-", None, Outputs(svg, None, None), data=data)
     outcome = run_job(job, Request(FitSettings(curves=4, steps=60, threads=1)), sink=Puts(), observer=Observer())
@@ -100,11 +106,11 @@ def test_a_drawing_is_safe_while_the_photo_is_made_but_standard_output_gets_one_
     assert outcome.report.output.svg_sha256 == hashlib.sha256(puts[-2][1]).hexdigest()
 
 
-def test_ctrl_c_during_the_comparison_keeps_the_drawing(monkeypatch):
+def test_ctrl_c_during_the_comparison_keeps_the_drawing(monkeypatch, taken_for):
     def interrupted(_loop) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(choose, "choose_style", as_drawing)
+    taken_for("artwork", "flat")
     monkeypatch.setattr(FitLoop, "advance", interrupted)
     task = task_of(as_picture(blotches()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer())
     first, last = candidates(task)
@@ -130,12 +136,12 @@ def test_a_drawing_that_is_near_its_picture_stays():
     assert vectorize(noisy, threads=1, measure=False).report.style == "artwork"
 
 
-def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(monkeypatch):
+def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(taken_for):
     y, x = np.mgrid[0:64, 0:96]
     letters = np.where(((x // 2 + y // 3 * 7) * 2654435761 >> 7) % 3 == 0, 20, 235).astype(np.uint8)
     text = np.dstack([letters] * 3)
     text[:20] = 235
-    monkeypatch.setattr(choose, "choose_style", lambda _target: Style("photo", "measured"))
+    taken_for("photo", "measured")
     first, second = candidates(task_of(as_picture(text), Request(FitSettings(steps=20, threads=1)), StageTimer()))
     assert (first.style.name, second.style.name) == ("photo", "artwork")
     assert "measured, but as a photo it has only" in second.style.reason
@@ -157,10 +163,10 @@ def fails(*_) -> None:
 
 
 @pytest.mark.parametrize(("broken", "other"), [("artwork", "photo"), ("photo", "artwork")])
-def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, monkeypatch):
+def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, monkeypatch, taken_for):
     monkeypatch.setattr(choose, "drawn_outlines", fails if broken == "artwork" else choose.drawn_outlines)
     monkeypatch.setitem(choose.MAKERS, broken, fails)
-    monkeypatch.setattr(choose, "choose_style", lambda _target: Style(broken, "measured"))
+    taken_for(broken, "measured")
     report = vectorize(flat_picture(), threads=1, steps=5).report
     assert (report.style, report.style_reason) == (other, f"measured, but as {broken} it failed")
     assert f"made as {other}, since {broken} failed: it is broken" in report.notes
