@@ -12,7 +12,17 @@ from cubicsplat_cli.evaluate.metrics import measurable, measure, weighted_psnr_d
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
 from cubicsplat_cli.files.marks import sha256_of
-from cubicsplat_cli.metrics import FileQuality, Input, Output, OwnQuality, Qualities, Report, Timing, gap_db
+from cubicsplat_cli.metrics import (
+    SECONDS_DECIMALS,
+    FileQuality,
+    Input,
+    Output,
+    OwnQuality,
+    Qualities,
+    Report,
+    Timing,
+    gap_db,
+)
 from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
 from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
@@ -105,7 +115,9 @@ def report_of(task: Task, made: Made, figures: Measured | None, output: Output, 
     source, request, seconds = task.source, task.request, task.timer.seconds
     facts = {"device": {"name": "cpu"}, "timing": Timing(0.0, seconds["fit"]), **made.facts}
     stages = {f"{name}_s": seconds.get(name) for name in ("read", "write", "draw", "measure")}
-    timing = replace(facts.pop("timing"), total_s=task.timer.total(), **stages)
+    # Cut here: the page and the summary round it once more, and shall say what the written report says.
+    total = round(task.timer.total(), SECONDS_DECIMALS)
+    timing = replace(facts.pop("timing"), total_s=total, **stages)
     return Report(
         input=Input(path or source.source, source.sha256, *source.size, source.alpha is not None),
         output=output,
