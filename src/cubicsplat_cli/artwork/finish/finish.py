@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage, sparse
+from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from cubicsplat_cli.artwork.finish.freedom import NO_PINS, CopyFreedom, Freedom, Held, Pins, freedom_of
@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.finish.seals import leak_misfit, leaks, sealed_equat
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import CoverageJacobian, Goal, StackPieces, draw_stack
 from cubicsplat_cli.scene.paint import Ink
 

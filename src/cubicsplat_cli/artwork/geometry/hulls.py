@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import polygon
+from cubicsplat_cli.raster import ndimage
 
 
 def hull_mask(mask: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.parts import (
     CLEAR,
@@ -25,6 +24,7 @@ from cubicsplat_cli.artwork.gradients.parts import (
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED, united
+from cubicsplat_cli.raster import ndimage
 
 LEAST_RANGE = 3.0  # levels, within which an area has one colour
 # Uneven parts of a picture, and gradients sought.

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene.paint import Gradient, painted
 
 REACH, SLOTS = 3, 4  # px in which the paints of a blend are sought, and how many

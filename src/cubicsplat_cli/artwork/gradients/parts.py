@@ -7,10 +7,10 @@ not.
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.shade import Shade
+from cubicsplat_cli.raster import ndimage
 
 # Levels: a second difference that rounding makes, the steepest change per px, and what a gradient explains of a pixel.
 BEND, STEEP, CLOSE = 2.6, 12.0, 2.0
@@ -20,7 +20,7 @@ MOST_PIECES = 8  # that a part is divided into
 SAME_INK, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and share of the area that has it
 CLEAR = 0.5  # levels of opacity
 RING = 4  # px of its surroundings that a part is looked at with
-PLUS = ndimage.generate_binary_structure(2, 1)
+PLUS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
 SQUARE = np.ones((3, 3), dtype=bool)
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, SQUARE, Part
 from cubicsplat_cli.artwork.gradients.ramps import alike
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
 
 EXPLAINED = 0.95  # share of an area's pixels, for one gradient to be enough
 ALIKE = 0.4  # share of an area's pixels that another's gradient explains, for one to be sought for both

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
+from cubicsplat_cli.raster import ndimage
 
 # Px of a window, wider where there is more noise than NOISY levels.
 WINDOW, WIDER, NOISY = 5, 9, 2.0

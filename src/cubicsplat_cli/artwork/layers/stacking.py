@@ -13,9 +13,6 @@ from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
 import numpy as np
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
@@ -24,6 +21,8 @@ from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.inks import CLEAR
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.graphs import strong_groups
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
@@ -265,8 +264,7 @@ def _without_cycles(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of `count` groups that one lies above another, cycles broken where the evidence is weakest."""
     while True:
-        graph = coo_array((np.ones(len(above)), (above, below)), shape=(count, count))
-        _, knot = connected_components(graph, directed=True, connection="strong")
+        _, knot = strong_groups(count, above, below)
         inside = np.flatnonzero(knot[above] == knot[below])
         if not len(inside):
             return above, below

@@ -8,9 +8,9 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster import ndimage
 
 # Levels: a pixel is flat where its 3x3 neighbourhood spans at most so much; inks nearer than `SAME` are one.
 FLAT_RANGE = 3.0

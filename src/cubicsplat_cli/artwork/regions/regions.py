@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
@@ -24,6 +23,7 @@ from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blen
 from cubicsplat_cli.artwork.regions.inks import SAME, flat_pixels
 from cubicsplat_cli.artwork.regions.line_blends import line_blends
 from cubicsplat_cli.artwork.regions.rules import with_rules
+from cubicsplat_cli.raster import ndimage
 
 # A pixel within so many levels of an ink is that ink.
 PURE = 2.5

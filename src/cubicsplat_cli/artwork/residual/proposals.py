@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.geometry.coverage import coverage
@@ -23,6 +22,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, ErrorModel
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
+from cubicsplat_cli.raster import ndimage
 
 DOT = 4  # px of a shape, below which it becomes a circle
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from scipy.special import ndtr
 
 from cubicsplat_cli.artwork.robust import huber, huber_weights
 from cubicsplat_cli.artwork.shadows.boxes import Box
@@ -35,6 +34,9 @@ ROUNDER = 1e-4
 # Nodes along the arc of a corner: at least, for each sigma of its radius, and at most.
 NODES, MORE_NODES, MOST_NODES = 10, 3.0, 160
 BEYOND = 4.2  # sigmas from a box at which its shadow ends
+
+
+_erfc = np.frompyfunc(math.erfc, 1, 1)
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,11 @@ def layers_of(numbers: np.ndarray) -> tuple[BlurredBox, ...]:
         bounded = float(np.clip(np.exp(sigma), LEAST_SIGMA, MOST_SIGMA))
         out.append(BlurredBox(dx, dy, grown, rounder, bounded, float(1.0 / (1.0 + np.exp(-odds)))))
     return tuple(out)
+
+
+def ndtr(x: np.ndarray) -> np.ndarray:
+    """The share of a normal distribution of deviation 1 that lies below x, of the same shape."""
+    return 0.5 * _erfc(x * -(0.5**0.5)).astype(np.float64)
 
 
 @cache

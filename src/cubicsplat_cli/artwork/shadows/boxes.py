@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+
+from cubicsplat_cli.raster import ndimage
 
 FAR = 400.0  # px beyond the canvas that a side lies which the canvas cuts off
 ALIKE, RADII = 0.6, 33  # px by which a silhouette may be off its box in the mean of its outline; radii tried

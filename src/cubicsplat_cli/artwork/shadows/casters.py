@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import MOST_PARTS
 from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, Part, plateau
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of, filled
+from cubicsplat_cli.raster import ndimage
 
 LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans
 MOST_TRIED = 6  # parts, the largest, looked at

@@ -12,10 +12,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.tracing.smoothing import arc_lengths, most_misfit
 from cubicsplat_cli.raster.outlines import flanks
+from cubicsplat_cli.raster.point_tree import PointTree
 
 GAP = 1.0  # px to either side of a place that are not looked at
 FARTHEST = 4.5  # px from the place to the nearest point of a flank
@@ -190,7 +190,7 @@ def _flanks(points: np.ndarray, weights: np.ndarray, s: np.ndarray, places: np.n
 def _strongest(score: np.ndarray, meet: np.ndarray) -> np.ndarray:
     """Indices of the strongest corners, none within SPACING of a stronger one, in order."""
     able = np.flatnonzero((score > 0.0) & np.isfinite(meet).all(axis=1))
-    near = cKDTree(meet[able]).query_ball_point(meet[able], SPACING) if len(able) else []
+    near = PointTree(meet[able]).query_ball_point(meet[able], SPACING) if len(able) else []
     free, chosen = np.ones(len(able), dtype=bool), []
     for k in np.argsort(-score[able], kind="stable").tolist():
         if free[k]:

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.tracing.corners import Corners
 from cubicsplat_cli.artwork.tracing.sections import CORNER_ERRORS, LEAST_ERRORS, SURE_WEIGHT, Division, Section, divide
 from cubicsplat_cli.artwork.tracing.smoothing import LocalFits, local_fits
+from cubicsplat_cli.raster.point_tree import PointTree
 
 # Drawing programs sample edges on a grid of about quarter pixels, so the points of a nearly level or upright stretch
 # err together as far as the stretch takes to cross a row of samples; they count as one.
@@ -66,7 +66,7 @@ class _Runs:
 
     def __init__(self, points: np.ndarray, weights: np.ndarray, price: float) -> None:
         self.points, self.weights, self.price = points, weights, price
-        self._tree = cKDTree(points)
+        self._tree = PointTree(points)
         self._known: dict[tuple[int, int], Division] = {}
 
     def weights_of(self, corners: Corners) -> np.ndarray:
