@@ -24,7 +24,7 @@ def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
     """
     values = np.ascontiguousarray(values, np.float32)
     out = np.empty(values.shape[:2], np.float32)
-    _call("cs_spread", values, *values.shape, rows, columns, out)
+    native("cs_spread", values, *values.shape, rows, columns, out)
     return out
 
 
@@ -34,7 +34,7 @@ def nearest_inks(values: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, n
     """
     values, palette = (np.ascontiguousarray(each, np.float32) for each in (values, palette))
     index, gap = np.empty(values.shape[:-1], np.int32), np.empty(values.shape[:-1], np.float32)
-    _call("cs_nearest", index.size, values, len(palette), palette, index, gap, result=None)
+    native("cs_nearest", index.size, values, len(palette), palette, index, gap, result=None)
     return index, gap
 
 
@@ -44,7 +44,7 @@ def near_inks(inks: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int) -> np.
     """
     inks, y, x = _int32(inks), _whole(y), _whole(x)
     near = np.empty((len(y), SLOTS), np.int32)
-    _call("cs_near", inks, *inks.shape, len(y), y, x, reach, SLOTS, near)
+    native("cs_near", inks, *inks.shape, len(y), y, x, reach, SLOTS, near)
     return near
 
 
@@ -56,7 +56,7 @@ def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tup
     """
     values, palette, near = np.ascontiguousarray(values, np.float32), _doubles(palette), _int32(near)
     winner, residual = np.empty(len(values), np.int32), np.empty(len(values))
-    _call("cs_unmix", len(values), values, palette, near.shape[1], near, winner, residual, result=None)
+    native("cs_unmix", len(values), values, palette, near.shape[1], near, winner, residual, result=None)
     return winner, residual
 
 
@@ -66,7 +66,7 @@ def residual_of_three(values: np.ndarray, palette: np.ndarray, near: np.ndarray)
     """
     values, palette, near = np.ascontiguousarray(values, np.float32), _doubles(palette), _int32(near)
     residual = np.empty(len(values))
-    _call("cs_unmix_three", len(values), values, palette, near.shape[1], near, residual, result=None)
+    native("cs_unmix_three", len(values), values, palette, near.shape[1], near, residual, result=None)
     return residual
 
 
@@ -80,7 +80,7 @@ def blend_with(
     count = max((len(each) for each in given if each.ndim == 2), default=1)
     share, residual = np.empty(count), np.empty(count)
     steps = [part for each in given for part in (each, 4 * (each.ndim - 1))]
-    _call("cs_blend_with", count, *steps, share, residual, result=None)
+    native("cs_blend_with", count, *steps, share, residual, result=None)
     return share, residual
 
 
@@ -102,7 +102,7 @@ def inks_of_lines(
     (y, x), (first, second) = (_whole(each) for each in place), (_doubles(each) for each in beside)
     ink, share, residual = np.empty(len(values), np.int64), np.empty(len(values)), np.empty(len(values))
     found = (window, *costs, ink, share, residual)
-    _call("cs_line_inks", len(values), values, y, x, len(palette), palette, first, second, *found)
+    native("cs_line_inks", len(values), values, y, x, len(palette), palette, first, second, *found)
     return ink, share, residual
 
 
@@ -112,7 +112,7 @@ def distance_to_blends(values: np.ndarray, inks: np.ndarray, first: int = 0) -> 
     """
     values, inks = np.ascontiguousarray(values, np.float32), _doubles(inks)
     square = np.empty(len(values))
-    _call("cs_off_blends", len(values), values, len(inks), inks, first, square, result=None)
+    native("cs_off_blends", len(values), values, len(inks), inks, first, square, result=None)
     return np.sqrt(square)
 
 
@@ -127,7 +127,7 @@ def part_inks(levels: np.ndarray, owner: np.ndarray, even: float, side: float) -
     room = int(np.count_nonzero(owner))
     inks, sizes = np.empty((room, 4)), np.empty(room)
     parts = int(owner.max(initial=0))
-    count = _call("cs_part_inks", owner.size, levels, owner, parts, float(even), side, inks, sizes, result=c_int64)
+    count = native("cs_part_inks", owner.size, levels, owner, parts, float(even), side, inks, sizes, result=c_int64)
     return inks[:count].copy(), sizes[:count].copy()
 
 
@@ -137,7 +137,7 @@ def joined_inks(inks: np.ndarray, weights: np.ndarray, same: float, most: int) -
     """
     inks, weights = _doubles(inks), np.array(weights, np.float64)
     kept = np.empty(min(len(inks), most), np.int64)
-    count = _call("cs_join_inks", len(inks), inks, weights, same, most, kept, result=c_int64)
+    count = native("cs_join_inks", len(inks), inks, weights, same, most, kept, result=c_int64)
     return inks[kept[:count]], weights[kept[:count]]
 
 
@@ -168,7 +168,7 @@ def are_lines(
     lines = np.zeros(len(colours), bool)
     numbers = (rule.one, rule.ground, rule.between, rule.off, *rule.shares, rule.more)
     sizes_of = (len(colours), colours, sizes, len(inks), inks, *(float(number) for number in numbers))
-    _call("cs_are_lines", levels, *thin.shape, thin, *sizes_of, lines)
+    native("cs_are_lines", levels, *thin.shape, thin, *sizes_of, lines)
     return lines
 
 
@@ -178,18 +178,18 @@ def components(values: np.ndarray) -> tuple[np.ndarray, int]:
     """
     values = _int32(values)
     labels = np.empty_like(values)
-    return labels, _call("cs_components", values, *values.shape, labels, result=c_int64)
+    return labels, native("cs_components", values, *values.shape, labels, result=c_int64)
 
 
 def holes_of(mask: np.ndarray) -> np.ndarray:
     """(h, w) bool: what a mask's pixels enclose without being it, connected along the sides of pixels."""
     mask = np.ascontiguousarray(mask, bool)
     holes = np.empty_like(mask)
-    _call("cs_holes", mask, *mask.shape, holes)
+    native("cs_holes", mask, *mask.shape, holes)
     return holes
 
 
-def _call(name: str, *given: Any, result: type | None = c_int32) -> int:
+def native(name: str, *given: Any, result: type | None = c_int32) -> int:
     """What a function of the library returns for arrays, which it takes as pointers, and numbers. EngineError where
     that says that there is no memory.
     """
