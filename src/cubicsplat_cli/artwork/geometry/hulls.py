@@ -1,4 +1,4 @@
-"""Convex hulls and holes of pixel masks."""
+"""Convex hulls of pixel masks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import polygon
-from cubicsplat_cli.raster import ndimage
 
 
 def hull_mask(mask: np.ndarray) -> np.ndarray:
@@ -35,14 +34,3 @@ def _chain(points: list[list[int]]) -> list[list[int]]:
 
 def _turn(a: list[int], b: list[int], c: list[int]) -> int:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-def holes_of(mask: np.ndarray) -> np.ndarray:
-    """(h, w) bool: what a mask's pixels enclose without being it."""
-    parts, count = ndimage.label(~mask)
-    if count == 0:
-        return np.zeros_like(mask)
-    closed = np.ones(count + 1, dtype=bool)
-    closed[0] = False
-    closed[np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]])] = False
-    return closed[parts]
