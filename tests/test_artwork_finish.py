@@ -101,7 +101,7 @@ def test_the_finish_looks_through_a_blur():
     # An outline is judged by what the blur carries beyond the pixels that it crosses, too.
     moved = begin(drawing, goal)
     crossed = settled.stack.growth(moved.stack, settled.owners, moved.owners, 2)
-    assert (settled.growth(moved) > 1.5 * crossed).all() and (crossed > 0.0).all()
+    assert (settled.growth(moved, np.ones(2, dtype=bool)) > 1.5 * crossed).all() and (crossed > 0.0).all()
 
 
 def test_outlines_that_rest_are_looked_at_again_when_the_picture_beneath_them_changes():

@@ -131,11 +131,11 @@ class State:
         """Px by which the goal's blur carries most of a pixel's change, 0 without one."""
         return -(-self.goal.reach // 2)
 
-    def growth(self, after: State, *, leaks: bool = False) -> np.ndarray:
-        """(outlines,) by how much the misfit, and with `leaks` the value, grows on the pixels that an outline crosses
-        before or after, and those around that a blur adds."""
-        count = len(self.outlines)
-        return self.stack.growth(after.stack, self.owners, after.owners, count, self.spread, leaks=leaks)
+    def growth(self, after: State, wanted: np.ndarray, *, leaks: bool = False) -> np.ndarray:
+        """(outlines,) by how much the misfit, and with `leaks` the value, grows on the pixels that some outlines
+        (outlines,) bool cross before or after, and those around that a blur adds; 0 for the others."""
+        before, later = (np.where(wanted[each], each, -1) for each in (self.owners, after.owners))
+        return self.stack.growth(after.stack, before, later, len(wanted), self.spread, leaks)
 
 
 def goal_of(target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = None) -> Goal:
@@ -152,8 +152,13 @@ def goal_of(target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = No
 
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
     """The state of a drawing against its picture; what is pinned stays where it is."""
+    return State.of(layers_of(drawing, goal, pins), goal)
+
+
+def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]:
+    """The layers of a drawing; what is pinned stays where it is."""
     held = Held(drawing.width, drawing.height, pins)
-    return State.of([_layer(shape, held, goal.space) for shape in drawing.shapes], goal)
+    return [_layer(shape, held, goal.space) for shape in drawing.shapes]
 
 
 def settle(state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True) -> State:
@@ -194,7 +199,7 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
     trial = state
     for left in reversed(range(TAKEN_BACK + 1)):
         trial = trial.with_layers(kept(state.layers, layers, refused))
-        loss = np.bincount(families, state.growth(trial, leaks=True), len(families))[families]
+        loss = np.bincount(families, state.growth(trial, moving, leaks=True), len(families))[families]
         loss = np.where(refused | ~moving, 0.0, loss)
         if left == 0 or not (loss > SAME).any():
             break

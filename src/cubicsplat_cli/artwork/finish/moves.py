@@ -122,17 +122,20 @@ def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:
 
 def shorter(before: State, after: State, changed: np.ndarray, detail: float, error: float = 0.0) -> np.ndarray:
     """(outlines,) bool: which changed outlines make the whole description longer rather than shorter."""
-    worse, gained = np.zeros(len(changed), dtype=bool), gains(before, after, error)
+    worse, gained = np.zeros(len(changed), dtype=bool), gains(before, after, changed, error)
     for k in np.flatnonzero(changed):
         cost = PRICE * (after.outlines[k].outline().parameters - before.outlines[k].outline().parameters)
         worse[k] = gained[k] * detail < cost
     return worse
 
 
-def gains(before: State, after: State, error: float) -> np.ndarray:
-    """(outlines,) by how much half of chi^2 falls on the pixels that an outline crosses before or after."""
-    floors = np.array([floor_of(before, k, error) for k in range(len(before.outlines))])
-    return -0.5 * before.growth(after) / floors
+def gains(before: State, after: State, wanted: np.ndarray, error: float) -> np.ndarray:
+    """(outlines,) by how much half of chi^2 falls on the pixels that some outlines (outlines,) bool cross before or
+    after; 0 for the others."""
+    found = -0.5 * before.growth(after, wanted)
+    for k in np.flatnonzero(wanted).tolist():
+        found[k] /= floor_of(before, k, error)
+    return found
 
 
 def floor_of(state: State, number: int, error: float) -> float:

@@ -179,11 +179,14 @@ def _saved(
     Outlines are off by SYSTEMATIC px besides by chance, alike along their length; what a tie moves them so far is free.
     """
     outlines = state.outlines
-    families, saved, gained = np.arange(len(outlines)), np.zeros(len(outlines)), gains(state, trial, error)
+    families, saved = np.arange(len(outlines)), np.zeros(len(outlines))
     for k, freedom in tied.items():
         if isinstance(freedom, CopyFreedom):
             families[k] = freedom.source
-    for k in sorted({*tied, *families[list(tied)].tolist()}):
+    wanted = np.zeros(len(outlines), dtype=bool)
+    wanted[[*tied, *families[list(tied)].tolist()]] = True
+    gained = gains(state, trial, wanted, error)
+    for k in np.flatnonzero(wanted).tolist():
         crossed = int(state.marks[k + 1] - state.marks[k])
         known = 1.0 - error**2 / max(floor_of(state, k, error), error**2, TINY)
         allowed = 0.5 * crossed * known * (SYSTEMATIC / SEEN_SIGMA) ** 2
