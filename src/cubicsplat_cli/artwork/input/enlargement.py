@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.condition import LEAST_BLUR, edge_blur
 from cubicsplat_cli.raster import ndimage
 
@@ -33,10 +34,13 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:
     blur = edge_blur(levels)
     if blur is not None and blur < LEAST_BLUR:
         return levels, 1
+    few = _steepest(levels)
+    if _sharp(few):
+        return levels, 1
     for factor in FACTORS:
         if min(levels.shape[:2]) < 8 * factor:
             break
-        kernel, off = min(((kernel, _tried(levels, factor, kernel)) for kernel in KERNELS), key=lambda found: found[1])
+        kernel, off = min(((kernel, _tried(few, factor, kernel)) for kernel in KERNELS), key=lambda found: found[1])
         small = _undone(levels, factor, kernel) if off <= OFF else None
         if small is not None:
             return small, factor
@@ -62,11 +66,25 @@ def _blends(levels: np.ndarray) -> int:
     return int(between.any(axis=-1).sum())
 
 
-def _tried(levels: np.ndarray, factor: int, kernel: Callable[[np.ndarray], np.ndarray]) -> float:
-    """By how many levels the steepest columns are off, in the mean at edges, when they are made smaller and larger."""
-    down = _enlarging(len(levels), factor, kernel)
-    steep = np.abs(np.diff(levels, axis=0)).max(axis=(0, 2))
-    few = levels[:, np.argsort(-steep, kind="stable")[:LINES]]
+def _steepest(levels: np.ndarray) -> np.ndarray:
+    """(H, LINES, 4) the columns of a picture that change most from one pixel to the next."""
+    steep = largest(np.abs(np.diff(levels, axis=0))).max(axis=0)
+    return levels[:, np.argsort(-steep, kind="stable")[:LINES]]
+
+
+def _sharp(lines: np.ndarray) -> bool:
+    """Whether lines (H, n, 4) go from one even colour to another within two steps, in too many places: any kernel that
+    spans a pixel of the smaller picture takes three and more, none of them small.
+    """
+    steps = largest(np.abs(np.diff(lines, axis=0)))
+    across = largest(np.abs(lines[3:-1] - lines[1:-3]))
+    sharp = (across > EDGE) & (steps[:-3] <= OFF) & (steps[3:] <= OFF)
+    return bool(sharp.sum() > (1.0 - EXACT) * (steps > EDGE).sum())
+
+
+def _tried(few: np.ndarray, factor: int, kernel: Callable[[np.ndarray], np.ndarray]) -> float:
+    """By how many levels lines (H, n, 4) are off, in the mean at edges, when they are made smaller and larger."""
+    down = _enlarging(len(few), factor, kernel)
     off, edge = _off(few, _inverse(few, down), down)
     return float(off[edge].mean()) if edge.any() else np.inf
 

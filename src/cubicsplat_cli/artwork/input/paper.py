@@ -103,8 +103,8 @@ def _polynomial(cells: np.ndarray) -> np.ndarray:
     # The lightest half of the cells to begin with: the rest may be full of ink.
     weights = (values >= np.median(values)).astype(float)
     for _ in range(ROUNDS):
-        root = np.sqrt(weights)[:, None]
-        found = terms @ np.linalg.lstsq(terms * root, values * root[:, 0], rcond=None)[0]
+        weighted = terms.T * weights
+        found = terms @ np.linalg.lstsq(weighted @ terms, weighted @ values, rcond=None)[0]
         off = values - found
         scale = max(1.4826 * float(np.median(np.abs(off))), 0.5)
         weights = np.maximum(1.0 - (off / (TUKEY * scale)) ** 2, 0.0) ** 2

@@ -78,9 +78,10 @@ def _found(levels: np.ndarray) -> tuple[Shadow, np.ndarray] | None:
     """The shadows of a picture, and (H, W) int32 the parts in which its colours change evenly, as of `smooth_parts`;
     None without any. Both where dark shadows count as even, but faint edges as well, and where neither does."""
     best = None
+    tried: set[tuple[object, ...]] = set()
     for bend in (SHARP_BEND, BEND):
         parts, count = smooth_parts(levels, bend)
-        shadow = shadow_of(levels, parts, count)
+        shadow = shadow_of(levels, parts, count, tried)
         if shadow is not None and (best is None or shadow.rank < best[0].rank):
             best = shadow, parts
         if best is not None and best[0].simple:
