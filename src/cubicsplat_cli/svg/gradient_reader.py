@@ -1,4 +1,4 @@
-"""Gradients of files of ours: stops, units, transforms, and what one inherits from another."""
+"""Gradients: stops, units, transforms, and what one inherits from another."""
 
 from __future__ import annotations
 
@@ -54,8 +54,11 @@ class GradientReader:
                 definition = self._definitions[element.attributes["id"]] = _Definition(element)
                 latest = definition.stops
 
-    def gradient(self, identifier: str, box: Box) -> Gradient:
-        """The gradient of a fill "url(#identifier)" for a shape with a bounding box. Raises ValueError for none."""
+    def gradient(self, identifier: str, box: Box, to_px: np.ndarray | None = None) -> Gradient:
+        """The gradient of a fill "url(#identifier)" for a shape with a bounding box. Raises ValueError for none.
+
+        to_px: (3, 3) from the shape's units, in which the box is, to those of the result; None: the same.
+        """
         definition = self._definitions.get(identifier)
         if definition is None:
             raise ValueError(f"is filled with #{identifier}, which is no gradient in it")
@@ -82,6 +85,8 @@ class GradientReader:
         if relative:
             left, top, width, height = box
             matrix = np.array([[width, 0.0, left], [0.0, height, top], [0.0, 0.0, 1.0]]) @ matrix
+        if to_px is not None:
+            matrix = to_px @ matrix
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:2, :2])) < 1e-12:
             raise ValueError(f"has the gradient #{identifier} flattened to nothing")
         return _linear(places, matrix, stops) if name == LINEAR else _radial(places, matrix, stops)
