@@ -54,6 +54,9 @@ class GradientReader:
                 definition = self._definitions[element.attributes["id"]] = _Definition(element)
                 latest = definition.stops
 
+    def __contains__(self, identifier: str) -> bool:
+        return identifier in self._definitions
+
     def gradient(self, identifier: str, box: Box, to_px: np.ndarray | None = None) -> Gradient:
         """The gradient of a fill "url(#identifier)" for a shape with a bounding box. Raises ValueError for none.
 
