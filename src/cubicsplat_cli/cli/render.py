@@ -76,9 +76,9 @@ def render(
         bool, typer.Option("--force", help="Replace an existing file that cubicsplat did not write.")
     ] = False,
 ) -> None:
-    """Draw SVGs as PNGs, their transparency kept; or write one as PDF, PS, EPS, DXF or VectorDrawable (.xml).
+    """Draw SVGs as PNGs, or write one for another program.
 
-    Files they refer to are never fetched.
+    Transparency is kept, but in PS and EPS. Files they refer to are never fetched.
     """
     for name, value in (("width", width), ("height", height)):
         _SIDE.check(name, value)
@@ -106,7 +106,9 @@ def _plan(sources: list[str], output: str | None) -> list[tuple[Path | None, Pat
         raise UsageError("standard input (-) can only be the one input; name files and folders in another run")
     several = len(sources) > 1 or is_folder(Path(sources[0]))
     if several and output is not None and not _may_hold_several(output):
-        raise UsageError(f"-o {output} names one file, but there may be several; give a folder")
+        raise UsageError(
+            f"-o {output} names one {Path(output).suffix[1:].upper() or 'file'}, but there may be several; give a folder"
+        )
     inside = several or (output is not None and output != STDIO and names_a_folder(output))
     places: list[tuple[Path | None, Path | None]] = []
     taken: dict[Path, Path] = {}

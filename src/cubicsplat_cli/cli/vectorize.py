@@ -23,7 +23,7 @@ _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 Output = Annotated[
     str | None,
     typer.Option(
-        "--output", "-o", metavar="OUT", help="SVG (or PDF, DXF ... and SVG) to write, folder, or - for stdout.",
+        "--output", "-o", metavar="OUT", help="SVG to write (with OUT.pdf: that too), folder, or - for stdout.",
         rich_help_panel=COMMON,
         show_default=False,
     ),
@@ -78,8 +78,9 @@ def vectorize(
 ) -> None:
     """Turn pictures into SVGs of Bezier shapes.
 
-    Writes OUT.svg, OUT.png (the SVG drawn by an independent renderer) and OUT.json (figures). Leaves alone what an
-    earlier run made with the same settings. Ctrl-C ends early and writes the best SVG so far.
+    Writes OUT.svg, OUT.png (the SVG drawn by an independent renderer) and OUT.json (figures); -o OUT.pdf, .ps, .eps,
+    .dxf or .xml (Android) writes that too. Leaves alone what an earlier run made with the same settings. Ctrl-C ends
+    early and writes the best SVG so far.
     """
     if "" in inputs or output == "":
         # Path("") is the current folder, which an unset shell variable does not mean.

@@ -13,7 +13,7 @@ from cubicsplat_cli.export.shapes import Paint, PaintedShape, PaintedShapes
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient
 from cubicsplat_cli.svg.drawing_paths import PathText
 from cubicsplat_cli.svg.markup import comment_text
-from cubicsplat_cli.svg.paths import Subpath, apart, straight
+from cubicsplat_cli.svg.paths import Subpath, apart
 
 MOST_CHARACTERS = 32_767  # of one attribute: Android's resource compiler takes no more
 _MOST_SPLIT = 10_000  # subpaths, which are compared in pairs
@@ -105,20 +105,23 @@ def _gradient(gradient: Gradient) -> Element:
     return element
 
 
-def _path_data(lines: list[Subpath], precision: int) -> str:
+def _path_data(subpaths: list[Subpath], precision: int) -> str:
     """Path data in steps of 10^-precision px, without arcs, whose short form Android does not read. Once it is too
     long it ends.
     """
     path = PathText(precision)
-    for line in lines:
-        if len(path.text) > MOST_CHARACTERS:
-            break
-        steps = np.rint(line.cubics * 10.0**precision).astype(np.int64).tolist()
+    for line in subpaths:
+        cubics, third = line.cubics, np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
+        lines = cubics[:, :1] + (cubics[:, 3:] - cubics[:, :1]) * third
+        is_line = (np.abs(cubics - lines) < 0.1**precision / 2.0).all(axis=(1, 2)).tolist()
+        steps = np.rint(cubics * 10.0**precision).astype(np.int64).tolist()
         path.move(tuple(steps[0][0]))
         mirror = None
-        for cubic, points in zip(line.cubics, steps, strict=True):
+        for straight, points in zip(is_line, steps, strict=True):
+            if len(path.text) > MOST_CHARACTERS:
+                return path.text
             _, first, second, end = (tuple(point) for point in points)
-            if np.allclose(cubic, straight(cubic[0], cubic[3]), atol=1e-9):
+            if straight:
                 path.line(end)
                 mirror = None
             else:

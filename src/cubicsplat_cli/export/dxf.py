@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -15,13 +16,14 @@ from cubicsplat_cli.svg.paths import halves
 MM_PER_PX = 25.4 / 96.0  # as CSS has it
 _VERSION = "R2010"  # the oldest that ezdxf writes as UTF-8, with true colours
 _MOST_HALVINGS = 24
-_MOST_VERTICES = 2_000_000  # of one outline, and of a file
+_MOST_VERTICES = 500_000  # of one outline, and of a file: seconds, 250 MB
+_AT_ONCE = 10_000  # cubics, of which arrays are held in memory
 _TOO_MANY = f"needs more than {_MOST_VERTICES} arcs; give a larger --dxf-tolerance"
 _SAMPLES = np.arange(1, 16) / 16.0
 
 
-def dxf(drawing: PaintedShapes, mark: str, tolerance: float, source: str) -> bytes:
-    """The file. tolerance: px by which its arcs may be off the shapes' outlines. mark: text of its first comment; source: of messages.
+def dxf(drawing: PaintedShapes, mark: str, tolerance: float) -> bytes:
+    """The file. tolerance: px by which its arcs may be off the shapes' outlines. mark: text of its first comment.
 
     Raises InputError where that takes too many arcs.
     """
@@ -31,30 +33,38 @@ def dxf(drawing: PaintedShapes, mark: str, tolerance: float, source: str) -> byt
     width, height = drawing.width * MM_PER_PX, drawing.height * MM_PER_PX
     document.set_modelspace_vport(height, (width / 2.0, height / 2.0))
     space, count = document.modelspace(), 0
-    # Millimetres, and y points up.
-    to_mm = np.array([[MM_PER_PX, 0.0, 0.0], [0.0, -MM_PER_PX, height], [0.0, 0.0, 1.0]])
+    for colour, vertices, closed, pen in _outlines(drawing, tolerance):
+        layer = "#{:02x}{:02x}{:02x}".format(*colour)
+        if layer not in document.layers:
+            document.layers.add(layer, true_color=ezdxf.colors.rgb2int(colour))
+        outline = space.add_lwpolyline(vertices, format="xyb", close=closed, dxfattribs={"layer": layer})
+        if pen:
+            outline.dxf.const_width = pen
+        count += len(vertices)
+        if count > _MOST_VERTICES:
+            raise InputError(_TOO_MANY)
+    stream = io.StringIO()
+    document.write(stream)
+    return f"999\n{mark}\n{stream.getvalue()}".encode(document.output_encoding, "dxfreplace")
+
+
+def _outlines(
+    drawing: PaintedShapes, tolerance: float
+) -> Iterator[tuple[tuple[int, int, int], np.ndarray, bool, float]]:
+    """Each subpath: its colour, the vertices in mm with y up, whether it is closed, and the width of its stroke in mm,
+    0 of a fill.
+    """
+    to_mm = np.array([[MM_PER_PX, 0.0, 0.0], [0.0, -MM_PER_PX, drawing.height * MM_PER_PX], [0.0, 0.0, 1.0]])
     for shape in drawing.shapes:
         for paint, pen in ((shape.fill, 0.0), (shape.stroke, shape.width * MM_PER_PX)):
             if paint is None:
                 continue
-            colour = _colour(paint)
-            layer = "#{:02x}{:02x}{:02x}".format(*colour)
-            if layer not in document.layers:
-                document.layers.add(layer, true_color=ezdxf.colors.rgb2int(colour))
             for line in (line.mapped(to_mm) for line in shape.lines):
                 closed = line.closed or not pen
                 vertices = arcs_along(line.ring() if closed else line.cubics, tolerance * MM_PER_PX)
-                count += len(vertices)
-                if count > _MOST_VERTICES:
-                    raise InputError(f"{source}: {_TOO_MANY}")
                 if not closed:
                     vertices = np.vstack([vertices, [*line.cubics[-1, 3], 0.0]])
-                outline = space.add_lwpolyline(vertices, format="xyb", close=closed, dxfattribs={"layer": layer})
-                if pen:
-                    outline.dxf.const_width = pen
-    stream = io.StringIO()
-    document.write(stream)
-    return f"999\n{mark}\n{stream.getvalue()}".encode(document.output_encoding, "dxfreplace")
+                yield _colour(paint), vertices, closed, pen
 
 
 def _colour(paint: Paint) -> tuple[int, int, int]:
@@ -62,16 +72,17 @@ def _colour(paint: Paint) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def arcs_along(cubics: np.ndarray, tolerance: float) -> np.ndarray:
+def arcs_along(cubics: np.ndarray, tolerance: float, most: int = _MOST_VERTICES) -> np.ndarray:
     """Circular arcs along the cubics (n, 4, 2), as DXF has them: (k, 3) where each begins, and its bulge, the tangent
     of a quarter of its angle, above 0 if counterclockwise where y points up; 0 for a line.
 
     Each cubic is halved until its two tangent arcs are within the tolerance of it, in its own units. Raises InputError
-    where that takes too many.
+    where that takes more than `most`.
     """
     order, size, done = np.arange(len(cubics), dtype=float), 1.0, []
     for halving in range(_MOST_HALVINGS + 1):
-        joints, bulges, errors = _biarcs(cubics)
+        parts = [_biarcs(cubics[first : first + _AT_ONCE]) for first in range(0, len(cubics), _AT_ONCE)]
+        joints, bulges, errors = (np.concatenate(part) for part in zip(*parts, strict=True))
         # What is smaller than the tolerance is a line, whichever way it turns.
         reach = np.abs(cubics - cubics[:, :1]).max(axis=(1, 2))
         tiny = (reach <= tolerance / 2.0) | (halving == _MOST_HALVINGS)
@@ -80,8 +91,8 @@ def arcs_along(cubics: np.ndarray, tolerance: float) -> np.ndarray:
         done.append(np.column_stack([order, cubics[:, 0], bulges[:, 0]])[fits])
         done.append(np.column_stack([order + size / 2.0, joints, bulges[:, 1]])[fits & bent])
         cubics, size = halves(cubics[~fits]), size / 2.0
-        if len(cubics) > _MOST_VERTICES:
-            raise InputError(f"a line {_TOO_MANY}")
+        if len(cubics) > most:
+            raise InputError(_TOO_MANY)
         order = (order[~fits, None] + [0.0, size]).ravel()
         if not len(cubics):
             break

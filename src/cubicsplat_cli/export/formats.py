@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.evaluate.rerender import MAX_RENDER_PIXELS, checked, choose_renderer, drawing_with, refuse_url
 from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.paths import is_file, read_ends
@@ -69,23 +69,32 @@ def exported(
         if form in BY_CAIRO:
             made = _by_cairo(svg, form, drawn, source)
             return Exported(made.data + f"% {mark}\n".encode(), made.notes)
-        from cubicsplat_cli.export.shapes import painted_shapes
+        try:
+            data, left_out = _by_shapes(svg, form, size, drawn, mark, tolerance)
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from error
+    return Exported(data, [*notes, *left_out])
 
-        drawing = painted_shapes(svg, size, drawn, source)
-        if form == "dxf":
-            from cubicsplat_cli.export.dxf import dxf
 
-            data = dxf(drawing, mark, tolerance, source)
-        else:
-            from cubicsplat_cli.export.android import vector_drawable
+def _by_shapes(
+    svg: bytes, form: str, size: SvgSize, drawn: SvgSize, mark: str, tolerance: float
+) -> tuple[bytes, list[str]]:
+    from cubicsplat_cli.export.shapes import painted_shapes
 
-            data = vector_drawable(drawing, mark)
-    return Exported(data, [*notes, *drawing.notes()])
+    drawing = painted_shapes(svg, size, drawn)
+    if form == "dxf":
+        from cubicsplat_cli.export.dxf import dxf
+
+        return dxf(drawing, mark, tolerance), drawing.notes()
+    from cubicsplat_cli.export.android import vector_drawable
+
+    data = vector_drawable(drawing, mark)
+    return data, drawing.notes()
 
 
 def mark_of(svg: bytes, form: str, tolerance: float) -> str:
     """The mark of an SVG's file in a format: it says what decides the file."""
-    return made_mark(sha256_of(svg) + (f", tolerance {tolerance:g}" if form == "dxf" else ""))
+    return made_mark(sha256_of(svg) + (f", tolerance {tolerance:g} px" if form == "dxf" else ""))
 
 
 def is_current(path: Path, svg: bytes, tolerance: float) -> bool:

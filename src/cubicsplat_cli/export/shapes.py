@@ -57,10 +57,10 @@ class PaintedShapes:
         return [f"left out: {', '.join(parts)}"] if parts else []
 
 
-def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize, source: str) -> PaintedShapes:
+def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
     """The shapes of an SVG that was checked, of its natural size, drawn at another: centred where the shape differs.
 
-    Raises InputError, naming the source, for what cannot be read or has too many segments.
+    Raises InputError for what cannot be read or has too many segments.
     """
     made = PaintedShapes(drawn.width, drawn.height)
     scale = min(drawn.width / size.width, drawn.height / size.height)
@@ -77,7 +77,7 @@ def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize, source: str) -> Pa
             if segments > MAX_COMMANDS:
                 raise TooLong(f"has more than {MAX_COMMANDS} segments; simplify it")
     except (InputError, ValueError, ElementTree.ParseError) as error:
-        raise InputError(f"{source}: {one_line(error)}") from error
+        raise InputError(one_line(error)) from error
     return made
 
 

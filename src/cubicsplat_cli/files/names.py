@@ -150,9 +150,8 @@ def _instead(svg: Path, suffix: str) -> str:
         return f"for a drawn {kind} make {svg.stem}{suffix} first: its PNG is written beside it"
     if not svg.suffix:
         return f"-o {svg}{suffix} is a file, -o {svg}/ a folder, -o - standard output"
-    given = svg.suffix[1:].lower()
-    near = did_you_mean(given, [*EXPORTS, suffix[1:]]) or f"; call it {svg.with_suffix(suffix)}"
-    return f"other formats are {', '.join(EXPORTS)}{near}"
+    near = did_you_mean(svg.suffix[1:].lower(), EXPORTS)
+    return f"other formats are {', '.join(EXPORTS)}{near}" if near else f"call it {svg.with_suffix(suffix)}"
 
 
 def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) -> Path:

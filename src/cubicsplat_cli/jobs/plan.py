@@ -161,7 +161,9 @@ def _check_folder(output: str | None, pictures: int) -> None:
         raise UsageError(f"-o {output} is a file; give a folder for the results of several pictures")
     of_one = path.suffix.lower() in (PLAIN, COMPRESSED) or format_of(path) is not None
     if of_one and not is_folder(path) and not output.endswith(("/", "\\")):
-        raise UsageError(f"-o {output} names one file, but there are {pictures} pictures; give a folder")
+        raise UsageError(
+            f"-o {output} names one {path.suffix[1:].upper()}, but there are {pictures} pictures; give a folder"
+        )
 
 
 def _folder_of(source: Source, output: str | None) -> Path:
