@@ -106,9 +106,8 @@ def _plan(sources: list[str], output: str | None) -> list[tuple[Path | None, Pat
         raise UsageError("standard input (-) can only be the one input; name files and folders in another run")
     several = len(sources) > 1 or is_folder(Path(sources[0]))
     if several and output is not None and not _may_hold_several(output):
-        raise UsageError(
-            f"-o {output} names one {Path(output).suffix[1:].upper() or 'file'}, but there may be several; give a folder"
-        )
+        kind = Path(output).suffix[1:].upper() or "file"
+        raise UsageError(f"-o {output} names one {kind}, but there may be several; give a folder")
     inside = several or (output is not None and output != STDIO and names_a_folder(output))
     places: list[tuple[Path | None, Path | None]] = []
     taken: dict[Path, Path] = {}
