@@ -278,6 +278,18 @@ def test_what_no_format_of_shapes_holds_is_said():
     assert made(body, "xml").notes == ["left out: 1 clip-path, 1 dash pattern, 1 pattern, 1 text"]
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("form", ["dxf", "xml"])
+def test_what_is_too_far_away_or_cannot_be_read_is_left_out_and_said(form):
+    if form == "dxf":
+        skip_without_ezdxf()
+    stops = '<stop stop-color="nonsense"/><stop offset="1" stop-color="red"/>' + 1000 * '<stop offset="1"/>'
+    body = f'<linearGradient id="g">{stops}</linearGradient><rect width="9" height="9" fill="url(#g)"/>'
+    drawing = made(f'{body}<g transform="scale(1e20)">{RECTANGLE}</g><path d="M1 2C"/>', form)
+    expected = "1 path that cannot be read, 1 rect beyond 4000000 px, 2 stops, 1 stop that cannot be read"
+    assert drawing.notes == [f"left out: {expected}"]
+
+
 @pytest.mark.parametrize("size", [{"width": 128.0}, {"scale": 2.0}, {"width": 128.0, "height": 96.0}])
 def test_sizes_that_are_asked_for(size):
     skip_without_ezdxf()

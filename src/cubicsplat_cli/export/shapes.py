@@ -14,9 +14,10 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, reference
-from cubicsplat_cli.svg.gradient_reader import LINEAR, RADIAL, Box, GradientReader
+from cubicsplat_cli.svg.gradient_reader import LINEAR, MOST_STOPS, RADIAL, Box, GradientReader
 from cubicsplat_cli.svg.own import OwnElement
 from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, cubic_subpaths
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.untrusted import SvgSize
 from cubicsplat_cli.svg.values import Rgba, colour, length, share
 
@@ -106,6 +107,9 @@ def _painted(
     cap = style["stroke-linecap"] if style["stroke-linecap"] in ("round", "square") else "butt"
     join = style["stroke-linejoin"] if style["stroke-linejoin"] in ("round", "bevel") else "miter"
     placed = [line.mapped(matrix) for line in lines]
+    if max(float(np.abs(line.cubics).max()) for line in placed) > MAX_COORDINATE:
+        left_out[f"{shape.name} beyond {MAX_COORDINATE:.0f} px"] += 1
+        return None
     return PaintedShape(name, placed, fill, stroke, width, style["fill-rule"] == "evenodd", cap, join, limit)
 
 
@@ -143,7 +147,13 @@ def _gradients(tree: StyledTree) -> GradientReader:
             continue
         link = {"href": f"#{reference(element)}"} if reference(element) else {}
         elements.append(OwnElement(name, {**element.attrib, **link}, 0))
-        elements += [OwnElement(f"{name}/stop", _stop(tree, stop), 0) for stop in element if local_name(stop) == "stop"]
+        stops = [stop for stop in element if local_name(stop) == "stop"]
+        for stop in stops[:MOST_STOPS]:
+            try:
+                elements.append(OwnElement(f"{name}/stop", _stop(tree, stop), 0))
+            except ValueError:
+                tree.left_out["stop that cannot be read"] += 1
+        tree.left_out["stop"] += len(stops[MOST_STOPS:])
     return GradientReader(elements)
 
 
@@ -154,7 +164,7 @@ def _stop(tree: StyledTree, stop: ElementTree.Element) -> dict[str, str]:
     red, green, blue = (round(255.0 * channel) for channel in rgba[:3])
     opacity = rgba[3] * share(values.get("stop-opacity", "1"))
     return {
-        "offset": values.get("offset", "0"),
+        "offset": repr(share(values.get("offset", "0"))),
         "stop-color": f"#{red:02x}{green:02x}{blue:02x}",
         "stop-opacity": repr(opacity),
     }

@@ -17,7 +17,7 @@ _HREF = ("href", "xlink:href")
 _PLACES = {LINEAR: ("x1", "y1", "x2", "y2"), RADIAL: ("cx", "cy", "r")}
 _DEFAULTS = {"x1": "0", "y1": "0", "x2": "100%", "y2": "0", "cx": "50%", "cy": "50%", "r": "50%"}
 _DEEPEST = 16  # gradients that inherit from each other
-_MOST_STOPS = 1000
+MOST_STOPS = 1000
 
 Box = tuple[float, float, float, float]  # left, top, width, height in px
 _log = logging.getLogger("cubicsplat")
@@ -120,8 +120,8 @@ class GradientReader:
 
 def _stop(attributes: dict[str, str], before: list[Stop]) -> Stop:
     """The stop of an element; its offset is at least that of the one before it (SVG 1.1, section 13.2.4)."""
-    if len(before) >= _MOST_STOPS:
-        raise ValueError(f"has more than {_MOST_STOPS} stops in a gradient")
+    if len(before) >= MOST_STOPS:
+        raise ValueError(f"has more than {MOST_STOPS} stops in a gradient")
     opacity, offset = share(attributes.get("stop-opacity", "1")), share(attributes.get("offset", "0"))
     ink = (*hex_colour(attributes.get("stop-color", "#000")), round(255.0 * opacity))
     return Stop(max(offset, before[-1].offset if before else 0.0), ink)
