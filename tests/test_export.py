@@ -44,7 +44,7 @@ RICH = {
     '<path d="M4 4h50v10q-9 20-50 9z" fill="url(#l)" transform="skewX(20)"/>',
     "radial": RADIAL.format("translate(30 20)scale(20)") + '<rect width="64" height="48" fill="url(#e)"/>',
     "elliptical": RADIAL.format("translate(30 20)rotate(30)scale(25 9)")
-    + '<ellipse cx="30" cy="22" rx="28" ry="20" fill="url(#e)"/>',
+    + '<ellipse cx="30" cy="22" rx="26" ry="18" fill="url(#e)" stroke="#040" stroke-width="4"/>',
     "uses": f'<defs><g id="u">{RECTANGLE}</g></defs><use href="#u" x="20" y="9"/><style>.c{{fill:#123}}</style>'
     '<rect class="c" width="9" height="9" rx="3"/>',
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -31,7 +32,8 @@ def vector_drawable(drawing: PaintedShapes, mark: str) -> bytes:
     sizes = {"width": f"{width}dp", "height": f"{height}dp", "viewportWidth": width, "viewportHeight": height}
     root = Element("vector", {**_NAMESPACES, **_named(sizes)})
     precision = suggested_precision(math.ceil(drawing.width), math.ceil(drawing.height))
-    for shape in drawing.shapes:
+    for shape in (part for whole in drawing.shapes for part in _parts(whole)):
+        drawing.left_out["ellipse of a stroke's gradient"] += _is_elliptical(shape.stroke)
         elements = [_element(shape, shape.lines, precision)]
         if elements[0] is None and len(shape.lines) <= _MOST_SPLIT:
             elements = [_element(shape, lines, precision) for lines in _apart(shape.lines)]
@@ -40,6 +42,17 @@ def vector_drawable(drawing: PaintedShapes, mark: str) -> bytes:
     ElementTree.indent(root, " ")
     text = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="utf-8"?>\n<!--{comment_text(mark)}-->\n{text}\n'.encode()
+
+
+def _is_elliptical(paint: Paint | None) -> bool:
+    return isinstance(paint, RadialGradient) and abs(paint.rx - paint.ry) > 1e-3 * paint.rx
+
+
+def _parts(shape: PaintedShape) -> list[PaintedShape]:
+    """The shape; its fill and its stroke apart where the fill needs a group, which would bend the stroke."""
+    if shape.stroke is None or not _is_elliptical(shape.fill):
+        return [shape]
+    return [replace(shape, stroke=None), replace(shape, fill=None)]
 
 
 def _apart(lines: list[Subpath]) -> list[list[Subpath]]:
@@ -60,7 +73,7 @@ def _element(shape: PaintedShape, lines: list[Subpath], precision: int) -> Eleme
         attributes["strokeMiterLimit"] = _number(shape.limit)
     fill = shape.fill
     frame = None
-    if isinstance(fill, RadialGradient) and abs(fill.rx - fill.ry) > 1e-3 * fill.rx:
+    if isinstance(fill, RadialGradient) and _is_elliptical(fill):
         frame, fill = fill, RadialGradient(0.0, 0.0, fill.rx, fill.rx, 0.0, fill.stops)
         squeeze = np.vstack([frame.matrix(), [0.0, 0.0, 1.0]]) @ np.diag([1.0 / frame.rx, 1.0 / frame.rx, 1.0])
         lines = [line.mapped(np.linalg.inv(squeeze)) for line in lines]
