@@ -302,6 +302,20 @@ def test_sizes_that_are_asked_for(size):
 # ---- The command and the library
 
 
+def test_imports_of_the_exports_never_run_back():
+    source = Path(cubicsplat.__file__).parent
+    importers, imported = set(), set()
+    for path in source.rglob("*.py"):
+        names = re.findall(r"from cubicsplat_cli\.(\w+)", path.read_text(encoding="utf-8"))
+        folder = path.relative_to(source).parts[0]
+        importers |= {folder} if "export" in names else set()
+        imported |= set(names) if folder == "export" else set()
+    assert importers == {"export", "pipeline", "jobs", "cli"}
+    assert imported - {"artwork", "errors", "evaluate", "export", "files", "formatting", "scene", "svg"} == {
+        "progress", "request",
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize("form", EXPORTS)
 def test_hostile_files_are_refused_or_harmless_in_every_format(form, tmp_path, run_cli):
     if form == "dxf":
