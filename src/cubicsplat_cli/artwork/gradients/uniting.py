@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Part, Patch, joined, part_of
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea, alike
-from cubicsplat_cli.artwork.gradients.shades import shade_of
+from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.shades import Pixels
 
@@ -120,8 +120,8 @@ def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed:
 def _one(members: list[Part], hints: list[Shade]) -> Shade | None:
     """The gradient that explains all of these, if there is one."""
     x, y, values = (np.concatenate(arrays) for arrays in zip(*(part.pixels for part in members), strict=True))
-    shade = shade_of(Pixels(x, y, values), hints)
+    shade = common_shade(Pixels(x, y, values), hints)
     # One that needs more stops than any of them only strings them together.
-    if len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
+    if shade is None or len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
         return None
     return shade if all(shade.explains(part.pixels).mean() >= EXPLAINED for part in members) else None

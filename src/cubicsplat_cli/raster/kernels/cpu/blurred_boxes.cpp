@@ -326,7 +326,7 @@ class Fit {
                                               kSteps[k];
       }
       const double weight = std::min(1.0, kOutlying / std::max(std::fabs(residual_[i]), 1e-12));
-      out.add(1, weight, derivatives.data(), &residual_[i]);
+      out.add<1>(weight, derivatives.data(), &residual_[i]);
     }
     for (int layer = 0; layer < layers_; layer++) {
       const int k = kNumbers * layer + 3;

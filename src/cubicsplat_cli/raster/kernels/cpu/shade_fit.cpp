@@ -115,7 +115,7 @@ class Fit {
         ramps[p].at(p < geometry ? t[p][i] : t_[i], there);
         for (int k = 0; k < 4; k++) derivatives[4 * p + k] = (there[k] - at_[4 * i + k]) / steps[p];
       }
-      out.add(4, weights_[i], derivatives.data(), residual);
+      out.add<4>(weights_[i], derivatives.data(), residual);
     }
   }
 
