@@ -10,7 +10,6 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.parts import (
     CLEAR,
@@ -27,6 +26,7 @@ from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED, united
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import part_spreads
 from cubicsplat_cli.raster.shades import Pixels
 

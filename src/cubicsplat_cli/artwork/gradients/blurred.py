@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
@@ -16,6 +15,7 @@ from cubicsplat_cli.artwork.gradients.noisy import GROWN, beside, is_step, off_e
 from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea
 from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.raster import ndimage
 
 # Levels by which a pixel that a gradient is followed to may be off it, px that it is followed for, and the share of an
 # even part beside it that it must explain for that to be its own.

@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import blends, nearest_paints
 from cubicsplat_cli.scene.paint import Gradient, painted
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
@@ -16,6 +15,7 @@ from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE, Patch
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import calm_pixels
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.shades import Pixels
 
 WINDOW = 7  # px

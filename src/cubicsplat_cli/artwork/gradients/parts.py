@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import second_differences, trimmed_range
 from cubicsplat_cli.raster.shades import Pixels
 
@@ -24,7 +24,7 @@ SAME_INK, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and s
 CLEAR = 0.5  # levels of opacity
 OUTER = 0.02  # share of a part's values at either end that do not count for its range
 RING = 4  # px of its surroundings that a part is looked at with
-PLUS = ndimage.generate_binary_structure(2, 1)
+PLUS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
 SQUARE = np.ones((3, 3), dtype=bool)
 
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.observed import planes
 
 # Px of a window, wider where there is more noise than NOISY levels.
 WINDOW, WIDER, NOISY = 5, 9, 2.0
@@ -64,7 +65,7 @@ def _drift(soft: float, even: float) -> float:
 def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
     """The shares of a picture (H, W, C) in 0..255; drawn: (H, W) bool, not empty, what counts."""
     values = levels.astype(np.float32)
-    means, slopes = _planes(values, WIDER if _noise(values) > NOISY else WINDOW)
+    means, slopes = planes(values, WIDER if _noise(values) > NOISY else WINDOW)
     places, count = ndimage.label((slopes <= QUIET) & drawn)
     inside = places > 0
     order = np.argsort(places[inside], kind="stable")
@@ -107,18 +108,6 @@ def _noise(values: np.ndarray) -> float:
         return 0.0
     second = np.abs(values[:, 2:, :3] - 2.0 * values[:, 1:-1, :3] + values[:, :-2, :3])
     return float(np.median(second)) / SECOND_MEDIAN
-
-
-def _planes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, C) the means of windows, and (H, W) by how much their planes change per px, in the channel with most."""
-    at = np.arange(size) - size // 2
-    weights = at / float(size * (at * at).sum())
-    means = ndimage.uniform_filter(values, (size, size, 1), mode="nearest")
-    square = np.zeros_like(means)
-    for axis in (0, 1):
-        along = ndimage.correlate1d(values, weights * size, axis=axis, mode="nearest")
-        square += ndimage.uniform_filter1d(along, size, axis=1 - axis, mode="nearest") ** 2
-    return means, np.sqrt(square.max(axis=-1))
 
 
 def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:

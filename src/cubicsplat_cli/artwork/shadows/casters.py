@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, Part, Patch, part_of, plateau
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import part_spreads
 
 LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
 from cubicsplat_cli.artwork.gradients.parts import BEND, smooth_parts
@@ -18,6 +17,7 @@ from cubicsplat_cli.artwork.regions.inks import SAME, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground
 from cubicsplat_cli.artwork.shadows.found import CLOSE, Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene.paint import Ink
 
 SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
