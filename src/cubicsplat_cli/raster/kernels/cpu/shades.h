@@ -17,7 +17,7 @@ struct Pixels {
   const double *x, *y, *values;
 };
 
-struct Frame {
+struct Geometry {
   double map[6];  // (2, 3); t is the first coordinate of what it gives, or the length
   bool radial;
 
