@@ -13,9 +13,8 @@ from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, scatter
 FEW_PIXELS, MOST_PIXELS = 1000, 4000  # looked at to choose and to settle
 MOST_STOPS = 8
 PEAK = 6.0  # px around a middle, where a ramp that rises to it has a tip that looks like an edge
-# Times the least mean square by which pixels are off those of the same t; and levels^2, of pixels twice as far off as
-# what a gradient explains.
-UNLIKELY, SCATTERED = 4.0, (2.0 * CLOSE) ** 2
+UNLIKELY = 4.0  # times as far off those of the same t as along the best geometry: as rough are those to begin with
+SCATTERED = (2.0 * CLOSE) ** 2  # levels^2, the mean of pixels that are twice as far off as what a gradient explains
 NEAR_AXIS = 0.05  # tangent of the angle to an axis
 
 
@@ -41,7 +40,7 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
     if spread.min() > most:
         return None
     best, least = None, np.inf
-    for k in np.flatnonzero(spread <= UNLIKELY * spread.min() + SIGMA**2):
+    for k in np.flatnonzero(spread <= UNLIKELY**2 * spread.min() + SIGMA**2):
         shade = _settled(_stopped(*frames[k], few), few)
         cost = _cost(shade, few, count)
         if cost < least:
