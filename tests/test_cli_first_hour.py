@@ -198,7 +198,7 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
             ["vectorize", "a.png", "--svgz", "-o", "x.svg"],
             "the output must end in .svgz, but -o is x.svg; call it x.svgz",
         ),
-        (["vectorize", "a.png", "-o", "x.pdf"], "the output must end in .svg, but -o is x.pdf; call it x.svg"),
+        (["vectorize", "a.png", "-o", "x.cdr"], "the output must end in .svg, but -o is x.cdr; call it x.svg"),
         (["vectorize", "a.png", "b.png", "-o", "out.svg"], "-o out.svg names one SVG, but there are 2 pictures"),
     ],
 )

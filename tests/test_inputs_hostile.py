@@ -147,7 +147,7 @@ def test_read_only_folder(jpeg, tmp_path):
     folder.mkdir()
     folder.chmod(0o555)
     try:
-        for output in (folder / "x.svg", f"{folder}/new/"):
+        for output in (folder / "x.svg", folder / "x.pdf", f"{folder}/new/"):
             one_error(run_warm("vectorize", jpeg, "-o", output, *SHORT, before=as_ordinary_user), 1, "locked")
     finally:
         folder.chmod(0o755)
