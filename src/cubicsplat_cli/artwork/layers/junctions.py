@@ -11,12 +11,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.regions.cracks import CrackLoop as Cracks
 from cubicsplat_cli.artwork.regions.cracks import trace
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import turns
 
 REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth

@@ -13,17 +13,16 @@ from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
 import numpy as np
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from cubicsplat_cli.artwork.geometry.hulls import holes_of
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.layers.rounds import round_votes
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.inks import CLEAR
+from cubicsplat_cli.artwork.regions.neighbours import enclosures, on_the_border, touching
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.graphs import strong_groups
 from cubicsplat_cli.raster.outlines import held_by_hull
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
@@ -78,8 +77,8 @@ class _Facts:
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()
         self.labels = np.ascontiguousarray(regions.labels, np.int32)
-        self.touching = _touching(regions.labels)
-        self.inside = self._enclosures()
+        self.touching = touching(regions.labels)
+        self.inside = enclosures(self.touching, on_the_border(regions.labels))
         self.votes: dict[tuple[int, int], float] = {}
         if regions.count <= MOST_COMPLETED:
             self.votes = junction_votes(regions, found)
@@ -95,16 +94,6 @@ class _Facts:
             if self.vote(above, below) > 0.0:
                 self.beneath.setdefault(above, set()).add(below)
 
-    def _enclosures(self) -> dict[int, set[int]]:
-        """For each region the regions within its holes."""
-        inside: dict[int, set[int]] = {}
-        for i, box in enumerate(self.boxes):
-            mask = self.regions.labels[box] == i
-            held = set(np.unique(self.regions.labels[box][holes_of(mask)]).tolist())
-            if held:
-                inside[i] = held
-        return inside
-
     def assume(self, above: np.ndarray, below: np.ndarray) -> None:
         """Takes regions to lie above others, where nothing is known of the two."""
         for i in above.tolist():
@@ -116,21 +105,6 @@ class _Facts:
     def vote(self, above: int, below: int) -> float:
         """The evidence that one lies above the other, less that for the contrary."""
         return self.votes.get((above, below), 0.0) - self.votes.get((below, above), 0.0)
-
-
-def _touching(labels: np.ndarray) -> dict[int, dict[int, int]]:
-    """For each region its neighbours and how many cracks they share."""
-    count = int(labels.max()) + 1
-    out: dict[int, dict[int, int]] = {i: {} for i in range(count)}
-    for a, b in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
-        edge = a != b
-        u, v = a[edge].astype(np.int64), b[edge].astype(np.int64)
-        keys, sizes = np.unique(np.minimum(u, v) * count + np.maximum(u, v), return_counts=True)
-        for key, size in zip(keys.tolist(), sizes.tolist(), strict=True):
-            i, j = divmod(key, count)
-            out[i][j] = out[i].get(j, 0) + size
-            out[j][i] = out[j].get(i, 0) + size
-    return out
 
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:
@@ -266,8 +240,7 @@ def _without_cycles(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of `count` groups that one lies above another, cycles broken where the evidence is weakest."""
     while True:
-        graph = coo_array((np.ones(len(above)), (above, below)), shape=(count, count))
-        _, knot = connected_components(graph, directed=True, connection="strong")
+        _, knot = strong_groups(count, above, below)
         inside = np.flatnonzero(knot[above] == knot[below])
         if not len(inside):
             return above, below
