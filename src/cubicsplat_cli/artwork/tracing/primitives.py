@@ -1,8 +1,8 @@
 """Whole loops that are circles, ellipses or rectangles, fitted to their points by least squares.
 
 Each kind, level and turned, with sharp and with round corners, is fitted by distances with Huber's tails. Points near a
-sharp corner are biased and count less. What comes out is no primitive where a fit is far off, where the loop's area over
-its second moments is not one's, or where the loop does not run around it.
+sharp corner are biased and count less. A loop is no primitive where every fit is far off, where its area does not suit
+its second moments, or where it does not run around what was fitted.
 """
 
 from __future__ import annotations
