@@ -7,13 +7,16 @@ is undone by least squares. That it was done shows in that doing it again gives 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage, sparse
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.condition import LEAST_BLUR, edge_blur
+from cubicsplat_cli.raster import ndimage
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 FACTORS = (2, 3, 4)
 MOST_REPEATED = 8  # times that pixels are looked for
@@ -114,6 +117,8 @@ def _off(lines: np.ndarray, small: np.ndarray, enlarging: sparse.csr_matrix) -> 
 
 def _inverse(lines: np.ndarray, enlarging: sparse.csr_matrix) -> np.ndarray:
     """(h, n, 4) whole levels whose enlarged lines are nearest to those given (H, n, 4), beyond 0 and 255 anywhere."""
+    from scipy.linalg import cho_solve_banded, cholesky_banded  # see _enlarging
+
     gram = (enlarging.T @ enlarging).todia()
     bands = np.zeros((int(gram.offsets.max()) + 1, gram.shape[0]))
     for offset, diagonal in zip(gram.offsets, gram.data, strict=True):
@@ -134,6 +139,8 @@ def _inverse(lines: np.ndarray, enlarging: sparse.csr_matrix) -> np.ndarray:
 
 def _enlarging(length: int, factor: int, kernel: Callable[[np.ndarray], np.ndarray]) -> sparse.csr_matrix:
     """(length, ceil(length / factor)) what each px of the larger line takes of those of the smaller one."""
+    from scipy import sparse  # takes a while to import, and few pictures are soft enough to be looked at here
+
     count = -(-length // factor)
     at = (np.arange(length) + 0.5) / factor - 0.5
     weights = kernel(at[:, None] - np.arange(count))

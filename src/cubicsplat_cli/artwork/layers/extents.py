@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.hulls import hull_mask
 from cubicsplat_cli.artwork.layers.stacking import Stack
 from cubicsplat_cli.artwork.regions.cracks import CrackLoop, trace
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import hull_mask
 from cubicsplat_cli.raster.unmix import holes_of
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.

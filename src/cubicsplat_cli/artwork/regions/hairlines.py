@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import best_blend, blend_with, inks_of_lines, near_inks, residual_of_three, spread
 
 # Residuals, in levels, of a blend that the inks beside it explain, and that the ink of a line must explain; lines are

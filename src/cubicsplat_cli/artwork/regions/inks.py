@@ -6,9 +6,9 @@ Pictures are (H, W, 4) float32 premultiplied RGBA in levels of 0..255.
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import LineBlends, are_lines, joined_inks, part_inks, spread
 
 # Levels: a pixel is flat where its 3x3 neighbourhood spans at most so much; inks nearer than `SAME` are one.
