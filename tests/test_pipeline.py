@@ -5,8 +5,10 @@ from __future__ import annotations
 import gzip
 import hashlib
 import time
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,9 +31,11 @@ from cubicsplat_cli.photo import FitInputs, Fitting
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture
 from cubicsplat_cli.pipeline import photo as photo_style
-from cubicsplat_cli.pipeline.artwork import drawn_outlines
-from cubicsplat_cli.progress import COMMAND_BEGAN, Observer, Progress, StageTimer, Work
+from cubicsplat_cli.pipeline.artwork import SAMPLES, drawn_outlines
+from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.progress import COMMAND_BEGAN, FrameRecorder, Observer, Progress, StageTimer, Work
 from cubicsplat_cli.request import Request
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
 
 SETTINGS = FitSettings(curves=6, steps=12, threads=1)
@@ -136,17 +140,50 @@ def test_a_drawing_that_is_near_its_picture_stays():
     assert vectorize(noisy, threads=1, measure=False).report.style == "artwork"
 
 
-def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(taken_for):
+def small_text() -> Task:
     y, x = np.mgrid[0:64, 0:96]
     letters = np.where(((x // 2 + y // 3 * 7) * 2654435761 >> 7) % 3 == 0, 20, 235).astype(np.uint8)
     text = np.dstack([letters] * 3)
     text[:20] = 235
+    return task_of(as_picture(text), Request(FitSettings(steps=20, threads=1)), StageTimer())
+
+
+def test_a_photo_that_will_be_far_from_its_picture_is_not_fitted_to_the_end(taken_for, monkeypatch):
     taken_for("photo", "measured")
-    first, second = candidates(task_of(as_picture(text), Request(FitSettings(steps=20, threads=1)), StageTimer()))
+    monkeypatch.setattr(FitLoop, "finish", fails)
+    (only,) = candidates(small_text())
+    assert only.style.name == "artwork" and "measured, but as a photo it has only" in only.style.reason
+    assert any("made as artwork" in note for note in only.notes)
+
+
+@pytest.mark.parametrize("worse", ["worse", "failed"])
+def test_a_photo_is_fitted_to_the_end_where_the_drawing_is_not_nearer(worse, taken_for, monkeypatch):
+    taken_for("photo", "measured")
+    level = choose.level_db
+    calls = []
+
+    def drawn(task: Task, *given: Any) -> Made:
+        calls.append(task)
+        return drawn_outlines(task, *given) if worse == "worse" else fails()
+
+    def of_paths(task: Task, scene: Scene, samples: int, blur: float = 0.0) -> float | None:
+        return 3.0 if samples == SAMPLES else level(task, scene, samples, blur)
+
+    monkeypatch.setattr(choose, "drawn_outlines", drawn)
+    monkeypatch.setattr(choose, "level_db", of_paths)
+    (only,) = candidates(small_text())
+    assert only.style.name == "photo" and len(calls) == 1
+    assert any("the photo stays, since artwork failed" in note for note in only.notes) == (worse == "failed")
+
+
+def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(taken_for):
+    taken_for("photo", "measured")
+    # What the fit is to show is fitted to the end.
+    first, second = candidates(replace(small_text(), recorder=FrameRecorder(2)))
     assert (first.style.name, second.style.name) == ("photo", "artwork")
     assert "measured, but as a photo it has only" in second.style.reason
-    few = Request(FitSettings(curves=12, steps=20, threads=1))
-    assert len(list(candidates(task_of(as_picture(text), few, StageTimer())))) == 1
+    few = replace(small_text(), request=Request(FitSettings(curves=12, steps=20, threads=1)))
+    assert len(list(candidates(few))) == 1
 
 
 def test_the_sketch_of_a_blurred_picture_is_compared_blurred(monkeypatch):
@@ -165,6 +202,7 @@ def fails(*_) -> None:
 @pytest.mark.parametrize(("broken", "other"), [("artwork", "photo"), ("photo", "artwork")])
 def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, monkeypatch, taken_for):
     monkeypatch.setattr(choose, "drawn_outlines", fails if broken == "artwork" else choose.drawn_outlines)
+    monkeypatch.setattr(choose, "fitted_photo", fails if broken == "photo" else choose.fitted_photo)
     monkeypatch.setitem(choose.MAKERS, broken, fails)
     taken_for(broken, "measured")
     report = vectorize(flat_picture(), threads=1, steps=5).report
