@@ -10,7 +10,6 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, layers_of, premultiplied, settle
 from cubicsplat_cli.artwork.finish.freedom import Still
@@ -20,6 +19,7 @@ from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorMod
 from cubicsplat_cli.artwork.residual.proposals import Canvas, Outlined, Placed, proposals
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import Goal
 
 SHAPE_PARAMETERS, INK_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new ink

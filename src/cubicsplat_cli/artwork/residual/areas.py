@@ -11,11 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
+from cubicsplat_cli.raster import ndimage
 
 # Levels of luma or chroma that people see in an area, about 3 to 4 in CIEDE2000.
 UNLIKE = 6.0

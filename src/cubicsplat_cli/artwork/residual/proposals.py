@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.geometry.coverage import coverage
@@ -17,12 +16,13 @@ from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents_of
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.hairlines import blend_with
 from cubicsplat_cli.artwork.regions.inks import eight_bit
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, Picture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import blend_with
 
 DOT = 4  # px of a shape, below which it becomes a circle
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
