@@ -122,7 +122,7 @@ def test_a_gpu_that_trains_wrongly_is_not_used(broken):
 
 
 @needs_compiler
-@pytest.mark.parametrize("program", rest_slow(*PROGRAMS, fast=6), ids=lambda program: program.name)
+@pytest.mark.parametrize("program", rest_slow(*PROGRAMS, fast=5), ids=lambda program: program.name)
 def test_only_the_program_in_use_is_compiled(program):
     driver = EmulatedDriver()
     driver.tested = set()
