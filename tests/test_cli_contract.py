@@ -353,13 +353,11 @@ def test_an_empty_name_is_an_unset_variable(arguments, run_cli):
 
 
 def test_every_setting_of_a_fit_has_one_option_and_the_library_takes_it():
-    from cubicsplat_cli.cli.options import fit_settings
-
     held = [(owner, field, known) for owner in (FitSettings, Recipe) for field, known in settings_of(owner)]
     names = [field.name for _, field, known in held if not known.by_set or known.hidden_option]
     defaults = {p.name: p.default for p in COMMANDS["vectorize"].params if p.name in names}
     assert set(defaults) == set(names)
-    assert fit_settings(defaults) == FitSettings()
+    assert FitSettings.from_preset(**defaults) == FitSettings()
     chosen = {
         "curves": 9, "mode": "open", "preset": "draft", "steps": 3, "time_limit": 4.5, "segments": 2, "samples": 9,
         "device": "cpu", "threads": 2, "seed": 5, "background": "teal", "opaque": True, "prune": False,
@@ -367,7 +365,7 @@ def test_every_setting_of_a_fit_has_one_option_and_the_library_takes_it():
         "edges": "soft", "loss": "l1", "fill": "linear",
     }  # fmt: skip
     assert set(chosen) == set(names)
-    settings = fit_settings(chosen)
+    settings = FitSettings.from_preset(**chosen)
     for name, value in {**chosen, "background": "#008080"}.items():
         holder = settings if hasattr(settings, name) else settings.recipe
         assert getattr(holder, name) == value, name

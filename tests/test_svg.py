@@ -361,7 +361,7 @@ def test_reader_takes_curves_of_different_lengths():
 
 
 def test_reader_refuses_files_over_the_size_limit(monkeypatch):
-    monkeypatch.setattr("cubicsplat_cli.svg.own.MAX_SVG_BYTES", 500)
+    monkeypatch.setattr("cubicsplat_cli.svg.own.MAX_OWN_BYTES", 500)
     with pytest.raises(InputError, match="500"):
         read_svg(good_svg())
 

@@ -29,8 +29,9 @@ from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg
 from cubicsplat_cli.svg.drawing_paths import grid_ring
-from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
+from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.own import own_elements
 from cubicsplat_cli.svg.paths import count_numbers, path_segments
 
 RED, BLACK, GLASS = (255, 0, 0, 255), (0, 0, 0, 255), (0, 18, 171, 51)
@@ -311,10 +312,10 @@ def test_reading_gives_the_numbers_of_the_file(seed, joints, precision):
 
 
 def test_artwork_is_told_from_curves():
-    assert is_drawing(svg_of(*some_shapes()).encode())
-    assert is_drawing(svg_of(shape(Rectangle(0, 0, 200, 100))).encode())
-    assert not is_drawing(b'<svg><title>t</title><rect id="background"/><g id="curves"><path/></g></svg>')
-    assert not is_drawing(b"no XML")
+    assert holds_drawing(own_elements(svg_of(*some_shapes())))
+    assert holds_drawing(own_elements(svg_of(shape(Rectangle(0, 0, 200, 100)))))
+    size = 'width="9" height="9" viewBox="0 0 9 9"'
+    assert not holds_drawing(own_elements(f'<svg {size}><title>t</title><rect/><g id="curves"><path/></g></svg>'))
 
 
 @pytest.mark.parametrize("renderer", ["resvg", "cairosvg"])

@@ -12,8 +12,9 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_ink, painted
-from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
+from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
+from cubicsplat_cli.svg.own import own_elements
 
 SIZE = (64, 48)
 STOPS = (Stop(0.125, (255, 0, 0, 255)), Stop(0.5, (255, 255, 0, 255)), Stop(1.0, (0, 64, 255, 255)))
@@ -65,7 +66,7 @@ def test_equal_gradients_are_written_once_and_the_text_is_short():
 def test_gradients_come_back(gradient):
     shape = filled(gradient, polygon(np.array([[1.0, 1.0], [50.0, 3.0], [20.0, 40.0]])))
     text = written(Shape((0, 0, 0, 255), (Rectangle(0, 0, 9, 9),), "flat"), shape)
-    assert is_drawing(text.encode())
+    assert holds_drawing(own_elements(text))
     flat, found = read_drawing(text).shapes
     assert flat.gradient is None and found.ink == shape.ink and found.gradient.stops == gradient.stops
     assert np.allclose(found.gradient.frame(), gradient.frame(), atol=2e-3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import signal
 import sys
@@ -112,6 +113,26 @@ def under_way(one: Work) -> Iterator[Work]:
 
 def nothing(*_: object) -> None:
     """A callback that ignores what it is told."""
+
+
+class _Telling(logging.Handler):
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        super().__init__(logging.WARNING)
+        self._tell = tell
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._tell(record.getMessage())
+
+
+@contextmanager
+def warnings_to(tell: Callable[[str], None]) -> Iterator[None]:
+    """Within, `tell` gets the text of each warning that the library logs."""
+    log, handler = logging.getLogger("cubicsplat"), _Telling(tell)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
 
 
 # When the command began that this process is; None in a worker, and in other programs.

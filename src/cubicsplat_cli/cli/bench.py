@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cubicsplat_cli.cli.console import Reporter
-from cubicsplat_cli.cli.options import Command, Json, Quiet, check_csv, fit_settings, takes_options, write_csv
+from cubicsplat_cli.cli.options import Command, Json, Quiet, check_csv, takes_options, write_csv
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.options import Setting, listed
 from cubicsplat_cli.settings import FitSettings, Mode
@@ -59,7 +59,7 @@ def step(
     match = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", size)
     if match is None or max(int(side) for side in match.groups()) > _MOST_SIDE:
         raise UsageError(f"--size must be WIDTHxHEIGHT in pixels, at most {_MOST_SIDE} a side, not {size!r}")
-    settings = fit_settings(fit)
+    settings = FitSettings.from_preset(**fit)
     import numpy  # noqa: F401  (what the interpreter takes with numpy is not the fit's memory)
 
     from cubicsplat_cli.bench.memory import memory

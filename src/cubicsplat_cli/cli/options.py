@@ -35,9 +35,10 @@ Pictures = Annotated[
     ),
 ]
 
-RENAMED_OPTIONS = {
-    "--measures": "--metrics", "--thorn-reg": "--spike-penalty", "--geometric-reg": "--crossing-penalty",
-}  # fmt: skip
+_PRESENT = {  # names of options by those that earlier versions gave them
+    f"--{earlier}".replace("_", "-"): f"--{name}".replace("_", "-")
+    for earlier, name in {"measures": "metrics", **RENAMED}.items()
+}
 _KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "text": str}
 _OWNERS = (FitSettings, Request, Recipe, ArtworkSettings)
 
@@ -62,11 +63,6 @@ def takes_options(*names: str, after: int = 2) -> Callable[[Callable[..., None]]
         return command
 
     return decorate
-
-
-def fit_settings(options: dict[str, Any], **more: Any) -> FitSettings:
-    """The settings that the options ask for; None means the preset's. Raises UsageError for senseless values."""
-    return FitSettings.from_preset(**options, **more)
 
 
 def chosen(options: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -177,7 +173,7 @@ class Command(TyperCommand):
         """Parse the arguments, with the present names of options that were renamed."""
         end = args.index("--") if "--" in args else len(args)
         parts = [argument.partition("=") for argument in args[:end]]
-        present = [RENAMED_OPTIONS.get(name, name) + equals + value for name, equals, value in parts]
+        present = [_PRESENT.get(name, name) + equals + value for name, equals, value in parts]
         return super().parse_args(ctx, [*present, *args[end:]])
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:

@@ -12,8 +12,9 @@ from cubicsplat_cli.evaluate.metrics import measurable
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster.draw import leave_one_out_importance
 from cubicsplat_cli.scene import Scene, scaled_scene
-from cubicsplat_cli.svg import read_svg
-from cubicsplat_cli.svg.drawing_reader import is_drawing, read_drawing
+from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
+from cubicsplat_cli.svg.own import own_elements
+from cubicsplat_cli.svg.scene_reader import curves_of
 
 _SAMPLES = 48  # edges per cubic, as of the exact finish
 _SVG = "http://www.w3.org/2000/svg"
@@ -25,9 +26,10 @@ class Shown:
 
     markup: its elements as HTML takes them. losses_db: for each drawn element in the order of the file, by how many dB
     the PSNR falls without it (below 0: it rises). count: of its curves, or of its shapes, of which one element may hold
-    many.
+    many. kind: the name of one, "curve" of a photo, "shape" of artwork.
     """
 
+    kind: str
     markup: str
     losses_db: list[float]
     count: int
@@ -36,10 +38,10 @@ class Shown:
 def shown(svg: bytes, picture: Picture, threads: int | None = None) -> Shown | None:
     """The SVG as elements, with what each of them is worth; None where it is none of ours."""
     try:
-        scene, names = _scene(svg)
+        kind, scene, names = _scene(svg)
     except InputError:
         return None
-    return Shown(_markup(svg), [] if scene is None else _losses(scene, names, picture, threads), len(names))
+    return Shown(kind, _markup(svg), [] if scene is None else _losses(scene, names, picture, threads), len(names))
 
 
 def _markup(svg: bytes) -> str:
@@ -53,15 +55,18 @@ def _markup(svg: bytes) -> str:
     return ElementTree.tostring(root, encoding="unicode").replace(" />", "/>")
 
 
-def _scene(svg: bytes) -> tuple[Scene | None, list[str]]:
-    """The scene, and for each of its curves, front to back, the element it belongs to; InputError for foreign files."""
-    if not is_drawing(svg):
-        scene = read_svg(svg)
-        return scene, [str(index) for index in range(scene.curves)]
-    drawing = read_drawing(svg)
+def _scene(svg: bytes) -> tuple[str, Scene | None, list[str]]:
+    """What its elements are called, the scene, and for each of its curves, front to back, the element it belongs to;
+    InputError for foreign files.
+    """
+    elements = own_elements(svg)
+    if not holds_drawing(elements):
+        scene = curves_of(elements)
+        return "curve", scene, [str(index) for index in range(scene.curves)]
+    drawing = drawing_of(elements)
     # Several shapes in one path share its id.
     names = [shape.name or str(index) for index, shape in enumerate(drawing.shapes)]
-    return (scene_of(drawing) if drawing.shapes else None), names[::-1]
+    return "shape", (scene_of(drawing) if drawing.shapes else None), names[::-1]
 
 
 def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | None) -> list[float]:
@@ -76,8 +81,3 @@ def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | Non
     # A picture without any error has no PSNR; half a step of 8 bits at one pixel is the least error that counts.
     floor = max(loss, (0.5 / 255.0) ** 2)
     return [round(10.0 * math.log10(max(floor + value, 1e-12) / floor), 5) for value in worth.values()]
-
-
-def kind_of(svg: bytes) -> str:
-    """Name of its elements: "curve" for a photo, "shape" for artwork."""
-    return "shape" if is_drawing(svg) else "curve"

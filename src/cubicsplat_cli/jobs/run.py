@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -20,7 +17,7 @@ from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.jobs.earlier import forget, holds_edited, is_finished
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.metrics import Output, Report, head
-from cubicsplat_cli.progress import FRAMES, FrameRecorder, Observer, StageTimer, command_began
+from cubicsplat_cli.progress import FRAMES, FrameRecorder, Observer, StageTimer, command_began, warnings_to
 from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:
@@ -236,7 +233,7 @@ def attempt(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     written by then.
     """
     try:
-        with _logged_to(observer, job.name):
+        with warnings_to(lambda text: observer.note(f"{job.name}: {text}", job.name)):
             return run_job(job, request, sink=sink, observer=observer)
     except CubicSplatError as error:
         return failure(job, error, sink.written)
@@ -253,26 +250,6 @@ def attempt(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     except Exception as error:
         text = f"{job.name}: {type(error).__name__}: {error}; this is a bug, please report it"
         return Outcome(job, FAILED, error=one_line(text), exit_code=1, trace=traceback.format_exc())
-
-
-class _Notes(logging.Handler):
-    def __init__(self, observer: Observer, job: str) -> None:
-        super().__init__(logging.WARNING)
-        self._observer, self._job = observer, job
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._observer.note(f"{self._job}: {record.getMessage()}", self._job)
-
-
-@contextmanager
-def _logged_to(observer: Observer, job: str) -> Iterator[None]:
-    """Within, what the library logs is a note on this job."""
-    log, handler = logging.getLogger("cubicsplat"), _Notes(observer, job)
-    log.addHandler(handler)
-    try:
-        yield
-    finally:
-        log.removeHandler(handler)
 
 
 def named_job(name: str) -> Job:

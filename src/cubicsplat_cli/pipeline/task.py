@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,7 +24,7 @@ from cubicsplat_cli.files.weights import pixel_weights
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.metrics import Qualities, Report
-from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
+from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, warnings_to
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
@@ -100,15 +99,6 @@ class Measured:
     notes: list[str]
 
 
-class _LogNotes(logging.Handler):
-    def __init__(self, notes: list[str]) -> None:
-        super().__init__(logging.WARNING)
-        self._notes = notes
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._notes.append(record.getMessage())
-
-
 @dataclass(frozen=True, eq=False)
 class Task:
     """One picture, and what is asked of it.
@@ -137,13 +127,8 @@ class Task:
     @contextmanager
     def working(self) -> Iterator[None]:
         """Within, time counts as the fit's, and warnings of the library are kept."""
-        log, handler = logging.getLogger("cubicsplat"), _LogNotes(self.logged)
-        log.addHandler(handler)
-        try:
-            with self.timer("fit"):
-                yield
-        finally:
-            log.removeHandler(handler)
+        with warnings_to(self.logged.append), self.timer("fit"):
+            yield
 
     def comment(self) -> str:
         """The line by which the command knows its own files."""

@@ -83,10 +83,9 @@ def open_engine(
 
 def require_gpu() -> None:
     """Raise EngineError, which says what to do, where torch has no GPU."""
-    from cubicsplat_cli.raster.cuda.driver import missing_piece
+    from cubicsplat_cli.raster.cuda import driver
 
-    if reason := missing_piece():
-        raise EngineError(reason)
+    driver.require_gpu()
 
 
 def cuda_engine(index: int | None = None, program: Program | None = None) -> CudaEngine:

@@ -15,7 +15,6 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, R
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQUARE, Chain, Path, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene.paint import Ink, mean_ink
 from cubicsplat_cli.svg.gradient_reader import GradientReader
 from cubicsplat_cli.svg.own import OwnElement, canvas_size, own_elements, own_subpaths
@@ -38,16 +37,11 @@ AnyPath = TypeVar("AnyPath", bound=Path)
 _SMOOTH = math.radians(0.5)
 
 
-def is_drawing(data: bytes) -> bool:
-    """Whether an SVG has shapes right below its root, as artwork has, and no group of curves; False for others."""
-    try:
-        return holds_drawing(own_elements(data))
-    except InputError:
-        return False
-
-
 def holds_drawing(elements: Sequence[OwnElement]) -> bool:
-    """Whether the first elements that can tell, shapes or a group, are shapes; a `rect` may be either's background."""
+    """Whether a document has shapes right below its root, as artwork has, and no group of curves.
+
+    The first element that can tell decides; a `rect` may be the background of either.
+    """
     places = [each.place for each in elements if each.place == "svg/g" or each.place in _LENGTHS]
     return next((place for place in places if place != "svg/rect"), places[0] if places else "svg/g") != "svg/g"
 

@@ -11,7 +11,8 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.svg.paths import PathSegment, subpaths
 
-MAX_SVG_BYTES, MAX_ELEMENTS = 256 * 1024 * 1024, 2_000_000
+MAX_OWN_BYTES = 256 * 1024 * 1024
+MAX_ELEMENTS = 2_000_000  # of any SVG that is read
 _MAX_SHOWN = 120  # characters of a message that come from the file
 _PIXELS = re.compile(r"[1-9]\d{0,6}")
 _PAINT = {"id", "fill", "fill-opacity"}
@@ -64,8 +65,8 @@ def own_elements(text: str | bytes) -> list[OwnElement]:
     attribute that is not in the table, a size other than whole pixels.
     """
     data = text.encode() if isinstance(text, str) else text
-    if len(data) > MAX_SVG_BYTES:
-        raise InputError(f"the SVG has {len(data)} bytes; at most {MAX_SVG_BYTES} are read")
+    if len(data) > MAX_OWN_BYTES:
+        raise InputError(f"the SVG has {len(data)} bytes; at most {MAX_OWN_BYTES} are read")
     parser = expat.ParserCreate("utf-8")
     elements: list[OwnElement] = []
     places = [""]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -47,8 +47,11 @@ def read_svg(text: str | bytes) -> Scene:
     different kinds, strokes of several subpaths, or no curve at all.
     """
     elements = own_elements(text)
-    if holds_drawing(elements):
-        return scene_of(drawing_of(elements))
+    return scene_of(drawing_of(elements)) if holds_drawing(elements) else curves_of(elements)
+
+
+def curves_of(elements: Sequence[OwnElement]) -> Scene:
+    """The scene that the elements of a document hold; InputError where they are not those of `write_svg`."""
     reader = _SceneReader(elements[0])
     reader.gradients = GradientReader(map(reader.in_px, (each for each in elements if "Gradient" in each.place)))
     for element in elements:

@@ -15,9 +15,9 @@ from xml.parsers import expat
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
 from cubicsplat_cli.files.read import MAX_SVG_BYTES, looks_like_svg
+from cubicsplat_cli.svg.own import MAX_ELEMENTS
 from cubicsplat_cli.svg.values import absolute_length
 
-MAX_ELEMENTS = 2_000_000
 MAX_DEPTH = 256
 MAX_RADIUS = 1e9  # a circle of infinite radius is drawn without end
 MAX_USED = 100_000  # elements drawn once more by <use>: cairosvg's own limit, which it takes 20 s to reach

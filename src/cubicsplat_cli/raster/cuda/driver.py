@@ -125,6 +125,12 @@ def missing_piece(cuda: str | None = torch.version.cuda) -> str | None:
     return f"no usable GPU: {reason.rstrip('.')}; check nvidia-smi and CUDA_VISIBLE_DEVICES, or use --device cpu"
 
 
+def require_gpu() -> None:
+    """Raise EngineError, which says what to do, where torch has no GPU."""
+    if reason := missing_piece():
+        raise EngineError(reason)
+
+
 class _LoadedKernels:
     """Functions of a module in the device's memory."""
 
@@ -156,8 +162,7 @@ class CudaDriver(Driver):
 
     def __init__(self, index: int | None = None) -> None:
         super().__init__()
-        if reason := missing_piece():
-            raise EngineError(reason)
+        require_gpu()
         try:
             number = torch.cuda.current_device() if index is None else index
             self.device = torch.device("cuda", number)
