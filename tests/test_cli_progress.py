@@ -168,10 +168,10 @@ def test_every_stage_has_a_word(photo, monkeypatch):
 def test_without_a_terminal_v_tells_of_time_limited_fits_and_of_the_whole(tmp_path, run_cli):
     save_pictures(tmp_path, ["a.png", "b.png"])
     arguments = ("--style", "photo", "--curves", 12, "--no-png", "--threads", 1)
-    done = run_cli("vectorize", tmp_path / "a.png", *arguments, "--steps", 100_000, "--time-limit", 0.8, "-v")
+    done = run_cli("vectorize", tmp_path / "a.png", *arguments, "--steps", 100_000, "--time-limit", 1.0, "-v")
     assert done.returncode == 0, done.stderr
     shares = [int(share) for share in re.findall(rb"a\.png: +(\d+) %", done.stderr)]
-    assert len(shares) >= 4
+    assert len(shares) >= 2
     assert shares == sorted(shares)
     done = run_cli("vectorize", tmp_path, "-o", tmp_path / "out", *arguments, "--steps", 30, "-v")
     assert re.findall(rb"\d/\d pictures", done.stderr) == [b"1/2 pictures", b"2/2 pictures"]
@@ -181,7 +181,8 @@ def test_without_a_terminal_v_tells_of_time_limited_fits_and_of_the_whole(tmp_pa
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
 @pytest.mark.parametrize("arguments", [["eval", "IN", "IN", "--json"], ["vectorize", "IN", "--dry-run", "--json"],
-                                       ["vectorize", "IN", *SHORT, "--json", "-q"], ["doctor"]])  # fmt: skip
+                                       ["vectorize", "IN", *SHORT, "--json", "-q"],
+                                       ["vectorize", "IN", *SHORT, "-o", "-", "-q"], ["doctor"]])  # fmt: skip
 def test_a_reader_that_goes_away_is_no_news(arguments, photo):
     reader, writer = os.pipe()
     os.close(reader)

@@ -15,7 +15,7 @@ from cubicsplat_cli.svg import read_svg
 pytestmark = pytest.mark.skipif(not Path("/proc").is_dir() or sys.platform == "win32", reason="looks into /proc")
 
 NAMES = ("a.png", "b.png", "c.png", "d.png")
-OPTIONS = ("--curves", 24, "--steps", 450, "--threads", 2, "-j", 2, "--json")
+OPTIONS = ("--curves", 12, "--steps", 900, "--threads", 2, "-j", 2, "--json")
 
 
 def children(process_id: int) -> list[int]:
@@ -120,7 +120,7 @@ def test_ctrl_c_ends_the_fits_under_way_and_keeps_what_they_have(clean, tmp_path
     pictures, _ = clean
     results = tmp_path / "out"
     arguments = ["vectorize", pictures, "-o", results, *OPTIONS]
-    arguments[arguments.index(450)] = 2_000_000
+    arguments[arguments.index(900)] = 2_000_000
     output = tmp_path / "stdout"
     with output.open("wb") as stdout:
         process = start(*arguments, stdout=stdout)
