@@ -325,7 +325,7 @@ def test_an_interrupt_returns_the_best_so_far(at):
 
 def test_curves_that_do_nothing_are_replaced_however_late(monkeypatch):
     """At the last replacements the schedule asks for next to none."""
-    counts, original = [], FitLoop._reallocate
+    counts, original = [], FitLoop.reallocate
 
     def watched(self: FitLoop, progress: float) -> None:
         self.stepper.importance[:3], self.stepper.importance[3:] = 0.0, 1.0
@@ -333,7 +333,7 @@ def test_curves_that_do_nothing_are_replaced_however_late(monkeypatch):
         original(self, progress)
         counts.append(self.log.replaced - before)
 
-    monkeypatch.setattr(FitLoop, "_reallocate", watched)
+    monkeypatch.setattr(FitLoop, "reallocate", watched)
     fit(picture(), settings())
     assert counts[0] > 3
     assert counts[-1] == 3
@@ -342,7 +342,7 @@ def test_curves_that_do_nothing_are_replaced_however_late(monkeypatch):
 def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before(monkeypatch):
     """New curves first make the picture worse."""
     target, levels = picture(), []
-    original = FitLoop._reallocate
+    original = FitLoop.reallocate
 
     def interrupted(self: FitLoop, progress: float) -> None:
         levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
@@ -351,7 +351,7 @@ def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before(m
             levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(FitLoop, "_reallocate", interrupted)
+    monkeypatch.setattr(FitLoop, "reallocate", interrupted)
     result = fit(target, settings())
     *_, before, after = levels
     assert after < before - 0.5

@@ -332,7 +332,7 @@ def test_a_picture_among_others_takes_its_own_time_not_the_commands():
 @pytest.mark.parametrize(("limit", "smaller"), [(1.0, True), (1000.0, False)])
 def test_what_is_left_of_a_time_limit_decides_what_is_measured(limit, smaller, monkeypatch):
     """Of a picture whose reading took 100 seconds."""
-    monkeypatch.setattr(measuring, "_LEAST_PIXELS", 500)
+    monkeypatch.setattr(measuring, "LEAST_PIXELS", 500)
     timer = StageTimer(started=time.perf_counter() - 100)
     settings = FitSettings(curves=4, steps=10**6 if smaller else 20, threads=1, time_limit=limit)
     done = vectorize_picture(as_picture(flat_picture()), Request(settings, style="photo"), timer=timer)
