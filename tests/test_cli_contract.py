@@ -204,7 +204,7 @@ LIGHT = [
 def imported(*lines: list[str]) -> list[tuple[int, list[str]]]:
     """Exit code and imported heavy modules after each of these calls of the command in a process of their own."""
     command = [sys.executable, "-c", IMPORTS, json.dumps(lines)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=200)
     return [tuple(json.loads(line)) for line in done.stdout.splitlines()]
 
 
