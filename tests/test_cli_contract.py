@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 COMMANDS = dict(typer.main.get_command(app_module.app).commands)
 COMMANDS |= {f"bench {name}": command for name, command in COMMANDS.pop("bench").commands.items()}
-HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "svgwrite", "PIL", "scipy")
+HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "PIL", "scipy")
 OPTION = re.compile(r"(?<![\w-])(--?[a-z][a-z-]*)")
 
 
@@ -284,7 +284,7 @@ def test_doctor_reports_versions_renderers_and_engine(run_cli, capsys):
     doctor_module.doctor()
     text = capsys.readouterr().out
     assert f"cubicsplat {__version__}" in text
-    assert found["packages"]["svgwrite"] in text
+    assert found["packages"]["scikit-image"] in text
     assert "cpu" in text
 
 
