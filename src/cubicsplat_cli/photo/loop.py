@@ -10,15 +10,14 @@ import numpy as np
 
 from cubicsplat_cli.errors import DeviceError
 from cubicsplat_cli.photo.evaluator import Evaluator
-from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult
+from cubicsplat_cli.photo.initial import choose_background, curves_of, keep_frozen, warmed
+from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, TrainingLog
 from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.schedule import Schedule, gini
 from cubicsplat_cli.photo.seeding import Seeder
 from cubicsplat_cli.photo.snap import snapped
-from cubicsplat_cli.photo.start import choose_background, curves_of, keep_frozen, warmed
 from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState
 from cubicsplat_cli.photo.stepper import Stepper
-from cubicsplat_cli.photo.traininglog import TrainingLog
 from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine

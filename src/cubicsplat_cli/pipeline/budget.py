@@ -11,17 +11,26 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import accumulate
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.evaluate.images import of_pixels
+from cubicsplat_cli.evaluate.metrics import measurable, psnr_db
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.pipeline.task import Task
+from cubicsplat_cli.request import PHOTO_PRECISION, Request
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.svg.scene_writer import bytes_by_curve
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitResult, Fitting
-    from cubicsplat_cli.scene import Scene
+    from cubicsplat_cli.photo import FitInputs, FitResult, Fitting
 
 # All measured on Kodak photos, docs/lab/photos.md.
 BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
@@ -43,23 +52,65 @@ PIXELS_PER_CURVE = 16.0  # with fewer there would be more numbers than the pictu
 ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
 
-class PhotoFits(Protocol):
-    """The fits of one picture, and the files of their scenes."""
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """The fits of one picture, and the files of their scenes.
+
+    rough, fine: what most of a fit is done on, and what its exact finish.
+    """
+
+    task: Task
+    rough: Picture
+    fine: Picture
+
+    @cached_property
+    def inputs(self) -> FitInputs:
+        """The inputs of fits to the fine picture."""
+        from cubicsplat_cli.photo import FitInputs
+
+        request = self.task.request
+        start = None if request.init is None else request.init.scene
+        return FitInputs(self.task.weights(self.fine), start, request.freeze)
 
     def begin(self, settings: FitSettings) -> Fitting:
         """A fit in parts."""
+        from cubicsplat_cli.photo import FitInputs, Fitting
+
+        task, rough = self.task, None
+        if self.rough is not self.fine:
+            rough = self.rough.target(), FitInputs(task.weights(self.rough))
+        return Fitting(self.fine.target(), settings, task.on_progress, task.recorder, self.inputs, rough)
 
     def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
         """A fit that begins with a scene."""
+        from cubicsplat_cli.photo import fit
+
+        task, inputs = self.task, replace(self.inputs, start=scene)
+        return fit(self.fine.target(), settings, task.on_progress, task.recorder, inputs)
 
     def size(self, scene: Scene) -> int:
         """Bytes of the file."""
+        request = self.task.request
+        return len(packed(self.task.text(scene, file_precision(request)), compressed=request.compress))
+
+    @cached_property
+    def _reference(self) -> Picture:
+        return measurable(self.task.picture, math.inf)
 
     def level(self, scene: Scene) -> float:
         """PSNR of the file in dB."""
+        request, reference = self.task.request, self._reference
+        text = self.task.text(scene, file_precision(request))
+        drawn = rerender(text.encode(), reference.width, reference.height)
+        level = psnr_db(reference, of_pixels(drawn.pixels), request.settings.threads)
+        return math.inf if level is None else level
 
     def importance(self, scene: Scene) -> tuple[float, np.ndarray]:
         """The loss, and (N,) by how much it would rise without each curve."""
+        from cubicsplat_cli.raster.draw import leave_one_out_importance
+
+        settings, weights = self.task.request.settings, self.inputs.weights
+        return leave_one_out_importance(scene, self.fine.target(), weights, settings.finish_samples, settings.threads)
 
 
 @dataclass(frozen=True)
@@ -70,7 +121,7 @@ class Within:
     notes: list[str]
 
 
-def within_bytes(most: int, settings: FitSettings, precision: int, photo: PhotoFits) -> Within:
+def within_bytes(most: int, settings: FitSettings, precision: int, photo: Photo) -> Within:
     """The best picture in at most so many bytes. settings: with about as many curves as they are for. precision: the
     file's decimals.
 
@@ -95,8 +146,14 @@ def within_bytes(most: int, settings: FitSettings, precision: int, photo: PhotoF
     return Within(_trimmed(fitted, order, count), [])
 
 
+def file_precision(request: Request) -> int:
+    """The decimals of the file."""
+    usual = PHOTO_PRECISION if request.max_bytes is None else BYTES_PRECISION
+    return usual if request.precision is None else request.precision
+
+
 def _fitting_curves(
-    scene: Scene, importance: np.ndarray, most: int, precision: int, photo: PhotoFits
+    scene: Scene, importance: np.ndarray, most: int, precision: int, photo: Photo
 ) -> tuple[np.ndarray, float]:
     """The curves by use, and how many of them the file can hold; that may be more than there are."""
     order = _by_use(scene, importance, precision)
@@ -107,7 +164,7 @@ def _fitting_curves(
     return order, 1 + (most - head) / each
 
 
-def within_level(least: float, settings: FitSettings, photo: PhotoFits, pixels: int) -> Within:
+def within_level(least: float, settings: FitSettings, photo: Photo, pixels: int) -> Within:
     """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was. pixels: of the
     picture.
     """
@@ -170,7 +227,7 @@ def guessed_curves(most: float, segments: int, precision: int) -> int:
     return max(1, min(1_000_000, int(SPARE * most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
 
 
-def _to_spare(scene: Scene, least: float, level: float, photo: PhotoFits) -> tuple[np.ndarray, int]:
+def _to_spare(scene: Scene, least: float, level: float, photo: Photo) -> tuple[np.ndarray, int]:
     """The curves, those of most worth first, and how many of the last of them a file of at least `least` dB can spare.
 
     The loss without several curves is about what it is with them and what they are worth; files that are drawn say
@@ -201,8 +258,6 @@ def _rise(before: float, after: float) -> float:
 
 def _by_use(scene: Scene, importance: np.ndarray, precision: int) -> np.ndarray:
     """The curves' numbers, those of most use for a byte first."""
-    from cubicsplat_cli.svg.scene_writer import bytes_by_curve
-
     return np.argsort(-importance.astype(np.float64) / bytes_by_curve(scene, precision), kind="stable")
 
 

@@ -16,7 +16,6 @@ from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
-from cubicsplat_cli.raster.engines import require_gpu
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
 
@@ -59,6 +58,8 @@ def _first(task: Task) -> Made:
     """The result of the style that is asked for or suits the picture; if that fails, of the other style."""
     request = task.request
     if request.settings.device == "cuda":
+        from cubicsplat_cli.raster.cuda.driver import require_gpu
+
         require_gpu()  # which a drawing would not ask for
     ink = only_ink(task.picture)
     if ink is not None:

@@ -81,13 +81,6 @@ def open_engine(
     return CpuEngine(threads)
 
 
-def require_gpu() -> None:
-    """Raise EngineError, which says what to do, where torch has no GPU."""
-    from cubicsplat_cli.raster.cuda import driver
-
-    driver.require_gpu()
-
-
 def cuda_engine(index: int | None = None, program: Program | None = None) -> CudaEngine:
     """CUDA's engine, whose import is that of torch. Raises EngineError where it cannot run."""
     from cubicsplat_cli.raster.cuda.engine import CudaEngine
