@@ -23,7 +23,7 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.cuda.frame import Frame, Sizes, Workspace
+from cubicsplat_cli.raster.cuda.frame import MOST_LOOKS, Frame, sizes_of, workspace
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -222,8 +222,8 @@ def test_a_large_scene_fits_into_half_a_gigabyte():
     scene.width, scene.height = 2040, 1344
     scene.points = torch.empty(curves, points, 2, device="meta")
     for samples in (12, 24):
-        sizes = Sizes.of(scene, RasterSettings("relaxed", 1.0, samples, 0.05), True)
-        buffers = Workspace(sizes, lambda _, count, dtype: torch.empty(count, dtype=dtype, device="meta")).tensors()
+        frame = Frame(**sizes_of(scene, RasterSettings("relaxed", 1.0, samples, 0.05)), backward=True)
+        buffers = workspace(frame, MOST_LOOKS, lambda _, count, dtype: torch.empty(count, dtype=dtype, device="meta"))
         taken = sum(t.numel() * t.element_size() for t in buffers.values())
         parameters = 4 * curves * (2 * points + 3 + 1 + 1 + 1)
         optimiser = 4 * curves * ((2 * points + 5) * 4 + 4 + 1)
@@ -315,7 +315,7 @@ from scenes import PAPER, ragged_scene, random_scene, random_target
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.cuda.frame import Frame, Sizes, Workspace
+from cubicsplat_cli.raster.cuda.frame import Frame
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 

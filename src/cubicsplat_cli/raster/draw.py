@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -36,11 +37,8 @@ def render_scene(
     Raises InputError for a scene that is not valid.
     """
     scene.validate()
-    engine = CpuEngine(threads)
-    try:
+    with closing(CpuEngine(threads)) as engine:
         return engine.render(scene_arrays(scene.as_numpy()), RasterSettings(coverage, edge_width, samples, FLATNESS))
-    finally:
-        engine.close()
 
 
 def leave_one_out_importance(
@@ -52,15 +50,12 @@ def leave_one_out_importance(
     goal = np.ascontiguousarray(target, dtype=np.float32)
     if scene.background is None and goal.shape[2] == 3:
         goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
-    engine = CpuEngine(threads)
-    try:
+    with closing(CpuEngine(threads)) as engine:
         loss, found = engine.gradients(
             scene_arrays(scene.as_numpy()), RasterSettings("exact", 1.0, samples, FLATNESS), target=goal,
             importance="loo", weights=None if weights is None else np.ascontiguousarray(weights),
         )  # fmt: skip
         return loss, found["importance"]
-    finally:
-        engine.close()
 
 
 def describe(cuda: Callable[[], Engine] = cuda_engine) -> dict[str, Any]:
@@ -78,10 +73,7 @@ def describe(cuda: Callable[[], Engine] = cuda_engine) -> dict[str, Any]:
 def _describe(opened: Callable[[], Engine]) -> dict[str, Any]:
     """The engine itself, or the reason why there is none."""
     try:
-        engine = opened()
+        with closing(opened()) as engine:
+            return {"available": True, **engine.describe()}
     except EngineError as error:
         return {"available": False, "reason": str(error)}
-    try:
-        return {"available": True, **engine.describe()}
-    finally:
-        engine.close()
