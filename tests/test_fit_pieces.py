@@ -12,8 +12,7 @@ from scenes import PAPER, random_scene, straight
 from cubicsplat_cli.photo.geometric import LEAST_CROSSING, _handles, crossing_gradient
 from cubicsplat_cli.photo.seeding import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
 from cubicsplat_cli.photo.segments import cross, length, segments_of
-from cubicsplat_cli.photo.snap import snapped
-from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves
+from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, snapped
 from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings, Mode
 

@@ -17,20 +17,20 @@ def fit(
     target: np.ndarray,
     settings: FitSettings,
     on_progress: Callable[[Progress], None] | None = None,
-    film: FrameRecorder | None = None,
+    recorder: FrameRecorder | None = None,
     inputs: FitInputs = NO_INPUTS,
     rough: tuple[np.ndarray, FitInputs] | None = None,
 ) -> FitResult:
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
-    film: keeps scenes on the way. inputs: what else the fit is given. rough: a smaller copy of the picture, on which
-    all but the exact finish is done, and its inputs; only for fits that do not begin with a drawing.
+    recorder: keeps scenes on the way. inputs: what else the fit is given. rough: a smaller copy of the picture, on
+    which all but the exact finish is done, and its inputs; only for fits that do not begin with a drawing.
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
     form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
     leaves the state that the fit had come to, with a note.
     """
-    return Fitting(target, settings, on_progress, film, inputs, rough).finish()
+    return Fitting(target, settings, on_progress, recorder, inputs, rough).finish()
 
 
 class Fitting(FitLoop):
@@ -44,7 +44,7 @@ class Fitting(FitLoop):
         target: np.ndarray,
         settings: FitSettings,
         on_progress: Callable[[Progress], None] | None = None,
-        film: FrameRecorder | None = None,
+        recorder: FrameRecorder | None = None,
         inputs: FitInputs = NO_INPUTS,
         rough: tuple[np.ndarray, FitInputs] | None = None,
     ) -> None:
@@ -55,7 +55,7 @@ class Fitting(FitLoop):
         if rough is not None and settings.recipe.finish > 0.0:
             self._finish = picture, inputs
             picture, inputs = _checked(*rough), rough[1]
-        super().__init__(picture, settings, inputs, on_progress, film)
+        super().__init__(picture, settings, inputs, on_progress, recorder)
 
     def finish(self) -> FitResult:
         if self._finish is not None and self.relax():

@@ -121,9 +121,8 @@ class Within:
     notes: list[str]
 
 
-def within_bytes(most: int, settings: FitSettings, precision: int, photo: Photo) -> Within:
-    """The best picture in at most so many bytes. settings: with about as many curves as they are for. precision: the
-    file's decimals.
+def within_bytes(most: int, settings: FitSettings, photo: Photo) -> Within:
+    """The best picture in at most so many bytes. settings: with about as many curves as they are for.
 
     Raises InputError where not even one curve fits.
     """
@@ -132,7 +131,7 @@ def within_bytes(most: int, settings: FitSettings, precision: int, photo: Photo)
         if not fitting.relax(share):
             break
         scene = fitting.scene()
-        order, count = _fitting_curves(scene, fitting.importance(), most, precision, photo)
+        order, count = _fitting_curves(scene, fitting.importance(), most, photo)
         wanted = max(1, math.ceil(spare * count))
         kept = order[:wanted]
         # New curves come midway only: at the finish they would not become good any more.
@@ -141,7 +140,7 @@ def within_bytes(most: int, settings: FitSettings, precision: int, photo: Photo)
     scene = fitted.scene
     if photo.size(scene) <= most:
         return Within(fitted, [])
-    order, _ = _fitting_curves(scene, photo.importance(scene)[1], most, precision, photo)
+    order, _ = _fitting_curves(scene, photo.importance(scene)[1], most, photo)
     count = most_within(scene.curves, most, lambda n: photo.size(_kept(scene, order, n)))
     return Within(_trimmed(fitted, order, count), [])
 
@@ -152,11 +151,10 @@ def file_precision(request: Request) -> int:
     return usual if request.precision is None else request.precision
 
 
-def _fitting_curves(
-    scene: Scene, importance: np.ndarray, most: int, precision: int, photo: Photo
-) -> tuple[np.ndarray, float]:
-    """The curves by use, and how many of them the file can hold; that may be more than there are."""
-    order = _by_use(scene, importance, precision)
+def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Photo) -> tuple[np.ndarray, float]:
+    """The curves, those of most use for a byte first, and how many the file holds, perhaps more than there are."""
+    use = importance.astype(np.float64) / bytes_by_curve(scene, file_precision(photo.task.request))
+    order = np.argsort(-use, kind="stable")
     size, head = photo.size(scene), photo.size(scene.chosen(order[:1]))
     if head > most:
         raise InputError(f"not even one curve fits into {most} bytes; allow at least {head}")
@@ -164,11 +162,9 @@ def _fitting_curves(
     return order, 1 + (most - head) / each
 
 
-def within_level(least: float, settings: FitSettings, photo: Photo, pixels: int) -> Within:
-    """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was. pixels: of the
-    picture.
-    """
-    limit = max(1, min(1_000_000, int(pixels / PIXELS_PER_CURVE)))
+def within_level(least: float, settings: FitSettings, photo: Photo) -> Within:
+    """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was."""
+    limit = max(1, min(1_000_000, int(photo.fine.width * photo.fine.height / PIXELS_PER_CURVE)))
     fitting = photo.begin(settings.with_(curves=min(limit, BEGINNING)))
     for share, rise in LOOKS:
         if not fitting.relax(share):
@@ -254,11 +250,6 @@ def _to_spare(scene: Scene, least: float, level: float, photo: Photo) -> tuple[n
 def _rise(before: float, after: float) -> float:
     """By which share the squared error rises between two levels in dB."""
     return 10.0 ** ((before - after) / 10.0) - 1.0
-
-
-def _by_use(scene: Scene, importance: np.ndarray, precision: int) -> np.ndarray:
-    """The curves' numbers, those of most use for a byte first."""
-    return np.argsort(-importance.astype(np.float64) / bytes_by_curve(scene, precision), kind="stable")
 
 
 def _kept(scene: Scene, order: np.ndarray, count: int) -> Scene:

@@ -59,11 +59,11 @@ def fitted_photo(task: Task) -> Made:
 
 def _within(photo: Photo, settings: FitSettings) -> Within:
     """One fit, or those that meet the budget that was asked for."""
-    request, target = photo.task.request, photo.fine
+    request = photo.task.request
     if request.max_bytes is not None:
-        return within_bytes(request.max_bytes, _one_opacity(settings, target), file_precision(request), photo)
+        return within_bytes(request.max_bytes, _one_opacity(settings, photo.fine), photo)
     if request.target_psnr is not None:
-        return within_level(request.target_psnr, settings, photo, target.width * target.height)
+        return within_level(request.target_psnr, settings, photo)
     return Within(photo.begin(settings).finish(), [])
 
 
