@@ -67,11 +67,6 @@ def short_colour(red: int, green: int, blue: int) -> str:
     return f"#{text[::2]}" if text[::2] == text[1::2] else f"#{text}"
 
 
-def in_short(text: str) -> str:
-    """A document without the space that ElementTree puts before "/>"; a ">" in the title is escaped: no match."""
-    return _SPACE.sub("/>", text)
-
-
 def empty_document(width: int, height: int, title: str, comment: str) -> ElementTree.Element:
     """The root of a picture of width x height px, with its comment and title."""
     size = {"width": str(width), "height": str(height), "viewBox": f"0 0 {width} {height}"}
@@ -86,7 +81,9 @@ def document(root: ElementTree.Element) -> str:
     root.text = "\n"
     for child in root:
         child.tail = "\n"
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{in_short(ElementTree.tostring(root, encoding="unicode"))}\n'
+    # Without the space that ElementTree puts before "/>"; a ">" in the title is escaped: no match.
+    text = _SPACE.sub("/>", ElementTree.tostring(root, encoding="unicode"))
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
 def paint(ink: Ink) -> dict[str, str]:

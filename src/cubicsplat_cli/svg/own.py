@@ -39,11 +39,11 @@ _OWN: dict[str, set[str]] = {
     "svg/circle": {"cx", "cy", "r", *_PAINT, *_STROKE},
     "svg/ellipse": {"cx", "cy", "rx", "ry", "transform", *_PAINT, *_STROKE},
 }
-for _place in ("svg", "svg/defs"):
-    _OWN[f"{_place}/linearGradient"] = {"x1", "y1", "x2", "y2", *_GRADIENT}
-    _OWN[f"{_place}/radialGradient"] = {"cx", "cy", "r", "fx", "fy", "fr", *_GRADIENT}
+for _parent in ("svg", "svg/defs"):
+    _OWN[f"{_parent}/linearGradient"] = {"x1", "y1", "x2", "y2", *_GRADIENT}
+    _OWN[f"{_parent}/radialGradient"] = {"cx", "cy", "r", "fx", "fy", "fr", *_GRADIENT}
     for _name in ("linearGradient", "radialGradient"):
-        _OWN[f"{_place}/{_name}/stop"] = {"offset", "stop-color", "stop-opacity"}
+        _OWN[f"{_parent}/{_name}/stop"] = {"offset", "stop-color", "stop-opacity"}
 
 LINEAR, RADIAL = "linearGradient", "radialGradient"
 _HREF = ("href", "xlink:href")
