@@ -107,7 +107,7 @@ class Photo:
 
     def importance(self, scene: Scene) -> tuple[float, np.ndarray]:
         """The loss, and (N,) by how much it would rise without each curve."""
-        from cubicsplat_cli.raster.draw import leave_one_out_importance
+        from cubicsplat_cli.raster.engines import leave_one_out_importance
 
         settings, weights = self.task.request.settings, self.inputs.weights
         return leave_one_out_importance(scene, self.fine.target(), weights, settings.finish_samples, settings.threads)
