@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage
-from cubicsplat_cli.artwork.geometry.hulls import holes_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.layers.completion import _Window, hidden_runs
 from cubicsplat_cli.artwork.layers.continuation import continued
@@ -21,6 +20,7 @@ from cubicsplat_cli.artwork.layers.ways import HiddenLoop, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.raster.unmix import holes_of
 
 FINE = 8
 

@@ -87,7 +87,7 @@ def test_directed_lines_stay_so_however_the_ring_moves(steps):
     ring = directed(free, SLOPES)
     step = np.array(steps[: ring.jacobian.shape[1]])
     # As far as the finish lets control points move.
-    step *= min(1.0, LONGEST / max(np.abs(ring.jacobian @ step).max(), 1e-9))
+    step *= min(1.0, LONGEST / max(np.abs(ring.jacobian.times(step)).max(), 1e-9))
     moved = ring.moved(step)
     ways = np.diff(moved.outline().anchors[:3], axis=0)
     assert np.abs(np.abs(ways[:, 0]) - np.abs(ways[:, 1])).max() < 1e-9

@@ -1,9 +1,5 @@
 """Chains in fewer points: which are kept, and that those left out are near."""
 
-import ast
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from conftest import rest_slow
@@ -44,9 +40,3 @@ def test_a_square_of_cracks_keeps_its_corners():
     loop = np.concatenate([np.stack(each, axis=1) for each in sides])
     kept = fewer_points(np.vstack([loop, loop[:1]]), 0.6)
     assert kept.tolist() == [[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]
-
-
-def test_no_drawing_waits_for_what_only_other_work_needs():
-    code = "import sys, cubicsplat_cli.artwork.vectorize; print(sorted(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"scipy.signal", "scipy.stats", "scipy.optimize"} & {*ast.literal_eval(done.stdout)}

@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
+from cubicsplat_cli.artwork.finish.finish import NOTICED, begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.freedom import Held, freedom_of
 from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
@@ -97,8 +99,21 @@ def test_the_finish_looks_through_a_blur():
     assert (disc.cx, disc.cy, disc.r) == pytest.approx((33.3, 30.7, 11.4), abs=5e-3)
     assert (box.x, box.y, box.width, box.height, box.radius) == pytest.approx((4.0, 5.0, 40.3, 30.6, 6.2), abs=0.02)
     # An outline is judged by what the blur carries beyond the pixels that it crosses, too.
-    disc_only = settled.crossed(1)
-    assert len(np.unique(disc_only)) > 3 * len(np.unique(settled.crossings.pixel[settled.marks[1] :]))
+    moved = begin(drawing, goal)
+    crossed = settled.stack.growth(moved.stack, settled.owners, moved.owners, 2)
+    assert (settled.growth(moved, np.ones(2, dtype=bool)) > 1.5 * crossed).all() and (crossed > 0.0).all()
+
+
+def test_outlines_that_rest_are_looked_at_again_when_the_picture_beneath_them_changes():
+    truth = [(Rectangle(4.0, 5.0, 40.0, 30.0), RED), (Circle(24.0, 20.0, 9.0), BLUE)]
+    goal = goal_of(picture(truth, 48, 56))
+    settled = settle(begin(Drawing(56, 48, tuple(Shape(ink, (outline,), "x") for outline, ink in truth)), goal), goal)
+    away = settled.outlines[1].moved(np.array([0.3, 0.0, 0.0]))
+    changed = settled.with_layers([settled.layers[0], replace(settled.layers[1], outlines=[away])])
+    noticed = changed.stack.changed(settled.stack, changed.owners, 2, NOTICED)
+    assert noticed.tolist() == [False, True]
+    disc = settle(changed, goal).outlines[1].outline()
+    assert (disc.cx, disc.cy, disc.r) == pytest.approx((24.0, 20.0, 9.0), abs=3e-3)
 
 
 def test_the_finish_of_a_jpeg_trusts_luma_more_than_chroma():

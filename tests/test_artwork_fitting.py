@@ -160,6 +160,18 @@ def test_more_detail_gives_no_fewer_pieces() -> None:
     assert counts == sorted(counts)
 
 
+def test_a_smooth_outline_of_many_waves_is_followed_as_well_as_one_of_few() -> None:
+    for waves in (6, 60):
+        radius = 20.0 * waves / math.pi
+        angles = np.linspace(0.0, 2.0 * math.pi, 60 * waves, endpoint=False)
+        radii = radius + 4.0 * np.sin(waves * angles)
+        points = radius + 10.0 + radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        ring = fit_outline(points, np.full(len(points), NOISE)).ring()
+        away = np.hypot(*(flattened(ring, 0.3) - radius - 10.0).T)
+        assert np.ptp(away) == pytest.approx(8.0, abs=0.2)
+        assert 2 * waves <= ring.pieces <= 6 * waves
+
+
 def test_the_same_points_give_the_same_outline() -> None:
     one, two = fitted(star()), fitted(star())
     assert isinstance(one, Ring) and isinstance(two, Ring)

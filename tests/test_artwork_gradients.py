@@ -20,6 +20,7 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, painted
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
@@ -203,7 +204,7 @@ def test_stops_are_found_where_they_are():
     y, x = np.mgrid[:120, :160] + 0.5
     truth = LinearGradient(0, 0, 160, 0, tuple(Stop(o, (v, 100, 50, 255)) for o, v in ((0, 20), (0.3, 200), (1, 90))))
     levels = np.rint(255 * painted(truth, x, y))
-    shade = shade_of(x.ravel(), y.ravel(), levels.reshape(-1, 4))
+    shade = shade_of(Pixels(x.ravel(), y.ravel(), levels.reshape(-1, 4)))
     found = gradient_of(shade)
     assert (found.y1, found.y2) == (0.0, 0.0)
     ends = [found.x1 + stop.offset * (found.x2 - found.x1) for stop in found.stops]

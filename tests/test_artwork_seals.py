@@ -1,17 +1,18 @@
 """No ground shows between opaque shapes: the finish moves hidden edges away from where others meet."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_artwork_draw import BLUE, RED
 from test_artwork_regular import regions_of
 
-from cubicsplat_cli.artwork.finish import seals
 from cubicsplat_cli.artwork.finish.finish import State, begin, goal_of, settle
 from cubicsplat_cli.artwork.geometry.outlines import polygon
 from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.raster.stack import normal_equations
+from cubicsplat_cli.raster.stack import Unknowns
 
 SIZE, MEETING = 40, 20  # px; the row and column of the pixels in which the shapes meet
 GREEN = (0.0, 0.6, 0.0, 1.0)
@@ -35,44 +36,56 @@ def ground_inside(state):
     return float((1.0 - state.image[4:36, 4:36, 3]).max())
 
 
+def weightless(goal):
+    return replace(goal, leak_weight=0.0)
+
+
 def test_the_ground_leaks_where_a_hidden_edge_meets_two_others_and_not_along_the_drawing():
-    target = target_of(stacked(30.0))
-    rows, columns = np.divmod(seals.leaks(begin(stacked(20.7), goal_of(target)).image, goal_of(target)), SIZE)
+    goal = goal_of(target_of(stacked(30.0)))
+    state = begin(stacked(20.7), goal)
+    shown = np.where(goal.inside, 1.0 - state.image[..., 3], 0.0)
+    rows, columns = np.nonzero(shown > 1e-6)
     assert set(columns.tolist()) == {MEETING}
     # The first and last rows are beside the drawing's own edge, and below 20 red covers it all.
     assert rows.tolist() == list(range(3, MEETING + 1))
-    assert not len(seals.leaks(target, goal_of(target)))
+    leaked = state.value - begin(stacked(20.7), weightless(goal)).value
+    assert leaked == pytest.approx(goal.leak_weight * (shown**2).sum()) and leaked > 0.0
+    plain = begin(stacked(30.0), goal)
+    assert plain.value == pytest.approx(begin(stacked(30.0), weightless(goal)).value, abs=1e-12)
 
 
 def test_the_equations_of_leaks_match_finite_differences():
-    target = target_of(stacked(30.0))
-    goal, state = goal_of(target), begin(stacked(20.7), goal_of(target))
-    given = (goal, state.image, state.crossings, int(state.pieces[-1]))
-    gradient = seals.sealed_equations(*given, state.leaking)[1] - normal_equations(*given)[1]
-    outline = state.layers[0].outlines[0]
-    found = outline.jacobian.T @ gradient[: outline.jacobian.shape[0]]
+    goal = goal_of(target_of(stacked(30.0)))
+    outline = begin(stacked(20.7), goal).outlines[0]
+    count = outline.jacobian.count
 
-    def misfit(step):
-        layers = begin(stacked(20.7), goal).layers
-        layers[0].outlines[0] = outline.moved(step)
-        state = State.of(layers, goal)
-        return seals.leak_misfit(state.image, state.leaking).sum()
+    def gradient(goal):
+        unknowns = Unknowns([0], [4], [0], [outline.jacobian], np.ones(count), 1.0)
+        return begin(stacked(20.7), goal).stack.step(unknowns).gradient
 
-    steps = 1e-5 * np.eye(len(found))
-    expected = [(misfit(step) - misfit(-step)) / 2e-5 for step in steps]
+    def leaked(step):
+        values = []
+        for each in (goal, weightless(goal)):
+            layers = begin(stacked(20.7), each).layers
+            layers[0].outlines[0] = outline.moved(step)
+            values.append(State.of(layers, each).value)
+        return values[0] - values[1]
+
+    found = gradient(goal) - gradient(weightless(goal))
+    steps = 1e-5 * np.eye(count)
+    expected = [(leaked(step) - leaked(-step)) / 2e-5 for step in steps]
     assert np.abs(expected).max() > 1.0
     # Half of the square's slope, as of every misfit.
     assert found == pytest.approx(0.5 * np.array(expected), rel=3e-3, abs=1e-3)
 
 
-def test_hidden_edges_leave_the_pixels_where_others_meet(monkeypatch):
+def test_hidden_edges_leave_the_pixels_where_others_meet():
     """A target that is a little darker there would be best matched by a little of the ground."""
     target = target_of(stacked(30.0))
     target[MEETING - 2 : MEETING + 2, MEETING, :3] *= 0.8
     goal = goal_of(target)
-    sealed = ground_inside(settle(begin(stacked(20.7), goal), goal))
-    monkeypatch.setattr(seals, "WEIGHT", 0.0)
-    assert ground_inside(settle(begin(stacked(20.7), goal), goal)) > 2e-3
+    sealed, leaking = (ground_inside(settle(begin(stacked(20.7), g), g)) for g in (goal, weightless(goal)))
+    assert leaking > 2e-3
     assert sealed < 2e-4
 
 

@@ -9,7 +9,7 @@ from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
 from cubicsplat_cli.raster.cubics import Joints, newton_steps, refined
-from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, Form, fitted_values, flanks, parabolas
+from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, Form, fitted_values, parabolas
 
 
 def wavy_chain(count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -51,29 +51,6 @@ def test_parabolas_are_weighted_least_squares_over_the_widest_believed_window():
         expected[0] += points[i]
         assert terms[i] == pytest.approx(expected, rel=1e-6, abs=1e-6)
         assert errors[i] == pytest.approx(wide, rel=1e-6)
-
-
-def test_flanks_are_extrapolated_from_the_longest_believed_run():
-    points, weights, s = wavy_chain()
-    weights = np.maximum(weights, 50.0)
-    places = 0.5 * (s[:-1] + s[1:])
-    kinds = ((2, 1, 4.0), (3, 1, 3.0), (8, 2, 2.0))
-    at, tangent, error, first = flanks(points, weights, s, places, np.full(len(places), 4.5), 1.0, kinds)
-    assert np.isinf(error).any() and np.isfinite(error).sum() > 30
-    for i, place in enumerate(places):
-        start = int(np.searchsorted(s, place + 1.0))
-        expected, slope, wide = points[min(start, len(s) - 1)], np.array([1.0, 0.0]), np.inf
-        for length, degree, most in kinds if start < len(s) and s[start] - place <= 4.5 else ():
-            run = np.arange(start, start + length + 1)
-            if run[-1] >= len(s) or s[run[-1]] - s[start] > 2.0 * length:
-                break
-            own, variance, misfit = fitted(points[run] - points[start], weights[run], s[run] - place, degree)
-            if misfit / (length - degree) > most:
-                break
-            expected, slope, wide = points[start] + own[0], own[1] / np.hypot(*own[1]), np.sqrt(variance[1])
-        assert first[i] == min(start, len(s) - 1)
-        assert at[i] == pytest.approx(expected, abs=1e-6) and tangent[i] == pytest.approx(slope, abs=1e-6)
-        assert error[i] == pytest.approx(wide, rel=1e-6)
 
 
 def test_feet_pass_on_at_smooth_joints_only():

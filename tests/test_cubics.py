@@ -1,12 +1,10 @@
 """The native fit of cubics to points, against the same in plain numpy."""
 
-from itertools import pairwise, product
-
 import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
-from cubicsplat_cli.raster.cubics import cheapest_path, newton_steps, piece_misfits
+from cubicsplat_cli.raster.cubics import divided_run, newton_steps
 
 RUNS, POINTS, ROUNDS = 7, 20, 3
 
@@ -14,9 +12,9 @@ RUNS, POINTS, ROUNDS = 7, 20, 3
 def runs(seed):
     """Cubics bent at random, points beside them in order, and parameters that are nearly theirs."""
     random = np.random.default_rng(seed)
-    cubics = np.array([[0.0, 0.0], [10.0, 8.0], [22.0, 8.0], [30.0, 0.0]]) + random.normal(0.0, 3.0, (RUNS, 4, 2))
+    cubics = np.array([[0.0, 0.0], [10.0, 8.0], [22.0, 8.0], [30.0, 0.0]]) + random.normal(0.0, 1.0, (RUNS, 4, 2))
     u = np.tile((np.arange(POINTS) + 0.5) / POINTS, (RUNS, 1))
-    return random, cubics, points_at(cubics, u) + random.normal(0.0, 0.3, (RUNS, POINTS, 2)), u
+    return random, cubics, points_at(cubics, u) + random.normal(0.0, 0.1, (RUNS, POINTS, 2)), u
 
 
 def nearer(cubics, points, u):
@@ -31,7 +29,7 @@ def test_a_newton_step_is_that_of_the_distance():
     _, cubics, points, u = runs(1)
     assert newton_steps(cubics, points, u) == pytest.approx(nearer(cubics, points, u), abs=1e-12)
     # Far inside of a bend the distance is not convex.
-    far = points + [0.0, 400.0] * np.ones((RUNS, POINTS, 1))
+    far = points - [0.0, 400.0] * np.ones((RUNS, POINTS, 1))
     rest, (first, second) = points_at(cubics, u) - far, derivatives(cubics, u)
     assert ((rest * second).sum(-1) < -0.7 * (first * first).sum(-1)).any()
     assert newton_steps(cubics, far, u) == pytest.approx(nearer(cubics, far, u), abs=1e-9)
@@ -68,7 +66,7 @@ def misfit(cubics, points, weights, u):
 def test_pieces_go_where_plain_gauss_newton_goes():
     random, cubics, points, _ = runs(3)
     weights = random.uniform(0.5, 20.0, (RUNS, POINTS))
-    at, errors = cubics[:, [0, 3]] + random.normal(0.0, 0.2, (RUNS, 2, 2)), random.uniform(0.05, 0.3, (RUNS, 2, 2))
+    at, errors = cubics[:, [0, 3]] + random.normal(0.0, 0.1, (RUNS, 2, 2)), random.uniform(0.2, 0.4, (RUNS, 2, 2))
     tangents = np.stack([cubics[:, 1] - cubics[:, 0], cubics[:, 3] - cubics[:, 2]], axis=1)
     tangents /= np.hypot(tangents[..., 0], tangents[..., 1])[..., None]
     knots = np.diff(np.concatenate([at[:, :1], points, at[:, 1:]], axis=1), axis=1)
@@ -92,53 +90,52 @@ def test_pieces_go_where_plain_gauss_newton_goes():
     for _ in range(ROUNDS):
         values = improved(given, values, placed(values), points, weights, feet)
         feet = np.clip(nearer(placed(values), points, feet), 0.0, 1.0)
-    # Each run has two nodes of its own.
-    first, rank = np.arange(0, 2 * RUNS, 2), POINTS * (np.arange(2 * RUNS) // 2 + np.arange(2 * RUNS) % 2)
-    nodes = rank, at.reshape(-1, 2), tangents.reshape(-1, 2), errors.reshape(-1, 2)
-    told = points.reshape(-1, 2), weights.ravel()
-    found, cubic, line, bends = piece_misfits(first, first + 1, nodes, *told, 1e3)
-    assert found == pytest.approx(placed(values), abs=1e-7)
     strain = (stiffness * (values - expected) ** 2)[:, 2:].sum(axis=1)
-    assert cubic == pytest.approx(misfit(found, points, weights, feet) + strain)
-    way = at[:, 1] - at[:, 0]
-    for end in (0, 1):
-        turn = np.arctan2(
-            way[:, 0] * tangents[:, end, 1] - way[:, 1] * tangents[:, end, 0], (way * tangents[:, end]).sum(1)
-        )
-        angles = np.abs(turn) / (np.radians(0.5) + errors[:, end, 1])
-        assert bends[:, end] == pytest.approx(0.5 * np.minimum(angles, 30.0) ** 2)
-    assert (line > cubic).all()
+    total = misfit(placed(values), points, weights, feet) + strain
+    straight = np.stack([np.ones(POINTS), np.zeros(POINTS)], axis=1), np.zeros(POINTS), np.ones((POINTS, 2))
+    for k in range(RUNS):
+        # So dear that two pieces cost more, and not so dear that a line costs less.
+        ends, price = (at[k], tangents[k], errors[k]), 0.3 * float(total[k])
+        division, cost = divided_run((points[k], *straight), weights[k], ends, price)
+        assert division.lines.tolist() == [False] and division.sizes.tolist() == [POINTS]
+        # A cubic between two corners has six parameters.
+        assert cost == pytest.approx(0.5 * total[k] + 6.0 * price)
+        handles = placed(values)[k, [1, 2]] - placed(values)[k, [0, 3]]
+        assert division.handles[0] == pytest.approx(handles, abs=1e-7)
+        assert division.anchors[0] == pytest.approx(at[k, 0])
 
 
-def test_the_misfit_of_a_line_is_that_of_the_points_off_it_and_hopeless_cubics_stay_rough():
+def test_a_line_costs_what_its_points_are_off_it():
     x = np.linspace(0.5, 19.5, 20)
     points = np.stack([x, np.where(np.arange(20) % 2, 0.1, -0.1)], axis=1)
-    nodes = np.array([0, 20]), np.array([[0.0, 0.0], [20.0, 0.0]]), np.array([[1.0, 0.0]] * 2), np.full((2, 2), 0.1)
-    start = np.array([0]), np.array([1])
-    _, cubic, line, bends = piece_misfits(*start, nodes, points, np.full(20, 100.0), 1.0)
-    # The outliers draw the line, but evenly: its points are one standard error off.
-    assert line == pytest.approx([20.0], rel=0.05) and cubic == pytest.approx([20.0], rel=0.2)
-    assert bends == pytest.approx(np.zeros((1, 2)))
-    between = (np.array([0, 10, 20]), np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]]), np.array([[1.0, 0.0]] * 3))
-    far = np.stack([x, 400.0 * np.sin(x)], axis=1)
-    wide = piece_misfits(np.array([0]), np.array([2]), (*between, np.full((3, 2), 0.1)), far, np.full(20, 100.0), 1e-3)
-    assert wide[0][0, [0, 3]] == pytest.approx(between[1][[0, 2]], abs=1e-12)
+    level = np.tile([1.0, 0.0], (20, 1)), np.zeros(20), np.full((20, 2), 0.1)
+    ends = np.array([[0.0, 0.0], [20.0, 0.0]]), np.tile([1.0, 0.0], (2, 1)), np.full((2, 2), 0.1)
+    division, cost = divided_run((points, *level), np.full(20, 100.0), ends, 1.0)
+    # The outliers draw the line, but evenly: its points are one standard error off. A line has two parameters.
+    assert division.lines.tolist() == [True]
+    assert cost == pytest.approx(0.5 * 20.0 + 2.0, rel=0.05)
+    assert division.handles == pytest.approx(np.array([[[20.0, 0.0], [-20.0, 0.0]]]) / 3.0)
 
 
-def test_the_cheapest_path_is_that_of_all_paths():
-    random = np.random.default_rng(5)
-    first, last = np.triu_indices(6, 1)
-    for _ in range(20):
-        costs, bend = random.uniform(0.0, 4.0, (len(first), 2)), 1.5
-        number = {(a, b): k for k, (a, b) in enumerate(zip(first.tolist(), last.tolist(), strict=True))}
-        best = np.inf
-        for inner in product((False, True), repeat=4):
-            stops = [0, *(np.flatnonzero(inner) + 1).tolist(), 5]
-            for kinds in product((0, 1), repeat=len(stops) - 1):
-                own = sum(costs[number[pair], kind] for pair, kind in zip(pairwise(stops), kinds, strict=True))
-                best = min(best, own + bend * sum(a + b == 0 for a, b in pairwise(kinds)))
-        path, kinds, cost = cheapest_path(6, first, last, costs, bend)
-        assert cost == pytest.approx(best)
-        assert first[path[0]] == 0 and last[path[-1]] == 5 and (last[path[:-1]] == first[path[1:]]).all()
-        bends = sum(a + b == 0 for a, b in pairwise(kinds.tolist()))
-        assert costs[path, kinds].sum() + bend * bends == pytest.approx(cost)
+def test_a_run_is_divided_where_that_is_cheapest():
+    # A line, half a turn of radius 10, and a line back.
+    turn = (np.arange(31) + 0.5) / 31 * np.pi
+    there = np.arange(30) + 0.5
+    points = np.concatenate(
+        [
+            np.stack([there, np.zeros(30)], axis=1),
+            np.stack([30.0 + 10.0 * np.sin(turn), 10.0 - 10.0 * np.cos(turn)], axis=1),
+            np.stack([there[::-1], np.full(30, 20.0)], axis=1),
+        ]
+    )
+    angle = np.concatenate([np.zeros(30), turn, np.full(30, np.pi)])
+    tangents = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    bend = np.concatenate([np.zeros(30), np.full(31, 0.1), np.zeros(30)])
+    ends = np.array([[0.0, 0.0], [0.0, 20.0]]), tangents[[0, -1]], np.full((2, 2), 0.02)
+    fits = points, tangents, bend, np.full((91, 2), 0.01)
+    division, cost = divided_run(fits, np.full(91, 900.0), ends, 4.0)
+    assert division.lines[[0, -1]].tolist() == [True, True] and (~division.lines).sum() in (1, 2)
+    assert division.sizes.sum() == 91 and abs(int(division.sizes[0]) - 30) < 4
+    # Twice the price of a parameter costs at most as much more as the same pieces do, and no less than before.
+    parameters = (np.where(division.lines, 2, 5)).sum()
+    assert cost <= divided_run(fits, np.full(91, 900.0), ends, 8.0)[1] <= cost + 4.0 * parameters + 1e-6

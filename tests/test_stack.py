@@ -1,4 +1,4 @@
-"""Stacks of shapes: the native picture and normal equations against plain numpy and finite differences."""
+"""Stacks of shapes: the native picture and its steps against plain numpy and finite differences."""
 
 import resource
 from dataclasses import replace
@@ -12,7 +12,8 @@ from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.stack import Goal, StackPieces, draw_stack, normal_equations
+from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.raster.stack import DrawnStack, Goal, StackPieces, Unknowns
 
 HEIGHT, WIDTH = 40, 48
 OUTLINES = (Rectangle(-3.0, 4.2, 40.3, 30.6, 6.2), Circle(33.3, 20.7, 11.4), Circle(14.0, 30.0, 30.0))
@@ -34,13 +35,17 @@ def goal_of(target=None):
     return Goal(np.zeros((HEIGHT, WIDTH, 4)) if target is None else target, (1.0, 1.0, 1.0, 1.5), 0.15)
 
 
+def image_of(stack, goal):
+    return DrawnStack(stack, goal).picture[0]
+
+
 def test_the_picture_is_composed_of_exact_coverages():
     expected = np.zeros((HEIGHT, WIDTH, 4))
     for outline, ink in zip(OUTLINES, INKS, strict=True):
         ring = fine_ring(outline)
         share = coverage(ring.cubics, ring.lines, 0, 0, HEIGHT, WIDTH)[..., None]
         expected = expected * (1.0 - ink[3] * share) + share * ink
-    assert np.abs(draw_stack(stack_of(), goal_of())[0] - expected).max() < 1e-6
+    assert np.abs(image_of(stack_of(), goal_of()) - expected).max() < 1e-6
 
 
 def test_a_grid_samples_each_pixel_at_its_middles():
@@ -49,47 +54,120 @@ def test_a_grid_samples_each_pixel_at_its_middles():
     away = np.hypot(x - circle.cx, y - circle.cy) - circle.r
     # The circle's polyline runs up to 0.001 px within it.
     least, most = ((away < off).reshape(HEIGHT, 4, WIDTH, 4).mean(axis=(1, 3)) for off in (-0.0015, 0.0005))
-    share = draw_stack(stack_of((circle,)), replace(goal_of(), grid=4))[0][..., 3]
+    share = image_of(stack_of((circle,)), replace(goal_of(), grid=4))[..., 3]
     assert (share > least - 1e-6).all() and (share < most + 1e-6).all()
     assert (most - least).sum() < 0.5
 
 
 def test_a_blur_is_that_of_the_picture():
     taps = np.array([0.4, 0.2, 0.1])
-    sharp = draw_stack(stack_of(), goal_of())[0]
+    sharp = image_of(stack_of(), goal_of())
     expected = ndimage.correlate1d(sharp, [*taps[:0:-1], *taps], axis=0, mode="nearest")
     expected = ndimage.correlate1d(expected, [*taps[:0:-1], *taps], axis=1, mode="nearest")
-    assert draw_stack(stack_of(), replace(goal_of(), taps=taps))[0] == pytest.approx(expected, abs=1e-12)
+    assert image_of(stack_of(), replace(goal_of(), taps=taps)) == pytest.approx(expected, abs=1e-12)
 
 
 def test_the_misfit_is_linear_beyond_the_bound():
     goal = goal_of()
-    image, misfit, _ = draw_stack(stack_of(), goal)
+    image, misfit = DrawnStack(stack_of(), goal).picture
     size = np.linalg.norm(image * goal.channels, axis=2)
     expected = np.where(size <= goal.bound, size**2, goal.bound * (2.0 * size - goal.bound))
     assert misfit == pytest.approx(expected)
 
 
+def control_points(stack):
+    """How the control points of a stack of one ring a layer move with its anchors and the handles of its cubics."""
+    count, rows, columns, values = len(stack.cubics), [], [], []
+    after = np.arange(1, count + 1)
+    after[stack.ends - 1] = [0, *stack.ends[:-1]]
+    for piece in range(count):
+        for point in range(4):
+            third = point / 3.0 if stack.lines[piece] else float(point == 3)
+            own = point in (1, 2) and not stack.lines[piece]
+            parts = [(2 * count + 4 * piece + 2 * (point - 1), 1.0)] if own else []
+            parts = parts or [(2 * piece, 1.0 - third), (2 * after[piece], third)]
+            for first, share in parts:
+                for axis in (0, 1):
+                    rows.append(8 * piece + 2 * point + axis)
+                    columns.append(first + axis)
+                    values.append(share)
+    return SparseRows.of(np.array(rows), np.array(columns), np.array(values), (8 * count, 6 * count))
+
+
+def rows_of(matrix, first, last):
+    own = slice(matrix.starts[first], matrix.starts[last])
+    starts = matrix.starts[first : last + 1] - matrix.starts[first]
+    return SparseRows(starts, matrix.columns[own], matrix.values[own], matrix.count)
+
+
 # The Gram matrix leaves out that a blur goes on beyond the canvas as the picture ends there, which two outlines cross.
 @pytest.mark.parametrize(("taps", "gram_error"), [([1.0], 0.02), ([0.34, 0.23, 0.08, 0.02], 0.1)])
-def test_equations_match_finite_differences(taps, gram_error):
-    stack = stack_of()
-    target = draw_stack(stack_of((Rectangle(-3.0, 4.0, 40.0, 31.0, 6.0), *OUTLINES[1:])), goal_of())[0]
+@pytest.mark.parametrize("keep", [0.01, 10.0])
+def test_steps_match_finite_differences(taps, gram_error, keep):
+    stack, points = stack_of(), control_points(stack_of())
+    target = image_of(stack_of((Rectangle(-3.0, 4.0, 40.0, 31.0, 6.0), *OUTLINES[1:])), goal_of())
     goal = replace(goal_of(target), bound=10.0, taps=np.array(taps))
-    image, _, crossings = draw_stack(stack, goal)
-    count = len(stack.cubics)
-    gram, gradient = normal_equations(goal, image, crossings, count)
+    first = [0, *stack.ends[:-1]]
+    parts = [rows_of(points, 8 * a, 8 * b) for a, b in zip(first, stack.ends, strict=True)]
+    unknowns = Unknowns(first, np.diff([0, *stack.ends]), [0, 0, 0], parts, np.zeros(points.count), keep)
+    found = DrawnStack(stack, goal).step(unknowns)
+    step = points.times(found.values).reshape(stack.cubics.shape)
+    assert found.moves == pytest.approx([np.abs(step[a:b]).max() for a, b in zip(first, stack.ends, strict=True)])
     # The coverage of a polyline is smooth but where a vertex crosses a border between pixels.
-    step = 1e-4 * np.random.default_rng(1).normal(size=stack.cubics.shape)
-    for first, last in zip([0, *stack.ends], stack.ends, strict=False):
-        step[first:last, 3] = np.roll(step[first:last, 0], -1, axis=0)
-    ends = step[stack.lines][:, [0, 3]]
-    step[stack.lines, 1:3] = (2.0 * ends + ends[:, ::-1]) / 3.0
-    ahead, behind = (draw_stack(replace(stack, cubics=stack.cubics + sign * step), goal) for sign in (1.0, -1.0))
-    change = 0.5 * (ahead[0] - behind[0]) * goal.channels
-    assert 0.5 * (ahead[1] - behind[1]).sum() == pytest.approx(2.0 * gradient @ step.ravel(), rel=0.02)
-    assert (change**2).sum() == pytest.approx(step.ravel() @ (gram @ step.ravel()), rel=gram_error)
-    assert abs(gram - gram.T).max() < 1e-9
+    scale = 1e-4 / np.abs(step).max()
+    ahead, behind = (
+        DrawnStack(replace(stack, cubics=stack.cubics + sign * scale * step), goal) for sign in (1.0, -1.0)
+    )
+    slope = 0.5 * (ahead.cost - behind.cost) / scale
+    assert slope == pytest.approx(2.0 * found.gradient @ found.values, rel=0.02)
+    # The step solves (gram + keep) step = -gradient.
+    change = 0.5 * (ahead.picture[0] - behind.picture[0]) / scale * goal.channels
+    gram = -(found.gradient + keep * found.values) @ found.values
+    assert (change**2).sum() == pytest.approx(gram, rel=gram_error)
+
+
+def shifted(stack, layer, by):
+    cubics = stack.cubics.copy()
+    cubics[slice(*[0, *stack.ends][layer : layer + 2])] += by
+    return replace(stack, cubics=cubics)
+
+
+@pytest.mark.parametrize("taps", [[1.0], [0.4, 0.2, 0.1]])
+def test_what_is_drawn_again_is_what_is_drawn_afresh(taps):
+    goal = replace(goal_of(), taps=np.array(taps))
+    before = DrawnStack(stack_of(), goal)
+    fewer = stack_of((OUTLINES[0], OUTLINES[2]))
+    for stack in (
+        shifted(stack_of(), 1, (0.3, -7.0)),
+        fewer,
+        replace(fewer, inks=INKS[[0, 2]]),
+        stack_of(OUTLINES[:1]),
+    ):
+        again, afresh = DrawnStack(stack, goal, before), DrawnStack(stack, goal)
+        for one, other in zip(again.picture, afresh.picture, strict=True):
+            assert (one == other).all()
+        assert again.cost == afresh.cost
+        assert (again.crossings.slope == afresh.crossings.slope).all()
+        back = DrawnStack(stack_of(), goal, again)
+        assert (back.picture[0] == before.picture[0]).all()
+
+
+@pytest.mark.parametrize("spread", [0, 2])
+def test_the_growth_is_that_of_the_pixels_that_pieces_cross(spread):
+    goal = goal_of(image_of(stack_of(), goal_of()))
+    before, after = (DrawnStack(shifted(stack_of(), 1, by), goal) for by in ((0.1, 0.0), (0.6, 0.4)))
+    group = np.repeat([0, 1, -1], np.diff([0, *stack_of().ends]))
+    expected = []
+    for number in (0, 1):
+        crossed = np.zeros(HEIGHT * WIDTH, dtype=bool)
+        for drawn in (before, after):
+            crossed[drawn.crossings.pixel[group[drawn.crossings.piece] == number]] = True
+        crossed = ndimage.maximum_filter(crossed.reshape(HEIGHT, WIDTH), 2 * spread + 1)
+        expected.append((after.picture[1] - before.picture[1])[crossed].sum())
+    assert before.growth(after, group, group, 2, spread) == pytest.approx(np.array(expected))
+    # The rectangle's right side lies within the circle.
+    assert after.changed(before, group, 2, 1e-3).tolist() == [True, True]
+    assert not after.changed(after, group, 2, 0.0).any()
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's account of memory")
@@ -108,7 +186,7 @@ def test_the_picture_of_many_large_shapes_takes_memory_for_their_outlines_only()
     # A float for each pixel of each shape's box would take 205 MB.
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 180_000_000, before[1]))
     try:
-        image = draw_stack(stack, goal)[0]
+        image = image_of(stack, goal)
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
     assert image[400, 1, 0] == pytest.approx(1.0) and image[400, 400, 0] == 0.0
@@ -121,4 +199,4 @@ def _joined(rings):
 def test_arrays_of_the_wrong_kind_are_refused():
     stack = stack_of()
     with pytest.raises(EngineError, match="contiguous float64"):
-        draw_stack(replace(stack, cubics=stack.cubics.astype(np.float32)), goal_of())
+        DrawnStack(replace(stack, cubics=stack.cubics.astype(np.float32)), goal_of())

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.inks import eight_bit
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.paint import Ink
 from cubicsplat_cli.settings import Mode

@@ -16,6 +16,7 @@ from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
 
@@ -176,8 +177,6 @@ def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -
     judged, threads = resize_picture(task.target, JUDGED_SIDE), task.request.settings.threads
     layer = of_scene(scene, judged.width, judged.height, samples, threads)
     if blur:
-        from scipy import ndimage
-
         sigma = blur * judged.width / task.target.width
         layer = of_values(ndimage.gaussian_filter(layer.rows(0, judged.height), (sigma, sigma, 0.0), mode="nearest"))
     return psnr_db(judged, layer, threads)
@@ -195,11 +194,11 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
 
     Raises what a fit raises, and KeyboardInterrupt.
     """
-    from cubicsplat_cli.photo import fit
-
     drawn = level_db(task, made.scene, made.samples, made.blur)
     if drawn is None or drawn >= ENOUGH_DB:
         return None
+    from cubicsplat_cli.photo import fit  # which most drawings do not come to
+
     size = len(made.write(task.title, task.comment()).encode())
     curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), task.request.settings.curves or MOST))
     quick = fit(resize_picture(task.target, SIDE).target(), task.settings().with_(curves=curves, steps=STEPS))

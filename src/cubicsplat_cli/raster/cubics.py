@@ -1,4 +1,4 @@
-"""Cubics and outlines fitted to points, and the feet of points on cubics, by the native library."""
+"""Outlines divided into lines and cubics and fitted to points, and feet of points on cubics, by the native library."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import ctypes
 from ctypes import byref, c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from typing import TypeVar
 
 import numpy as np
@@ -28,50 +29,78 @@ def newton_steps(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.nd
     return out
 
 
-def piece_misfits(
-    first: np.ndarray,
-    last: np.ndarray,
-    nodes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+@dataclass(frozen=True)
+class Division:
+    """S lines and cubics in a row. sizes: (S,) how many points belong to each. anchors: (S, 2) px, where each starts.
+    handles: (S, 2, 2) px, of each its control points after its start and before its end, relative to these. lines: (S,)
+    bool. level: (S,) bool, whether the direction where a piece starts is exactly along an axis. from_corner: (S,) bool,
+    whether a piece starts at a corner."""
+
+    sizes: np.ndarray
+    anchors: np.ndarray
+    handles: np.ndarray
+    lines: np.ndarray
+    level: np.ndarray
+    from_corner: np.ndarray
+
+    @classmethod
+    def _room(cls, count: int) -> Division:
+        flags = (np.empty(count, dtype=bool) for _ in range(3))
+        return cls(np.empty(count, np.int64), np.empty((count, 2)), np.empty((count, 2, 2)), *flags)
+
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        return self.sizes, self.anchors, self.handles, self.lines, self.level, self.from_corner
+
+    def _first(self, count: int) -> Division:
+        return Division(*(array[:count].copy() for array in self._arrays()))
+
+
+def divided_run(
+    fits: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    weights: np.ndarray,
+    ends: tuple[np.ndarray, np.ndarray, np.ndarray],
+    price: float,
+) -> tuple[Division, float]:
+    """The cheapest division of a run of m points between two corners into lines and cubics, and its cost in nats: half
+    of Huber's chi^2 plus the price of a parameter times their number.
+
+    fits: of the points, positions (m, 2) px, unit tangents (m, 2), curvatures (m,) 1/px, and standard errors (m, 2), px
+    across the run and radians. weights: (m,) 1/px^2, 0 where points tell nothing. ends: positions, unit tangents and
+    standard errors, (2, 2) each, where the run starts and stops. price: nats. Raises EngineError where the library or
+    the memory is missing.
+    """
+    count, cost = len(weights), c_double()
+    given = [_plain(array) for array in (*fits, weights, *ends)]
+    found = Division._room(count + 2)
+    arrays = [array.ctypes.data for array in (*given, *found._arrays())]
+    pieces = _library().cs_divide(count, *arrays[: len(given)], price, *arrays[len(given) :], byref(cost))
+    return found._first(_checked(int(pieces))), cost.value
+
+
+def laid_out(
     points: np.ndarray,
     weights: np.ndarray,
+    corners: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     price: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of pieces that join P pairs of nodes of a run, first and last (P,): the best cubics (P, 4, 2) px, the misfits of
-    those and of the best lines (P,), Huber's chi^2 of 20 points each, and what the angles of lines cost at either end
-    (P, 2), nats.
+) -> tuple[Division, np.ndarray, int, np.ndarray]:
+    """The cheapest division of a closed loop into lines and cubics: which of its corners pay (C,), from which point on
+    the pieces follow each other, and the weights (n,) 1/px^2 without the points next to corners, which see both flanks.
 
-    nodes: of N nodes how many points come before each, positions (N, 2) px, unit tangents (N, 2), and standard errors
-    (N, 2), in px across the run and radians, within which cubics choose their ends. points: (n, 2) px, n >= 1, that
-    tell something; weights: (n,) 1/px^2. price: of a parameter, nats; cubics that are far off for it are only roughly
-    fitted. Raises EngineError where the library is missing.
+    points: (n, 2) px; weights: (n,) 1/px^2, 0 where points tell nothing. corners: indices (C,) of the points after
+    them, ascending, positions (C, 2) px, turns (C,) radians, and (C,) bool, which are sure. price: of a parameter,
+    nats. Raises EngineError where the library or the memory is missing.
     """
-    count = len(first)
-    pairs = [np.ascontiguousarray(array, np.int64) for array in (first, last, nodes[0])]
-    given = [_plain(array) for array in (*nodes[1:], points, weights)]
-    found = np.empty((count, 4, 2)), np.empty(count), np.empty(count), np.empty((count, 2))
-    at = [array.ctypes.data for array in (*pairs, *given[:3])]
-    told = (array.ctypes.data for array in given[3:])
-    _library().cs_piece_misfits(count, *at, len(weights), *told, price, *(array.ctypes.data for array in found))
-    return found
-
-
-def cheapest_path(
-    count: int, first: np.ndarray, last: np.ndarray, costs: np.ndarray, bend: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """The cheapest path from node 0 to node count - 1: its pairs in order, their kinds, and its cost.
-
-    first, last: (P,) of pairs, in the order of their first nodes. costs: (P, 2) of each pair as a line (kind 0) and as
-    a cubic (kind 1). bend: of a line after a line. Raises EngineError where the library or the memory is missing.
-    """
-    given = [np.ascontiguousarray(array, np.int64) for array in (first, last)]
-    costs, cost = _plain(costs), c_double()
-    path, kinds = np.empty(count, np.int64), np.empty(count, np.int64)
-    arrays = (array.ctypes.data for array in (*given, costs))
-    out = (array.ctypes.data for array in (path, kinds))
-    found = _library().cs_cheapest(count, len(first), *arrays, bend, *out, byref(cost))
-    if not found:
-        raise EngineError("there is no memory for the outlines of the drawing; make the picture smaller")
-    return path[:found][::-1], kinds[:found][::-1], cost.value
+    count, start = len(points), c_int64()
+    index, position, turn, sure = corners
+    given = [_plain(points), _plain(weights)]
+    at = [np.ascontiguousarray(index, np.int64), _plain(position), _plain(turn), np.ascontiguousarray(sure, bool)]
+    kept, chosen, found = np.empty(len(index), bool), np.empty(count), Division._room(2 * count + 2)
+    arrays = (array.ctypes.data for array in (*given, *at))
+    out = (array.ctypes.data for array in (chosen, *found._arrays()))
+    pieces = _library().cs_lay_out(
+        count, *islice(arrays, 2), len(index), *arrays, price, kept.ctypes.data, byref(start), *out
+    )
+    return found._first(_checked(int(pieces))), kept, start.value, chosen
 
 
 @dataclass(frozen=True)
@@ -159,14 +188,14 @@ def _plain(array: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL:
     lib = library()
-    lib.cs_nearer.restype = lib.cs_piece_misfits.restype = None
+    lib.cs_nearer.restype = None
+    lib.cs_divide.restype = lib.cs_lay_out.restype = c_int64
     lib.cs_count_variables.restype, lib.cs_refine.restype = c_int64, c_double
     lib.cs_count_variables.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
     lib.cs_move_outline.argtypes, lib.cs_outline_jacobian.restype = [c_int64, c_int64, *[c_void_p] * 8], c_int64
     lib.cs_outline_jacobian.argtypes = [c_int64, c_int64, *[c_void_p] * 10]
     lib.cs_refine.argtypes = [c_int64, c_int64, *[c_void_p] * 7, c_int64, *[c_void_p] * 4, c_int32]
     lib.cs_nearer.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
-    lib.cs_piece_misfits.argtypes = [c_int64, *[c_void_p] * 6, c_int64, *[c_void_p] * 2, c_double, *[c_void_p] * 4]
-    lib.cs_cheapest.argtypes = [c_int64, c_int64, *[c_void_p] * 3, c_double, *[c_void_p] * 3]
-    lib.cs_cheapest.restype = c_int64
+    lib.cs_divide.argtypes = [c_int64, *[c_void_p] * 8, c_double, *[c_void_p] * 7]
+    lib.cs_lay_out.argtypes = [c_int64, *[c_void_p] * 2, c_int64, *[c_void_p] * 4, c_double, *[c_void_p] * 9]
     return lib

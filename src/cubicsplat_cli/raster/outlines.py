@@ -1,4 +1,5 @@
-"""Boundaries of masks, local fits along chains of points, and primitives fitted to points, by the native library."""
+"""Boundaries and hulls of masks, local fits along chains of points, paths of straight lines, and primitives fitted to
+points, by the native library."""
 
 from __future__ import annotations
 
@@ -49,34 +50,20 @@ def kept_points(points: np.ndarray, tolerance: float) -> np.ndarray:
     return kept
 
 
-def flanks(
-    points: np.ndarray,
-    weights: np.ndarray,
-    along: np.ndarray,
-    places: np.ndarray,
-    farthest: np.ndarray,
-    gap: float,
-    kinds: Sequence[tuple[int, int, float]],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of m places along a chain the run of points after each, extrapolated to it: at (m, 2) px, unit tangents (m, 2),
-    their standard errors (m,) in radians, inf where there is no run, and the first points (m,) of the runs.
-
-    points: (n, 2) px; weights: (n,) 1/px^2; along: (n,) and places: (m,), arc lengths, px. Runs start `gap` px after
-    their place, and within `farthest` (m,) px. kinds: from the shortest run on its points less one, the degree of its
-    polynomial, 1 or 2, and the mean squared residual across it, in squared sigmas, up to which it is believed; the
-    longest one is taken before the first that is not. Raises EngineError where the library is missing.
+def corners_of(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The corners of a closed loop of points (n, 2), px: the index of the first point after each (C,), ascending, their
+    positions (C, 2), px, and turns (C,), radians, in (-pi, pi). weights: (n,) 1/px^2, 0 where unknown. Raises
+    EngineError where the library or the memory is missing.
     """
-    arrays = [_doubles(a) for a in (points, weights, along, places, farthest)]
-    lengths, degrees = (np.array([kind[c] for kind in kinds], np.int64) for c in (0, 1))
-    most = np.array([kind[2] for kind in kinds], np.float64)
-    m = len(places)
-    found = np.empty((m, 2)), np.empty((m, 2)), np.empty(m), np.empty(m, np.int64)
-    call = library().cs_flanks
-    call.restype = None
-    call.argtypes = [c_int64, *[c_void_p] * 3, c_int64, *[c_void_p] * 2, c_double, c_int64, *[c_void_p] * 7]
-    chain, at = [a.ctypes.data for a in arrays[:3]], [a.ctypes.data for a in arrays[3:]]
-    call(len(points), *chain, m, *at, gap, len(kinds), *(a.ctypes.data for a in (lengths, degrees, most, *found)))
-    return found
+    points, weights, count = _doubles(points), _doubles(weights), len(points)
+    out = np.empty(count, np.int64), np.empty((count, 2)), np.empty(count)
+    call = library().cs_corners
+    call.restype = c_int64
+    call.argtypes = [c_int64, *[c_void_p] * 5]
+    found = call(count, *(array.ctypes.data for array in (points, weights, *out)))
+    if found < 0:
+        raise EngineError(_NO_MEMORY)
+    return out[0][:found], out[1][:found], out[2][:found]
 
 
 def parabolas(
@@ -98,6 +85,49 @@ def parabolas(
     call.argtypes = [c_int64, *[c_void_p] * 3, c_int64, *[c_void_p] * 5]
     call(n, *(a.ctypes.data for a in arrays), len(kinds), *(a.ctypes.data for a in (halves, most, *found)))
     return found
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """Where lines may run: masks (h, w) bool of a window. box: its top and left, px, and height and width of the
+    canvas, beyond which all is as on its border; elsewhere beyond the window no line may run. mask: everywhere; hidden,
+    allowed: within near px, and within at_end px, of one of the two ends (2, 2), px."""
+
+    box: tuple[int, int, int, int]
+    mask: np.ndarray
+    hidden: np.ndarray
+    allowed: np.ndarray
+    ends: np.ndarray
+    near: float
+    at_end: float
+
+
+def fewest_links(
+    nodes: np.ndarray, place: np.ndarray, before: np.ndarray, after: np.ndarray, hiding: Hiding
+) -> np.ndarray:
+    """(k,) nodes of the path with the fewest, then the shortest straight lines from one of the first to one of the last
+    nodes (n, 2), px; none where there is no path. Lines go from lower to higher places (n,). before, after: px that it
+    costs to start at each of the first nodes and to end at each of the last ones.
+
+    Lines that pass at 32 samples may show between them; those of a path that do are given up, up to 60 times. Raises
+    EngineError where the library or the memory is missing.
+    """
+    count, path = len(nodes), np.empty(len(nodes), np.int64)
+    top, left, *canvas = hiding.box
+    box = np.array([top, left, *hiding.mask.shape, *canvas], np.int64)
+    masks = [np.ascontiguousarray(mask, bool) for mask in (hiding.mask, hiding.hidden, hiding.allowed)]
+    given = [_doubles(a) for a in (nodes, place, before, after, hiding.ends)]
+    call = library().cs_fewest_links
+    call.restype = c_int64
+    call.argtypes = [
+        c_int64, c_void_p, c_void_p, c_int64, c_void_p, c_int64, *[c_void_p] * 6, c_double, c_double, c_void_p
+    ]  # fmt: skip
+    at, masked = [a.ctypes.data for a in given], [a.ctypes.data for a in (box, *masks)]
+    steps = count, *at[:2], len(before), at[2], len(after), at[3]
+    found = call(*steps, *masked, at[4], hiding.near, hiding.at_end, path.ctypes.data)
+    if found < 0:
+        raise EngineError(_NO_MEMORY)
+    return path[:found]
 
 
 @dataclass(frozen=True)
@@ -124,6 +154,81 @@ def fitted_values(
     call.argtypes = [*[c_int32] * 5, c_int64, *[c_void_p] * 3]
     given = (array.ctypes.data for array in (points, weights, values))
     return values, float(call(form.kind, form.rounded, form.turned, len(values), rounds, len(points), *given))
+
+
+def hull_mask(mask: np.ndarray) -> np.ndarray:
+    """(h, w) bool: the pixels that lie by half or more in the convex hull of a mask's pixels. Raises EngineError where
+    the library or the memory is missing.
+    """
+    mask = np.ascontiguousarray(mask, bool)
+    out = np.empty_like(mask)
+    call = library().cs_hull
+    call.argtypes = [c_void_p, c_int32, c_int32, c_void_p]
+    if call(mask.ctypes.data, *mask.shape, out.ctypes.data):
+        raise EngineError(_NO_MEMORY)
+    return out
+
+
+def held_by_hull(labels: np.ndarray, window: tuple[slice, slice], own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of a window of labels (H, W) int32, C-contiguous, how many pixels (R,) of each label the convex hull of those
+    labels that are own (R,) bool holds by half or more, besides these, and how many of them (R,) have no neighbour
+    along rows and columns beyond the hull or the window. Raises EngineError where the library or the memory is missing.
+    """
+    view, own = labels[window], np.ascontiguousarray(own, bool)
+    held, inner = np.zeros(len(own), np.int64), np.zeros(len(own), np.int64)
+    call = library().cs_hull_holds
+    call.argtypes = [c_void_p, c_int64, c_int32, c_int32, *[c_void_p] * 3]
+    given = (array.ctypes.data for array in (own, held, inner))
+    if call(view.ctypes.data, labels.shape[1], *view.shape, *given):
+        raise EngineError(_NO_MEMORY)
+    return held, inner
+
+
+def end_heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> np.ndarray | None:
+    """(7,) of an outline at its end: place x, y, px; unit tangent x, y onwards, and its standard error, radians; bend,
+    1/px; and mean squared residual, in sigmas, of a parabola through what is near. None where too few points are known.
+
+    points: (n, 2) px from the end on, n >= 1, of which those within `reach` px are looked at; sigma: (n,) their
+    standard errors, px. Raises EngineError where the library is missing.
+    """
+    points, sigma, out = _doubles(points), _doubles(sigma), np.empty(7)
+    call = library().cs_heading
+    call.argtypes = [c_int64, c_void_p, c_void_p, c_double, c_void_p]
+    known = call(len(points), points.ctypes.data, sigma.ctypes.data, reach, out.ctypes.data)
+    return out if known else None
+
+
+def turns(
+    beside: np.ndarray,
+    outline: tuple[np.ndarray, np.ndarray, np.ndarray],
+    behind: np.ndarray,
+    reaches: Sequence[float],
+    smooth: float,
+    least: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """By how much a loop of n cracks turns behind some of them (k,), where what lies beside it (n,) changes: radians
+    (k,) and their standard errors (k,), NaN where unknown.
+
+    outline: points (m, 2) px of the loop, their standard errors (m,), px, and the crack of each (m,), ascending.
+    reaches: px along the loop from which its headings on either side are taken, the first where the mean squared
+    residual, in sigmas, of a parabola is at most `smooth`; least: radians, of the standard error beyond that of the
+    points. Raises EngineError where the library or the memory is missing.
+    """
+    points, sigma, index = outline
+    integers = [np.ascontiguousarray(array, np.int64) for array in (beside, index, behind)]
+    points, sigma, tried = _doubles(points), _doubles(sigma), np.array(reaches, np.float64)
+    turn, error = np.empty(len(behind)), np.empty(len(behind))
+    call = library().cs_turns
+    call.argtypes = [
+        c_int64, c_void_p, c_int64, *[c_void_p] * 3, c_int64, c_void_p, c_int64, c_void_p, c_double, c_double,
+        c_void_p, c_void_p,
+    ]  # fmt: skip
+    at = [array.ctypes.data for array in integers]
+    loop = len(beside), at[0], len(index), at[1], points.ctypes.data, sigma.ctypes.data
+    tries = len(tried), tried.ctypes.data, smooth, least
+    if call(*loop, len(behind), at[2], *tries, turn.ctypes.data, error.ctypes.data):
+        raise EngineError(_NO_MEMORY)
+    return turn, error
 
 
 def _doubles(array: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Stacks of shapes in double precision: their picture, and the normal equations of its fit to another one.
+"""Stacks of shapes in double precision: their picture, and steps that bring it nearer to another one.
 
 The structures mirror kernels/cpu/stack.h field by field. Pictures are (H, W, 4) float64, premultiplied, in [0, 1].
 """
@@ -6,45 +6,44 @@ The structures mirror kernels/cpu/stack.h field by field. Pictures are (H, W, 4)
 from __future__ import annotations
 
 import ctypes
+import weakref
 from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy import sparse
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.sparse import SparseRows
 
 _OPAQUE = 254.5 / 255.0
-_ROOM = 8  # crossings and pairs a piece beyond those that its length asks for
+
+
+class _Goal(ctypes.Structure):
+    _fields_ = [
+        ("width", c_int32), ("height", c_int32), ("grid", c_int32), ("reach", c_int32), ("target", c_void_p),
+        ("taps", c_void_p), ("opaque", c_void_p), ("channels", c_double * 4), ("bound", c_double),
+        ("leak_weight", c_double),
+    ]  # fmt: skip
 
 
 class _Stack(ctypes.Structure):
     _fields_ = [
-        ("width", c_int32), ("height", c_int32), ("layers", c_int32), ("grid", c_int32), ("ends", c_void_p),
-        ("cubics", c_void_p), ("lines", c_void_p), ("signs", c_void_p), ("inks", c_void_p),
-    ]  # fmt: skip
-
-
-class _Fit(ctypes.Structure):
-    _fields_ = [
-        ("target", c_void_p), ("channels", c_double * 4), ("bound", c_double), ("reach", c_int32), ("taps", c_void_p),
+        ("layers", c_int32), ("ends", c_void_p), ("cubics", c_void_p), ("lines", c_void_p), ("signs", c_void_p),
+        ("inks", c_void_p),
     ]  # fmt: skip
 
 
 class _Crossings(ctypes.Structure):
-    _fields_ = [
-        ("room", c_int64), ("count", c_int64), ("piece", c_void_p), ("pixel", c_void_p), ("t", c_void_p),
-        ("change", c_void_p), ("slope", c_void_p),
-    ]  # fmt: skip
+    _fields_ = [(name, c_void_p) for name in ("piece", "pixel", "t", "change", "slope")]
 
 
-class _Equations(ctypes.Structure):
+class _Unknowns(ctypes.Structure):
     _fields_ = [
-        ("pieces", c_int32), ("width", c_int32), ("height", c_int32), ("room", c_int64), ("count", c_int64),
-        ("first", c_void_p), ("second", c_void_p), ("blocks", c_void_p), ("gradient", c_void_p),
+        ("outlines", c_int32), ("variables", c_int32), ("first", c_void_p), ("count", c_void_p), ("start", c_void_p),
+        ("rows", c_void_p), ("column", c_void_p), ("value", c_void_p), ("damping", c_void_p), ("keep", c_double),
     ]  # fmt: skip
 
 
@@ -53,7 +52,8 @@ class Goal:
     """What a stack is compared with. target: (H, W, 4); channels: the weights of the four; bound: of a pixel's weighted
     residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel; taps: (reach + 1,)
     weights along a row or column, from the middle on, of what blurs the stack's picture before it is compared; space:
-    (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which inks are too."""
+    (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which inks are too. leak_weight: of the
+    squared share of the background that shows `inside` the target; a blur spreads that, so it counts without one."""
 
     target: np.ndarray
     channels: Sequence[float]
@@ -61,6 +61,7 @@ class Goal:
     grid: int = 0
     taps: np.ndarray = field(default_factory=lambda: np.ones(1))
     space: np.ndarray = field(default_factory=lambda: np.eye(4))
+    leak_weight: float = 0.0
 
     @property
     def reach(self) -> int:
@@ -72,12 +73,14 @@ class Goal:
         """(H, W) bool: pixels of the target that are opaque and lie next to no others, as at the edge of a drawing."""
         opaque = np.pad(self.target[..., 3] >= _OPAQUE, 1, mode="edge")
         wide = opaque[:, :-2] & opaque[:, 1:-1] & opaque[:, 2:]
-        return np.asarray(wide[:-2] & wide[1:-1] & wide[2:])
+        return np.ascontiguousarray(wide[:-2] & wide[1:-1] & wide[2:])
 
-    def _pointers(self) -> _Fit:
-        return _Fit(
-            _at(self.target, np.float64, self.target.shape), (c_double * 4)(*self.channels), self.bound, self.reach,
-            _at(self.taps, np.float64, self.taps.shape),
+    def _pointers(self) -> _Goal:
+        height, width, _ = self.target.shape
+        return _Goal(
+            width, height, self.grid, self.reach, _at(self.target, np.float64, self.target.shape),
+            _at(self.taps, np.float64, self.taps.shape), None if self.reach else self.inside.ctypes.data,
+            (c_double * 4)(*self.channels), self.bound, self.leak_weight,
         )  # fmt: skip
 
 
@@ -97,8 +100,8 @@ class StackPieces:
 @dataclass(frozen=True)
 class CoverageJacobian:
     """Of m crossings of a piece and a pixel: piece (m,) and pixel (m,) int32, row times width plus column; t (m,) the
-    parameter; change (m, 8) of the pixel's coverage with the piece's control points; slope (m, 4) of the picture with
-    that coverage. In the order of the pieces."""
+    parameter; change (m, 8) of the pixel's coverage with the piece's control points; slope (m, 4) of the sharp picture
+    with that coverage. In the order of the pieces."""
 
     piece: np.ndarray
     pixel: np.ndarray
@@ -107,69 +110,115 @@ class CoverageJacobian:
     slope: np.ndarray
 
 
-def draw_stack(pieces: StackPieces, goal: Goal) -> tuple[np.ndarray, np.ndarray, CoverageJacobian]:
-    """The picture (H, W, 4) of a stack, blurred where the goal is, the misfit (H, W) of its pixels, and its crossings,
-    whose changes are those of exact areas and of the sharp picture in any case.
+@dataclass(frozen=True)
+class Unknowns:
+    """The variables of n outlines, which may share them. first, count: (n,) the first of an outline's pieces, and how
+    many it has; start: (n,) its first variable; jacobians: (n,) how the control points of its pieces move with them,
+    (8 count, own variables); damping: (variables,) what is added to the diagonal
+    of the Gram matrix, times that; keep: what is added besides."""
+
+    first: Sequence[int]
+    count: Sequence[int]
+    start: Sequence[int]
+    jacobians: Sequence[SparseRows]
+    damping: np.ndarray
+    keep: float
+
+
+@dataclass(frozen=True)
+class Step:
+    """values: (variables,) of a damped Gauss-Newton step; gradient: (variables,) of half of the cost; moves:
+    (outlines,) px that the control points of each move at most."""
+
+    values: np.ndarray
+    gradient: np.ndarray
+    moves: np.ndarray
+
+
+class DrawnStack:
+    """A stack as it is drawn for a goal: the exact coverages of its shapes, composited, and compared with the target.
+
+    previous: a stack drawn for the same goal, or None; only the tiles are drawn in which something differs from that.
+    Raises EngineError where the library or the memory is missing.
     """
-    height, width, _ = goal.target.shape
-    count = len(pieces.cubics)
-    stack = _Stack(
-        width, height, len(pieces.ends), goal.grid,
-        _at(pieces.ends, np.int32, (len(pieces.inks),)), _at(pieces.cubics, np.float64, (count, 4, 2)),
-        _at(pieces.lines, np.bool_, (count,)), _at(pieces.signs, np.float64, (count,)),
-        _at(pieces.inks, np.float64, (len(pieces.ends), 4)),
-    )  # fmt: skip
-    image, misfit = np.empty((height, width, 4)), np.empty((height, width))
-    room = int(np.abs(np.diff(pieces.cubics, axis=1)).sum()) + _ROOM * count
-    while True:
-        found = CoverageJacobian(
-            np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room), np.empty((room, 8)), np.empty((room, 4))
-        )
-        out = _pointers_to(found, room)
-        _check(_library().cs_stack_draw(stack, goal._pointers(), image.ctypes.data, misfit.ctypes.data, out))
-        if out.count <= room:
-            break
-        room = out.count
-    n = out.count
-    parts = (found.piece, found.pixel, found.t, found.change, found.slope)
-    return image, misfit, CoverageJacobian(*(part[:n].copy() for part in parts))
 
-
-def normal_equations(
-    goal: Goal, image: np.ndarray, crossings: CoverageJacobian, count: int
-) -> tuple[sparse.bsr_matrix, np.ndarray]:
-    """The Gram matrix (8 S, 8 S) and the gradient (8 S,) over the control points of `count` pieces, S."""
-    gradient = np.empty(8 * count)
-    room = 2 * _ROOM * count
-    n = len(crossings.piece)
-    while True:
-        first, second, blocks = np.empty(room, np.int32), np.empty(room, np.int32), np.empty((room, 8, 8))
-        out = _Equations(
-            count, goal.target.shape[1], goal.target.shape[0], room, 0,
-            first.ctypes.data, second.ctypes.data, blocks.ctypes.data, gradient.ctypes.data,
+    def __init__(self, pieces: StackPieces, goal: Goal, previous: DrawnStack | None = None) -> None:
+        self.goal, self.count = goal, len(pieces.cubics)
+        lib, layers = _library(), len(pieces.ends)
+        stack = _Stack(
+            layers, _at(pieces.ends, np.int32, (layers,)), _at(pieces.cubics, np.float64, (self.count, 4, 2)),
+            _at(pieces.lines, np.bool_, (self.count,)), _at(pieces.signs, np.float64, (self.count,)),
+            _at(pieces.inks, np.float64, (layers, 4)),
         )  # fmt: skip
-        found = _pointers_to(crossings, n)
-        _check(_library().cs_stack_equations(goal._pointers(), image.ctypes.data, found, out))
-        if out.count <= room:
-            break
-        room = out.count
-    first, second, blocks = first[: out.count], second[: out.count], blocks[: out.count]
-    apart = first != second
-    rows, columns = np.concatenate([first, second[apart]]), np.concatenate([second, first[apart]])
-    values = np.concatenate([blocks, blocks[apart].transpose(0, 2, 1)])
-    order = np.lexsort((columns, rows))
-    starts = np.searchsorted(rows[order], np.arange(count + 1))
-    gram = sparse.bsr_matrix((values[order], columns[order], starts), shape=(8 * count, 8 * count))
-    return gram, gradient
+        old: int | None = previous._handle if previous is not None and previous.goal is goal else None
+        self._handle: int | None = lib.cs_stack_draw(goal._pointers(), stack, old)
+        _check(self._handle is None)
+        weakref.finalize(self, lib.cs_stack_free, self._handle)
+
+    @cached_property
+    def cost(self) -> float:
+        """The sum of the misfit of all pixels, and of the leaks."""
+        return float(_library().cs_stack_cost(self._handle))
+
+    @cached_property
+    def picture(self) -> tuple[np.ndarray, np.ndarray]:
+        """The picture (H, W, 4), blurred where the goal is, and the misfit (H, W) of its pixels."""
+        height, width, _ = self.goal.target.shape
+        image, misfit = np.empty((height, width, 4)), np.empty((height, width))
+        _library().cs_stack_picture(self._handle, image.ctypes.data, misfit.ctypes.data)
+        return image, misfit
+
+    @cached_property
+    def crossings(self) -> CoverageJacobian:
+        """The pixels that the pieces cross, and how these change with them: as exact areas do in any case."""
+        lib = _library()
+        m = lib.cs_stack_crossings(self._handle, None)
+        parts = np.empty(m, np.int32), np.empty(m, np.int32), np.empty(m), np.empty((m, 8)), np.empty((m, 4))
+        _check(lib.cs_stack_crossings(self._handle, _Crossings(*(part.ctypes.data for part in parts))) < 0)
+        return CoverageJacobian(*parts)
+
+    def growth(
+        self, after: DrawnStack, group: np.ndarray, other: np.ndarray, count: int, spread: int = 0, leaks: bool = False
+    ) -> np.ndarray:
+        """(count,) by how much the misfit, and with `leaks` the cost, is more in another drawn stack on the pixels
+        that the pieces of a group change in either: those that they cross and all within `spread` px.
+
+        group, other: (pieces,) the group of each piece here and there, or -1.
+        """
+        group, other, found = _numbers(group), _numbers(other), np.empty(count)
+        arrays = group.ctypes.data, other.ctypes.data, count, spread, leaks, found.ctypes.data
+        _check(_library().cs_stack_growth(self._handle, after._handle, *arrays))
+        return found
+
+    def changed(self, before: DrawnStack, group: np.ndarray, groups: int, least: float) -> np.ndarray:
+        """(groups,) bool: whether the picture has changed by more than `least` at a pixel that a piece of the group
+        crosses. group: (pieces,) of each piece, or -1."""
+        group, found = _numbers(group), np.zeros(groups, dtype=bool)
+        _library().cs_stack_changed(before._handle, self._handle, group.ctypes.data, least, found.ctypes.data)
+        return found
+
+    def step(self, unknowns: Unknowns) -> Step:
+        """The damped Gauss-Newton step of some variables, all others as they are."""
+        parts = unknowns.jacobians
+        ends = np.cumsum([0, *(part.starts[-1] for part in parts)])
+        row = np.concatenate([[0], *(part.starts[1:] + end for part, end in zip(parts, ends, strict=False))])
+        row, column = row.astype(np.int64), _numbers(np.concatenate([part.columns for part in parts]))
+        value = np.concatenate([part.values for part in parts])
+        first, count, start = (_numbers(each) for each in (unknowns.first, unknowns.count, unknowns.start))
+        variables, outlines = len(unknowns.damping), len(first)
+        found = Step(np.empty(variables), np.empty(variables), np.empty(outlines))
+        given = _Unknowns(
+            outlines, variables, first.ctypes.data, count.ctypes.data, start.ctypes.data, row.ctypes.data,
+            column.ctypes.data, _at(value, np.float64, value.shape),
+            _at(unknowns.damping, np.float64, (variables,)), unknowns.keep,
+        )  # fmt: skip
+        out = (array.ctypes.data for array in (found.values, found.gradient, found.moves))
+        _check(_library().cs_stack_step(self._handle, given, *out))
+        return found
 
 
-def _pointers_to(crossings: CoverageJacobian, room: int) -> _Crossings:
-    n = len(crossings.piece)
-    return _Crossings(
-        room, n,
-        _at(crossings.piece, np.int32, (n,)), _at(crossings.pixel, np.int32, (n,)), _at(crossings.t, np.float64, (n,)),
-        _at(crossings.change, np.float64, (n, 8)), _at(crossings.slope, np.float64, (n, 4)),
-    )  # fmt: skip
+def _numbers(values: Sequence[int] | np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values, np.int32)
 
 
 def _at(array: np.ndarray, kind: type, shape: tuple[int, ...]) -> int:
@@ -179,14 +228,21 @@ def _at(array: np.ndarray, kind: type, shape: tuple[int, ...]) -> int:
     return int(array.ctypes.data)
 
 
-def _check(result: int) -> None:
-    if result:
+def _check(failed: bool) -> None:
+    if failed:
         raise EngineError("there is no memory for the finish of the drawing; make the picture smaller")
 
 
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL:
     lib = library()
-    lib.cs_stack_draw.argtypes = [POINTER(_Stack), POINTER(_Fit), c_void_p, c_void_p, POINTER(_Crossings)]
-    lib.cs_stack_equations.argtypes = [POINTER(_Fit), c_void_p, POINTER(_Crossings), POINTER(_Equations)]
+    lib.cs_stack_draw.restype, lib.cs_stack_draw.argtypes = c_void_p, [POINTER(_Goal), POINTER(_Stack), c_void_p]
+    lib.cs_stack_free.restype, lib.cs_stack_free.argtypes = None, [c_void_p]
+    lib.cs_stack_picture.restype, lib.cs_stack_picture.argtypes = None, [c_void_p] * 3
+    lib.cs_stack_cost.restype, lib.cs_stack_cost.argtypes = c_double, [c_void_p]
+    lib.cs_stack_crossings.restype, lib.cs_stack_crossings.argtypes = c_int64, [c_void_p, POINTER(_Crossings)]
+    lib.cs_stack_growth.argtypes = [*[c_void_p] * 4, c_int64, c_int32, c_int32, c_void_p]
+    lib.cs_stack_changed.restype = None
+    lib.cs_stack_changed.argtypes = [*[c_void_p] * 3, c_double, c_void_p]
+    lib.cs_stack_step.argtypes = [c_void_p, POINTER(_Unknowns), *[c_void_p] * 3]
     return lib

@@ -7,18 +7,17 @@ derivative by every parameter is as exact, so damped Gauss-Newton needs few step
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy import ndimage, sparse
-from scipy.sparse.linalg import splu
 
 from cubicsplat_cli.artwork.finish.freedom import NO_PINS, CopyFreedom, Freedom, Held, Pins, freedom_of
-from cubicsplat_cli.artwork.finish.seals import leak_misfit, leaks, sealed_equations
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster.stack import CoverageJacobian, Goal, StackPieces, draw_stack
+from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces, Unknowns
 from cubicsplat_cli.scene.paint import Ink
 
 ROUNDS = 14
@@ -31,6 +30,11 @@ START, RELAXED, HOPELESS = 1e-3, 5e-3, 1e3
 TAKEN_BACK, SAME = 3, 1e-12  # times that outlines are taken back after a step, for a misfit that has grown by more
 BLUR_REACH = 3.0  # standard deviations of a blur, beyond which nothing is left of it
 LONGEST = 1.5  # px that a control point moves at most in a step
+# Px of a step below which an outline is left as it is, and the change of the picture, of full scale, at one of its
+# pixels from which it is looked at again: an eighth of what 8 bits tell.
+AT_REST, NOTICED = 5e-4, 5e-4
+# Weight of the squared share of the background that shows: 1/255 counts as much as what a pixel is off by chance.
+LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
 
 
@@ -45,72 +49,93 @@ class Layer:
     signs: list[float]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class State:
-    """A drawing against its picture. layers: back to front; image: (H, W, 4) what they draw; misfit: (H W,) of every
-    pixel; leaking: (k,) pixels at which the ground shows where the picture is opaque (`seals`); cost: the misfit and
-    what they add; crossings: of its pieces, numbered through all outlines; pieces, marks: (outlines + 1,) where those
-    of each outline begin; sharing: how much of what a crossing changes is left by the goal's blur, in squares, 1
-    without one; spread: px by which that carries most of a pixel's change, 0 without one.
-    """
+    """A drawing against its picture. layers: back to front; goal: what they are fitted to; stack: they, as drawn."""
 
     layers: list[Layer]
-    image: np.ndarray
-    misfit: np.ndarray
-    leaking: np.ndarray
-    cost: np.ndarray
-    crossings: CoverageJacobian
-    pieces: np.ndarray
-    marks: np.ndarray
-    sharing: float
-    spread: int
+    goal: Goal
+    stack: DrawnStack
 
     @classmethod
-    def of(cls, layers: list[Layer], goal: Goal) -> State:
+    def of(cls, layers: list[Layer], goal: Goal, previous: State | None = None) -> State:
+        """That of some layers. previous: one of the same goal, of which what lies the same is not drawn again."""
         outlines = [o for layer in layers for o in layer.outlines]
         sizes = [len(o.lines) for o in outlines]
-        pieces = np.cumsum([0, *sizes])
-        ends = pieces[np.cumsum([len(layer.outlines) for layer in layers])].astype(np.int32)
-        signs = np.repeat([sign for layer in layers for sign in layer.signs], sizes)
-        stack = StackPieces(
-            ends,
+        ends = np.cumsum([0, *sizes])[np.cumsum([len(layer.outlines) for layer in layers])]
+        pieces = StackPieces(
+            ends.astype(np.int32),
             np.concatenate([o.cubics for o in outlines]),
             np.concatenate([o.lines for o in outlines]),
-            signs,
+            np.repeat([sign for layer in layers for sign in layer.signs], sizes),
             np.array([layer.ink for layer in layers]),
         )
-        image, misfit, crossings = draw_stack(stack, goal)
-        marks = np.searchsorted(crossings.piece, pieces)
-        # A blur spreads what an outline does to either side of it; along the outline it hardly changes anything.
-        sharing = float(2.0 * (goal.taps**2).sum() - goal.taps[0] ** 2)
-        leaking, misfit, spread = leaks(image, goal), misfit.ravel(), -(-goal.reach // 2)
-        cost = misfit
-        if len(leaking):
-            cost = misfit.copy()
-            cost[leaking] += leak_misfit(image, leaking)
-        return cls(layers, image, misfit, leaking, cost, crossings, pieces, marks, sharing, spread)
+        return cls(layers, goal, DrawnStack(pieces, goal, previous.stack if previous else None))
+
+    def with_layers(self, layers: list[Layer]) -> State:
+        """The state of other layers, of which only what differs is drawn."""
+        return State.of(layers, self.goal, self)
+
+    @cached_property
+    def outlines(self) -> list[Freedom]:
+        """Those of all layers."""
+        return [o for layer in self.layers for o in layer.outlines]
+
+    @cached_property
+    def pieces(self) -> np.ndarray:
+        """(outlines + 1,) where the pieces of each outline begin."""
+        return np.cumsum([0, *(len(o.lines) for o in self.outlines)])
+
+    @cached_property
+    def owners(self) -> np.ndarray:
+        """(pieces,) the outline of each piece."""
+        return np.repeat(np.arange(len(self.outlines)), np.diff(self.pieces))
+
+    @property
+    def crossings(self) -> CoverageJacobian:
+        """Of the pieces, numbered through all outlines."""
+        return self.stack.crossings
+
+    @cached_property
+    def marks(self) -> np.ndarray:
+        """(outlines + 1,) where the crossings of each outline begin."""
+        return np.searchsorted(self.crossings.piece, self.pieces)
+
+    @property
+    def image(self) -> np.ndarray:
+        """(H, W, 4) what the layers draw."""
+        return self.stack.picture[0]
+
+    @cached_property
+    def misfit(self) -> np.ndarray:
+        """(H W,) of every pixel."""
+        return self.stack.picture[1].ravel()
 
     @property
     def value(self) -> float:
-        return float(self.cost.sum())
+        """The misfit of all pixels, and what the background adds that shows where the picture is opaque.
 
-    def crossed(self, number: int) -> np.ndarray:
-        """The pixels that an outline changes: those that it crosses, some of them twice, and what a blur adds."""
-        return self.changed(slice(self.marks[number], self.marks[number + 1]))
+        Where two edges meet, viewers let it through if the hidden edge of a third shape is there too.
+        """
+        return self.stack.cost
 
-    def changed(self, own: slice | np.ndarray) -> np.ndarray:
-        """The pixels that some of the crossings change."""
-        pixel = self.crossings.pixel[own]
-        if not self.spread or not len(pixel):
-            return pixel
-        height, width = self.image.shape[:2]
-        y, x = np.divmod(pixel, width)
-        top, left = max(y.min() - self.spread, 0), max(x.min() - self.spread, 0)
-        bottom, right = min(y.max() + self.spread + 1, height), min(x.max() + self.spread + 1, width)
-        marked = np.zeros((bottom - top, right - left), dtype=bool)
-        marked[y - top, x - left] = True
-        y, x = np.nonzero(ndimage.maximum_filter(marked, 2 * self.spread + 1))
-        return (y + top) * width + x + left
+    @property
+    def sharing(self) -> float:
+        """How much of what a crossing changes is left by the goal's blur, in squares, 1 without one: it spreads what an
+        outline does to either side of it; along the outline it hardly changes anything."""
+        taps = self.goal.taps
+        return float(2.0 * (taps**2).sum() - taps[0] ** 2)
+
+    @property
+    def spread(self) -> int:
+        """Px by which the goal's blur carries most of a pixel's change, 0 without one."""
+        return -(-self.goal.reach // 2)
+
+    def growth(self, after: State, wanted: np.ndarray, *, leaks: bool = False) -> np.ndarray:
+        """(outlines,) by how much the misfit, and with `leaks` the value, grows on the pixels that some outlines
+        (outlines,) bool cross before or after, and those around that a blur adds; 0 for the others."""
+        before, later = (np.where(wanted[each], each, -1) for each in (self.owners, after.owners))
+        return self.stack.growth(after.stack, before, later, len(wanted), self.spread, leaks)
 
 
 def goal_of(target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = None) -> Goal:
@@ -121,24 +146,34 @@ def goal_of(target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = No
     taps = np.exp(-0.5 * (np.arange(reach + 1) / max(blur, 1e-9)) ** 2)
     taps /= 2.0 * taps.sum() - taps[0]
     space = np.eye(4) if space is None else space
-    return Goal(np.ascontiguousarray(target @ space, dtype=np.float64), WHITE.tolist(), HUBER, 0, taps, space)
+    target = np.ascontiguousarray(target @ space, dtype=np.float64)
+    return Goal(target, WHITE.tolist(), HUBER, 0, taps, space, LEAK_WEIGHT)
 
 
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
     """The state of a drawing against its picture; what is pinned stays where it is."""
+    return State.of(layers_of(drawing, goal, pins), goal)
+
+
+def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]:
+    """The layers of a drawing; what is pinned stays where it is."""
     held = Held(drawing.width, drawing.height, pins)
-    return State.of([_layer(shape, held, goal.space) for shape in drawing.shapes], goal)
+    return [_layer(shape, held, goal.space) for shape in drawing.shapes]
 
 
 def settle(state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True) -> State:
-    """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter."""
-    damping = np.full(sum(len(layer.outlines) for layer in state.layers), START)
+    """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter.
+
+    Outlines that hardly move rest, until the picture beneath them changes.
+    """
+    damping, awake = np.full(len(state.outlines), START), np.ones(len(state.outlines), dtype=bool)
     for _ in range(rounds):
         work().at()
-        following = _improved(state, goal, damping)
+        following, awake = _improved(state, damping, awake)
         gain = state.value - following.value
-        state = _trimmed(following, goal) if trim else following
-        if gain < ENOUGH * state.value and not ((damping > RELAXED) & (damping < HOPELESS)).any():
+        state = _trimmed(following, awake) if trim else following
+        retried = awake & (damping > RELAXED) & (damping < HOPELESS)
+        if not awake.any() or (gain < ENOUGH * state.value and not retried.any()):
             break
     return state
 
@@ -149,45 +184,46 @@ def drawn(drawing: Drawing, state: State) -> Drawing:
     return replace(drawing, shapes=tuple(shapes))
 
 
-def _improved(state: State, goal: Goal, damping: np.ndarray) -> State:
-    """The state after a step, without the outlines that fit their own pixels worse by it; `damping` is brought up to
-    date in place.
+def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[State, np.ndarray]:
+    """The state after a step of some outlines (outlines,) bool, without those that fit their own pixels worse by it,
+    and which are to move next; `damping` is brought up to date in place.
 
     What one outline spoils is held against its neighbours too, so the worst ones are taken back first. Copies are
     judged together with their model.
     """
-    families = np.array(_families(state.layers))
-    layers = _stepped(state.layers, *_normal_equations(state, goal), damping)
+    families = _families(state.outlines)
+    layers, moving = _stepped(state, families, damping, awake)
+    if not moving.any():
+        return state, moving
     refused = np.zeros(len(damping), dtype=bool)
+    trial = state
     for left in reversed(range(TAKEN_BACK + 1)):
-        trial = State.of(kept(state.layers, layers, refused), goal)
-        loss = np.bincount(families, _losses(state, trial), len(families))[families]
-        loss = np.where(refused, 0.0, loss)
+        trial = trial.with_layers(kept(state.layers, layers, refused))
+        loss = np.bincount(families, state.growth(trial, moving, leaks=True), len(families))[families]
+        loss = np.where(refused | ~moving, 0.0, loss)
         if left == 0 or not (loss > SAME).any():
             break
         refused |= loss > (SAME if left == 1 else 0.2 * loss.max())
-    damping[:] = np.where(refused, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
-    if trial.value < state.value:
-        return trial
-    damping *= 10.0
-    return state
+    following = np.where(refused, np.minimum(damping * 10.0, 10.0 * HOPELESS), np.maximum(damping / 5.0, 1e-6))
+    damping[moving] = following[moving]
+    if trial.value >= state.value:
+        damping[moving] *= 10.0
+        return state, moving
+    noticed = trial.stack.changed(state.stack, families[trial.owners], len(families), NOTICED)[families]
+    return trial, moving | noticed
 
 
-def _trimmed(state: State, goal: Goal) -> State:
-    """The state without pieces that have become too short to matter."""
-    layers = [replace(layer, outlines=[o.trimmed() for o in layer.outlines]) for layer in state.layers]
-    kept = [o for layer in state.layers for o in layer.outlines]
-    same = all(a is b for a, b in zip(kept, (o for layer in layers for o in layer.outlines), strict=True))
-    return state if same else State.of(layers, goal)
+def _trimmed(state: State, awake: np.ndarray) -> State:
+    """The state without pieces that have become too short to matter, of outlines that may have moved."""
+    trimmed = [o.trimmed() if moves else o for o, moves in zip(state.outlines, awake.tolist(), strict=True)]
+    if all(a is b for a, b in zip(state.outlines, trimmed, strict=True)):
+        return state
+    return state.with_layers(with_outlines(state.layers, iter(trimmed)))
 
 
-def _losses(old: State, new: State) -> np.ndarray:
-    """(outlines,) by how much the cost has grown on the pixels that an outline crosses before or after a step."""
-    count, size = len(old.marks) - 1, len(old.cost)
-    touched = [state.crossed(k).astype(np.int64) + k * size for k in range(count) for state in (old, new)]
-    keys = np.sort(np.concatenate(touched))
-    number, pixel = np.divmod(keys[np.diff(keys, prepend=-1) > 0], size)
-    return np.bincount(number, new.cost[pixel] - old.cost[pixel], count)
+def with_outlines(layers: list[Layer], outlines: Iterator[Freedom]) -> list[Layer]:
+    """The layers with other outlines."""
+    return [replace(layer, outlines=[next(outlines) for _ in layer.outlines]) for layer in layers]
 
 
 def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
@@ -219,36 +255,44 @@ def layer_of(shape: Shape, ink: np.ndarray, outlines: list[Freedom]) -> Layer:
     return Layer(shape, ink, outlines, signs)
 
 
-def _families(layers: list[Layer]) -> list[int]:
-    """Of each outline whose variables move it: the number of its model, or its own."""
-    outlines = [o for layer in layers for o in layer.outlines]
-    return [o.source if isinstance(o, CopyFreedom) else k for k, o in enumerate(outlines)]
-
-
-def _normal_equations(state: State, goal: Goal) -> tuple[sparse.csc_matrix, np.ndarray, list[int]]:
-    """Gram matrix, gradient, and the first variable of each outline, the number of variables last; copies have none."""
-    parts = [o.jacobian for layer in state.layers for o in layer.outlines]
-    families = _families(state.layers)
-    own = [part.shape[1] if k == family else 0 for k, (family, part) in enumerate(zip(families, parts, strict=True))]
-    starts = np.cumsum([0, *own]).tolist()
-    values = np.concatenate([part.data for part in parts])
-    columns = np.concatenate([part.indices + starts[family] for part, family in zip(parts, families, strict=True)])
-    ends = np.cumsum([0, *(part.nnz for part in parts)])
-    rows = np.concatenate([[0], *(part.indptr[1:] + end for part, end in zip(parts, ends, strict=False))])
-    jacobian = sparse.csr_matrix((values, columns, rows), shape=(8 * int(state.pieces[-1]), starts[-1]))
-    gram, gradient = sealed_equations(goal, state.image, state.crossings, int(state.pieces[-1]), state.leaking)
-    return (jacobian.T @ (gram.tocsr() @ jacobian)).tocsc(), jacobian.T @ gradient, starts
+def _families(outlines: list[Freedom]) -> np.ndarray:
+    """(outlines,) of each whose variables move it: the number of its model, or its own."""
+    return np.array([o.source if isinstance(o, CopyFreedom) else k for k, o in enumerate(outlines)])
 
 
 def _stepped(
-    layers: list[Layer], gram: sparse.csc_matrix, gradient: np.ndarray, starts: list[int], damping: np.ndarray
-) -> list[Layer]:
-    keep = (PIXEL_SIGMA / FREE) ** 2 + np.repeat(damping, np.diff(starts)) * gram.diagonal()
-    step = splu((gram + sparse.diags(keep)).tocsc()).solve(-gradient)
-    moved: list[Freedom] = []
-    for number, outline in enumerate(o for layer in layers for o in layer.outlines):
-        own = step[starts[number] : starts[number + 1]]
-        reach = np.abs(outline.jacobian @ own).max(initial=0.0) if len(own) else 0.0
-        moved.append(outline.moved(own * min(1.0, LONGEST / max(reach, 1e-12))) if len(own) else outline)
-    following = iter([o.following(moved[o.source]) if isinstance(o, CopyFreedom) else o for o in moved])
-    return [replace(layer, outlines=[next(following) for _ in layer.outlines]) for layer in layers]
+    state: State, families: np.ndarray, damping: np.ndarray, awake: np.ndarray
+) -> tuple[list[Layer], np.ndarray]:
+    """The layers after a step of some outlines (outlines,) bool and of their copies, and which have moved."""
+    outlines = state.outlines
+    awake = (np.bincount(families, awake, len(outlines)) > 0.0)[families]
+    free = [k for k in np.flatnonzero(awake).tolist() if outlines[families[k]].jacobian.shape[1]]
+    moving = np.zeros(len(outlines), dtype=bool)
+    if not free:
+        return state.layers, moving
+    models = [k for k in free if families[k] == k]
+    sizes = [outlines[k].jacobian.shape[1] for k in models]
+    starts = dict(zip(models, np.cumsum([0, *sizes]).tolist(), strict=False))
+    found = state.stack.step(
+        Unknowns(
+            state.pieces[free].tolist(),
+            [len(outlines[k].lines) for k in free],
+            [starts[int(families[k])] for k in free],
+            [outlines[k].jacobian for k in free],
+            np.repeat(damping[models], sizes),
+            (PIXEL_SIGMA / FREE) ** 2,
+        )
+    )
+    moves = np.zeros(len(outlines))
+    np.maximum.at(moves, families[free], found.moves)
+    following = list(outlines)
+    for k, size in zip(models, sizes, strict=True):
+        if moves[k] > AT_REST:
+            own = found.values[starts[k] : starts[k] + size]
+            following[k] = outlines[k].moved(own * min(1.0, LONGEST / moves[k]))
+    for k in free:
+        moving[k] = moves[families[k]] > AT_REST
+        copy = outlines[k]
+        if isinstance(copy, CopyFreedom) and moving[k]:
+            following[k] = copy.following(following[copy.source])
+    return with_outlines(state.layers, iter(following)), moving

@@ -7,12 +7,12 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy import sparse
 
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
 from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.raster.sparse import SparseRows
 
 # Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
 ON_BORDER = 0.06
@@ -31,7 +31,7 @@ class Freedom(Protocol):
     lines: np.ndarray
 
     @property
-    def jacobian(self) -> sparse.csr_matrix: ...
+    def jacobian(self) -> SparseRows: ...
 
     def moved(self, step: np.ndarray) -> Freedom: ...
 
@@ -125,7 +125,7 @@ class RingFreedom:
         self._variables = Variables(pieces)
 
     @cached_property
-    def jacobian(self) -> sparse.csr_matrix:
+    def jacobian(self) -> SparseRows:
         return self._variables.jacobian()
 
     def moved(self, step: np.ndarray) -> RingFreedom:
@@ -201,7 +201,7 @@ class Still:
         self._outline = outline
         ring = outline if isinstance(outline, Ring) else fine_ring(outline)
         self.cubics, self.lines = ring.cubics, ring.lines
-        self.jacobian = sparse.csr_matrix((8 * len(self.lines), 0))
+        self.jacobian = SparseRows(np.zeros(8 * len(self.lines) + 1, int), np.zeros(0, int), np.zeros(0), 0)
 
     def moved(self, _step: np.ndarray) -> Still:
         """Itself."""
@@ -232,9 +232,10 @@ class PrimitiveFreedom:
         self.cubics, self.lines = ring.cubics, ring.lines
 
     @cached_property
-    def jacobian(self) -> sparse.csr_matrix:
-        columns = np.stack([change.ravel() for change in changes(self.shape)], axis=1)
-        return sparse.csr_matrix(columns[:, self.free])
+    def jacobian(self) -> SparseRows:
+        values = np.stack([change.ravel() for change in changes(self.shape)], axis=1)[:, self.free]
+        rows, count = values.shape
+        return SparseRows(np.arange(rows + 1) * count, np.tile(np.arange(count), rows), values.ravel(), count)
 
     def moved(self, step: np.ndarray) -> PrimitiveFreedom:
         values = self.values.copy()
@@ -268,10 +269,11 @@ class CopyFreedom:
         self.cubics, self.lines = way.points(model.cubics), model.lines
 
     @cached_property
-    def jacobian(self) -> sparse.csr_matrix:
+    def jacobian(self) -> SparseRows:
         """Over the variables of the model."""
-        turn = sparse.kron(sparse.identity(4 * len(self.lines)), self.way.matrix.T)
-        return (turn @ self.model.jacobian).tocsr().sorted_indices()
+        places = np.broadcast_arrays(*_pair_places(4 * len(self.lines)), self.way.matrix.T)
+        rows, columns, values = (part.ravel() for part in places)
+        return SparseRows.of(rows, columns, values, (8 * len(self.lines),) * 2).after(self.model.jacobian)
 
     def following(self, model: Freedom) -> CopyFreedom:
         """The copy of the model after that has moved."""
@@ -285,3 +287,9 @@ class CopyFreedom:
 
     def outline(self) -> Outline:
         return self.way.outline(self.model.outline())
+
+
+def _pair_places(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """The rows (points, 2, 1) and columns (points, 1, 2) of matrices 2 x 2 along a diagonal."""
+    pairs = 2 * np.arange(points)[:, None, None]
+    return pairs + np.arange(2)[:, None], pairs + np.arange(2)

@@ -7,11 +7,11 @@ description of the picture becomes shorter: half of chi^2 over the pixels it cro
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle
+from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, with_outlines
 from cubicsplat_cli.artwork.finish.freedom import ON_BORDER, Held, freedom_of
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.geometry.beziers import bernstein, points_at
@@ -47,25 +47,22 @@ def with_merges(state: State, goal: Goal, held: Held, detail: float, error: floa
 
     detail as in ArtworkSettings. error: of pixels on edges beyond that of a clean picture, of full scale.
     """
-    outlines = [o for layer in state.layers for o in layer.outlines]
-    rings = [o.outline() for o in outlines]
+    rings = [o.outline() for o in state.outlines]
     plans = [
         _plan(ring, Visibility.of(state, k), held, detail) if isinstance(ring, Ring) else []
         for k, ring in enumerate(rings)
     ]
     if not any(plans):
         return state
-    trial = settle(_with(state, plans, held, goal), goal, ROUNDS, trim=False)
-    plans = [
-        [merge for merge in plan if _pays(state, trial, k, merge, plan, detail, error)] for k, plan in enumerate(plans)
-    ]
+    trial = settle(_with(state, plans, held), goal, ROUNDS, trim=False)
+    plans = _paying(state, trial, plans, detail, error)
     if not any(plans):
         return state
-    trial = settle(_with(state, plans, held, goal), goal, ROUNDS)
+    trial = settle(_with(state, plans, held), goal, ROUNDS)
     changed = np.array([bool(plan) for plan in plans])
     refused = shorter(state, trial, changed, detail, error)
     if refused.any():
-        trial = settle(State.of(kept(state.layers, trial.layers, refused), goal), goal, 2)
+        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2)
     return trial
 
 
@@ -240,39 +237,35 @@ def _cubic(
     return cubic, 0.5 * float((weights * (off**2).sum(axis=1)).sum())
 
 
-def _with(state: State, plans: list[list[Merge]], held: Held, goal: Goal) -> State:
-    number = iter(range(len(plans)))
-    layers = []
-    for layer in state.layers:
-        outlines = []
-        for outline in layer.outlines:
-            plan = plans[next(number)]
-            ring = outline.outline()
-            outlines.append(freedom_of(merged(ring, plan), held) if plan and isinstance(ring, Ring) else outline)
-        layers.append(replace(layer, outlines=outlines))
-    return State.of(layers, goal)
+def _with(state: State, plans: list[list[Merge]], held: Held) -> State:
+    outlines = list(state.outlines)
+    for k, plan in enumerate(plans):
+        ring = outlines[k].outline()
+        if plan and isinstance(ring, Ring):
+            outlines[k] = freedom_of(merged(ring, plan), held)
+    return state.with_layers(with_outlines(state.layers, iter(outlines)))
 
 
-def _pays(
-    before: State, after: State, number: int, merge: Merge, plan: list[Merge], detail: float, error: float
-) -> bool:
-    """Whether a merge saves more than the pixels lose that the run crossed, and that what stands for it crosses."""
-    pieces = int(before.pieces[number + 1] - before.pieces[number])
-    left = pieces - sum(other.count - 1 for other in plan)
-    if int(after.pieces[number + 1] - after.pieces[number]) != left:
-        return True  # some piece was trimmed: the outline is judged as a whole
-    gone = np.zeros(pieces, dtype=bool)
-    for other in plan:
-        gone[(other.first + np.arange(1, other.count)) % pieces] = True
-    place = int((~gone[: merge.first]).sum())
-    old = (merge.first + np.arange(merge.count)) % pieces + before.pieces[number]
-    pixels = np.unique(
-        np.concatenate(
-            [
-                before.changed(np.isin(before.crossings.piece, old)),
-                after.changed(after.crossings.piece == place + after.pieces[number]),
-            ]
-        )
-    )
-    lost = 0.5 * float((after.misfit[pixels] - before.misfit[pixels]).sum()) / floor_of(before, number, error)
-    return lost * detail < PRICE * merge.saved
+def _paying(before: State, after: State, plans: list[list[Merge]], detail: float, error: float) -> list[list[Merge]]:
+    """The merges that save more than the pixels lose that the run crossed, and that what stands for it crosses."""
+    own, other = np.full(before.pieces[-1], -1), np.full(after.pieces[-1], -1)
+    judged: dict[int, int] = {}  # merges by identity
+    for k, plan in enumerate(plans):
+        pieces, left = (int(state.pieces[k + 1] - state.pieces[k]) for state in (before, after))
+        if left != pieces - sum(merge.count - 1 for merge in plan):
+            continue  # some piece was trimmed: the outline is judged as a whole
+        gone = np.zeros(pieces, dtype=bool)
+        for merge in plan:
+            gone[(merge.first + np.arange(1, merge.count)) % pieces] = True
+        for merge in plan:
+            number = judged.setdefault(id(merge), len(judged))
+            own[(merge.first + np.arange(merge.count)) % pieces + before.pieces[k]] = number
+            other[int((~gone[: merge.first]).sum()) + after.pieces[k]] = number
+    grown = before.stack.growth(after.stack, own, other, len(judged), before.spread)
+
+    def pays(merge: Merge, k: int) -> bool:
+        number = judged.get(id(merge))
+        lost = 0.0 if number is None else 0.5 * float(grown[number]) / floor_of(before, k, error)
+        return lost * detail < PRICE * merge.saved
+
+    return [[merge for merge in plan if pays(merge, k)] for k, plan in enumerate(plans)]

@@ -59,9 +59,8 @@ def _moved(state: State, goal: Goal, held: Held, detail: float, error: float) ->
     layers, changed = with_moves(state, held, detail, error)
     if not changed.any():
         return state
-    trial = settle(State.of(layers, goal), goal, TRIAL_ROUNDS)
+    trial = settle(state.with_layers(layers), goal, TRIAL_ROUNDS)
     refused = shorter(state, trial, changed, detail, error)
     if refused.any():
-        trial = State.of(kept(state.layers, trial.layers, refused), goal)
-        trial = settle(trial, goal, 2)
+        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2)
     return trial if not refused[changed].all() else state

@@ -6,6 +6,7 @@ Lengths are in px, y grows downwards, angles are in radians from the x axis towa
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +60,11 @@ class Ring:
     def ring(self) -> Ring:
         """The ring itself."""
         return self
+
+
+def pieces_of_rings(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
+    """The cubics (S, 4, 2) of one or more rings, one ring after the other, and which of them are lines (S,) bool."""
+    return np.concatenate([ring.cubics for ring in rings]), np.concatenate([ring.lines for ring in rings])
 
 
 def ring_of_cubics(cubics: np.ndarray, smooth: bool) -> Ring:

@@ -6,53 +6,57 @@ is looked at by itself.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.parts import (
     CLEAR,
-    CLOSE,
     LEAST_AREA,
     LEAST_PLATEAU,
+    PLUS,
     RING,
-    SQUARE,
     Part,
+    Patch,
+    part_of,
     plateau,
-    widened,
 )
-from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.gradients.uniting import EXPLAINED, united
+from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.paints import part_spreads
+from cubicsplat_cli.raster.shades import Pixels
 
 LEAST_RANGE = 3.0  # levels, within which an area has one colour
-# Uneven parts of a picture, and gradients sought.
-MOST_PARTS, MOST_TRIES = 100, 80
+NEARLY = 8.0  # levels by which a few pixels that make no area of their own may be off
+# Uneven parts of a picture, and gradients sought: a second or two of work at most.
+MOST_PARTS, MOST_TRIES = 1500, 1500
 MOST_HINTS = 3
 DEEPEST, SEEDS, LEAST_SHARE = 2, 3, 0.3
 
+_log = logging.getLogger("cubicsplat")
 
-def gradient_areas(levels: np.ndarray, parts: np.ndarray, count: int, tries: int = MOST_TRIES) -> list[ShadedArea]:
+
+def gradient_areas(
+    levels: np.ndarray, parts: np.ndarray, count: int, tries: int = MOST_TRIES, most: int = MOST_PARTS
+) -> list[ShadedArea]:
     """The gradients of a picture (H, W, 4), premultiplied levels, the largest first.
 
-    None in flat pictures, and in those of more than MOST_PARTS uneven parts, which are photos or textures. tries: how
-    often a gradient is sought, after which what is left stays as it is.
+    None in flat pictures, and in those of more than `most` uneven parts, which are photos or textures. tries: how
+    often a gradient is sought, after which what is left stays as it is, which is logged.
     """
-    index = np.arange(1, count + 1)
-    spread = np.zeros(count)
-    for k in range(4):
-        high, low = ndimage.maximum(levels[..., k], parts, index), ndimage.minimum(levels[..., k], parts, index)
-        spread = np.maximum(spread, np.asarray(high) - np.asarray(low))
-    sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
-    boxes = ndimage.find_objects(parts)
-    search = _Search([], tries)
-    uneven = np.flatnonzero((sizes >= LEAST_AREA) & (spread > LEAST_RANGE))
-    if len(uneven) > MOST_PARTS:
+    sizes, boxes, spreads = part_spreads(levels, parts, count)
+    uneven = np.flatnonzero((sizes >= LEAST_AREA) & (spreads > LEAST_RANGE))
+    if len(uneven) > most:
         return []
+    search = _Search([], tries)
     for i in uneven[np.argsort(-sizes[uneven], kind="stable")]:
-        _explain(Part(levels, parts == i + 1, boxes[i]), search, 0)
-    return united(levels, parts, search.found) if search.found else []
+        work().at()
+        _explain(part_of(levels, parts, i + 1, boxes[i]), search, 0)
+    return united(levels, parts, boxes, search.found) if search.found else []
 
 
 @dataclass
@@ -62,12 +66,12 @@ class _Search:
     found: list[ShadedArea]
     left: int
 
-    def shade(self, x: np.ndarray, y: np.ndarray, values: np.ndarray) -> Shade | None:
+    def shade(self, pixels: Pixels) -> Shade | None:
         """The gradient of pixels; None where none may be sought any more."""
         if self.left <= 0:
             return None
         self.left -= 1
-        return shade_of(x, y, values, self.hints())
+        return shade_of(pixels, self.hints())
 
     def hints(self) -> list[Shade]:
         """The last few radial gradients found."""
@@ -76,17 +80,17 @@ class _Search:
 
 def _explain(part: Part, search: _Search, depth: int) -> None:
     """Adds the gradients of a part to those found."""
-    if len(part.x) < LEAST_AREA or part.range() <= LEAST_RANGE or depth > DEEPEST:
+    if len(part) < LEAST_AREA or part.range() <= LEAST_RANGE or depth > DEEPEST:
         return
     ink, even = plateau(part)
     clear = ink[3] <= CLEAR and even.any()
     if not clear:
-        shade = search.shade(part.x, part.y, part.values)
+        shade = search.shade(part.pixels)
         if shade is None:
             return
-        known = part.explained(shade)
-        if known.mean() >= EXPLAINED:
-            search.found.append(ShadedArea(shade, part.with_rests(shade, known)))
+        off = shade.off(part.pixels)
+        if (off <= CLOSE).mean() >= EXPLAINED:
+            search.found.append(ShadedArea(shade, _with_rests(part, off)))
             return
     if clear or even.mean() >= LEAST_PLATEAU:
         first = len(search.found)
@@ -97,34 +101,52 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
     _largest(part, search, depth)
 
 
+def _with_rests(part: Part, off: np.ndarray) -> Patch:
+    """The pixels that a gradient explains, and the few that it nearly does. off: (n,) levels that they are off it."""
+    own = part.within(off <= CLOSE)
+    labels, count = ndimage.label(part.within((off > CLOSE) & (off <= NEARLY)).mask, PLUS)
+    few = np.bincount(labels.ravel(), minlength=count + 1) < LEAST_AREA
+    few[0] = False
+    return replace(own, mask=own.mask | few[labels])
+
+
 def _filled(part: Part, area: ShadedArea) -> ShadedArea:
     """The area with its holes that its gradient explains too: bands of it that were taken for another ink."""
-    hole = ndimage.binary_fill_holes(area.mask) & ~area.mask
-    own = hole[part.rows, part.columns]
-    own[own] = np.abs(area.shade.at(part.x[own], part.y[own]) - part.values[own]).max(axis=1) <= CLOSE
-    return replace(area, mask=area.mask | part.within(own)) if own.any() else area
+    patch = area.patch
+    holes = replace(patch, mask=ndimage.binary_fill_holes(patch.mask) & ~patch.mask)
+    own = part.patch.at(*holes.places())
+    if not own.any():
+        return area
+    rows, columns = (at[own] for at in holes.places())
+    known = area.shade.explains(Pixels(columns + 0.5, rows + 0.5, part.levels[rows, columns]))
+    mask = patch.mask.copy()
+    mask[rows[known] - patch.top, columns[known] - patch.left] = True
+    return replace(area, patch=replace(patch, mask=mask))
 
 
 def _fading(whole: Part, piece: Part, ink: np.ndarray, search: _Search, depth: int) -> None:
     """Adds the gradient of a piece of a part that fades into the ink beside it, or else those within the piece."""
-    if len(piece.x) < LEAST_AREA or piece.range() <= LEAST_RANGE:
+    if len(piece) < LEAST_AREA or piece.range() <= LEAST_RANGE:
         return
-    around = ndimage.binary_dilation(piece.mask, SQUARE, iterations=RING) & whole.mask
-    wider = Part(whole.levels, around, widened(piece.box, around.shape))
-    shade = search.shade(wider.x, wider.y, wider.values)
+    around = piece.patch.grown(RING, whole.levels.shape)
+    rows, columns = around.places()
+    own = whole.patch.at(rows, columns)
+    around.mask[rows[~own] - around.top, columns[~own] - around.left] = False
+    wider = Part(whole.levels, around)
+    shade = search.shade(wider.pixels)
     if shade is None:
         return
-    known = wider.explained(shade)
+    known = shade.explains(wider.pixels)
     if known.mean() < EXPLAINED:
-        if len(piece.x) < 0.9 * len(whole.x):
+        if len(piece) < 0.9 * len(whole):
             _explain(piece, search, depth + 1)
         return
     fading = _faded(shade, ink)
     if fading is None:
-        search.found.append(ShadedArea(shade, piece.mask))
+        search.found.append(ShadedArea(shade, piece.patch))
         return
     shade, rim, inwards = fading
-    t = shade.t(wider.x, wider.y)
+    t = shade.t(wider.pixels.x, wider.pixels.y)
     own = known & ((t < rim) if inwards else (t > rim))
     search.found.append(ShadedArea(shade, wider.within(own), ink, rim, inwards))
 
@@ -143,25 +165,26 @@ def _faded(shade: Shade, ink: np.ndarray) -> tuple[Shade, float, bool] | None:
 
 def _largest(part: Part, search: _Search, depth: int) -> None:
     """Adds the gradient that explains most of a part, of those of SEEDS places in it, and those of the rest."""
-    reach = 0.5 * np.sqrt(len(part.x) / 3.0)
-    picks = np.linspace(0, len(part.x) - 1, SEEDS + 2).astype(int)[1:-1]
-    best, most = None, LEAST_SHARE * len(part.x)
+    reach = 0.5 * np.sqrt(len(part) / 3.0)
+    picks = np.linspace(0, len(part) - 1, SEEDS + 2).astype(int)[1:-1]
+    best, most = None, LEAST_SHARE * len(part)
+    x, y, _ = part.pixels
     for pick in picks:
-        near = np.maximum(np.abs(part.x - part.x[pick]), np.abs(part.y - part.y[pick])) <= reach
-        if near.sum() < LEAST_AREA:
+        near = np.flatnonzero(np.maximum(np.abs(x - x[pick]), np.abs(y - y[pick])) <= reach)
+        if len(near) < LEAST_AREA:
             continue
-        shade = search.shade(part.x[near], part.y[near], part.values[near])
+        shade = search.shade(part.pixels.some(near))
         if shade is None:
             break
-        known = part.explained(shade)
+        known = shade.explains(part.pixels)
         if known.sum() > most:
             best, most = known, float(known.sum())
     if best is None:
         return
-    shade = search.shade(part.x[best], part.y[best], part.values[best])
+    shade = search.shade(part.pixels.some(best))
     if shade is None:
         return
-    known = part.explained(shade)
+    known = shade.explains(part.pixels)
     search.found.append(ShadedArea(shade, part.within(known)))
     for piece in part.pieces(~known):
         _explain(piece, search, depth + 1)

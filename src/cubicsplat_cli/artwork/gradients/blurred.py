@@ -8,14 +8,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.noisy import GROWN, is_step, plane_areas
+from cubicsplat_cli.artwork.gradients.noisy import GROWN, beside, is_step, off_extended, plane_areas
 from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE, smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea
 from cubicsplat_cli.artwork.input.condition import Condition
+from cubicsplat_cli.raster import ndimage
 
 # Levels by which a pixel that a gradient is followed to may be off it, px that it is followed for, and the share of an
 # even part beside it that it must explain for that to be its own.
@@ -37,7 +37,7 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
         area for area in gradient_areas(levels, *ndimage.label(inner, PLUS)) if not is_step(area.shade, EDGE * blur)
     ]
     planes = plane_areas(levels, Condition(blur=blur))
-    if sum(area.mask.sum() for area in planes) > MORE * sum(area.mask.sum() for area in found):
+    if sum(area.patch.size for area in planes) > MORE * sum(area.patch.size for area in found):
         areas = [_followed(levels, parts, area, GROWN) for area in planes]
     else:
         areas = [area if area.ground is not None else _followed(levels, parts, area, 1 + rim) for area in found]
@@ -46,25 +46,25 @@ def without_blurred_gradients(levels: np.ndarray, blur: float) -> Flattened:
 
 def _followed(levels: np.ndarray, parts: np.ndarray, area: ShadedArea, rim: int) -> ShadedArea:
     """The area with what hangs on it that its gradient explains too: pixels within `rim` px, and tips."""
-    near = ndimage.binary_dilation(area.mask, SQUARE, iterations=FARTHEST) & ~area.mask
-    y, x = np.nonzero(near)
-    explained = np.zeros_like(near)
-    explained[y, x] = np.abs(area.shade.extended().at(x + 0.5, y + 0.5) - levels[y, x]).max(axis=1) <= NEAR
-    # A neighbour of about the colour in which the gradient ends is none of it.
-    rests, count = ndimage.label((parts > 0) & ~area.mask, PLUS)
+    wide = area.patch.padded(FARTHEST, levels.shape)
+    near = beside(wide, ndimage.binary_dilation(wide.mask, SQUARE, iterations=FARTHEST))
+    explained = np.zeros_like(wide.mask)
+    explained[near.mask] = off_extended(area.shade, levels, near) <= NEAR
+    # A neighbour of about the colour in which the gradient ends is none of it, nor what goes on farther.
+    rests, count = ndimage.label((parts[wide.window] > 0) & ~wide.mask, PLUS)
     sizes = np.maximum(np.bincount(rests.ravel(), minlength=count + 1), 1)
     own = np.bincount(rests.ravel(), explained.ravel(), count + 1) >= MOSTLY * sizes
     own[0] = False
-    rimmed = ndimage.binary_dilation(area.mask, SQUARE, iterations=rim)
-    own = area.mask | (explained & (rimmed | own[rests]))
-    return replace(area, mask=ndimage.binary_propagation(area.mask, PLUS, own))
+    rimmed = ndimage.binary_dilation(wide.mask, SQUARE, iterations=rim)
+    mask = wide.mask | (explained & (rimmed | own[rests]))
+    return replace(area, patch=replace(wide, mask=ndimage.binary_propagation(wide.mask, PLUS, mask)))
 
 
 def _rest(parts: np.ndarray, areas: list[ShadedArea]) -> np.ndarray:
     """(H, W) int32 numbers from 1 on of what changes evenly and is in no area, 0 elsewhere."""
     free = parts > 0
     for area in areas:
-        free &= ~area.mask
+        free[area.patch.window] &= ~area.patch.mask
     labels, count = ndimage.label(free, PLUS)
     large = np.bincount(labels.ravel(), minlength=count + 1) >= LEAST_EVEN
     large[0] = False

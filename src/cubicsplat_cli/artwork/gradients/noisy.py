@@ -8,14 +8,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, without_areas
-from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE
+from cubicsplat_cli.artwork.gradients.parts import PLUS, SQUARE, Patch
 from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import calm_pixels
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.shades import Pixels
 
 WINDOW = 7  # px
 # What a plane leaves of a window: times the noise, of which what is white or black shows half, but in a JPEG it is that
@@ -47,7 +48,7 @@ def plane_areas(levels: np.ndarray, condition: Condition) -> list[ShadedArea]:
     rough = JPEG_ROUGH if condition.jpeg else 1.0 + NOISE_ROUGH * condition.noise
     found = gradient_areas(means / np.float32(rough), parts, count)
     shades = {id(area.shade): _rougher(area.shade, rough) for area in found}
-    areas = [replace(area, shade=shades[id(area.shade)]) for area in found if area.mask.sum() >= LEAST_AREA]
+    areas = [replace(area, shade=shades[id(area.shade)]) for area in found if area.patch.size >= LEAST_AREA]
     # Where a ramp fades into its ground noise hides the end, so such areas end where their windows do.
     return [replace(area, ground=None) for area in areas if not is_step(area.shade)]
 
@@ -98,21 +99,31 @@ def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
 
 def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition) -> ShadedArea:
     """The area with the pixels around it that its gradient explains too."""
-    y, x = np.nonzero(ndimage.binary_dilation(area.mask, SQUARE, iterations=GROWN) & ~area.mask)
-    off = np.abs(area.shade.extended().at(x + 0.5, y + 0.5) - levels[y, x]).max(axis=1)
-    own = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + NEAR_LEVELS
-    mask = area.mask.copy()
-    mask[y[own], x[own]] = True
+    wide = area.patch.padded(GROWN, levels.shape)
+    near = beside(wide, ndimage.binary_dilation(wide.mask, SQUARE, iterations=GROWN))
+    off = off_extended(area.shade, levels, near)
+    mask = wide.mask.copy()
+    mask[near.mask] = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + NEAR_LEVELS
     labels, _ = ndimage.label(mask, PLUS)
-    mask = np.isin(labels, np.unique(labels[area.mask]))
-    holes, count = ndimage.label(ndimage.binary_fill_holes(mask) & ~mask, PLUS)
-    y, x = np.nonzero(holes)
-    off = np.abs(area.shade.extended().at(x + 0.5, y + 0.5) - levels[y, x]).max(axis=1)
+    mask = np.isin(labels, np.unique(labels[wide.mask]))
+    inner = Patch(wide.top, wide.left, ndimage.binary_fill_holes(mask) & ~mask)
+    holes, count = ndimage.label(inner.mask, PLUS)
     worst = np.zeros(count + 1)
-    np.maximum.at(worst, holes[y, x], off)
+    np.maximum.at(worst, holes[inner.mask], off_extended(area.shade, levels, inner))
     filled = (worst <= MOST_OFF) & (np.bincount(holes.ravel(), minlength=count + 1) <= LARGEST_HOLE)
     filled[0] = False
-    return replace(area, mask=mask | filled[holes])
+    return replace(area, patch=replace(wide, mask=mask | filled[holes]))
+
+
+def beside(patch: Patch, mask: np.ndarray) -> Patch:
+    """What of a mask of the same box is not in a patch."""
+    return replace(patch, mask=mask & ~patch.mask)
+
+
+def off_extended(shade: Shade, levels: np.ndarray, patch: Patch) -> np.ndarray:
+    """(n,) levels by which pixels are off a gradient, carried on."""
+    y, x = patch.places()
+    return shade.extended().off(Pixels(x + 0.5, y + 0.5, levels[y, x]))
 
 
 def _even(levels: np.ndarray, noise: float) -> np.ndarray:

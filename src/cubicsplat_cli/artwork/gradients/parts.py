@@ -6,21 +6,25 @@ not.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
-from cubicsplat_cli.artwork.gradients.shade import Shade
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.paints import second_differences, trimmed_range
+from cubicsplat_cli.raster.shades import Pixels
 
-# Levels: a second difference that rounding makes, the steepest change per px, and what a gradient explains of a pixel.
-BEND, STEEP, CLOSE = 2.6, 12.0, 2.0
-NEARLY = 8.0  # levels, of a few pixels that make no area of their own
+# Levels: a second difference that rounding makes, and the steepest change per px.
+BEND, STEEP = 2.6, 12.0
 LEAST_AREA, FEW = 64, 16  # px, of a gradient, and in which one changes
 MOST_PIECES = 8  # that a part is divided into
 SAME_INK, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and share of the area that has it
 CLEAR = 0.5  # levels of opacity
+OUTER = 0.02  # share of a part's values at either end that do not count for its range
 RING = 4  # px of its surroundings that a part is looked at with
-PLUS = ndimage.generate_binary_structure(2, 1)
+PLUS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
 SQUARE = np.ones((3, 3), dtype=bool)
 
 
@@ -29,87 +33,141 @@ def smooth_parts(levels: np.ndarray, bend: float = BEND) -> tuple[np.ndarray, in
 
     bend: levels of a second difference that is none of an edge; as much steeper may changes be.
     """
-    around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
-    height, width = levels.shape[:2]
-    smooth, changing = np.ones((height, width), dtype=bool), np.zeros((height, width), dtype=bool)
-    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        after = around[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width]
-        before = around[1 - dy : 1 - dy + height, 1 - dx : 1 - dx + width]
-        smooth &= largest(np.abs(after - 2.0 * levels + before)) <= bend
-        step = largest(np.abs(after - before))
-        smooth &= step <= 2.0 * STEEP * bend / BEND
-        changing |= step > 0.0
+    bends, steps = second_differences(levels)
+    smooth = (bends <= bend) & (steps <= 2.0 * STEEP * bend / BEND)
     # Opened with room around the canvas, so that its border takes nothing away.
     opened = ndimage.binary_opening(np.pad(smooth, 2, mode="edge"), SQUARE)[2:-2, 2:-2]
     # Flat pictures, most drawings, need no more than this.
-    if (opened & changing).sum() < FEW:
-        return np.zeros((height, width), dtype=np.int32), 0
+    if (opened & (steps > 0.0)).sum() < FEW:
+        return np.zeros(smooth.shape, dtype=np.int32), 0
     return ndimage.label(opened, PLUS)
 
 
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Some pixels of a picture. top, left: of a box that holds them; mask: (h, w) bool, those of the box."""
+
+    top: int
+    left: int
+    mask: np.ndarray
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """The box's rows and columns."""
+        height, width = self.mask.shape
+        return slice(self.top, self.top + height), slice(self.left, self.left + width)
+
+    @property
+    def size(self) -> int:
+        """Px."""
+        return int(np.count_nonzero(self.mask))
+
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns (n,) in the picture."""
+        rows, columns = np.nonzero(self.mask)
+        return rows + self.top, columns + self.left
+
+    def at(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """(n,) bool: whether places of the picture are among the pixels."""
+        rows, columns = rows - self.top, columns - self.left
+        inside = (rows >= 0) & (rows < self.mask.shape[0]) & (columns >= 0) & (columns < self.mask.shape[1])
+        inside[inside] = self.mask[rows[inside], columns[inside]]
+        return np.asarray(inside)
+
+    def padded(self, by: int, shape: tuple[int, ...]) -> Patch:
+        """The same pixels in a box larger by so many px on all sides, as far as a picture (H, W) goes."""
+        height, width = self.mask.shape
+        above, before = min(by, self.top), min(by, self.left)
+        below = min(by, shape[0] - self.top - height)
+        after = min(by, shape[1] - self.left - width)
+        mask = np.pad(self.mask, ((above, below), (before, after)))
+        return Patch(self.top - above, self.left - before, mask)
+
+    def grown(self, by: int, shape: tuple[int, ...]) -> Patch:
+        """The pixels within so many px of these in a picture (H, W)."""
+        wide = self.padded(by, shape)
+        return Patch(wide.top, wide.left, ndimage.binary_dilation(wide.mask, SQUARE, iterations=by))
+
+    def meets(self, other: Patch) -> np.ndarray:
+        """(n, 2) rows and columns of the pixels of both."""
+        top, left = max(self.top, other.top), max(self.left, other.left)
+        views = [patch.mask[max(top - patch.top, 0) :, max(left - patch.left, 0) :] for patch in (self, other)]
+        height, width = (min(view.shape[k] for view in views) for k in (0, 1))
+        both = views[0][:height, :width] & views[1][:height, :width]
+        return np.argwhere(both) + np.array([top, left])
+
+
+def joined(patches: Sequence[Patch]) -> Patch:
+    """The pixels of all patches, one or more."""
+    ends = np.array([(p.top, p.left, p.top + p.mask.shape[0], p.left + p.mask.shape[1]) for p in patches])
+    top, left = ends[:, :2].min(axis=0).tolist()
+    bottom, right = ends[:, 2:].max(axis=0).tolist()
+    mask = np.zeros((bottom - top, right - left), dtype=bool)
+    for patch in patches:
+        rows, columns = patch.window
+        mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] |= patch.mask
+    return Patch(top, left, mask)
+
+
 class Part:
-    """Some pixels of a picture. box: slices that hold them all."""
+    """Some pixels of a picture, and what they have. rows, columns: (n,)."""
 
-    def __init__(self, levels: np.ndarray, mask: np.ndarray, box: tuple[slice, slice]) -> None:
-        self.levels, self.mask, self.box = levels, mask, box
-        rows, columns = np.nonzero(mask[box])
-        self.rows, self.columns = rows + box[0].start, columns + box[1].start
-        self.x, self.y = self.columns + 0.5, self.rows + 0.5
-        self.values = levels[self.rows, self.columns].astype(float)
+    def __init__(self, levels: np.ndarray, patch: Patch) -> None:
+        self.levels, self.patch = levels, patch
+        self.rows, self.columns = patch.places()
+        values = levels[self.rows, self.columns].astype(float)
+        self.pixels = Pixels(self.columns + 0.5, self.rows + 0.5, values)
 
-    def within(self, own: np.ndarray) -> np.ndarray:
-        """(H, W) bool: the pixels for which own (n,) holds."""
-        mask = np.zeros_like(self.mask)
-        mask[self.rows[own], self.columns[own]] = True
-        return mask
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def within(self, own: np.ndarray) -> Patch:
+        """The pixels for which own (n,) holds."""
+        mask = np.zeros_like(self.patch.mask)
+        mask[self.rows[own] - self.patch.top, self.columns[own] - self.patch.left] = True
+        return Patch(self.patch.top, self.patch.left, mask)
 
     def pieces(self, own: np.ndarray) -> list[Part]:
         """The largest connected parts of the pixels for which own (n,) holds, without what is thinner than 3 px."""
-        mask = ndimage.binary_opening(self.within(own), SQUARE)
+        mask = ndimage.binary_opening(self.within(own).mask, SQUARE)
         labels, count = ndimage.label(mask, PLUS)
         boxes = ndimage.find_objects(labels)
         sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-        largest = np.argsort(-sizes, kind="stable")[:MOST_PIECES]
-        return [Part(self.levels, labels == k + 1, boxes[k]) for k in largest if sizes[k] >= LEAST_AREA]
+        most = np.argsort(-sizes, kind="stable")[:MOST_PIECES]
+        return [self._piece(labels, k + 1, boxes[k]) for k in most if sizes[k] >= LEAST_AREA]
 
-    def explained(self, shade: Shade) -> np.ndarray:
-        """(n,) bool."""
-        return np.abs(shade.at(self.x, self.y) - self.values).max(axis=1) <= CLOSE
-
-    def with_rests(self, shade: Shade, known: np.ndarray) -> np.ndarray:
-        """(H, W) bool: the explained pixels (n,), and the few that are nearly so."""
-        nearly = np.abs(shade.at(self.x, self.y) - self.values).max(axis=1) <= NEARLY
-        labels, count = ndimage.label(self.within(nearly & ~known), PLUS)
-        if count == 0:
-            return self.within(known)
-        few = np.bincount(labels.ravel(), minlength=count + 1) < LEAST_AREA
-        few[0] = False
-        return self.within(known) | few[labels]
+    def _piece(self, labels: np.ndarray, number: int, box: tuple[slice, slice]) -> Part:
+        top, left = self.patch.top + box[0].start, self.patch.left + box[1].start
+        return Part(self.levels, Patch(top, left, labels[box] == number))
 
     def range(self) -> float:
-        low, high = np.percentile(self.values, (2, 98), axis=0)
-        return float((high - low).max())
+        """Levels between which the values of the widest channel are, but for a few."""
+        return trimmed_range(self.pixels.values, OUTER)
+
+
+def part_of(
+    levels: np.ndarray, parts: np.ndarray, number: int, box: np.ndarray, claimed: np.ndarray | None = None
+) -> Part:
+    """A part of a picture by its number. parts: (H, W); box: its first and last row and column; claimed: (H, W) bool
+    what belongs to others."""
+    top, bottom, left, right = box.tolist()
+    window = slice(top, bottom + 1), slice(left, right + 1)
+    own = parts[window] == number
+    return Part(levels, Patch(top, left, own if claimed is None else own & ~claimed[window]))
 
 
 def plateau(part: Part) -> tuple[np.ndarray, np.ndarray]:
     """The commonest colour (4,), and which pixels (n,) have it and are not on their way through it."""
-    clear = part.values[:, 3] <= CLEAR
+    values = part.pixels.values
+    clear = values[:, 3] <= CLEAR
     if clear.mean() >= LEAST_PLATEAU:
         return np.zeros(4), clear
-    code = np.rint(part.values).astype(np.int64) @ (256 ** np.arange(4))
+    code = np.rint(values).astype(np.int64) @ (256 ** np.arange(4))
     _, first, index, counts = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
     best = int(counts.argmax())
-    ink = part.values[index.reshape(-1) == best].mean(axis=0)
-    near = np.abs(part.values - np.rint(part.values[first[best]])).max(axis=1) <= SAME_INK
+    ink = values[index.reshape(-1) == best].mean(axis=0)
+    near = largest(np.abs(values - np.rint(values[first[best]]))) <= SAME_INK
     # A gradient passes through its colours in bands; what is even around about is none of them.
-    even = ndimage.binary_erosion(part.within(near), SQUARE, iterations=RING)
+    even = ndimage.binary_erosion(part.within(near).mask, SQUARE, iterations=RING)
     even = ndimage.binary_dilation(even, SQUARE, iterations=RING)
-    own = near & even[part.rows, part.columns]
-    return ink, own
-
-
-def widened(box: tuple[slice, slice], shape: tuple[int, ...]) -> tuple[slice, slice]:
-    rows, columns = (
-        slice(max(side.start - RING, 0), min(side.stop + RING, size)) for side, size in zip(box, shape, strict=False)
-    )
-    return rows, columns
+    return ink, near & even[part.rows - part.patch.top, part.columns - part.patch.left]

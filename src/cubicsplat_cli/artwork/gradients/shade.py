@@ -2,14 +2,56 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.ramps import PRICE, STOP_PARAMETERS, Ramp
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.gradients.parts import Patch
+from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 
+CLOSE = 2.0  # levels that a gradient may be off a pixel that it explains
 CLEAR = 8.0  # levels of opacity, below which a stop's own colour is not seen
+# Levels: what rounding to 8 bits and the arithmetic of drawing programs leave.
+SIGMA = 0.4
+# Neighbouring pixels are off together, so each counts for less; and one that no ramp explains for so much at most.
+SHARE, MOST_CHI = 0.2, 36.0
+PRICE = 4.0  # nats a parameter
+STOP_PARAMETERS = 4  # a place and a colour, most often opaque
+EVEN = 1.0  # levels by which neighbouring stops at the ends may differ to be one, since ramps go on as they end
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """knots: (K,) ascending t; colours: (K, 4) levels there."""
+
+    knots: np.ndarray
+    colours: np.ndarray
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """(n, 4) the colours at t (n,)."""
+        return np.stack([np.interp(t, self.knots, self.colours[:, k]) for k in range(4)], axis=-1)
+
+    def trimmed(self) -> Ramp:
+        """The ramp without end stops that repeat their neighbours."""
+        first, last = 0, len(self.knots) - 1
+        gaps = np.abs(np.diff(self.colours, axis=0)).max(axis=1)
+        while last - first > 1 and gaps[first] <= EVEN:
+            first += 1
+        while last - first > 1 and gaps[last - 1] <= EVEN:
+            last -= 1
+        return Ramp(self.knots[first : last + 1], self.colours[first : last + 1])
+
+
+def alike(first: Ramp, second: Ramp) -> float:
+    """How far, in levels, the colours of one ramp are from those of the other, the shorter of both ways."""
+    ways = []
+    for a, b in ((first, second), (second, first)):
+        here, there = (r.at(np.linspace(r.knots[0], r.knots[-1], n)) for r, n in ((a, 9), (b, 65)))
+        gaps = np.abs(here[:, None] - there[None]).max(axis=2).min(axis=1)
+        ways.append(float(np.median(gaps)))
+    return min(ways)
 
 
 @dataclass(frozen=True)
@@ -32,7 +74,28 @@ class Shade:
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(n, 4) premultiplied levels at places in px."""
-        return self.ramp.at(self.t(x, y))
+        return colours_at(self.frame, self.radial, self.ramp.knots, self.ramp.colours, x, y)
+
+    def off(self, pixels: Pixels) -> np.ndarray:
+        """(n,) levels by which the worst channel of pixels is off."""
+        return largest(np.abs(self._residuals(pixels)))
+
+    def explains(self, pixels: Pixels) -> np.ndarray:
+        """(n,) bool."""
+        return self.off(pixels) <= CLOSE
+
+    def misfit(self, pixels: Pixels) -> float:
+        """Half of chi^2, in nats, of pixels."""
+        residuals = self._residuals(pixels)
+        chi = np.einsum("nk,nk->n", residuals, residuals) / (SIGMA * SIGMA)
+        return 0.5 * SHARE * float(np.minimum(chi, MOST_CHI).sum())
+
+    def _residuals(self, pixels: Pixels) -> np.ndarray:
+        return colours_off(self.frame, self.radial, self.ramp.knots, self.ramp.colours, pixels)
+
+    def stopped(self, knots: np.ndarray, pixels: Pixels) -> Shade:
+        """The shade with stops at these knots, in the colours nearest to pixels."""
+        return replace(self, ramp=Ramp(knots, best_colours(self.frame, self.radial, knots, pixels)))
 
     def extended(self) -> Shade:
         """The shade with its ramp carried on, where it is open, by as much as it is long."""
@@ -52,11 +115,11 @@ class Shade:
 
 @dataclass(frozen=True)
 class ShadedArea:
-    """A gradient and where it is seen. mask: (H, W) bool. ground: the colour (4,) in levels of what it fades into
-    without an edge, or None; rim: t where it does; inwards: whether the ramp lies below that t."""
+    """A gradient and where it is seen. ground: the colour (4,) in levels of what it fades into without an edge, or
+    None; rim: t where it does; inwards: whether the ramp lies below that t."""
 
     shade: Shade
-    mask: np.ndarray
+    patch: Patch
     ground: np.ndarray | None = None
     rim: float = 0.0
     inwards: bool = False

@@ -5,117 +5,123 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
-from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, SQUARE, Part
-from cubicsplat_cli.artwork.gradients.ramps import alike
-from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea
+from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Part, Patch, joined, part_of
+from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea, alike
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster.shades import Pixels
 
 EXPLAINED = 0.95  # share of an area's pixels, for one gradient to be enough
 ALIKE = 0.4  # share of an area's pixels that another's gradient explains, for one to be sought for both
 # Px across which a gradient may go on, px along which it must, and levels by which it may be off there.
 GAP, CONTACT, SHARP = 4, 8, 24.0
 SAME_RAMP = 2.0  # levels by which two ramps may be off each other, for one to be sought for both
-MOST_UNIONS = 80  # tried, of which pictures with so many gradients need few: each takes some tenths of a second
+# Other gradients with which one is sought for an area, those that explain most of it first, and how many of its pixels
+# tell that.
+MOST_UNIONS, LOOKED_AT = 6, 256
 
 
-def united(levels: np.ndarray, parts: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
-    """The areas, those with one gradient where a single one explains them all, and what they continue in."""
-    whole = (slice(0, levels.shape[0]), slice(0, levels.shape[1]))
+def united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
+    """The areas, those with one gradient where a single one explains them all, and what they continue in.
+
+    parts: (H, W) numbers from 1 on of what changes evenly, 0 for edges; boxes: of each its first and last row and
+    column.
+    """
     out = [area for area in found if area.ground is not None]
     groups: list[_Group] = []
-    left = MOST_UNIONS
     for area in found:
-        if area.ground is not None:
-            continue
-        work().at()
-        part, near = Part(levels, area.mask, whole), _around(area.mask)
-        for group in groups:
-            likely = left > 0 and (
-                part.explained(group.shade.extended()).mean() >= ALIKE
-                or alike(area.shade.ramp, group.shade.ramp) <= SAME_RAMP
-                or _meets(group, area, near)
-            )
-            if likely:
-                left -= 1
-                one = _one(levels, [*group.members, part], [group.shade, area.shade])
-                if one is not None:
-                    group.shade, group.near = one, group.near | near
-                    group.members.append(part)
-                    break
-        else:
-            groups.append(_Group(area.shade, [part], near))
-    claimed = np.logical_or.reduce([area.mask for area in found])
+        if area.ground is None:
+            work().at()
+            _unite(levels, area, groups)
+    claimed = np.zeros(levels.shape[:2], dtype=bool)
+    for area in found:
+        claimed[area.patch.window] |= area.patch.mask
     for group in groups:
-        _continue(levels, parts, claimed, group)
-    return out + [ShadedArea(group.shade, part.mask) for group in groups for part in group.members]
+        _continue(levels, parts, boxes, claimed, group)
+    return out + [ShadedArea(group.shade, part.patch) for group in groups for part in group.members]
 
 
 @dataclass
 class _Group:
-    """Parts that share a gradient. near: (H, W) bool, what is `_around` them."""
+    """Parts that share a gradient. near: what is within GAP px of them; low, high: (4,) levels between which the
+    colours of the gradient are."""
 
     shade: Shade
     members: list[Part]
-    near: np.ndarray
+    near: Patch
+
+    def __post_init__(self) -> None:
+        self.low, self.high = (end(self.shade.ramp.colours, axis=0) for end in (np.min, np.max))
 
 
-def _around(mask: np.ndarray) -> np.ndarray:
-    """(H, W) bool: within GAP px of a mask."""
-    return ndimage.binary_dilation(mask, SQUARE, iterations=GAP)
+def _unite(levels: np.ndarray, area: ShadedArea, groups: list[_Group]) -> None:
+    """Adds an area to the group with which it shares a gradient, or as a group of its own."""
+    part = Part(levels, area.patch)
+    own = _Group(area.shade, [part], area.patch.grown(GAP, levels.shape))
+    some = part.pixels.some(np.linspace(0, len(part) - 1, min(len(part), LOOKED_AT)).astype(int))
+    shares = np.array([(group.shade.extended().explains(some)).mean() for group in groups])
+    order = np.argsort(-shares, kind="stable").tolist()
+    likely = [k for k in order if shares[k] >= ALIKE or _same_ramp(groups[k], own) or _meets(groups[k], own)]
+    for k in likely[:MOST_UNIONS]:
+        group = groups[k]
+        one = _one([*group.members, part], [group.shade, area.shade])
+        if one is not None:
+            groups[k] = _Group(one, [*group.members, part], joined([group.near, own.near]))
+            return
+    groups.append(own)
 
 
-def _meets(group: _Group, area: ShadedArea, near: np.ndarray) -> bool:
-    """Whether the ramps of a group and an area, carried on, have about the same colours between the two. near: what is
-    `_around` the area.
-    """
-    y, x = np.nonzero(group.near & near)
-    if len(y) < CONTACT:
+def _same_ramp(group: _Group, other: _Group) -> bool:
+    apart = np.maximum(group.low - other.high, other.low - group.high).max()
+    return bool(apart <= SAME_RAMP) and alike(group.shade.ramp, other.shade.ramp) <= SAME_RAMP
+
+
+def _meets(group: _Group, other: _Group) -> bool:
+    """Whether the ramps of two groups, carried on, have about the same colours between the two."""
+    between = group.near.meets(other.near)
+    if len(between) < CONTACT:
         return False
-    first, second = (shade.extended().at(x + 0.5, y + 0.5) for shade in (group.shade, area.shade))
-    return bool(np.median(np.abs(first - second).max(axis=1)) <= SHARP)
+    y, x = between.T + 0.5
+    return bool(np.median(other.shade.extended().off(Pixels(x, y, group.shade.extended().at(x, y)))) <= SHARP)
 
 
 def _continues(group: _Group, part: Part) -> bool:
     """Whether a part begins, within GAP px, about as a group ends: stops where a ramp bends sharply look like edges."""
-    own = group.near[part.rows, part.columns]
+    own = group.near.at(part.rows, part.columns)
     if own.sum() < CONTACT:
         return False
-    off = group.shade.extended().at(part.x[own], part.y[own]) - part.values[own]
-    return bool(np.median(np.abs(off).max(axis=1)) <= SHARP)
+    return bool(np.median(group.shade.extended().off(part.pixels.some(own))) <= SHARP)
 
 
-def _continue(levels: np.ndarray, parts: np.ndarray, claimed: np.ndarray, group: _Group) -> None:
+def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed: np.ndarray, group: _Group) -> None:
     """Adds to a group the even parts beside it that its ramp ends in, and the pixels between that it explains."""
     near = group.near
-    names, sizes = np.unique(parts[near & ~claimed & (parts > 0)], return_counts=True)
-    whole = (slice(0, levels.shape[0]), slice(0, levels.shape[1]))
-    for name in names[sizes >= CONTACT]:
-        part = Part(levels, (parts == name) & ~claimed, whole)
-        if len(part.x) >= LEAST_AREA and _continues(group, part):
-            one = _one(levels, [*group.members, part], [group.shade])
+    beside = near.mask & ~claimed[near.window]
+    names, sizes = np.unique(parts[near.window][beside], return_counts=True)
+    for name in names[(sizes >= CONTACT) & (names > 0)]:
+        part = part_of(levels, parts, name, boxes[name - 1], claimed)
+        if len(part) >= LEAST_AREA and _continues(group, part):
+            one = _one([*group.members, part], [group.shade])
             if one is not None:
                 group.shade = one
                 group.members.append(part)
-                group.near = group.near | _around(part.mask)
-                claimed |= part.mask
-    between = near & ~claimed & (parts == 0)
+                group.near = joined([group.near, part.patch.grown(GAP, levels.shape)])
+                claimed[part.patch.window] |= part.patch.mask
+    between = near.mask & ~claimed[near.window] & (parts[near.window] == 0)
     if len(group.members) < 2 or not between.any():
         return
-    strip = Part(levels, between, whole)
-    known = strip.within(strip.explained(group.shade))
-    group.members[0] = Part(levels, group.members[0].mask | known, whole)
-    claimed |= known
+    strip = Part(levels, Patch(near.top, near.left, between))
+    known = strip.within(group.shade.explains(strip.pixels))
+    group.members[0] = Part(levels, joined([group.members[0].patch, known]))
+    claimed[known.window] |= known.mask
 
 
-def _one(levels: np.ndarray, members: list[Part], hints: list[Shade]) -> Shade | None:
+def _one(members: list[Part], hints: list[Shade]) -> Shade | None:
     """The gradient that explains all of these, if there is one."""
-    whole = (slice(0, levels.shape[0]), slice(0, levels.shape[1]))
-    union = Part(levels, np.logical_or.reduce([part.mask for part in members]), whole)
-    shade = shade_of(union.x, union.y, union.values, hints)
+    x, y, values = (np.concatenate(arrays) for arrays in zip(*(part.pixels for part in members), strict=True))
+    shade = shade_of(Pixels(x, y, values), hints)
     # One that needs more stops than any of them only strings them together.
     if len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
         return None
-    return shade if all(part.explained(shade).mean() >= EXPLAINED for part in members) else None
+    return shade if all(shade.explains(part.pixels).mean() >= EXPLAINED for part in members) else None

@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.raster.observed import distinct
 
 # Colours that any picture may have; larger ones as many as the square root of their cells. Chosen on drawn sprites and
 # scenes (K <= 0.6 sqrt(N)) against unsmoothed flags and emoji (1.1 sqrt(N) and more).
@@ -151,7 +153,7 @@ def _noisy_cells(target: np.ndarray) -> Cells | None:
 
 
 def _cells_on(target: np.ndarray, grid: Grid) -> Cells:
-    colours, numbers = _distinct(_levels(_sampled(target, grid)).astype(np.float64))
+    colours, numbers = _distinct(_levels(_sampled(target, grid)))
     return Cells(numbers, colours, grid.x.astype(float), grid.y.astype(float), grid.side)
 
 
@@ -172,15 +174,15 @@ def _keys(levels: np.ndarray) -> np.ndarray:
 
 def _distinct(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The different colours (K, 4) of cells (R, C, 3 or 4) in levels, and (R, C) which of them each has."""
-    _, first, numbers = np.unique(_keys(levels), return_index=True, return_inverse=True)
+    first, numbers = distinct(_keys(levels))
     colours = levels.reshape(-1, levels.shape[2])[first].astype(np.float64)
     if colours.shape[1] == 3:
         colours = np.concatenate([colours, np.full((len(colours), 1), 255.0)], axis=1)
-    return colours, numbers.reshape(levels.shape[:2])
+    return colours, numbers
 
 
 def _colour_count(part: np.ndarray) -> int:
-    return len(np.unique(_keys(_levels(part))))
+    return len(distinct(_keys(_levels(part)))[0])
 
 
 def _most_colours(cells: int) -> int:
@@ -266,7 +268,7 @@ def _inner(grid: Grid) -> np.ndarray:
 
 def _soft(levels: np.ndarray) -> float:
     """The share of the steps between neighbouring cells (R, C, 4), levels, of different colours that are soft."""
-    steps = np.concatenate([np.abs(np.diff(levels, axis=axis)).max(axis=2).ravel() for axis in (0, 1)])
+    steps = np.concatenate([largest(np.abs(np.diff(levels, axis=axis))).ravel() for axis in (0, 1)])
     return float((steps[steps > 0.0] <= SOFT).mean())
 
 
@@ -286,13 +288,15 @@ def _smoothed(levels: np.ndarray, numbers: np.ndarray, count: int) -> bool:
 
 def _between(levels: np.ndarray) -> np.ndarray:
     """(R, C) bool: the colour lies on the line between those to the left and to the right, away from both."""
-    before, here, after = levels[:, :-2], levels[:, 1:-1], levels[:, 2:]
+    steps = largest(np.abs(np.diff(levels, axis=1))) > 0.0
+    y, x = np.nonzero(steps[:, :-1] & steps[:, 1:])
+    before, here, after = (levels[y, x + k] for k in range(3))
     span = after - before
-    length = (span * span).sum(axis=2)
-    t = ((here - before) * span).sum(axis=2) / np.maximum(length, 1e-6)
-    off = np.abs(here - before - t[..., None] * span).max(axis=2)
+    length = (span * span).sum(axis=1)
+    t = ((here - before) * span).sum(axis=1) / np.maximum(length, 1e-6)
+    off = largest(np.abs(here - before - t[:, None] * span))
     out = np.zeros(levels.shape[:2], dtype=bool)
-    out[:, 1:-1] = (off <= OFF) & (np.minimum(t, 1.0 - t) * np.sqrt(length) > OFF)
+    out[y, x + 1] = (off <= OFF) & (np.minimum(t, 1.0 - t) * np.sqrt(length) > OFF)
     return out
 
 

@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
-from scipy.fft import dctn
 
-from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.observed import edge_variances, second_differences
+from cubicsplat_cli.raster.unmix import spread
 
 # Levels: pixels whose 5 x 5 neighbours span less are away from edges; a second difference that an even or shaded
 # picture does not have.
@@ -24,6 +24,9 @@ LEAST_NOISE = 0.7  # levels, which rounding and dither do not reach
 # A JPEG has more coefficients below ZERO in its own blocks of 8 x 8 px than in those half a block away. Blocks count
 # that have one above BUSY other than along rows or columns alone: level edges are the same everywhere.
 BLOCK, ZERO, BUSY = 8, 1.2, 12.0
+# The waves of a block's discrete cosine transform but the level one, each of squares that sum to 1.
+_STEPS = np.arange(1, BLOCK)[:, None] * (2 * np.arange(BLOCK) + 1)
+WAVES = (np.cos(math.pi / (2 * BLOCK) * _STEPS) * (2.0 / BLOCK) ** 0.5).astype(np.float32)
 MORE_ZEROS, ERROR, FEWEST_BLOCKS = 1.25, 0.8, 20  # times as many; the difference times the root of their number
 # The ringing leaves 3 x 3 px alike in hardly any block with an edge: in 0 to 0.05 of them in JPEGs of quality 60 to 98,
 # in 0 to 0.5 in nine of ten WebPs, in 0.5 to 1 in clean pictures. Pale stripes and text on a grid of 8 px look like
@@ -39,9 +42,8 @@ NEAR, LEAST_ROUGH = 4, 0.02
 FAR, LEAST_RINGING = 8, 0.003
 # Opacity counts as well: black on nothing has edges.
 LUMA = np.array([0.299, 0.587, 0.114, 0.7], dtype=np.float32)
-# Edges whose width is measured: px to either side, levels of contrast, levels that count as even beside them.
-REACH, CONTRAST = 8, 60.0
-FEWEST, MOST = 40, 6000
+# Edges whose width is measured: levels of contrast, how many must be there, and are looked at each way.
+CONTRAST, FEWEST, MOST = 60.0, 40, 24_000
 OFF_LINE = 0.1  # of an edge's contrast, by which its pixels may be off the line between the colours that they blend
 JPEG_EDGES = 8.0  # times the noise elsewhere
 # Times the noise that pixels count as off by where it is alike over 1.5 px: so many of them tell as much as one.
@@ -101,9 +103,8 @@ def condition_of(levels: np.ndarray) -> Condition:
     if min(levels.shape[:2]) < 2 * BLOCK:
         return CLEAN
     luma = levels @ LUMA
-    second = _second_differences(levels)
-    spread = ndimage.maximum_filter(levels, (5, 5, 1)) - ndimage.minimum_filter(levels, (5, 5, 1))
-    quiet = largest(spread) < QUIET
+    second = second_differences(levels)
+    quiet = spread(levels, 5, 5) < QUIET
     if not quiet.any():
         return CLEAN
     everywhere = float(np.median(second[quiet])) / (SECOND * LARGER_MEDIAN)
@@ -115,16 +116,6 @@ def condition_of(levels: np.ndarray) -> Condition:
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * LARGER))
     blur = edge_blur(levels, noise) or 0.0
     return Condition(noise, jpeg, blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0)
-
-
-def _second_differences(levels: np.ndarray) -> np.ndarray:
-    """(H, W) the larger one of those along the row and along the column, of the colour channel that has the largest."""
-    out = np.zeros(levels.shape[:2], dtype=np.float32)
-    colours = levels[..., :3]
-    out[:, 1:-1] = largest(np.abs(colours[:, 2:] - 2.0 * colours[:, 1:-1] + colours[:, :-2]))
-    down = largest(np.abs(colours[2:] - 2.0 * colours[1:-1] + colours[:-2]))
-    out[1:-1] = np.maximum(out[1:-1], down)
-    return out
 
 
 def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray, noise: float) -> bool:
@@ -158,7 +149,7 @@ def _zeros(coefficients: np.ndarray) -> tuple[float, int]:
 
 def _coefficients(luma: np.ndarray, start: int) -> np.ndarray:
     """(n, 7, 7) the sizes of those other than along rows or columns alone, of the blocks from a row and column on."""
-    return np.abs(dctn(_blocks(luma, start, BLOCK), axes=(1, 2), norm="ortho"))[:, 1:, 1:]
+    return np.abs(WAVES @ _blocks(luma, start, BLOCK) @ WAVES.T)
 
 
 def _busy(coefficients: np.ndarray) -> np.ndarray:
@@ -171,8 +162,7 @@ def _even(levels: np.ndarray, busy: np.ndarray) -> float:
 
     busy: (n,) bool, which of the blocks have edges.
     """
-    alike = levels[..., 3] > 0.0
-    alike &= (ndimage.maximum_filter(levels, (3, 3, 1)) == ndimage.minimum_filter(levels, (3, 3, 1))).all(axis=2)
+    alike = (levels[..., 3] > 0.0) & (spread(levels, 3, 3) == 0.0)
     found = _blocks(alike, 0, BLOCK)[busy, 1:-1, 1:-1]
     return float(found.any(axis=(1, 2)).mean()) if found.size else 0.0
 
@@ -203,61 +193,8 @@ def _blocks(values: np.ndarray, start: int, side: int) -> np.ndarray:
 def edge_blur(levels: np.ndarray, noise: float = 0.0) -> float | None:
     """px that the edges of a picture are wider than by their pixels, None where too few are fit to measure it."""
     even = max(2.0, 3.0 * noise)
-    found = np.concatenate([_variances(levels, even), _variances(levels.swapaxes(0, 1), even)])
+    found = edge_variances(levels, levels @ LUMA, MOST, even, CONTRAST, OFF_LINE)
     if len(found) < FEWEST:
         return None
     least, usual = np.sqrt(np.maximum(np.quantile(found, [0.25, 0.5]), 0.0))
     return float(usual) if least >= SHARPER * usual else 0.0
-
-
-def _variances(levels: np.ndarray, even: float) -> np.ndarray:
-    """Variances, px^2, of the blur of single edges between two even places along rows of a picture (H, W, 4)."""
-    luma = levels @ LUMA
-    height, width = luma.shape
-    if width < 2 * REACH + 4:
-        return np.zeros(0)
-    across = np.diff(luma, axis=1)
-    down = np.gradient(ndimage.uniform_filter1d(luma, 3, axis=1), axis=0) if height > 2 else np.zeros_like(luma)
-    size = np.abs(across)
-    peak = (size == ndimage.maximum_filter1d(size, 2 * REACH + 1, axis=1)) & (size > CONTRAST / 8.0)
-    peak[:, : REACH + 1], peak[:, -REACH - 1 :] = False, False
-    y, x = np.nonzero(peak)
-    keep = np.arange(len(y)) if len(y) <= 4 * MOST else np.linspace(0, len(y) - 1, 4 * MOST).astype(int)
-    y, x = y[keep], x[keep]
-    steps = across[y[:, None], x[:, None] + np.arange(-REACH, REACH + 1)]
-    total = steps.sum(axis=1)
-    outer = np.abs(steps[:, [0, 1, -2, -1]]).max(axis=1)
-    # Of one sign but for noise, and even at both ends.
-    against = np.where(total[:, None] > 0.0, -steps, steps).max(axis=1)
-    fit = (np.abs(total) > CONTRAST) & (outer <= even) & (against <= even)
-    y, x, steps = y[fit], x[fit], steps[fit]
-    fit = _single(steps, even) & _blended(levels[y[:, None], x[:, None] + np.arange(-REACH, REACH + 2)], even)
-    y, x, steps = y[fit], x[fit], steps[fit]
-    share = np.where(np.abs(steps) > 0.5 * even, steps, 0.0)
-    share = share / share.sum(axis=1, keepdims=True)
-    at = np.arange(-REACH, REACH + 1)
-    mean = (share * at).sum(axis=1)
-    variance = (share * (at - mean[:, None]) ** 2).sum(axis=1)
-    # The direction of the edge by the gradient around its middle.
-    tilt = np.abs(down[y, x] + down[y, x + 1]) * 0.5 / np.maximum(np.abs(steps).max(axis=1), 1e-6)
-    slant = tilt**2
-    level = slant < 0.1
-    # Pixels are squares, and steps between them are as wide again.
-    return ((variance - 1.0 / 12.0) / (1.0 + slant) - 1.0 / 12.0)[level]
-
-
-def _single(steps: np.ndarray, even: float) -> np.ndarray:
-    """(n,) bool: steps (n, 2 REACH + 1) grow up to the middle one, and fall from there, but for so many levels."""
-    size = np.abs(steps)
-    halves = size[:, : REACH + 1], size[:, : REACH - 1 : -1]
-    return np.all([(np.maximum.accumulate(half, axis=1) - half <= even).all(axis=1) for half in halves], axis=0)
-
-
-def _blended(colours: np.ndarray, even: float) -> np.ndarray:
-    """(n,) bool: rows of pixels (n, w, 4) are blends of those at either end, as no line between two areas is."""
-    before = colours[:, :2].mean(axis=1, keepdims=True)
-    span = colours[:, -2:].mean(axis=1, keepdims=True) - before
-    square = (span * span).sum(axis=2, keepdims=True)
-    rest = colours - before
-    rest -= (rest * span).sum(axis=2, keepdims=True) / np.maximum(square, 1e-6) * span
-    return np.sqrt((rest * rest).sum(axis=2)).max(axis=1) <= OFF_LINE * np.sqrt(square[:, 0, 0]) + even

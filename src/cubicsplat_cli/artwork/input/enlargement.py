@@ -7,12 +7,16 @@ is undone by least squares. That it was done shows in that doing it again gives 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage, sparse
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.condition import LEAST_BLUR, edge_blur
+from cubicsplat_cli.raster import ndimage
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 FACTORS = (2, 3, 4)
 MOST_REPEATED = 8  # times that pixels are looked for
@@ -30,10 +34,13 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:
     blur = edge_blur(levels)
     if blur is not None and blur < LEAST_BLUR:
         return levels, 1
+    few = _steepest(levels)
+    if _sharp(few):
+        return levels, 1
     for factor in FACTORS:
         if min(levels.shape[:2]) < 8 * factor:
             break
-        kernel, off = min(((kernel, _tried(levels, factor, kernel)) for kernel in KERNELS), key=lambda found: found[1])
+        kernel, off = min(((kernel, _tried(few, factor, kernel)) for kernel in KERNELS), key=lambda found: found[1])
         small = _undone(levels, factor, kernel) if off <= OFF else None
         if small is not None:
             return small, factor
@@ -59,11 +66,25 @@ def _blends(levels: np.ndarray) -> int:
     return int(between.any(axis=-1).sum())
 
 
-def _tried(levels: np.ndarray, factor: int, kernel: Callable[[np.ndarray], np.ndarray]) -> float:
-    """By how many levels the steepest columns are off, in the mean at edges, when they are made smaller and larger."""
-    down = _enlarging(len(levels), factor, kernel)
-    steep = np.abs(np.diff(levels, axis=0)).max(axis=(0, 2))
-    few = levels[:, np.argsort(-steep, kind="stable")[:LINES]]
+def _steepest(levels: np.ndarray) -> np.ndarray:
+    """(H, LINES, 4) the columns of a picture that change most from one pixel to the next."""
+    steep = largest(np.abs(np.diff(levels, axis=0))).max(axis=0)
+    return levels[:, np.argsort(-steep, kind="stable")[:LINES]]
+
+
+def _sharp(lines: np.ndarray) -> bool:
+    """Whether lines (H, n, 4) go from one even colour to another within two steps, in too many places: any kernel that
+    spans a pixel of the smaller picture takes three and more, none of them small.
+    """
+    steps = largest(np.abs(np.diff(lines, axis=0)))
+    across = largest(np.abs(lines[3:-1] - lines[1:-3]))
+    sharp = (across > EDGE) & (steps[:-3] <= OFF) & (steps[3:] <= OFF)
+    return bool(sharp.sum() > (1.0 - EXACT) * (steps > EDGE).sum())
+
+
+def _tried(few: np.ndarray, factor: int, kernel: Callable[[np.ndarray], np.ndarray]) -> float:
+    """By how many levels lines (H, n, 4) are off, in the mean at edges, when they are made smaller and larger."""
+    down = _enlarging(len(few), factor, kernel)
     off, edge = _off(few, _inverse(few, down), down)
     return float(off[edge].mean()) if edge.any() else np.inf
 
@@ -96,6 +117,8 @@ def _off(lines: np.ndarray, small: np.ndarray, enlarging: sparse.csr_matrix) -> 
 
 def _inverse(lines: np.ndarray, enlarging: sparse.csr_matrix) -> np.ndarray:
     """(h, n, 4) whole levels whose enlarged lines are nearest to those given (H, n, 4), beyond 0 and 255 anywhere."""
+    from scipy.linalg import cho_solve_banded, cholesky_banded  # see _enlarging
+
     gram = (enlarging.T @ enlarging).todia()
     bands = np.zeros((int(gram.offsets.max()) + 1, gram.shape[0]))
     for offset, diagonal in zip(gram.offsets, gram.data, strict=True):
@@ -116,6 +139,8 @@ def _inverse(lines: np.ndarray, enlarging: sparse.csr_matrix) -> np.ndarray:
 
 def _enlarging(length: int, factor: int, kernel: Callable[[np.ndarray], np.ndarray]) -> sparse.csr_matrix:
     """(length, ceil(length / factor)) what each px of the larger line takes of those of the smaller one."""
+    from scipy import sparse  # takes a while to import, and few pictures are soft enough to be looked at here
+
     count = -(-length // factor)
     at = (np.arange(length) + 0.5) / factor - 0.5
     weights = kernel(at[:, None] - np.arange(count))

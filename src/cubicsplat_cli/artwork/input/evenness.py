@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
+
 ALIKE, EDGE = 3.0, 24.0  # levels: neighbours that differ by no more are alike, and between others lies an edge
 SMALL = 64  # px of the longer side, up to which other things tell
 BLOCK = 4  # px of a block's side at least: so many of a large picture's longer side as make SMALL of it
@@ -57,7 +59,7 @@ def evenness(levels: np.ndarray, tile: int) -> Evenness:
     """Of a picture (H, W, C) in 0..255 where tiles of tile x tile px are not all alike."""
     pairs, alike, little = (np.zeros(levels.shape[:2], dtype=np.int32) for _ in range(3))
     for axis in (0, 1):
-        steps = np.abs(np.diff(levels, axis=axis)).max(axis=2)
+        steps = largest(np.abs(np.diff(levels, axis=axis)))
         at = tuple(slice(side) for side in steps.shape)
         pairs[at] += 1
         alike[at] += steps <= ALIKE

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.regions import has_square
+from cubicsplat_cli.raster import ndimage
 
 # Levels: what differs less is one ink, or times the noise.
 SAME, SAME_NOISE = 8.0, 4.0

@@ -10,7 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+
+from cubicsplat_cli.raster import ndimage
 
 LUMA = np.array([0.299, 0.587, 0.114])
 LEAST_SIDE, CELLS = 96, 48  # px, and along the longer side
@@ -102,8 +103,8 @@ def _polynomial(cells: np.ndarray) -> np.ndarray:
     # The lightest half of the cells to begin with: the rest may be full of ink.
     weights = (values >= np.median(values)).astype(float)
     for _ in range(ROUNDS):
-        root = np.sqrt(weights)[:, None]
-        found = terms @ np.linalg.lstsq(terms * root, values * root[:, 0], rcond=None)[0]
+        weighted = terms.T * weights
+        found = terms @ np.linalg.lstsq(weighted @ terms, weighted @ values, rcond=None)[0]
         off = values - found
         scale = max(1.4826 * float(np.median(np.abs(off))), 0.5)
         weights = np.maximum(1.0 - (off / (TUKEY * scale)) ** 2, 0.0) ** 2
@@ -112,9 +113,12 @@ def _polynomial(cells: np.ndarray) -> np.ndarray:
 
 def _enlarged(cells: np.ndarray, shape: tuple[int, int], cell: int) -> np.ndarray:
     """(H, W) the values of cells between their middles, and beyond the outermost ones as these."""
-    y, x = ((np.arange(n) + 0.5) / cell - 0.5 for n in shape)
-    at = np.stack(np.meshgrid(y, x, indexing="ij"))
-    return ndimage.map_coordinates(cells, at, order=1, mode="nearest")
+    for n in shape:  # rows, then columns
+        at = np.clip((np.arange(n) + 0.5) / cell - 0.5, 0.0, len(cells) - 1.0)
+        before = np.minimum(at.astype(int), max(0, len(cells) - 2))
+        share = (at - before)[:, None]
+        cells = ((1.0 - share) * cells[before] + share * cells[np.minimum(before + 1, len(cells) - 1)]).T
+    return cells
 
 
 def _centred(luma: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, float]:

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
-from scipy.special import erf
 
 from cubicsplat_cli.artwork.input.profiles import REACH, STEP, Profiles, profiles_of
+from cubicsplat_cli.raster import ndimage
 
 LUMA = np.array([0.299, 0.587, 0.114])
 FAINT = 4.0  # standard deviations of the grain that a line is deeper than at the least
@@ -120,7 +119,9 @@ def _fitted(
     lines: Profiles, kinds: np.ndarray, tints: np.ndarray, grain: float
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """The blur, px, and for each kind of line the depth of its ink, in levels of luma, and its standard error."""
-    from scipy.optimize import least_squares  # takes a while to import, and few pictures are scans
+    # These take a while to import, and few pictures are scans.
+    from scipy.optimize import least_squares
+    from scipy.special import erf
 
     count = len(tints)
     means = np.array([lines.depths[kinds == k].mean(axis=0) for k in range(count)])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
-from scipy.spatial import cKDTree
+
+from cubicsplat_cli.raster.point_tree import PointTree
 
 SCALE = 1.2  # px, standard deviation of the Gaussian whose derivatives tell where lines run
 # Along a line the depth bends less than a share of how it bends across it; and across by so much for its depth.
@@ -44,7 +44,7 @@ def profiles_of(dark: np.ndarray, luma: np.ndarray, least: float, even: float) -
     outer = np.concatenate([depths[:, :OUTER], depths[:, -OUTER:]], axis=1).reshape(-1, 2, OUTER).mean(axis=2)
     alone = (np.abs(outer) <= even).all(axis=1)
     places, ways, depths = places[alone], ways[alone], depths[alone]
-    near = cKDTree(places).query_ball_point(places, AROUND) if len(places) else []
+    near = PointTree(places).query_ball_point(places, AROUND) if len(places) else []
     many = np.array([len(own) >= FEWEST for own in near], dtype=bool)
     own = np.stack([_sampled(dark[..., k], places, ways, offsets).sum(axis=1) * STEP for k in range(3)], axis=-1)
     masses = np.array([own[part].mean(axis=0) for part in near]).reshape(-1, 3)[many]
@@ -56,6 +56,8 @@ def _ridges(depth: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 2) on the middle of lines, to a part of a px, and unit ways (n, 2) across them: where the second
     derivatives of the smoothed depth have one large negative value and the slope in its direction is 0 (Steger 1998).
     """
+    from scipy import ndimage  # takes a while to import, and few pictures are scans
+
     soft = ndimage.gaussian_filter(depth, SCALE)
     xx, yy, xy, dx, dy = (
         ndimage.gaussian_filter(depth, SCALE, order=order) for order in ((0, 2), (2, 0), (1, 1), (0, 1), (1, 0))
@@ -76,4 +78,6 @@ def _ridges(depth: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
 def _sampled(values: np.ndarray, places: np.ndarray, ways: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     """(n, u) values (H, W) at offsets across places, by cubic splines."""
     at = places[:, None] + offsets[None, :, None] * ways[:, None]
+    from scipy import ndimage
+
     return ndimage.map_coordinates(values, [at[..., 1], at[..., 0]], order=3, mode="nearest")

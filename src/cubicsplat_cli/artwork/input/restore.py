@@ -9,16 +9,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
-from scipy.special import ndtri
 
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, colours_of_lines, missing_colours, noisy_inks
 from cubicsplat_cli.artwork.input.squares import square_inks
-from cubicsplat_cli.artwork.regions.hairlines import near_inks, solid_labels, with_lines
+from cubicsplat_cli.artwork.regions.hairlines import REACH, solid_labels, with_lines
 from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, overshoots
 from cubicsplat_cli.artwork.regions.inks import picture_inks
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import near_inks
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
 # JPEG; residuals count up to MOST standard deviations.
@@ -145,7 +145,7 @@ def _labels(seen: np.ndarray, inks: np.ndarray, sigma: float, thick: int) -> np.
     labels = np.where(solid >= 0, solid, nearest).astype(np.int32)
     if not len(y):
         return labels
-    near = near_inks(solid, y, x)
+    near = near_inks(solid, y, x, REACH)
     own = nearest[y, x]
     candidates = np.concatenate([near, np.where((near == own[:, None]).any(axis=1), -1, own)[:, None]], axis=1)
     cost = _costs(seen[y, x], inks, candidates) / (2.0 * sigma**2)
@@ -240,6 +240,8 @@ def _with_shares(
             better = (beside != own) & (length > (LEAST_CONTRAST * sigma) ** 2) & (left < best)
             best[better], other[better], share[better] = left[better], beside[better], t[better]
     if blur:
+        from scipy.special import ndtri  # takes a while to import, and few pictures are blurred
+
         width = np.sqrt(blur**2 + 1.0 / 12.0)
         share = np.clip(0.5 + width * ndtri(np.clip(share, 1e-3, 1.0 - 1e-3)), 0.0, 1.0)
     share = np.where(share < snap, 0.0, np.where(share > 1.0 - snap, 1.0, share))

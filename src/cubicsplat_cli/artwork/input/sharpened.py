@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.input.pens import LUMA, Pens
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.point_tree import PointTree
 
 ROUNDS = 20
 SNAP = 0.1  # shares this near to 0 or 1 are
@@ -39,7 +39,7 @@ def _owners(drawn: np.ndarray, pens: Pens) -> np.ndarray:
     for k in range(len(pens.inks)):
         own = pens.owners == k
         reach = 0.5 * float(np.median(pens.widths[own])) + 2.0 * pens.blur
-        distance = cKDTree(pens.places[own]).query(np.stack([x, y], axis=1))[0] / reach
+        distance = PointTree(pens.places[own]).query(np.stack([x, y], axis=1))[0] / reach
         better = distance < nearest
         out[y[better], x[better]], nearest[better] = k, distance[better]
     return out

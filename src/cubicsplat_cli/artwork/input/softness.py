@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.observed import planes
 
 # Px of a window, wider where there is more noise than NOISY levels.
 WINDOW, WIDER, NOISY = 5, 9, 2.0
@@ -24,7 +25,7 @@ LEAST_SOFT = 0.1  # share of the pixels, below which nothing drifts
 # Of what is neither ground nor edge: drawings have at most 0.57 but for a bird in one gradient (0.77) and lettering in
 # one (0.93), soft photos mostly 0.74 to 1, but at 128 px down to 0.34.
 MOST_DRIFT = 0.6
-TRIES = 8  # gradients sought
+TRIES, MOST_PARTS = 8, 100  # gradients sought, and uneven parts beyond which none are
 # Levels of a second difference that rounding a ramp never gives, and the share of what drifts that has as much in a
 # photo: 0.005 to 0.9, in renderings without noise at most 0.003.
 BENT, LEAST_GRAIN = 2.0, 0.004
@@ -64,7 +65,7 @@ def _drift(soft: float, even: float) -> float:
 def softness(levels: np.ndarray, drawn: np.ndarray) -> Softness:
     """The shares of a picture (H, W, C) in 0..255; drawn: (H, W) bool, not empty, what counts."""
     values = levels.astype(np.float32)
-    means, slopes = _planes(values, WIDER if _noise(values) > NOISY else WINDOW)
+    means, slopes = planes(values, WIDER if _noise(values) > NOISY else WINDOW)
     places, count = ndimage.label((slopes <= QUIET) & drawn)
     inside = places > 0
     order = np.argsort(places[inside], kind="stable")
@@ -109,18 +110,6 @@ def _noise(values: np.ndarray) -> float:
     return float(np.median(second)) / SECOND_MEDIAN
 
 
-def _planes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W, C) the means of windows, and (H, W) by how much their planes change per px, in the channel with most."""
-    at = np.arange(size) - size // 2
-    weights = at / float(size * (at * at).sum())
-    means = ndimage.uniform_filter(values, (size, size, 1), mode="nearest")
-    square = np.zeros_like(means)
-    for axis in (0, 1):
-        along = ndimage.correlate1d(values, weights * size, axis=axis, mode="nearest")
-        square += ndimage.uniform_filter1d(along, size, axis=1 - axis, mode="nearest") ** 2
-    return means, np.sqrt(square.max(axis=-1))
-
-
 def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:
     """(H, W) bool: what of a picture (H, W, 3) or premultiplied (H, W, 4) in 0..255 gradients explain.
 
@@ -129,6 +118,6 @@ def in_gradients(levels: np.ndarray, tries: int) -> np.ndarray:
     if levels.shape[2] == 3:
         levels = np.concatenate([levels, np.full_like(levels[..., :1], 255.0)], axis=2)
     explained = np.zeros(levels.shape[:2], dtype=bool)
-    for area in gradient_areas(levels, *smooth_parts(levels), tries):
-        explained |= area.mask
+    for area in gradient_areas(levels, *smooth_parts(levels), tries, MOST_PARTS):
+        explained[area.patch.window] |= area.patch.mask
     return explained

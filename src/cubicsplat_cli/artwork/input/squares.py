@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 SMALL = 128  # px of the longer side, up to which details are so small
 CALM = 1.5  # times the misfit that a square may deviate
@@ -30,6 +29,10 @@ def square_inks(
     calm &= ~_on_ramps(seen, mean, sigma)
     far = calm & (np.abs(mean[..., None, :] - known).max(axis=-1).min(axis=-1) > apart)
     y, x = np.nonzero(far)
+    if not len(y):
+        return np.zeros((0, 4))
+    from scipy.spatial import cKDTree  # takes a while to import, and few pictures have such squares
+
     inks: list[np.ndarray] = []
     while len(y) and len(inks) < MOST:
         values = mean[y, x]

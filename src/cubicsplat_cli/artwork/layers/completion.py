@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.geometry.outlines import (
@@ -28,6 +27,7 @@ from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.taut import SLACK, Room, taut
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline
+from cubicsplat_cli.raster import ndimage
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
 SEVERAL = 8

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-# px along an outline from which its tangent is taken, those nearest to a junction left out; points at least.
-REACH, NEAREST, FEWEST = 14.0, 1.5, 4
+from cubicsplat_cli.raster.outlines import end_heading
+
+REACH = 14.0  # px along an outline from which its tangent is taken
 STRAIGHT = 0.12  # radians that an outline turns in REACH px, below which it counts as straight
 
 
@@ -54,20 +54,5 @@ def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | No
     """Where an outline is heading at its end: points (n, 2) px from there on, `reach` px of them being looked at, and
     their standard errors (n,). None where too few are known.
     """
-    if len(points) < FEWEST:
-        return None
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    near = (along <= reach) & (along >= NEAREST)
-    if near.sum() < FEWEST:
-        return None
-    t = along[near]
-    weight = 1.0 / sigma[near, None]
-    design = np.stack([np.ones_like(t), t, t * t], axis=1) * weight
-    value, *_ = np.linalg.lstsq(design, points[near] * weight, rcond=None)
-    speed = max(float(np.hypot(*value[1])), 1e-9)
-    tangent = -value[1] / speed
-    normal = np.array([-tangent[1], tangent[0]])
-    rest = (design @ value - points[near] * weight) @ normal
-    error = math.sqrt(max(float(np.linalg.pinv(design.T @ design)[1, 1]), 0.0)) / speed
-    bend = 2.0 * abs(float(value[2] @ normal)) / speed**2
-    return Heading(value[0], tangent, error, bend, float(rest @ rest) / max(len(t) - 3, 1))
+    found = end_heading(points, sigma, reach) if len(points) else None
+    return None if found is None else Heading(found[:2], found[2:4], *found[4:].tolist())

@@ -9,13 +9,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
-from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.layers.stacking import Stack
 from cubicsplat_cli.artwork.regions.cracks import CrackLoop, trace
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import hull_mask
+from cubicsplat_cli.raster.unmix import holes_of
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
@@ -75,10 +76,13 @@ def _parts(
     place: int, corner: tuple[int, int], shown: np.ndarray, above: np.ndarray, found: EdgePositions, joined: bool
 ) -> Iterator[Extent]:
     """corner: the top and left of the windows `shown` and `above`."""
-    parts, _ = ndimage.label(_grown(shown, above, joined))
+    parts, count = ndimage.label(_grown(shown, above, joined))
+    boxes = ndimage.find_objects(parts)
     # What a hull adds apart from all that shows is of no use.
-    for k in np.unique(parts[shown]):
-        yield _extent(place, *corner, parts == k, shown, above, found)
+    for k in np.flatnonzero(np.bincount(parts[shown], minlength=count + 1)).tolist():
+        own = rows, columns = _widened(boxes[k - 1])
+        top, left = corner[0] + rows.start, corner[1] + columns.start
+        yield _extent(place, top, left, parts[own] == k, shown[own], above[own], found)
 
 
 def _widened(box: tuple[slice, slice]) -> tuple[slice, slice]:

@@ -11,13 +11,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
-from cubicsplat_cli.artwork.layers.ends import heading
 from cubicsplat_cli.artwork.regions.cracks import CrackLoop as Cracks
 from cubicsplat_cli.artwork.regions.cracks import trace
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import turns
 
 REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one
@@ -77,44 +77,14 @@ def _passings(regions: Regions, found: EdgePositions) -> list[_Passing]:
             placed = Cracks(loop.x + left, loop.y + top, loop.direction)
             row, column = placed.outside
             beside = labels[row + 1, column + 1]
-            change = np.flatnonzero(beside != np.roll(beside, -1))
-            if len(change) < 2:
+            after = np.roll(beside, -1)
+            change = np.flatnonzero((beside != after) & (beside >= 0) & (after >= 0))
+            if not len(change):
                 continue
-            points, sigma, index = loop_points(placed, found)
-            for k in change:
-                before, after = int(beside[k]), int(beside[(k + 1) % len(beside)])
-                if before < 0 or after < 0:
-                    continue
-                turn = _turn(placed, beside, (points, sigma, index), int(k))
-                if turn is not None:
-                    nxt = (k + 1) % len(beside)
-                    out.append(_Passing(region, (before, after), (int(placed.x[nxt]), int(placed.y[nxt])), *turn))
+            turn, error = turns(beside, loop_points(placed, found), change, REACHES, SMOOTH, LEAST_TURN)
+            for k, radians, known_to in zip(change.tolist(), turn.tolist(), error.tolist(), strict=True):
+                if not math.isnan(radians):
+                    at = (k + 1) % len(beside)
+                    others = int(beside[k]), int(after[k])
+                    out.append(_Passing(region, others, (int(placed.x[at]), int(placed.y[at])), radians, known_to))
     return out
-
-
-def _turn(
-    loop: Cracks, beside: np.ndarray, outline: tuple[np.ndarray, np.ndarray, np.ndarray], crack: int
-) -> tuple[float, float] | None:
-    """By how much an outline turns behind one of its cracks, radians, and the standard error; None where unknown."""
-    points, sigma, index = outline
-    n = len(beside)
-    arms = []
-    for first, step in ((crack, -1), ((crack + 1) % n, 1)):
-        # Cracks of this arm, going away from the meeting point.
-        cracks = (first + step * np.arange(min(n, int(2 * REACHES[0]) + 4))) % n
-        other = np.flatnonzero(beside[cracks] != beside[first])
-        cracks = cracks[: other[0]] if len(other) else cracks
-        own = np.searchsorted(index, cracks)
-        own = own[(own < len(index)) & (index[np.minimum(own, len(index) - 1)] == cracks)]
-        found = None
-        for reach in REACHES:
-            found = heading(points[own], sigma[own], reach)
-            if found is not None and found.misfit <= SMOOTH:
-                break
-        if found is None or found.misfit > SMOOTH:
-            return None
-        arms.append(found)
-    u, v = arms[0].tangent, arms[1].tangent
-    # Both head into the meeting point: straight on is opposite.
-    turn = math.pi - math.acos(float(np.clip(u @ v, -1.0, 1.0)))
-    return turn, math.hypot(arms[0].error, arms[1].error, LEAST_TURN)

@@ -9,9 +9,9 @@ through either; the shares of the three are in what the pixel shows without it.
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.raster import ndimage
 
 # Levels: a pixel that its two inks explain worse than this, and a seam between them better than that, is a seam.
 ODD, SEEN = 6.0, 4.0

@@ -13,17 +13,17 @@ from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
 import numpy as np
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from cubicsplat_cli.artwork.geometry.hulls import holes_of, hull_mask
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.layers.rounds import round_votes
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
 from cubicsplat_cli.artwork.regions.inks import CLEAR
+from cubicsplat_cli.artwork.regions.neighbours import enclosures, on_the_border, touching
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.graphs import strong_groups
+from cubicsplat_cli.raster.outlines import held_by_hull
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004
@@ -76,8 +76,9 @@ class _Facts:
         self.regions, self.clear = regions, clear
         self.boxes = ndimage.find_objects(regions.labels + 1)
         self.areas = regions.areas()
-        self.touching = _touching(regions.labels)
-        self.inside = self._enclosures()
+        self.labels = np.ascontiguousarray(regions.labels, np.int32)
+        self.touching = touching(regions.labels)
+        self.inside = enclosures(self.touching, on_the_border(regions.labels))
         self.votes: dict[tuple[int, int], float] = {}
         if regions.count <= MOST_COMPLETED:
             self.votes = junction_votes(regions, found)
@@ -93,16 +94,6 @@ class _Facts:
             if self.vote(above, below) > 0.0:
                 self.beneath.setdefault(above, set()).add(below)
 
-    def _enclosures(self) -> dict[int, set[int]]:
-        """For each region the regions within its holes."""
-        inside: dict[int, set[int]] = {}
-        for i, box in enumerate(self.boxes):
-            mask = self.regions.labels[box] == i
-            held = set(np.unique(self.regions.labels[box][holes_of(mask)]).tolist())
-            if held:
-                inside[i] = held
-        return inside
-
     def assume(self, above: np.ndarray, below: np.ndarray) -> None:
         """Takes regions to lie above others, where nothing is known of the two."""
         for i in above.tolist():
@@ -114,21 +105,6 @@ class _Facts:
     def vote(self, above: int, below: int) -> float:
         """The evidence that one lies above the other, less that for the contrary."""
         return self.votes.get((above, below), 0.0) - self.votes.get((below, above), 0.0)
-
-
-def _touching(labels: np.ndarray) -> dict[int, dict[int, int]]:
-    """For each region its neighbours and how many cracks they share."""
-    count = int(labels.max()) + 1
-    out: dict[int, dict[int, int]] = {i: {} for i in range(count)}
-    for a, b in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
-        edge = a != b
-        u, v = a[edge].astype(np.int64), b[edge].astype(np.int64)
-        keys, sizes = np.unique(np.minimum(u, v) * count + np.maximum(u, v), return_counts=True)
-        for key, size in zip(keys.tolist(), sizes.tolist(), strict=True):
-            i, j = divmod(key, count)
-            out[i][j] = out[i].get(j, 0) + size
-            out[j][i] = out[j].get(i, 0) + size
-    return out
 
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:
@@ -145,7 +121,7 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
         elif budget > 0 and pixels > 0:
             window = _box_around(facts, members)
             budget -= 1
-            pixels -= math.prod(side.stop - side.start for side in window)
+            pixels -= _area(window)
             between = _between(facts, members, window)
             above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
             # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.
@@ -196,25 +172,24 @@ def _box_around(facts: _Facts, members: np.ndarray) -> tuple[slice, slice]:
     return rows, columns
 
 
+def _area(window: tuple[slice, slice]) -> int:
+    return math.prod(side.stop - side.start for side in window)
+
+
 def _between(facts: _Facts, members: np.ndarray, window: tuple[slice, slice]) -> np.ndarray | None:
     """The regions that the hull of the members runs beneath; None where it holds others than may lie above them."""
-    view = facts.regions.labels[window]
-    every = np.arange(facts.regions.count)
-    own = np.isin(every, members)[view]
-    hull = hull_mask(own)
-    between = hull & ~own
-    sizes = np.bincount(view[between], minlength=facts.regions.count)
-    names = np.flatnonzero(sizes)
-    sizes = sizes[names]
+    own = np.isin(np.arange(facts.regions.count), members)
+    held, inner = held_by_hull(facts.labels, window, own)
+    names = np.flatnonzero(held)
+    sizes = held[names]
     sure, likely = (set().union(*(of.get(int(m), set()) for m in members)) for of in (facts.beneath, facts.assumed))
     shut = np.array([bool(facts.clear[n]) or int(n) in sure for n in names], dtype=bool)
     doubtful = np.array([int(n) in likely for n in names], dtype=bool) & ~shut
     # Outlines are only known to a pixel here, so a rim of the hull may be exposed; all of it of what is but assumed.
-    rim = EXPOSED * own.size + 0.02 * between.sum()
+    rim = EXPOSED * _area(window) + 0.02 * sizes.sum()
     exposed = sizes[shut].sum()
     if doubtful.any() and exposed <= rim:
-        inner = view[between & ndimage.binary_erosion(hull)]
-        exposed += np.isin(every, names[doubtful])[inner].sum()
+        exposed += inner[names[doubtful]].sum()
     return names[~(shut | doubtful) & (sizes > rim)] if exposed <= rim else None
 
 
@@ -265,8 +240,7 @@ def _without_cycles(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The pairs of `count` groups that one lies above another, cycles broken where the evidence is weakest."""
     while True:
-        graph = coo_array((np.ones(len(above)), (above, below)), shape=(count, count))
-        _, knot = connected_components(graph, directed=True, connection="strong")
+        _, knot = strong_groups(count, above, below)
         inside = np.flatnonzero(knot[above] == knot[below])
         if not len(inside):
             return above, below

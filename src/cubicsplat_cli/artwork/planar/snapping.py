@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.planar.sources import Sources
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.point_tree import PointTree
 
 GRID = 64  # steps a px
 FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length
@@ -72,7 +72,7 @@ def _cuts(segments: Segments, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray
     """Which segments (k,) are to be cut at which grid points (k, 2), and at which share (k,) of their length."""
     a, b = segments.start, segments.end
     reach = float(np.hypot(*(b - a).T).max()) + 4.0
-    pairs = cKDTree(0.5 * (a + b)).query_pairs(reach, output_type="ndarray")
+    pairs = PointTree(0.5 * (a + b)).query_pairs(reach)
     i, j = pairs[fresh[pairs].any(axis=1)].T
     out = []
     for seg, other in ((i, j), (j, i)):

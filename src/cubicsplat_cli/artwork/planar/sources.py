@@ -13,6 +13,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Ellipse,
     Outline,
     Ring,
+    pieces_of_rings,
     polygon,
     reversed_ring,
     ring_of_cubics,
@@ -60,8 +61,7 @@ def sources_of(drawing: Drawing) -> Sources:
     starts = np.cumsum(sizes) - sizes
     after = np.concatenate([start + (np.arange(size) + 1) % size for start, size in zip(starts, sizes, strict=True)])
     return Sources(
-        np.concatenate([ring.cubics for ring in rings]),
-        np.concatenate([ring.lines for ring in rings]),
+        *pieces_of_rings(rings),
         np.repeat(np.array(owners), sizes),
         after,
         np.concatenate([np.roll(ring.smooth, -1) for ring in rings]),

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from cubicsplat_cli.artwork.planar.faces import NOTHING, Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID
+from cubicsplat_cli.raster.graphs import linked_groups
 
 # A region of less area or mean width is a gap between outlines that were meant to meet.
 LEAST_AREA, LEAST_WIDTH = 0.02, 0.05  # px^2, px
@@ -44,9 +43,7 @@ def _classes(shown: np.ndarray, inks: np.ndarray) -> np.ndarray:
 
 def _connected(classes: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
     same = classes[left] == classes[right]
-    count = len(classes)
-    links = sparse.coo_matrix((np.ones(int(same.sum())), (left[same], right[same])), shape=(count, count))
-    return connected_components(links, directed=False)[1].astype(np.int64)
+    return linked_groups(len(classes), left[same], right[same])[1].astype(np.int64)
 
 
 def _absorbed(
@@ -57,14 +54,15 @@ def _absorbed(
     left, right, lengths = edges
     count = len(slivers)
     a, b = region[left], region[right]
-    borders = sparse.coo_matrix((lengths, (a, b)), shape=(count, count))
-    borders = (borders + borders.T).tolil()
+    pairs, place = np.unique(np.concatenate([a * count + b, b * count + a]), return_inverse=True)
+    borders = np.bincount(place, np.tile(lengths, 2), len(pairs)).tolist()
+    starts, others = np.searchsorted(pairs, np.arange(count + 1) * count).tolist(), (pairs % count).tolist()
     largest = _shapes(shown, region, np.ones(len(shown)))
     for s in np.flatnonzero(slivers):
         beside = [
             (largest[k] != NOTHING, length, k)
-            for k, length in zip(borders.rows[s], borders.data[s], strict=True)
-            if k != s and not slivers[k]
+            for k, length in zip(others[starts[s] : starts[s + 1]], borders[starts[s] : starts[s + 1]], strict=True)
+            if not slivers[k]
         ]
         if beside:
             shown[region == s] = largest[max(beside)[2]]
@@ -76,5 +74,5 @@ def _shapes(shown: np.ndarray, region: np.ndarray, weights: np.ndarray) -> np.nd
     values, index = np.unique(shown, return_inverse=True)
     index = index.reshape(-1)
     finite = np.where(np.isfinite(weights), weights, 0.0)
-    total = sparse.coo_matrix((finite + 1e-12, (region, index)), shape=(count, len(values))).toarray()
-    return values[total.argmax(axis=1)]
+    total = np.bincount(region * len(values) + index, finite + 1e-12, count * len(values))
+    return values[total.reshape(count, -1).argmax(axis=1)]

@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import best_blend, blend_with, inks_of_lines, near_inks, residual_of_three, spread
 
 # Residuals, in levels, of a blend that the inks beside it explain, and that the ink of a line must explain; lines are
 # sought with the MOST_INKS commonest inks.
@@ -27,8 +28,11 @@ SHARE, LESS = 0.5, 0.3
 LEAST_PIXELS, MOST_NEW = 24, 8
 SOLID = 254.0  # levels of opacity: a translucent line is a seam where two shapes meet within a pixel
 
-# Inks are sought up to so many px around a blend; so many different ones at most.
-REACH, CANDIDATES = 3, 4
+# Inks are sought up to so many px around a blend.
+REACH = 3
+# Levels beyond which a pixel that an ink does not explain counts no more against it, and by which each ink must explain
+# a line better than commoner ones.
+MOST_RESIDUAL, LATER = 40.0, 0.1
 LENGTH = 8  # px along which pixels hang together that the labels do not explain, for a line to be there
 FAINT = 8.0  # levels by which an ink must explain a line better, of which it would have hardly anything
 
@@ -45,40 +49,11 @@ class LineSearch:
     faint: float = 0.0
 
 
-def blend_with(values: np.ndarray, ink: np.ndarray, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The share (n,) of an ink (4,) in values (n, 4) that are its blends with one or both of two others (n, 4), and
-    the residual (n,) in levels.
-    """
-    a, b, v = ink - first, second - first, values - first
-    aa, bb, ab = (a * a).sum(1), (b * b).sum(1), (a * b).sum(1)
-    av, bv = (a * v).sum(1), (b * v).sum(1)
-    det = np.maximum(aa * bb - ab * ab, 1e-6)
-    t, u = (av * bb - bv * ab) / det, (bv * aa - av * ab) / det
-    inner = (t >= 0.0) & (u >= 0.0) & (t + u <= 1.0) & (aa * bb - ab * ab > 1e-3 * aa * bb)
-    gap = np.where(inner, np.abs(v - t[:, None] * a - u[:, None] * b).max(axis=1), np.inf)
-    share = np.where(inner, t, 0.0)
-    for base in (first, second):
-        span = ink - base
-        s = np.clip(((values - base) * span).sum(1) / np.maximum((span * span).sum(1), 1e-9), 0.0, 1.0)
-        rest = np.abs(values - base - s[:, None] * span).max(axis=1)
-        # Two inks are simpler than three.
-        better = rest <= gap + 2.0
-        share, gap = np.where(better, s, share), np.where(better, rest, gap)
-    return share, gap
-
-
 def strangers(values: np.ndarray, palette: np.ndarray, near: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """(n,) bool: values (n, 4) that are no blend of two, nor of three, of the inks near them (n, slots)."""
     strange = residual > STRANGE
-    for i, j, k in ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)):
-        at = np.flatnonzero(strange & (near[:, [i, j, k]] >= 0).all(axis=1))
-        if len(at):
-            strange[at] &= _three(values[at], *(palette[near[at, s]] for s in (i, j, k))) > CLOSE
+    strange[strange] = residual_of_three(values[strange], palette, near[strange]) > CLOSE
     return strange
-
-
-def _three(values: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    return blend_with(values, a, b, c)[1]
 
 
 def level_lines(
@@ -89,31 +64,35 @@ def level_lines(
 
     Such rows are of one colour each, as if they were lines in inks of their own. beside: (n, 4) the inks beside them.
     """
-    out = np.zeros(len(beside), dtype=bool)
-    strange = np.zeros(levels.shape[:2], dtype=bool)
+    out, strange = np.zeros(len(beside), dtype=bool), np.zeros(levels.shape[:2], dtype=bool)
     strange[place] = True
-    for axis in (0, 1):
-        along = _long(levels, 1 - axis) & strange
-        if not along[place].any():
-            continue
-        apart = {step: largest(np.abs(levels - np.roll(levels, step, axis=axis))) > ALIKE for step in (-1, 1)}
-        for ink in palette[:MOST_INKS]:
-            own = np.zeros(strange.shape, dtype=bool)
-            own[place] = blend_with(levels[place], ink, beside, beside)[1] <= CLOSE
-            own &= along
-            for step, differs in apart.items():
-                out |= (own & np.roll(own, step, axis=axis) & differs)[place]
+    long = [_long(levels, 1 - axis) & strange for axis in (0, 1)]
+    some = np.flatnonzero(long[0][place] | long[1][place])
+    y, x = place[0][some], place[1][some]
+    apart = [
+        [largest(np.abs(levels[y, x] - _beside(levels, y, x, axis, step))) > ALIKE for step in (-1, 1)]
+        for axis in (0, 1)
+    ]
+    for ink in palette[:MOST_INKS] if len(some) else ():
+        near = np.zeros(strange.shape, dtype=bool)
+        near[y, x] = blend_with(levels[y, x], ink, beside[some], beside[some])[1] <= CLOSE
+        for axis in (0, 1):
+            own = near & long[axis]
+            for step, differs in zip((-1, 1), apart[axis], strict=True):
+                out[some] |= own[y, x] & _beside(own, y, x, axis, step) & differs
     return out
+
+
+def _beside(values: np.ndarray, y: np.ndarray, x: np.ndarray, axis: int, step: int) -> np.ndarray:
+    """Values (H, W, ...) so many px before the pixels y, x along an axis; beyond one end lies the other."""
+    rows, columns = (y - step, x) if axis == 0 else (y, x - step)
+    return values[rows % values.shape[0], columns % values.shape[1]]
 
 
 def _long(levels: np.ndarray, axis: int) -> np.ndarray:
     """(H, W) bool: belongs to LONG px of one colour along an axis."""
-    size = [1, 1, 1]
-    size[axis] = LONG
-    high = ndimage.maximum_filter(levels, size, mode="nearest")
-    low = ndimage.minimum_filter(levels, size, mode="nearest")
-    even = largest(high - low) <= 1.0
-    return ndimage.binary_dilation(even, np.ones(size[:2], dtype=bool))
+    rows, columns = (LONG, 1) if axis == 0 else (1, LONG)
+    return ndimage.binary_dilation(spread(levels, rows, columns) <= 1.0, np.ones((rows, columns), dtype=bool))
 
 
 def missing_inks(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
@@ -151,18 +130,8 @@ def nearest_line_inks(
     search = search or LineSearch()
     first = palette[near[:, 0]]
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
-    here = np.zeros(size, dtype=np.float32)
-    here[place] = 1.0
-    around = np.maximum(ndimage.uniform_filter(here, search.window, mode="constant")[place], 1e-6)
-    best = np.full(len(values), np.inf)
-    ink, share, gap = np.full(len(values), -1), np.zeros(len(values)), np.zeros(len(values))
-    for c in range(min(len(palette), MOST_INKS)):
-        s, rest = blend_with(values, palette[c], first, second)
-        cost = np.zeros(size, dtype=np.float32)
-        cost[place] = np.minimum(rest, 40.0) + search.faint * (1.0 - s)
-        mean = ndimage.uniform_filter(cost, search.window, mode="constant")[place] / around + 0.1 * c
-        better = mean < best
-        best[better], ink[better], share[better], gap[better] = mean[better], c, s[better], rest[better]
+    costs = (MOST_RESIDUAL, search.faint, LATER)
+    ink, share, gap = inks_of_lines(values, place, palette[:MOST_INKS], (first, second), search.window, costs)
     ink = np.where(gap <= search.close, ink, -1)
     shares = np.zeros(size)
     shares[place] = np.where(ink >= 0, share, 0.0)
@@ -199,7 +168,7 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
     seen = ndimage.binary_dilation(far | (solid < 0), square)
     place = _long_parts(seen, seen) & (away | (solid < 0))
     y, x = np.nonzero(place)
-    near = near_inks(solid, y, x)
+    near = near_inks(solid, y, x, REACH)
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
         return labels
@@ -220,52 +189,6 @@ def _long_parts(where: np.ndarray, some: np.ndarray) -> np.ndarray:
     long = np.zeros(count + 1, dtype=bool)
     long[1:] = [max(s.stop - s.start for s in box) >= LENGTH for box in ndimage.find_objects(parts)]
     return (long & (np.bincount(parts[some & where], minlength=count + 1) > 0))[parts]
-
-
-def near_inks(inks: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int = REACH) -> np.ndarray:
-    """(n, CANDIDATES) the different inks >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px away; -1
-    where there are fewer.
-    """
-    offsets = [(dy, dx) for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1)]
-    offsets.sort(key=lambda o: (o[0] ** 2 + o[1] ** 2, o))
-    padded = np.pad(inks, reach, constant_values=-1)
-    slots = np.full((len(y), CANDIDATES), -1, dtype=np.int32)
-    used = np.zeros(len(y), dtype=np.int32)
-    for dy, dx in offsets:
-        found = padded[y + dy + reach, x + dx + reach]
-        new = (found >= 0) & (used < CANDIDATES) & ~(slots == found[:, None]).any(axis=1)
-        rows = np.nonzero(new)[0]
-        slots[rows, used[rows]] = found[rows]
-        used[rows] += 1
-    return slots
-
-
-def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The pair of near inks (n, CANDIDATES) that blends best to values (n, 4).
-
-    Returns the ink with the greater share (n,), the residual in levels (n,), and the pair (n, 2); -1 and infinity
-    where there is no ink near. Inks farther away must explain clearly better than nearer ones.
-    """
-    count = len(values)
-    score = np.full(count, np.inf)
-    residual = np.full(count, np.inf)
-    winner = np.full(count, -1, dtype=np.int32)
-    pair = np.full((count, 2), -1, dtype=np.int32)
-    colours = np.vstack([palette, np.zeros(4)])
-    slots = near.shape[1]
-    for i in range(slots):
-        for j in range(i, slots):
-            a, b = colours[near[:, i]], colours[near[:, j]]
-            span = a - b
-            length = (span * span).sum(axis=1)
-            t = np.clip(((values - b) * span).sum(axis=1) / np.maximum(length, 1e-9), 0.0, 1.0)
-            gap = np.abs(values - b - t[:, None] * span).max(axis=1)
-            cost = np.where((near[:, i] >= 0) & (near[:, j] >= 0), gap + 1.5 * (i + j), np.inf)
-            better = cost < score
-            score[better], residual[better] = cost[better], gap[better]
-            winner[better] = np.where(t >= 0.5, near[:, i], near[:, j])[better]
-            pair[better] = near[better][:, [i, j]]
-    return winner, residual, pair
 
 
 def solid_labels(labels: np.ndarray) -> np.ndarray:

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.hairlines import blend_with
+from cubicsplat_cli.raster.unmix import blend_with, distance_to_blends
 
 MOST, TRIES = 8, 400  # inks, and colours tried
 ONE_OF_THREE = 0.6  # of the distance from blends of two, that an ink has from those of three
 BLEND = 12.0  # levels by which a blend may be off the line between two inks
 CLEAR, SOLID = 64.0, 254.0  # levels of opacity below which a colour says nothing of an ink, and of what is opaque
-CHUNK = 65536  # pixels at a time
 # Of the distance between two inks: steps by which the sharpening of an edge between them goes beyond either, and levels
 # by which what it makes is off that.
 BEYOND, BEYOND_OFF = np.linspace(0.02, 0.25, 12), 8.0
@@ -57,8 +56,7 @@ def _blend_of_three(ink: np.ndarray, palette: np.ndarray, gap: float) -> bool:
     for k in range(len(palette) - 2):
         first, second = np.triu_indices(len(palette) - k - 1, 1)
         rest = palette[k + 1 :]
-        values = np.repeat(ink[None], len(first), axis=0)
-        if (blend_with(values, palette[k], rest[first], rest[second])[1] <= gap).any():
+        if (blend_with(ink, palette[k], rest[first], rest[second])[1] <= gap).any():
             return True
     return False
 
@@ -75,23 +73,6 @@ def without_blends(palette: np.ndarray, seen: np.ndarray, hidden: np.ndarray) ->
             off = np.abs(palette[k] - ink - t[:, None] * span).max(axis=1)
             kept[k] &= not ((off <= BLEND) & (t > 0.0) & (t < 1.0)).any()
     return kept
-
-
-def distance_to_blends(values: np.ndarray, inks: np.ndarray, first: int = 0) -> np.ndarray:
-    """(n,) the distance of values (n, 4) to the nearest blend of two inks of (P, 4), one of them from `first` on."""
-    out = np.full(len(values), np.inf)
-    for start in range(0, len(values), CHUNK):
-        part = values[start : start + CHUNK].astype(np.float64)
-        best = np.full(len(part), np.inf)
-        for i in range(first, len(inks)):
-            rest = part - inks[i]
-            best = np.minimum(best, (rest * rest).sum(axis=1))
-            for other in inks[:i]:
-                span = other - inks[i]
-                t = np.clip(rest @ span / max(float(span @ span), 1e-9), 0.0, 1.0)
-                best = np.minimum(best, ((rest - t[:, None] * span) ** 2).sum(axis=1))
-        out[start : start + CHUNK] = np.sqrt(best)
-    return out
 
 
 def overshoots(ink: np.ndarray, palette: np.ndarray) -> bool:

@@ -9,7 +9,8 @@ from __future__ import annotations
 from itertools import permutations
 
 import numpy as np
-from scipy import ndimage
+
+from cubicsplat_cli.raster import ndimage
 
 BLEND_LEVELS, SHARES = 1.5, (0.1, 0.95)  # levels that a blend is off, and shares of the line's ink in it
 FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which an ink is one

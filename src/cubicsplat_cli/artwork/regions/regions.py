@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
 from cubicsplat_cli.artwork.regions.hairlines import (
     LESS,
+    REACH,
     STRANGE,
-    best_blend,
     level_lines,
     missing_inks,
-    near_inks,
     nearest_line_inks,
     strangers,
     with_lines,
@@ -24,6 +22,7 @@ from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blen
 from cubicsplat_cli.artwork.regions.inks import SAME, flat_pixels
 from cubicsplat_cli.artwork.regions.line_blends import line_blends
 from cubicsplat_cli.artwork.regions.rules import with_rules
+from cubicsplat_cli.raster.unmix import best_blend, components, near_inks, nearest_inks
 
 # A pixel within so many levels of an ink is that ink.
 PURE = 2.5
@@ -31,7 +30,6 @@ MOST_PALETTE = 64  # inks, beyond which a picture has gradients and textures rat
 # Inks beyond which those that no pixel shows pure are not sought; levels by which these differ from all blends of two
 # others; levels that are one colour; and the pixels that show it, also as a share of those that no blend explains.
 MOST_SEEN, STRANGE_INK, ONE_COLOUR, FEWEST, LEAST_STRANGE = 24, 40.0, 24.0, 4, 0.002
-CHUNK = 4096  # colours at a time
 # A region below SPECK px must have a pixel that is its ink by MOSTLY.
 SPECK, MOSTLY = 9, 0.9
 
@@ -86,10 +84,10 @@ def find_regions(
     else:
         inks, pure = known, np.where(largest(np.abs(levels - palette[known])) <= PURE, known, -1)
     inks = joined_at_corners(inks, levels, palette)
-    labels = _components(inks)
+    labels, _ = components(inks)
     sure = _sure(levels, palette, labels, inks, pure)
     labels = _without_specks(labels, sure, max(min_area, 3.0))
-    labels = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
+    labels = _numbered(labels)
     ink_of = _majority(labels, inks)
     return Regions(labels, palette[ink_of], ink_of)
 
@@ -110,7 +108,7 @@ def _with_missing_inks(levels: np.ndarray, palette: np.ndarray, most: int | None
     y, x = np.nonzero(pure < 0)
     if len(y) == 0 or len(palette) >= min(most or MOST_PALETTE, MOST_PALETTE):
         return palette, pure
-    near = near_inks(pure, y, x)
+    near = near_inks(pure, y, x, REACH)
     strange = _strange(levels, palette, y, x, near, best_blend(levels[y, x], palette, near)[1])
     y, x, beside = y[strange], x[strange], palette[near[strange, 0]]
     other = ~level_lines(levels, (y, x), palette, beside)
@@ -135,8 +133,8 @@ def _pure_inks(levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
     flat = flat_pixels(levels, SAME)
     solid = has_square(pure)
     # Whole components count that somewhere are flat or two pixels thick; thin ones are often edges between others.
-    parts = _components(pure)
-    good = np.zeros(parts.max() + 1, dtype=bool)
+    parts, count = components(pure)
+    good = np.zeros(count, dtype=bool)
     good[parts[flat | solid]] = True
     return np.where(good[parts] & (pure >= 0), pure, _thin_but_real(levels, palette, pure, good[parts]))
 
@@ -149,28 +147,11 @@ def _thin_but_real(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, go
     out = np.full(pure.shape, -1, dtype=np.int32)
     if len(y) == 0:
         return out
-    near = near_inks(settled, y, x)
-    _, residual, _ = best_blend(levels[y, x], palette, near)
+    near = near_inks(settled, y, x, REACH)
+    residual = best_blend(levels[y, x], palette, near)[1]
     kept = residual > 12.0
     out[y[kept], x[kept]] = pure[y[kept], x[kept]]
     return out
-
-
-def nearest_inks(levels: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) int32 index of the nearest ink, and its distance in levels (greatest channel), to half a level."""
-    halves = np.rint(levels * 2.0).astype(np.uint64)
-    keys = ((halves[..., 0] << 30) | (halves[..., 1] << 20) | (halves[..., 2] << 10) | halves[..., 3]).ravel()
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    colours = levels.reshape(-1, 4)[first]
-    index = np.empty(len(colours), dtype=np.int32)
-    gap = np.empty(len(colours), dtype=np.float32)
-    for start in range(0, len(colours), CHUNK):
-        part = slice(start, start + CHUNK)
-        gaps = largest(np.abs(colours[part, None] - palette[None].astype(np.float32)))
-        index[part] = gaps.argmin(axis=1)
-        gap[part] = gaps.min(axis=1)
-    shape = levels.shape[:2]
-    return index[inverse].reshape(shape), gap[inverse].reshape(shape)
 
 
 def has_square(pure: np.ndarray) -> np.ndarray:
@@ -189,12 +170,12 @@ def _blends_shared_out(levels: np.ndarray, palette: np.ndarray, pure: np.ndarray
     out = pure.copy()
     if len(y) == 0:
         return out
-    near = near_inks(pure, y, x)
-    winner, residual, _ = best_blend(levels[y, x], palette, near)
-    nearest, gap = nearest_inks(levels[y, x][:, None], palette)
+    near = near_inks(pure, y, x, REACH)
+    winner, residual = best_blend(levels[y, x], palette, near)
+    nearest, gap = nearest_inks(levels[y, x], palette)
     # Far from every ink, or not explained by those near: the nearest ink of all if that is closer.
-    lost = (winner < 0) | ((residual > 40.0) & (gap[:, 0] < residual))
-    out[y, x] = np.where(lost, nearest[:, 0], winner)
+    lost = (winner < 0) | ((residual > 40.0) & (gap < residual))
+    out[y, x] = np.where(lost, nearest, winner)
     strange = _strange(levels, palette, y, x, near, residual)
     if not strange.any():
         return out
@@ -213,22 +194,6 @@ def _strange(
     height, width = levels.shape[:2]
     within = (y > 0) & (x > 0) & (y < height - 1) & (x < width - 1) & (near[:, 0] >= 0)
     return within & strangers(levels[y, x], palette, near, residual)
-
-
-def _components(inks: np.ndarray) -> np.ndarray:
-    """(H, W) int32 number of the 4-connected component of equal ink."""
-    out = np.zeros(inks.shape, dtype=np.int32)
-    total = 0
-    boxes = ndimage.find_objects(inks + 2)
-    for value, box in enumerate(boxes):
-        if box is None:
-            continue
-        parts, count = ndimage.label(inks[box] == value - 1)
-        view = out[box]
-        mask = parts > 0
-        view[mask] = parts[mask] + (total - 1)
-        total += count
-    return out
 
 
 def _sure(
@@ -272,15 +237,21 @@ def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.nda
     return labels
 
 
+def _numbered(labels: np.ndarray) -> np.ndarray:
+    """(H, W) int32 the labels without gaps between them, in their order."""
+    number = np.cumsum(np.bincount(labels.ravel()) > 0, dtype=np.int32) - 1
+    return np.asarray(number[labels], dtype=np.int32)
+
+
 def _most_touched(labels: np.ndarray, count: int, doomed: np.ndarray) -> np.ndarray:
     """(count,) label to take over: itself where not doomed."""
     pairs = []
     for a, b in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
         edge = a != b
-        pairs += [np.stack([a[edge], b[edge]]), np.stack([b[edge], a[edge]])]
-    u, v = np.concatenate(pairs, axis=1).astype(np.int64)
-    keep = doomed[u] & ~doomed[v]
-    key, touches = np.unique(u[keep] * count + v[keep], return_counts=True)
+        for u, v in ((a[edge], b[edge]), (b[edge], a[edge])):
+            keep = doomed[u] & ~doomed[v]
+            pairs.append(u[keep].astype(np.int64) * count + v[keep])
+    key, touches = np.unique(np.concatenate(pairs), return_counts=True)
     target = np.arange(count)
     order = np.argsort(touches, kind="stable")
     target[key[order] // count] = key[order] % count

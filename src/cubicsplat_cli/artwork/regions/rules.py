@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster import ndimage
 
 # Levels that are one colour along a rule, and by which it must differ from what is on either side of it.
 ALIKE, APART = 0.5, 8.0

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples_along
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
 from cubicsplat_cli.artwork.regularities.mirrored import Axis
+from cubicsplat_cli.raster.point_tree import PointTree
 
 STEP = 0.5  # px between the points of an outline
 MOST = 400  # points of a piece
@@ -28,7 +28,7 @@ class Track:
     show; whole: whether all of it does."""
 
     points: np.ndarray
-    tree: cKDTree
+    tree: PointTree
     seen: np.ndarray
     whole: bool
 
@@ -37,7 +37,7 @@ class Track:
         points = dense(flattened(ring, STEP), STEP)
         samples = samples_along(ring, sight, MOST)
         shown = np.concatenate([w > 0.5 * SEEN_SIGMA**-2 for _, w, _ in samples])
-        return cls(points, cKDTree(points), np.concatenate([p for p, _, _ in samples])[shown], bool(shown.all()))
+        return cls(points, PointTree(points), np.concatenate([p for p, _, _ in samples])[shown], bool(shown.all()))
 
     @cached_property
     def extent(self) -> np.ndarray:

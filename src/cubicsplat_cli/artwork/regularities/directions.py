@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
 from cubicsplat_cli.artwork.geometry.outlines import Ring
@@ -85,15 +84,14 @@ def directed(ring: TiedRing, slopes: Iterable[Slope]) -> TiedRing | None:
             row[p.tied[j, c]] += across[c]
             row[p.tied[i, c]] -= across[c]
         rows.append(row[:-1])
-    matrix = sparse.csr_matrix(np.array(rows)) @ ring.ties
+    matrix = np.array(rows) @ ring.ties.toarray()
     off = _off(p.anchors, slopes)
-    step = np.linalg.lstsq(matrix.toarray(), -off, rcond=None)[0]
+    step = np.linalg.lstsq(matrix, -off, rcond=None)[0]
     brought = ring.moved(step)
     if np.abs(_off(brought.pieces.anchors, slopes)).max() > EXACT:
         return None
-    matrix = matrix.tocsr()
-    equations = [dict(zip(row.indices.tolist(), row.data.tolist(), strict=True)) for row in matrix]
-    return TiedRing(brought.pieces, (ring.ties @ null_basis(ring.ties.shape[1], equations)).tocsr())
+    equations = [{int(k): float(row[k]) for k in np.flatnonzero(row)} for row in matrix]
+    return TiedRing(brought.pieces, ring.ties.after(null_basis(ring.ties.shape[1], equations)))
 
 
 def _across(angle: float) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from cubicsplat_cli.artwork.finish.freedom import (
     ring_pieces,
 )
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
-from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of, gain
+from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of, gains
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
@@ -66,13 +66,13 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
     state = with_directions(state, goal, detail, error)
     state = with_copies(state, goal, held, detail, error)
     state = with_rotations(state, goal, detail, error)
-    return drawn(done, _on_steps(state, goal, 10.0 ** -suggested_precision(held.width, held.height)))
+    return drawn(done, _on_steps(state, 10.0 ** -suggested_precision(held.width, held.height)))
 
 
 def with_circles(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
     """The state with the ellipses that hardly are none made circles; the same without any."""
     tied: dict[int, Freedom] = {}
-    for k, freedom in enumerate(_outlines(state)):
+    for k, freedom in enumerate(state.outlines):
         one = freedom.outline()
         if isinstance(one, Ellipse) and abs(one.rx - one.ry) <= 2.0 * FARTHEST:
             tied[k] = freedom_of(Circle(one.cx, one.cy, 0.5 * (one.rx + one.ry)), held)
@@ -81,7 +81,7 @@ def with_circles(state: State, goal: Goal, held: Held, detail: float, error: flo
 
 def with_symmetries(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
     """The state with the rings that are their own mirror images made and kept such; the same without any."""
-    outlines = _outlines(state)
+    outlines = state.outlines
     rings = {k: ring for k, o in enumerate(outlines) if isinstance(ring := o.outline(), Ring)}
     axes = found_axes({k: (ring, Visibility.of(state, k)) for k, ring in rings.items()}, (held.width, held.height))
     tied = {k: freedom for k, axis in axes.items() if (freedom := _mirrored(rings[k], axis, held)) is not None}
@@ -104,7 +104,7 @@ def _fits(found: MirroredRing, held: Held) -> bool:
 
 def with_directions(state: State, goal: Goal, detail: float, error: float) -> State:
     """The state with the lines at 45 degrees, or at 30 and 60, made and kept such; the same without any."""
-    outlines = _outlines(state)
+    outlines = state.outlines
     free = {k: one for k, o in enumerate(outlines) if (one := tied_ring(o)) is not None}
     rings = {k: ring for k in free if isinstance(ring := free[k].outline(), Ring)}
     slopes = found_slopes({k: (ring, Visibility.of(state, k)) for k, ring in rings.items()})
@@ -114,7 +114,7 @@ def with_directions(state: State, goal: Goal, detail: float, error: float) -> St
 
 def with_copies(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
     """The state with the outlines that are like another one, moved, mirrored or turned, made and kept such."""
-    outlines, size = _outlines(state), (held.width, held.height)
+    outlines, size = state.outlines, (held.width, held.height)
     tracks = {}
     for k, freedom in enumerate(outlines):
         shape = freedom.outline()
@@ -134,7 +134,7 @@ def with_copies(state: State, goal: Goal, held: Held, detail: float, error: floa
 
 def with_rotations(state: State, goal: Goal, detail: float, error: float) -> State:
     """The state with the rings that are their own images by parts of a turn, and their copies, made and kept such."""
-    outlines = _outlines(state)
+    outlines = state.outlines
     tied: dict[int, Freedom] = {}
     for k, freedom in enumerate(outlines):
         ring = freedom.outline()
@@ -156,9 +156,9 @@ def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: floa
     these do together, first the copies that do, and then all that are left."""
     if not tied:
         return state
-    trial = settle(_with(state, tied, goal), goal, ROUNDS, trim=False)
+    trial = settle(_with(state, tied), goal, ROUNDS, trim=False)
     # What has been a copy before stays one of whatever its model becomes.
-    new = [isinstance(tied.get(k), CopyFreedom) and _variables(old) > 0 for k, old in enumerate(_outlines(state))]
+    new = [isinstance(tied.get(k), CopyFreedom) and _variables(old) > 0 for k, old in enumerate(state.outlines)]
     copies = np.array(new)
     for able in (copies, np.ones_like(copies)):
         families, saved = _saved(state, trial, tied, detail, error)
@@ -166,7 +166,7 @@ def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: floa
         if able is copies:
             refused &= saved < 0.0
         if refused.any():
-            trial = settle(_back(state, trial, refused, goal), goal, AFTER_REFUSALS, trim=False)
+            trial = settle(_back(trial, state, refused), goal, AFTER_REFUSALS, trim=False)
             tied = {k: freedom for k, freedom in tied.items() if not refused[k]}
     return trial
 
@@ -178,16 +178,19 @@ def _saved(
 
     Outlines are off by SYSTEMATIC px besides by chance, alike along their length; what a tie moves them so far is free.
     """
-    outlines = _outlines(state)
+    outlines = state.outlines
     families, saved = np.arange(len(outlines)), np.zeros(len(outlines))
     for k, freedom in tied.items():
         if isinstance(freedom, CopyFreedom):
             families[k] = freedom.source
-    for k in sorted({*tied, *families[list(tied)].tolist()}):
+    wanted = np.zeros(len(outlines), dtype=bool)
+    wanted[[*tied, *families[list(tied)].tolist()]] = True
+    gained = gains(state, trial, wanted, error)
+    for k in np.flatnonzero(wanted).tolist():
         crossed = int(state.marks[k + 1] - state.marks[k])
         known = 1.0 - error**2 / max(floor_of(state, k, error), error**2, TINY)
         allowed = 0.5 * crossed * known * (SYSTEMATIC / SEEN_SIGMA) ** 2
-        saved[k] = (gain(state, trial, k, error) + allowed) * detail
+        saved[k] = (gained[k] + allowed) * detail
     for k, freedom in tied.items():
         saved[k] += PRICE * (_variables(outlines[k]) - _variables(freedom))
     return families, saved
@@ -198,28 +201,23 @@ def _variables(freedom: Freedom) -> int:
     return 0 if isinstance(freedom, CopyFreedom) else freedom.jacobian.shape[1]
 
 
-def _on_steps(state: State, goal: Goal, step: float) -> State:
+def _on_steps(state: State, step: float) -> State:
     """The state with rings of lines at 45 degrees, and their copies, on whole steps of the file's grid, px."""
-    outlines = _outlines(state)
+    outlines = state.outlines
     moved: dict[int, Freedom] = {}
     for k, outline in enumerate(outlines):
         if isinstance(outline, TiedRing) and isinstance(ring := outline.outline(), Ring) and has_diagonal(ring):
             moved[k] = outline.on_steps(step)
     moved |= _followers(outlines, moved)
-    return _with(state, moved, goal) if moved else state
+    return _with(state, moved) if moved else state
 
 
-def _outlines(state: State) -> list[Freedom]:
-    return [o for layer in state.layers for o in layer.outlines]
-
-
-def _back(state: State, trial: State, refused: np.ndarray, goal: Goal) -> State:
+def _back(trial: State, state: State, refused: np.ndarray) -> State:
     """The trial with the outlines of the state where they are refused."""
-    old, new = _outlines(state), _outlines(trial)
-    return _with(state, {k: old[k] if refused[k] else new[k] for k in range(len(old))}, goal)
+    return _with(trial, {k: state.outlines[k] for k in np.flatnonzero(refused).tolist()})
 
 
-def _with(state: State, tied: Mapping[int, Freedom], goal: Goal) -> State:
+def _with(state: State, tied: Mapping[int, Freedom]) -> State:
     """The state with other freedoms for the outlines of some numbers."""
     number, layers = 0, []
     for layer in state.layers:
@@ -227,4 +225,4 @@ def _with(state: State, tied: Mapping[int, Freedom], goal: Goal) -> State:
         outlines = [tied.get(k, o) for k, o in zip(numbers, layer.outlines, strict=True)]
         layers.append(layer_of(layer.shape, layer.ink, outlines))
         number += len(layer.outlines)
-    return State.of(layers, goal)
+    return state.with_layers(layers)

@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import sparse
 
 from cubicsplat_cli.artwork.finish.freedom import RingFreedom
 from cubicsplat_cli.artwork.geometry.ways import RigidTransform
@@ -20,6 +19,7 @@ from cubicsplat_cli.artwork.regularities.tied import TiedRing
 from cubicsplat_cli.artwork.regularities.ties import LEAST, null_basis
 from cubicsplat_cli.artwork.regularities.turned import NEAR, STEPS, Walk
 from cubicsplat_cli.artwork.tracing.variables import PAIR, Pieces, Variables
+from cubicsplat_cli.raster.sparse import SparseRows
 
 MOST_PARTS = 36
 # Px that a ring may be off itself in the root mean square: level edges are often known to a quarter of a pixel only,
@@ -89,21 +89,21 @@ def rotational(freedom: RingFreedom | TiedRing, rotation: Rotation) -> TiedRing 
     ties that it has; None where these, or what is held, do not let it."""
     if isinstance(freedom, RingFreedom):
         pieces = _freed(freedom.pieces, rotation.parts)
-        ring = TiedRing(pieces, sparse.identity(Variables(pieces).total, format="csr"))
+        ring = TiedRing(pieces, SparseRows.identity(Variables(pieces).total))
     else:
         ring = freedom
     count = ring.ties.shape[1]
     rows, off = _constraints(ring.variables, rotation)
     # Behind the free variables of the ring come the x and y of the middle.
-    matrix = np.hstack([rows[:, :-3] @ ring.ties, rows[:, -2:]])
+    matrix = np.hstack([rows[:, :-3] @ ring.ties.toarray(), rows[:, -2:]])
     step = np.linalg.lstsq(matrix, -off, rcond=None)[0]
     brought = ring.moved(step[:count])
     at = replace(rotation, middle=rotation.middle + step[count:])
     if np.abs(_constraints(brought.variables, at)[1]).max() > EXACT:
         return None
     equations = [{int(k): float(row[k]) for k in np.flatnonzero(np.abs(row) > LEAST)} for row in matrix]
-    basis = null_basis(count + 2, equations)[:count]
-    return TiedRing(brought.pieces, (ring.ties @ basis).tocsr())
+    basis = null_basis(count + 2, equations)
+    return TiedRing(brought.pieces, ring.ties.after(basis))
 
 
 def _freed(pieces: Pieces, parts: int) -> Pieces:

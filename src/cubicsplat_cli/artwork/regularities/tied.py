@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from cubicsplat_cli.artwork.finish.freedom import Freedom, RingFreedom
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.raster.sparse import SparseRows
 
 ON_STEP = 1e-6  # steps by which a coordinate may be off a whole one
 
@@ -17,17 +17,17 @@ ON_STEP = 1e-6  # steps by which a coordinate may be off a whole one
 class TiedRing:
     """A ring that moves as its free variables say. ties: (variables, free), see `Variables`."""
 
-    def __init__(self, pieces: Pieces, ties: sparse.csr_matrix) -> None:
+    def __init__(self, pieces: Pieces, ties: SparseRows) -> None:
         self.pieces, self.ties = pieces, ties
         self.variables = Variables(pieces)
         self.cubics, self.lines = pieces.cubics, pieces.lines
 
     @cached_property
-    def jacobian(self) -> sparse.csr_matrix:
-        return (self.variables.jacobian() @ self.ties).tocsr().sorted_indices()
+    def jacobian(self) -> SparseRows:
+        return self.variables.jacobian().after(self.ties)
 
     def moved(self, step: np.ndarray) -> TiedRing:
-        return TiedRing(self.variables.moved(np.append(self.ties @ step, 0.0)), self.ties)
+        return TiedRing(self.variables.moved(np.append(self.ties.times(step), 0.0)), self.ties)
 
     def trimmed(self) -> TiedRing:
         return self
@@ -41,9 +41,9 @@ class TiedRing:
         where what is fixed lies on none."""
         free = np.zeros(self.ties.shape[1])
         for place, number in zip(self.pieces.anchors.ravel().tolist(), self.pieces.tied.ravel().tolist(), strict=True):
-            row = self.ties[number] if number >= 0 else None
-            if row is not None and row.nnz == 1 and row.data[0] == 1.0:
-                free[row.indices[0]] = round(place / step) * step - place
+            columns, values = self.ties.row(max(number, 0))
+            if number >= 0 and len(columns) == 1 and values[0] == 1.0:
+                free[columns[0]] = round(place / step) * step - place
         moved = self.moved(free)
         steps = moved.pieces.anchors / step
         return moved if bool((np.abs(steps - np.rint(steps)) < ON_STEP).all()) else self
@@ -55,5 +55,5 @@ def tied_ring(freedom: Freedom) -> TiedRing | None:
         return freedom
     if isinstance(freedom, RingFreedom) and freedom.origin is None:
         total = Variables(freedom.pieces).total
-        return TiedRing(freedom.pieces, sparse.identity(total, format="csr"))
+        return TiedRing(freedom.pieces, SparseRows.identity(total))
     return None

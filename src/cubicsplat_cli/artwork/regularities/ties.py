@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
+
+from cubicsplat_cli.raster.sparse import SparseRows
 
 LEAST = 1e-9  # a coefficient below this is of the arithmetic
 
@@ -20,7 +21,7 @@ class Tie:
     sign: float
 
 
-def tie_matrix(count: int, ties: Sequence[Tie]) -> sparse.csr_matrix:
+def tie_matrix(count: int, ties: Sequence[Tie]) -> SparseRows:
     """(count, free): how `count` variables follow from the free ones. What is tied to something fixed, or is its own
     opposite, is fixed: its row is empty.
     """
@@ -46,10 +47,10 @@ def tie_matrix(count: int, ties: Sequence[Tie]) -> sparse.csr_matrix:
     free = np.unique([r for r, _ in found if r != count])
     rows = np.array([i for i, (r, _) in enumerate(found) if r != count], dtype=int)
     columns = np.searchsorted(free, [found[i][0] for i in rows])
-    return sparse.csr_matrix(([found[i][1] for i in rows], (rows, columns)), shape=(count, len(free)))
+    return SparseRows.of(rows, columns, np.array([found[i][1] for i in rows]), (count, len(free)))
 
 
-def null_basis(count: int, equations: Iterable[Mapping[int, float]]) -> sparse.csr_matrix:
+def null_basis(count: int, equations: Iterable[Mapping[int, float]]) -> SparseRows:
     """(count, free): how `count` variables follow from the free ones, some of themselves, so that sums of variables
     times factors are zero; equations: the factors of each sum by the variable's number.
 
@@ -78,4 +79,4 @@ def null_basis(count: int, equations: Iterable[Mapping[int, float]]) -> sparse.c
     entries += [(int(k), int(k), 1.0) for k in free]
     rows, columns = (np.array([entry[i] for entry in entries], dtype=int) for i in (0, 1))
     values = np.array([entry[2] for entry in entries])
-    return sparse.csr_matrix((values, (rows, np.searchsorted(free, columns))), shape=(count, len(free)))
+    return SparseRows.of(rows, np.searchsorted(free, columns), values, (count, len(free)))

@@ -10,18 +10,16 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
-from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, begin, layer_of, premultiplied, settle
+from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, layers_of, premultiplied, settle
 from cubicsplat_cli.artwork.finish.freedom import Still
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
-from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
-from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, areas, ringing
-from cubicsplat_cli.artwork.residual.proposals import Canvas, Placed, proposals
+from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, Picture, areas
+from cubicsplat_cli.artwork.residual.proposals import Canvas, Outlined, Placed, proposals
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import Goal
 
 SHAPE_PARAMETERS, INK_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new ink
@@ -49,12 +47,13 @@ def with_added(
     """
     if not drawing.shapes:
         return drawing
-    trials = _Trials(drawing, goal, ErrorModel.of(condition, min_area), detail)
+    picture = Picture.of(goal.target @ _back(goal), ErrorModel.of(condition, min_area))
+    trials = _Trials(drawing, goal, picture, detail)
     for _ in range(PASSES):
         added = trials.best()
         if added is trials.drawing or (most is not None and len(added.shapes) > most):
             break
-        after = _Trials(added, goal, trials.sight, detail)
+        after = _Trials(added, goal, picture, detail, trials.before)
         if len(after.found) >= len(trials.found):
             break  # such as the colour fringes of text for an LCD: shapes do not explain what is there
         trials = after
@@ -87,14 +86,15 @@ class _Way:
 class _Trials:
     """New shapes tried in a drawing, whose own stay as they are."""
 
-    def __init__(self, drawing: Drawing, goal: Goal, sight: ErrorModel, detail: float) -> None:
-        self.drawing, self.goal, self.sight, self.detail = drawing, goal, sight, detail
+    def __init__(
+        self, drawing: Drawing, goal: Goal, picture: Picture, detail: float, previous: State | None = None
+    ) -> None:
+        self.drawing, self.goal, self.picture, self.detail = drawing, goal, picture, detail
         self.still = [self._still(shape) for shape in drawing.shapes]
-        self.before = State.of(self.still, goal)
+        self.before = State.of(self.still, goal, previous)
         self.size = self.before.image.shape[:2]
-        back = 255.0 * np.linalg.inv(goal.space)
-        self.picture, self.painted = goal.target @ back, self.before.image @ back
-        self.found = areas(self.picture, self.painted, sight)
+        self.painted = self.before.image @ _back(goal)
+        self.found = areas(picture, self.painted)
 
     def best(self) -> Drawing:
         """The drawing with those that shorten the description; the same without any."""
@@ -118,7 +118,7 @@ class _Trials:
         proposed: list[list[list[Placed]]] = []
         for area in found:
             work().at()
-            proposed.append(list(proposals(area, self.picture, self.painted, canvas, self.sight, self.detail)))
+            proposed.append(list(proposals(area, self.picture, self.painted, canvas, self.detail)))
         out: list[list[_Way]] = [[] for _ in found]
         for number in range(max(map(len, proposed), default=0)):
             some = [(k, each) for k, ways in enumerate(proposed) if number < len(ways) for each in ways[number]]
@@ -137,8 +137,9 @@ class _Trials:
         """New shapes after so many rounds, what each changes, and by how much half of the misfit falls, (H, W)."""
         layers = [self._still(each.shape) for each in new]
         if rounds:
-            layers = begin(replace(self.drawing, shapes=tuple(each.shape for each in new)), self.goal).layers
-        after = settle(State.of(_stacked(self.still, layers, new), self.goal), self.goal, rounds)
+            free = replace(self.drawing, shapes=tuple(each.shape for each in new))
+            layers = layers_of(free, self.goal)
+        after = settle(self.before.with_layers(_stacked(self.still, layers, new)), self.goal, rounds)
         new = _outlined(new, after)
         falls = 0.5 * (self.before.misfit - after.misfit).reshape(self.size)
         return new, [self._change(each.shape, falls) for each in new], falls
@@ -148,7 +149,7 @@ class _Trials:
         window, own = _changed(shape, self.goal.reach, self.size)
         if not own.any():
             return _Change(0.0, UNSEEN, price)
-        errors = self.sight.noise + ringing(self.picture[window] @ LUMA_CHROMA, self.sight)[own, 0]
+        errors = self.picture.model.noise + self.picture.ringing[window][own][:, 0]
         slope = (premultiplied(shape.ink) @ self.goal.space - self.before.image[window][own]) * WHITE
         floor = SHARE_SIGMA**2 * float((slope**2).sum(axis=1).mean()) + float(((errors / 255.0) ** 2).mean())
         return _Change(float(falls[window][own].sum()), max(floor, UNSEEN), price)
@@ -177,6 +178,11 @@ class _Trials:
         """The layer of a shape that stays as it is."""
         ink = premultiplied(shape.ink) @ self.goal.space
         return layer_of(shape, ink, [Still(outline) for outline in shape.outlines])
+
+
+def _back(goal: Goal) -> np.ndarray:
+    """(4, 4) what brings a goal's coordinates to levels of RGBA."""
+    return np.asarray(255.0 * np.linalg.inv(goal.space))
 
 
 def _floor(changes: list[_Change]) -> float:
@@ -211,14 +217,11 @@ def _changed(shape: Shape, reach: int, size: tuple[int, ...]) -> tuple[tuple[sli
     """The window on the canvas, of so many rows and columns, that a shape changes, and its pixels (h, w) bool. reach:
     px to which it is blurred.
     """
-    rings = shape.oriented()
-    cubics = np.concatenate([ring.cubics for ring in rings])
-    points = cubics.reshape(-1, 2)
-    x0, y0 = np.maximum(np.floor(points.min(axis=0)).astype(int) - reach, 0).tolist()
-    x1, y1 = np.minimum(np.ceil(points.max(axis=0)).astype(int) + reach, size[::-1]).tolist()
+    outlined = Outlined.of(shape)
+    x0, y0 = np.maximum(outlined.low - reach, 0).tolist()
+    x1, y1 = np.minimum(outlined.high + reach, size[::-1]).tolist()
     window = slice(y0, max(y1, y0)), slice(x0, max(x1, x0))
     if x1 <= x0 or y1 <= y0:
         return window, np.zeros((0, 0), dtype=bool)
-    lines = np.concatenate([ring.lines for ring in rings])
-    own = coverage(cubics, lines, y0, x0, y1 - y0, x1 - x0) > 0.0
+    own = outlined.coverage(*window) > 0.0
     return window, ndimage.binary_dilation(own, SQUARE, reach) if reach else own

@@ -11,11 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
+from cubicsplat_cli.raster import ndimage
 
 # Levels of luma or chroma that people see in an area, about 3 to 4 in CIEDE2000.
 UNLIKE = 6.0
@@ -84,14 +84,32 @@ class ErrorModel:
         )
 
 
-def areas(picture: np.ndarray, painted: np.ndarray, sight: ErrorModel) -> list[Area]:
-    """Where a picture (H, W, 4) in levels is unlike what is painted, (H, W, 4), the worst first."""
-    gap = largest(np.abs(picture - painted))
-    where = _unlike(picture, painted, gap > OWN * UNLIKE, sight)
-    if gap[where].sum() < sight.least:
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """What drawings are compared with. levels: (H, W, 4); seen: (H, W, 4), in luma and chroma; model: of its errors;
+    ringing: (H, W, 4) levels by which a JPEG's edges are off in luma and chroma, else 0.
+    """
+
+    levels: np.ndarray
+    seen: np.ndarray
+    model: ErrorModel
+    ringing: np.ndarray
+
+    @classmethod
+    def of(cls, levels: np.ndarray, model: ErrorModel) -> Picture:
+        """A picture with such errors."""
+        seen = levels @ LUMA_CHROMA
+        return cls(levels, seen, model, _ringing(seen, model))
+
+
+def areas(picture: Picture, painted: np.ndarray) -> list[Area]:
+    """Where a picture is unlike what is painted, (H, W, 4) in levels, the worst first."""
+    gap, model = largest(np.abs(picture.levels - painted)), picture.model
+    where = _unlike(picture, painted, gap > OWN * UNLIKE)
+    if gap[where].sum() < model.least:
         return []
     height, width = gap.shape
-    reach = MARGIN + math.ceil(2.0 * sight.blur)
+    reach = MARGIN + math.ceil(2.0 * model.blur)
     parts, _ = ndimage.label(ndimage.binary_dilation(where, SQUARE), SQUARE)
     found = []
     for number, (rows, columns) in enumerate(ndimage.find_objects(parts), start=1):
@@ -99,26 +117,27 @@ def areas(picture: np.ndarray, painted: np.ndarray, sight: ErrorModel) -> list[A
         columns = slice(max(columns.start - reach, 0), min(columns.stop + reach, width))
         own = where[rows, columns] & (parts[rows, columns] == number)
         off = gap[rows, columns][own]
-        if off.sum() >= sight.least:
+        if off.sum() >= model.least:
             found.append(Area(rows, columns, own, float((off**2).sum())))
     return sorted(found, key=lambda area: -area.weight)
 
 
-def _unlike(picture: np.ndarray, painted: np.ndarray, rough: np.ndarray, sight: ErrorModel) -> np.ndarray:
+def _unlike(picture: Picture, painted: np.ndarray, rough: np.ndarray) -> np.ndarray:
     """(H, W) bool: of the rough pixels (H, W) bool those that no colour drawn near them explains, and those drawn in a
     colour that the picture does not have near them.
     """
-    seen, drawn = picture @ LUMA_CHROMA, painted @ LUMA_CHROMA
     out, place = np.zeros(rough.shape, dtype=bool), np.nonzero(rough)
-    reach = 1 + math.ceil(sight.blur)
-    ring = ringing(seen, sight)
+    if not len(place[0]):
+        return out
+    seen, drawn, model = picture.seen, painted @ LUMA_CHROMA, picture.model
+    reach = 1 + math.ceil(model.blur)
     for one, other in ((seen, drawn), (drawn, seen)):
-        off = _beyond(one, other, place, reach, sight.seam)
+        off = _beyond(one, other, place, reach, model.seam)
         at = np.nonzero(largest(np.abs(off)) > OWN * UNLIKE)
         if not len(at[0]):
             continue
         own, padded = off[at], np.pad(off, ((SIDE // 2,) * 2, (SIDE // 2,) * 2, (0, 0)))
-        allowed = UNLIKE + NOISY * sight.noise / SIDE**0.5 + ring[at]
+        allowed = UNLIKE + NOISY * model.noise / SIDE**0.5 + picture.ringing[at]
         for offsets in STENCILS:
             mean = sum(padded[at[0] + dy, at[1] + dx] for dy, dx in offsets) / len(offsets)
             out[at] |= ((np.abs(mean) > allowed) & (own * np.sign(mean) > OWN * np.abs(mean))).any(axis=1)
@@ -148,10 +167,10 @@ def _range(values: np.ndarray, place: tuple[np.ndarray, ...], reach: int) -> tup
     return low, high
 
 
-def ringing(seen: np.ndarray, sight: ErrorModel) -> np.ndarray:
+def _ringing(seen: np.ndarray, model: ErrorModel) -> np.ndarray:
     """(H, W, 4) levels by which a JPEG's edges are off in a picture (H, W, 4) in luma and chroma; else 0."""
     out = np.zeros(seen.shape, dtype=np.float32)
-    for block, channels in BLOCKS if sight.jpeg else ():
+    for block, channels in BLOCKS if model.jpeg else ():
         window, values = (2 * block + 1, 2 * block + 1, 1), seen[..., channels]
         spread = ndimage.maximum_filter(values, window) - ndimage.minimum_filter(values, window)
         out[..., channels] = RINGING * spread

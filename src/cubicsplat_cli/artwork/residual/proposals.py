@@ -7,22 +7,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.geometry.coverage import coverage
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, pieces_of_rings
 from cubicsplat_cli.artwork.input.palette import modes
 from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents_of
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.hairlines import blend_with
 from cubicsplat_cli.artwork.regions.inks import eight_bit
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, ErrorModel
+from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, Picture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import blend_with
 
 DOT = 4  # px of a shape, below which it becomes a circle
 SOLID = 9  # px of an area that are surrounded by others of it, which show its colour
@@ -49,7 +49,7 @@ class Canvas:
         self.size = drawing.height, drawing.width
         self.inks = np.array([_premultiplied(shape.ink) for shape in drawing.shapes])
         self.palette = np.unique(self.inks, axis=0)
-        self._painted = [_Outlined.of(shape) for shape in drawing.shapes]
+        self._painted = [Outlined.of(shape) for shape in drawing.shapes]
         self._lows = np.array([each.low for each in self._painted])
         self._highs = np.array([each.high for each in self._painted])
 
@@ -63,7 +63,7 @@ class Canvas:
             each = self._painted[k]
             x0, y0 = np.maximum(each.low, corner).tolist()
             x1, y1 = np.minimum(each.high, far).tolist()
-            cover = coverage(each.cubics, each.lines, y0, x0, y1 - y0, x1 - x0)
+            cover = each.coverage(slice(y0, y1), slice(x0, x1))
             view = out[:, y0 - rows.start : y1 - rows.start, x0 - columns.start : x1 - columns.start]
             view[0][cover >= HALF] = k
             view[1][cover >= SHOWS] = k
@@ -71,7 +71,7 @@ class Canvas:
 
 
 @dataclass(frozen=True)
-class _Outlined:
+class Outlined:
     """The pieces (S, 4, 2) of a shape's outlines, of which some are lines (S,) bool, and the (2,) least and greatest x
     and y of its box, whole px.
     """
@@ -82,26 +82,30 @@ class _Outlined:
     high: np.ndarray
 
     @classmethod
-    def of(cls, shape: Shape) -> _Outlined:
-        rings = shape.oriented()
-        cubics = np.concatenate([ring.cubics for ring in rings])
+    def of(cls, shape: Shape) -> Outlined:
+        """Those of a shape."""
+        cubics, lines = pieces_of_rings(shape.oriented())
         points = cubics.reshape(-1, 2)
-        lines = np.concatenate([ring.lines for ring in rings])
         return cls(cubics, lines, np.floor(points.min(axis=0)).astype(int), np.ceil(points.max(axis=0)).astype(int))
+
+    def coverage(self, rows: slice, columns: slice) -> np.ndarray:
+        """(h, w) what the shape covers of the pixels of a window."""
+        size = rows.stop - rows.start, columns.stop - columns.start
+        return coverage(self.cubics, self.lines, rows.start, columns.start, *size)
 
 
 def proposals(
-    area: Area, picture: np.ndarray, painted: np.ndarray, canvas: Canvas, sight: ErrorModel, detail: float
+    area: Area, picture: Picture, painted: np.ndarray, canvas: Canvas, detail: float
 ) -> Iterator[list[Placed]]:
-    """The ways to explain an area of a picture (H, W, 4) in levels by shapes over what is painted, (H, W, 4)."""
-    window = area.rows, area.columns
-    values, ground = picture[window].astype(float), painted[window].astype(float)
+    """The ways to explain an area of a picture by shapes over what is painted, (H, W, 4) in levels."""
+    window, model = (area.rows, area.columns), picture.model
+    values, ground = picture.levels[window].astype(float), painted[window].astype(float)
     inner = ndimage.binary_erosion(area.where, SQUARE)
-    if sight.noise:
+    if model.noise:
         values[inner] = ndimage.uniform_filter(values, (3, 3, 1))[inner]
     near = ndimage.binary_dilation(area.where, SQUARE, 2)
     owners, touching = canvas.owners(*window)
-    for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=sight.clean):
+    for colours in _colours(values, ground, area.where, inner, canvas.palette, pure=model.clean):
         shares, rest = np.zeros((len(colours), *near.shape)), np.full((len(colours), *near.shape), np.inf)
         for k, colour in enumerate(colours):
             shares[k][near], rest[k][near] = blend_with(values[near], colour, ground[near], ground[near])
@@ -109,12 +113,12 @@ def proposals(
         found: list[Placed] = []
         for k, colour in enumerate(colours):
             share = np.where(near & (best == k), shares[k], 0.0)
-            cover = _cover(share, area.where, sight.blur)
+            cover = _cover(share, area.where, model.blur)
             if cover.any():
                 contrast = max(float(np.median(largest(np.abs(colour - ground[cover])))), 1.0)
                 drawn = _Drawn(area, share, cover, owners, touching, canvas)
                 ink = eight_bit(colour)
-                for beneath, outlines in drawn.outlines(sight.smallest, sight.error / contrast, detail):
+                for beneath, outlines in drawn.outlines(model.smallest, model.error / contrast, detail):
                     name = shape_name(ink, outlines, *canvas.size[::-1])
                     found.append(Placed(Shape(ink, outlines, name), beneath))
         yield found

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 FAR = 400.0  # px beyond the canvas that a side lies which the canvas cuts off
 ALIKE, RADII = 0.6, 33  # px by which a silhouette may be off its box in the mean of its outline; radii tried
@@ -25,21 +24,9 @@ class Box:
     rx: float = 0.0
     ry: float = 0.0
 
-    def grown(self, by: float, rounder: float = 0.0) -> Box:
-        """The box larger by so many px on all sides, and its radii by as many, and by `rounder` besides; sharp corners
-        do not become round by growing, as those of shadows in CSS do not."""
-        rx, ry = (max((radius + by if radius > 0.0 else 0.0) + rounder, 0.0) for radius in (self.rx, self.ry))
-        middle_x, middle_y = 0.5 * (self.left + self.right), 0.5 * (self.top + self.bottom)
-        half_x = max(0.5 * (self.right - self.left) + by, 0.0)
-        half_y = max(0.5 * (self.bottom - self.top) + by, 0.0)
-        return Box(
-            middle_x - half_x,
-            middle_y - half_y,
-            middle_x + half_x,
-            middle_y + half_y,
-            min(rx, half_x),
-            min(ry, half_y),
-        )
+    def numbers(self) -> np.ndarray:
+        """(6,) its sides and half axes."""
+        return np.array([self.left, self.top, self.right, self.bottom, self.rx, self.ry])
 
     def moved(self, dx: float, dy: float) -> Box:
         return Box(self.left + dx, self.top + dy, self.right + dx, self.bottom + dy, self.rx, self.ry)
@@ -75,29 +62,27 @@ def box_of(mask: np.ndarray, hidden: np.ndarray | None = None) -> Box | None:
     half_x, half_y = 0.5 * (right - left), 0.5 * (bottom - top)
     # Where the canvas cuts a side off, only the other sides bound the radius.
     most = min(half_x * (1 + (ends[0] or ends[2])), half_y * (1 + (ends[1] or ends[3])))
-    radii = [(float(r), float(r)) for r in np.linspace(0.0, most, RADII)]
-    if not any(ends):
-        radii.append((half_x, half_y))
     x, y = np.arange(left, right)[None] + 0.5, np.arange(top, bottom)[:, None] + 0.5
-    off, best = min(
-        (
-            (int(((_inside(box, x, y) != own) & counts).sum()), box)
-            for box in (Box(whole.left, whole.top, whole.right, whole.bottom, *radius) for radius in radii)
-        ),
-        key=lambda found: found[0],
-    )
-    return best if off <= ALIKE * perimeter else None
+    radii = np.linspace(0.0, most, RADII)
+    off = _pixels_off(whole, radii, x, y, own, counts)
+    best = int(off.argmin())
+    trials = [(int(off[best]), replace(whole, rx=float(radii[best]), ry=float(radii[best])))]
+    if not any(ends):
+        oval = ((x - left - half_x) / half_x) ** 2 + ((y - top - half_y) / half_y) ** 2 <= 1.0
+        trials.append((int(((oval != own) & counts).sum()), replace(whole, rx=half_x, ry=half_y)))
+    least, box = min(trials, key=lambda trial: trial[0])
+    return box if least <= ALIKE * perimeter else None
 
 
-def _inside(box: Box, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(h, w) bool the points of rows y (h, 1) and columns x (1, w) in a box, that lie within its sides."""
-    if box.rx <= 0.0 or box.ry <= 0.0:
-        return np.ones((len(y), x.shape[1]), dtype=bool)
-    across = np.maximum(np.maximum(box.left + box.rx - x, x - box.right + box.rx), 0.0) / box.rx
-    down = np.maximum(np.maximum(box.top + box.ry - y, y - box.bottom + box.ry), 0.0) / box.ry
-    return across**2 + down**2 <= 1.0
-
-
-def filled(mask: np.ndarray) -> np.ndarray:
-    """(H, W) bool a silhouette with its holes."""
-    return np.asarray(ndimage.binary_fill_holes(mask))
+def _pixels_off(
+    box: Box, radii: np.ndarray, x: np.ndarray, y: np.ndarray, own: np.ndarray, counts: np.ndarray
+) -> np.ndarray:
+    """(r,) of the pixels that count, rows y (h, 1) and columns x (1, w), how many are wrongly in the box or out of it
+    with each of some ascending radii."""
+    across = np.minimum(x - box.left, box.right - x)
+    down = np.minimum(y - box.top, box.bottom - y)
+    # A corner of a larger radius than this leaves the pixel out.
+    reach = (across + down + np.sqrt(2.0 * across * down))[counts]
+    inside = np.searchsorted(radii, reach, side="right")
+    lacked, had = (np.bincount(inside[is_own], minlength=len(radii) + 1) for is_own in (own[counts], ~own[counts]))
+    return np.asarray(np.cumsum(lacked)[:-1] + had.sum() - np.cumsum(had)[:-1])

@@ -7,14 +7,15 @@ there is, black for a shadow of any grey. Two grounds tell where their lines mee
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
-from cubicsplat_cli.artwork.gradients.areas import MOST_PARTS
-from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, Part, plateau
-from cubicsplat_cli.artwork.shadows.boxes import Box, box_of, filled
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, Part, Patch, part_of, plateau
+from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.paints import part_spreads
 
 LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans
 MOST_TRIED = 6  # parts, the largest, looked at
@@ -61,15 +62,12 @@ def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded 
     """
     if count == 0:
         return None
-    sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
-    boxes = ndimage.find_objects(parts)
+    sizes, boxes, spreads = part_spreads(levels, parts, count)
     large = np.flatnonzero(sizes >= LEAST_PART)
-    large = large[np.argsort(-sizes[large], kind="stable")]
-    if len(large) > MOST_PARTS:
-        return None
+    large = large[np.argsort(-sizes[large], kind="stable")][:MOST_TRIED]
     found: list[tuple[Ground, np.ndarray, float]] = []
-    for i in large[:MOST_TRIED]:
-        line = _line(Part(levels, parts == i + 1, boxes[i]))
+    for i in large[spreads[large] > LEAST_RANGE]:
+        line = _line(part_of(levels, parts, i + 1, boxes[i]), levels.shape[:2])
         if line is not None:
             found.append(line)
     if not found:
@@ -78,25 +76,25 @@ def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded 
     return Shaded(tuple(ground for ground, _, _ in found), colour)
 
 
-def _line(part: Part) -> tuple[Ground, np.ndarray, float] | None:
-    """A ground, the direction (4,) in which its colours leave it, and how far, in levels, they go."""
-    if part.range() <= LEAST_RANGE and np.ptp(part.values, axis=0).max() <= LEAST_RANGE:
-        return None
+def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray, float] | None:
+    """A ground in a picture (H, W), the direction (4,) in which its colours leave it, and how many levels far."""
     ink, even = plateau(part)
     if even.mean() < LEAST_PLATEAU:
         return None
     ink = np.rint(ink)
-    off = part.values - ink
+    off = part.pixels.values - ink
     total = off.sum(axis=0)
     length = float(np.linalg.norm(total))
     if length == 0.0:
         return None
     direction = total / length
     along = off @ direction
-    beside = np.abs(off - along[:, None] * direction).max(axis=1)
+    beside = largest(np.abs(off - along[:, None] * direction))
     if (beside <= OFF_LINE).mean() < ON_LINE or (along >= -OFF_LINE).mean() < ON_LINE:
         return None
-    return Ground(ink, part.mask), direction, float(along.max())
+    mask = np.zeros(shape, dtype=bool)
+    mask[part.rows, part.columns] = True
+    return Ground(ink, mask), direction, float(along.max())
 
 
 def _meeting(found: list[tuple[Ground, np.ndarray, float]]) -> np.ndarray:
@@ -132,14 +130,13 @@ class Caster:
     box: Box
 
 
-def casters_of(levels: np.ndarray, shaded: Shaded, even: np.ndarray) -> list[list[Caster]]:
+def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list[Caster]]:
     """What may cast the shadow, in a few ways to see it, at most MOST_CASTERS each: what is no shaded ground; of each
     such the even part, since a steep shade looks like a part of what casts it; and the grounds on others as well.
 
-    levels: (H, W, 4). even: (H, W) bool where colours change evenly.
+    share: (H, W) as of `Shaded.share`. even: (H, W) bool where colours change evenly.
     """
     grounds = np.logical_or.reduce([ground.mask for ground in shaded.grounds])
-    share = np.abs(shaded.share(levels))
     rest = ~grounds
     if len(shaded.grounds) > 1:
         # What lies along the line between two grounds casts no shadow.
@@ -147,46 +144,52 @@ def casters_of(levels: np.ndarray, shaded: Shaded, even: np.ndarray) -> list[lis
     labels, count = ndimage.label(rest, SQUARE)
     if count > MOST_CASTERS:
         return []
-    scale = float(np.abs(shaded.colour - shaded.grounds[0].ink).max())
-    masks = [
-        filled(labels == k) for k, box in enumerate(ndimage.find_objects(labels), start=1) if _large(labels, box, k)
+    least = LEAST_SHADE / float(np.abs(shaded.colour - shaded.grounds[0].ink).max())
+    silhouettes = [
+        Patch(box[0].start, box[1].start, labels[box] == k)
+        for k, box in enumerate(ndimage.find_objects(labels), start=1)
     ]
-    around = [_shade_around(mask, grounds, share) * scale for mask in masks]
-    masks = [mask for mask, shade in zip(masks, around, strict=True) if shade >= LEAST_SHADE]
-    first = _boxes(masks)
-    ways = [first, _boxes([_even(mask, even & ~grounds) for mask in masks])]
+    silhouettes = [_filled(own) for own in silhouettes if own.size >= LEAST_CASTER]
+    silhouettes = [own for own in silhouettes if _shade_around(own, grounds, np.abs(share)) >= least]
+    first = _boxes(silhouettes, rest.shape)
+    ways = [first, _boxes([_even(own, even & ~grounds) for own in silhouettes], rest.shape)]
     if len(shaded.grounds) > 1:
         hidden = ndimage.binary_dilation(rest, SQUARE, iterations=HIDDEN)
-        inner = _boxes([filled(ground.mask) for ground in shaded.grounds], hidden)
-        ways.append(first + [caster for caster in inner if caster.mask.mean() < MOST_COVERED])
+        whole = [_filled(Patch(0, 0, ground.mask)) for ground in shaded.grounds]
+        inner = _boxes([own for own in whole if own.mask.mean() < MOST_COVERED], rest.shape, hidden)
+        ways.append(first + inner)
     return [way for way in ways if way]
 
 
-def _large(labels: np.ndarray, box: tuple[slice, slice], k: int) -> bool:
-    return bool((labels[box] == k).sum() >= LEAST_CASTER)
+def _filled(patch: Patch) -> Patch:
+    """The silhouette with its holes."""
+    return replace(patch, mask=np.asarray(ndimage.binary_fill_holes(patch.mask)))
 
 
-def _shade_around(mask: np.ndarray, grounds: np.ndarray, share: np.ndarray) -> float:
+def _shade_around(silhouette: Patch, grounds: np.ndarray, share: np.ndarray) -> float:
     """The mean share of shade on the grounds within RING px around a silhouette."""
-    rows, columns = ndimage.find_objects(mask.astype(np.int8))[0]
-    wide = (
-        slice(max(rows.start - RING, 0), rows.stop + RING),
-        slice(max(columns.start - RING, 0), columns.stop + RING),
-    )
-    ring = ndimage.binary_dilation(mask[wide], SQUARE, iterations=RING) & grounds[wide] & ~mask[wide]
-    return float(share[wide][ring].mean()) if ring.any() else 0.0
+    wide = silhouette.padded(RING, grounds.shape)
+    ring = ndimage.binary_dilation(wide.mask, SQUARE, iterations=RING) & grounds[wide.window] & ~wide.mask
+    return float(share[wide.window][ring].mean()) if ring.any() else 0.0
 
 
-def _even(mask: np.ndarray, even: np.ndarray) -> np.ndarray:
-    """(H, W) bool the largest of what is even in a silhouette, and what that surrounds; all where that is little."""
-    labels, count = ndimage.label(mask & even, SQUARE)
+def _even(silhouette: Patch, even: np.ndarray) -> Patch:
+    """The largest of what is even in a silhouette, and what that surrounds; all where that is little."""
+    labels, count = ndimage.label(silhouette.mask & even[silhouette.window], SQUARE)
     if count == 0:
-        return mask
-    own = filled(labels == 1 + int(np.bincount(labels.ravel())[1:].argmax()))
-    inner = ndimage.binary_dilation(own, SQUARE, iterations=1) & mask
-    return inner if inner.sum() > LEAST_EVEN * mask.sum() else mask
+        return silhouette
+    own = ndimage.binary_fill_holes(labels == 1 + int(np.bincount(labels.ravel())[1:].argmax()))
+    inner = replace(silhouette, mask=ndimage.binary_dilation(own, SQUARE) & silhouette.mask)
+    return inner if inner.size > LEAST_EVEN * silhouette.size else silhouette
 
 
-def _boxes(masks: list[np.ndarray], hidden: np.ndarray | None = None) -> list[Caster]:
-    boxes = [(mask, box_of(mask, hidden)) for mask in masks]
-    return [Caster(mask, box) for mask, box in boxes if box is not None]
+def _boxes(silhouettes: list[Patch], shape: tuple[int, ...], hidden: np.ndarray | None = None) -> list[Caster]:
+    """What of some silhouettes in a picture (H, W) are boxes. hidden: as of `box_of`."""
+    found = []
+    for own in silhouettes:
+        mask = np.zeros(shape, dtype=bool)
+        mask[own.window] = own.mask
+        box = box_of(mask, hidden)
+        if box is not None:
+            found.append(Caster(mask, box))
+    return found

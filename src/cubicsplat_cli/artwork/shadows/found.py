@@ -9,6 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.shadows.blurred import BlurredBox, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds
+from cubicsplat_cli.raster.shadows import ShadedPixels
 
 # Levels by which a pixel may be off its shadow, share of the shaded that must not be, levels that count as shade.
 CLOSE, EXPLAINED, FAINT = 2.0, 0.97, 1.0
@@ -78,9 +79,10 @@ def falls_on(caster: Caster, mask: np.ndarray) -> bool:
     return bool((caster.mask & mask).sum() <= 0.5 * mask.sum())
 
 
-def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | None:
+def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int, tried: set[tuple[object, ...]]) -> Shadow | None:
     """The shadows in a picture (H, W, 4), premultiplied levels, that blurred boxes explain to its rounding; None
-    without any. parts, count: as of `smooth_parts`."""
+    without any. parts, count: as of `smooth_parts`; tried: grounds and boxes that were looked at before and are not
+    again, to which these are added."""
     shaded_ = shaded_grounds(levels, parts, count)
     if shaded_ is None:
         return None
@@ -89,7 +91,12 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int) -> Shadow | Non
     if scale * float(seen.max()) < LEAST_STRENGTH:
         return None
     best = None
-    for casters in casters_of(levels, shaded_, parts > 0):
+    grounds = tuple((*ground.ink.tolist(), int(ground.mask.sum())) for ground in shaded_.grounds)
+    for casters in casters_of(shaded_, seen, parts > 0):
+        case = grounds, tuple(caster.box for caster in casters)
+        if case in tried:
+            continue
+        tried.add(case)
         layers = _ShadowSearch(shaded_, seen, scale, casters).best()
         if layers is not None:
             casts = tuple(Cast(c, own) for c, own in zip(casters, layers, strict=True) if own is not None)
@@ -109,9 +116,12 @@ class _ShadowSearch:
 
     def __init__(self, grounds: Shaded, seen: np.ndarray, scale: float, casters: list[Caster]) -> None:
         self.casters, self.scale = casters, scale
-        order = np.random.default_rng(0).permutation(seen.size)
-        on = np.logical_or.reduce([ground.mask for ground in grounds.grounds]).ravel()[order]
-        self.rows, self.columns = np.unravel_index(order[on], seen.shape)
+        on = np.logical_or.reduce([ground.mask for ground in grounds.grounds])
+        dark = scale * seen > FAINT
+        order = np.random.default_rng(0)
+        at = [order.permutation(np.flatnonzero(own)) for own in (on & dark, on & ~dark)]
+        at[1] = at[1][:CHECKED]
+        self.rows, self.columns = np.unravel_index(np.concatenate(at), seen.shape)
         self.seen = seen[self.rows, self.columns]
         self.dark = scale * self.seen > FAINT
         x, y = self.columns + 0.5, self.rows + 0.5
@@ -173,23 +183,24 @@ class _ShadowSearch:
         return self._seen(own, at, through)
 
     def _seen(self, own: list[int], at: np.ndarray, through: np.ndarray) -> ShadowSamples:
-        boxes = tuple(self.casters[k].box for k in own)
-        open_ = tuple(self.open[k][at] for k in own)
-        return ShadowSamples(boxes, self.rows[at], self.columns[at], self.seen[at], through, open_, self.scale)
+        boxes = np.stack([self.casters[k].box.numbers() for k in own])
+        open_ = np.stack([self.open[k][at] for k in own])
+        pixels = ShadedPixels(boxes, self.rows[at], self.columns[at], open_)
+        return ShadowSamples(pixels, self.seen[at], through, self.scale)
 
     def _light(self, own: list[int], found: Sequence[Layers | None], at: np.ndarray) -> np.ndarray:
         """(n,) what the shadows of some casters let through to pixels."""
         out = np.ones(len(at))
         for k in own:
-            sight = self._seen([k], at, out)
-            out = np.prod([out, *(sight.light(layer) for layer in found[k] or ())], axis=0)
+            layers = found[k]
+            out = out * self._seen([k], at, out).light(layers) if layers else out
         return out
 
     def _layers(self, sight: ShadowSamples, begun: Layers, most: int, known: list[Layers]) -> Layers | None:
         """The fewest layers that explain a sight, or those that come nearest; None where one is unlikely."""
         begins = [begun] if begun else [(self._begin(sight, sigma),) for sigma in BEGIN]
-        best = _more(sight, _nearest(sight, [*begins, *known]), most)
-        return best if all(map(_likely, best)) else None
+        best = _nearest(sight, [*begins, *known])
+        return _more(sight, best, most) if all(map(_likely, best)) else None
 
     def _begin(self, sight: ShadowSamples, sigma: float) -> BlurredBox:
         return BlurredBox(0.0, 1.0, -1.0, 0.0, sigma, min(1.5 * float(sight.seen.max()), 0.9))
@@ -224,8 +235,11 @@ def _more(sight: ShadowSamples, best: Layers, most: int) -> Layers:
 def _nearest(sight: ShadowSamples, begins: list[Layers]) -> Layers:
     """The layers that come nearest to what is seen, from those to begin with: first to some of the pixels."""
     few = sight.every(FEW)
-    best, _ = min((few.settled(layers) for layers in begins), key=lambda fit: fit[1])
-    return sight.settled(best)[0] if _explained(few, best) >= HALFWAY else best
+    fits = [few.settled(layers) for layers in begins]
+    unlikely, _, best = min(
+        ((not all(map(_likely, layers)), left, layers) for layers, left in fits), key=lambda fit: fit[:2]
+    )
+    return best if unlikely or _explained(few, best) < HALFWAY else sight.settled(best)[0]
 
 
 def _explained(sight: ShadowSamples, layers: Layers) -> float:

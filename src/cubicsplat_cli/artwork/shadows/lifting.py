@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
 from cubicsplat_cli.artwork.gradients.parts import BEND, smooth_parts
@@ -18,6 +17,7 @@ from cubicsplat_cli.artwork.regions.inks import SAME, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground
 from cubicsplat_cli.artwork.shadows.found import CLOSE, Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene.paint import Ink
 
 SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
@@ -78,9 +78,10 @@ def _found(levels: np.ndarray) -> tuple[Shadow, np.ndarray] | None:
     """The shadows of a picture, and (H, W) int32 the parts in which its colours change evenly, as of `smooth_parts`;
     None without any. Both where dark shadows count as even, but faint edges as well, and where neither does."""
     best = None
+    tried: set[tuple[object, ...]] = set()
     for bend in (SHARP_BEND, BEND):
         parts, count = smooth_parts(levels, bend)
-        shadow = shadow_of(levels, parts, count)
+        shadow = shadow_of(levels, parts, count, tried)
         if shadow is not None and (best is None or shadow.rank < best[0].rank):
             best = shadow, parts
         if best is not None and best[0].simple:

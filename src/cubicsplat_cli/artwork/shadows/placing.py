@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.shadows.blurred import reached, shaded
@@ -14,6 +13,7 @@ from cubicsplat_cli.artwork.shadows.found import Cast
 from cubicsplat_cli.artwork.shadows.lifting import Lifted
 from cubicsplat_cli.artwork.shadows.slices import Cut, sliced
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.raster import ndimage
 
 LEAST_SEEN = 8  # px of a shape in the shade, for the shadow to lie above it
 SHADE = 1.0 / 255.0

@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.artwork.shadows.found import Cast
 from cubicsplat_cli.artwork.shapes import Shape
+from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.scene.paint import Gradient, mean_ink, painted
 
 NAME = "shadow"
@@ -100,7 +101,7 @@ def _piece(cut: Cut, outline: Rectangle | Ellipse) -> Shape:
     dx, dy = cut.corner
     gradient: Gradient | None = None
     if 255.0 * float(np.ptp(alpha)) > 2.0 * FAINT:
-        gradient = gradient_of(shade_of(columns + dx + 0.5, rows + dy + 0.5, values))
+        gradient = gradient_of(shade_of(Pixels(columns + dx + 0.5, rows + dy + 0.5, values)))
         ink = mean_ink(gradient)
     else:
         red, green, blue = (round(float(v)) for v in cut.colour)

@@ -10,10 +10,11 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
 from cubicsplat_cli.artwork.tracing.fitting import fit_outline, parameter_price
-from cubicsplat_cli.artwork.tracing.refine import Feet, refine
-from cubicsplat_cli.artwork.tracing.sections import Division, Section, divide
+from cubicsplat_cli.artwork.tracing.joining import feet_of
+from cubicsplat_cli.artwork.tracing.refine import refine
 from cubicsplat_cli.artwork.tracing.smoothing import arc_lengths, local_fits
 from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.raster.cubics import Division, divided_run
 
 SIGMA = 0.05  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
@@ -52,30 +53,25 @@ def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
     weights = np.full(len(points), 1.0 / (SIGMA**2 + slack**2))
     fits = local_fits(points, weights, closed=False)
     ends, tangents = points[[0, -1]], fits.tangents[[0, -1]]
-    division = divide(Section(fits, weights, ends, tangents, np.array([END_ERRORS, END_ERRORS]), True), price)
-    pieces, _, _ = refine(_pieces(division, ends), points, weights, _feet(division))
+    local = fits.positions, fits.tangents, fits.curvature, fits.errors
+    division, _ = divided_run(local, weights, (ends, tangents, np.array([END_ERRORS, END_ERRORS])), price)
+    pieces, _, _ = refine(_pieces(division, ends), points, weights, feet_of(division))
     cubics = pieces.cubics
     return Chain(pieces.anchors, cubics[:, 1:3].copy(), pieces.lines.copy(), pieces.smooth.copy())
 
 
 def _pieces(division: Division, ends: np.ndarray) -> Pieces:
-    count, anchors = len(division.anchors), division.anchors.copy()
-    anchors[[0, -1]] = ends
-    nothing = np.zeros((1, 2))
-    outgoing = np.concatenate([division.cubics[:, 1] - division.cubics[:, 0], nothing])
-    incoming = np.concatenate([nothing, division.cubics[:, 2] - division.cubics[:, 3]])
+    anchors = np.concatenate([ends[:1], division.anchors[1:], ends[1:]])
+    count, nothing = len(anchors), np.zeros((1, 2))
+    outgoing = np.concatenate([division.handles[:, 0], nothing])
+    incoming = np.concatenate([nothing, division.handles[:, 1]])
     smooth = np.zeros(count, dtype=bool)
     smooth[1:-1] = ~(division.lines[1:] & division.lines[:-1])
     # Both ends are where they are: their points tell nothing of the way along.
     tied = np.full((count, 2), -1)
     tied[1:-1] = np.arange(2 * (count - 2)).reshape(-1, 2)
-    return Pieces(anchors, incoming, outgoing, division.lines, smooth, division.level & smooth, tied)
-
-
-def _feet(division: Division) -> Feet:
-    sizes = np.diff(division.breaks)
-    piece = np.repeat(np.arange(len(sizes)), sizes)
-    return Feet(piece, np.concatenate([(np.arange(size) + 0.5) / size for size in sizes]))
+    level = smooth & np.append(division.level, False)
+    return Pieces(anchors, incoming, outgoing, division.lines, smooth, level, tied)
 
 
 def with_corners(points: np.ndarray, gaps: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:

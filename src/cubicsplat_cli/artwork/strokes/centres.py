@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.raster.point_tree import PointTree
 
 STEP = 0.05  # px between the points of an outline
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least
@@ -23,7 +23,7 @@ class Sides:
     """The outline of a shape as closely spaced points (n, 2), with a tree to find the nearest."""
 
     points: np.ndarray
-    tree: cKDTree
+    tree: PointTree
 
     @classmethod
     def of(cls, rings: tuple[Ring, ...]) -> Sides:
@@ -35,7 +35,7 @@ class Sides:
                 t = np.arange(max(1, int(np.ceil(length / STEP)))) / max(1, int(np.ceil(length / STEP)))
                 found.append(points_at(cubic[None], t[None])[0])
         points = np.concatenate(found)
-        return cls(points, cKDTree(points))
+        return cls(points, PointTree(points))
 
     def nearest(self, places: np.ndarray) -> np.ndarray:
         """(n, 2) the points of the outline nearest to places (n, 2)."""

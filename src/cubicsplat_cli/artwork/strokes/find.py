@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     Rectangle,
     Ring,
     flattened,
+    pieces_of_rings,
     reversed_ring,
     signed_area,
 )
@@ -120,9 +121,7 @@ def _covered(groups: list[tuple[Ring, ...]], low: np.ndarray, high: np.ndarray) 
     width, height = (high - low).tolist()
     total = np.zeros((height, width))
     for rings in groups:
-        cubics = np.concatenate([ring.cubics for ring in rings])
-        lines = np.concatenate([ring.lines for ring in rings])
-        total += coverage(cubics, lines, int(low[1]), int(low[0]), height, width)
+        total += coverage(*pieces_of_rings(rings), int(low[1]), int(low[0]), height, width)
     return np.minimum(total, 1.0)
 
 

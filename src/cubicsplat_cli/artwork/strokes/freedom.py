@@ -6,13 +6,13 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from cubicsplat_cli.artwork.finish.freedom import Freedom, Held, freedom_of, tied_coordinates
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of, rings_around
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
+from cubicsplat_cli.raster.sparse import SparseRows
 
 STEP = 1e-5  # px, of the differences that tell how an outline moves with its centre line
 LEAST_WIDTH, MOST_WIDER = 0.1, 0.5  # px, of a stroke, and in a step
@@ -39,7 +39,7 @@ class ChainFreedom:
         return cls(variables.moved(np.zeros(variables.total + 1)))
 
     @cached_property
-    def jacobian(self) -> sparse.csr_matrix:
+    def jacobian(self) -> SparseRows:
         """(8 S, variables)."""
         return self._variables.jacobian()
 
@@ -88,20 +88,22 @@ class StrokeFreedom:
         return replace(self._stroke, path=path)
 
     @cached_property
-    def jacobian(self) -> sparse.csr_matrix:
+    def jacobian(self) -> SparseRows:
         """(8 pieces of the outline, variables): by the control points of the centre line, times how these move."""
-        centre = self._by_centre() @ self.line.jacobian
+        centre = self._by_centre().after(self.line.jacobian)
         if self.fixed:
-            return centre.tocsr()
+            return centre
         stroke = replace(self._stroke, width=self._stroke.width + STEP)
         wider = (self._outline(self.line.cubics, stroke) - self.cubics) / STEP
-        return sparse.hstack([centre, sparse.csr_matrix(wider.reshape(-1, 1))], format="csr")
+        count, rows = centre.count, np.arange(wider.size)
+        columns, values = np.append(centre.columns, np.full(len(rows), count)), np.append(centre.values, wider)
+        return SparseRows.of(np.append(centre.rows, rows), columns, values, (len(rows), count + 1))
 
     def _outline(self, cubics: np.ndarray, stroke: Stroke) -> np.ndarray:
         rings = rings_around(cubics, self.line.lines, stroke, self.plan)
         return _joined(np.stack([piece.points for ring in rings for piece in ring]), self._ends)
 
-    def _by_centre(self) -> sparse.csr_matrix:
+    def _by_centre(self) -> SparseRows:
         """(8 pieces of the outline, 8 S): how each of its points moves with those of the one or two pieces of the
         centre line that it depends on.
 
@@ -128,7 +130,7 @@ class StrokeFreedom:
                 columns = 8 * mine[piece, point] + k
                 found.append((8 * piece + 2 * point + axis, columns, change[piece, point, axis]))
         rows, columns, values = (np.concatenate(part) for part in zip(*found, strict=True))
-        return sparse.csr_matrix((values, (rows, columns)), shape=(8 * len(self.cubics), 8 * count))
+        return SparseRows.of(rows, columns, values, (8 * len(self.cubics), 8 * count))
 
     def moved(self, step: np.ndarray) -> StrokeFreedom:
         """The stroke after a step of its variables."""

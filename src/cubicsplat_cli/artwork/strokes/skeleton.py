@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings
+from cubicsplat_cli.raster import ndimage
 
 FINEST = 8  # pixels of the skeleton per px
 PIXELS_ACROSS = 8.0  # a stroke is drawn with so many at least
@@ -56,8 +56,7 @@ def skeleton_of(rings: tuple[Ring, ...], width: float) -> Graph:
     from skimage.morphology import skeletonize  # takes a while to import, and few drawings have strokes
 
     scale = int(np.clip(np.ceil(PIXELS_ACROSS / max(width, 1e-6)), 1, FINEST))
-    cubics = np.concatenate([ring.cubics for ring in rings])
-    lines = np.concatenate([ring.lines for ring in rings])
+    cubics, lines = pieces_of_rings(rings)
     low = np.floor(cubics.min(axis=(0, 1))) - 2.0
     size = np.ceil(cubics.max(axis=(0, 1))) + 3.0 - low
     columns, rows = (size * scale).astype(int)

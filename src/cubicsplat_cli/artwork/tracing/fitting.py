@@ -12,7 +12,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, polygon
 from cubicsplat_cli.artwork.tracing.corners import Corners, find_corners
-from cubicsplat_cli.artwork.tracing.joining import as_ring, joined, loosened, tightened, with_level_lines
+from cubicsplat_cli.artwork.tracing.joining import as_ring, feet_of, joined, loosened, tightened, with_level_lines
 from cubicsplat_cli.artwork.tracing.layout import independent, lay_out
 from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
 from cubicsplat_cli.artwork.tracing.refine import Feet, refine
@@ -94,8 +94,8 @@ def few_lines(points: np.ndarray, tolerance: float = TOLERANCE) -> Ring:
 def _fit_between(points: np.ndarray, weights: np.ndarray, corners: Corners, price: float) -> tuple[Ring, float]:
     layout = lay_out(points, independent(points, weights), corners, price)
     points, weights = points[layout.order], layout.weights[layout.order]
-    pieces, feet = joined(layout.divisions, cornered=len(layout.corners.indices) > 0)
-    best = refine(loosened(pieces), points, weights, feet)
+    pieces = joined(layout.division)
+    best = refine(loosened(pieces), points, weights, feet_of(layout.division))
     for widest in SMOOTHEST:
         trial = tightened(best[0], ~(pieces.lines & np.roll(pieces.lines, 1)), widest)
         best, done = _if_cheaper(best, trial, points, weights, price)

@@ -9,8 +9,8 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.tracing.refine import Feet
-from cubicsplat_cli.artwork.tracing.sections import Division
 from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.raster.cubics import Division
 
 LEVEL_ERRORS = 2.0  # standard errors a line may be off an axis to count as along it
 LEAST_OFF = 0.03  # px, of one end against the other, that always count so
@@ -18,32 +18,21 @@ UNKNOWN_OFF = 0.3  # px, of a line that no points tell about
 STEEPEST = 0.2  # off the axis, per px along it, at most
 
 
-def joined(divisions: list[Division], cornered: bool) -> tuple[Pieces, Feet]:
-    """Divisions one after the other as a closed outline, and where their points belong.
-
-    cornered: whether each division starts at a corner.
-    """
-    anchors = np.concatenate([d.anchors[:-1] for d in divisions])
-    lines = np.concatenate([d.lines for d in divisions])
-    level = np.concatenate([d.level[:-1] for d in divisions])
-    cubics = np.concatenate([d.cubics for d in divisions])
-    outgoing = cubics[:, 1] - cubics[:, 0]
-    incoming = np.roll(cubics[:, 2] - cubics[:, 3], 1, axis=0)
-    smooth = ~(lines & np.roll(lines, 1))
-    if cornered:
-        smooth[np.cumsum([0] + [len(d.lines) for d in divisions[:-1]])] = False
-    tied = np.arange(2 * len(anchors)).reshape(-1, 2)
-    return Pieces(anchors, incoming, outgoing, lines, smooth, level & smooth, tied), _feet(divisions)
+def joined(division: Division) -> Pieces:
+    """The pieces of a division of a loop as a closed outline."""
+    lines = division.lines
+    smooth = ~(lines & np.roll(lines, 1)) & ~division.from_corner
+    outgoing, incoming = division.handles[:, 0], np.roll(division.handles[:, 1], 1, axis=0)
+    tied = np.arange(2 * len(lines)).reshape(-1, 2)
+    return Pieces(division.anchors, incoming, outgoing, lines, smooth, division.level & smooth, tied)
 
 
-def _feet(divisions: list[Division]) -> Feet:
-    count, piece, u = 0, [], []
-    for d in divisions:
-        sizes = np.diff(d.breaks)
-        piece.append(count + np.repeat(np.arange(len(sizes)), sizes))
-        u += [(np.arange(size) + 0.5) / size for size in sizes]
-        count += len(sizes)
-    return Feet(np.concatenate(piece), np.concatenate(u))
+def feet_of(division: Division) -> Feet:
+    """Where the points of a division belong, to begin with: evenly along its pieces."""
+    sizes = division.sizes
+    piece = np.repeat(np.arange(len(sizes)), sizes)
+    place = np.arange(len(piece)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return Feet(piece, (place + 0.5) / sizes[piece])
 
 
 def at_lines(pieces: Pieces) -> np.ndarray:

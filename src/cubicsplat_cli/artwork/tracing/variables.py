@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from cubicsplat_cli.raster.cubics import Joints, moved_outline, outline_jacobian
+from cubicsplat_cli.raster.sparse import SparseRows
 
 PAIR = np.array([0, 1])
 
@@ -122,11 +122,11 @@ class Variables:
         d = np.where(n.before_line[:, None], np.roll(line, -1, axis=0), d)
         return np.asarray(d / _norm(d))
 
-    def jacobian(self) -> sparse.csr_matrix:
+    def jacobian(self) -> SparseRows:
         """(8 S, variables): how the control points move with the variables."""
         p = self.pieces
-        found = outline_jacobian(p.joints, (p.anchors, p.incoming, p.outgoing))
-        return sparse.csr_matrix(found, shape=(8 * len(p.lines), self.total))
+        values, columns, starts = outline_jacobian(p.joints, (p.anchors, p.incoming, p.outgoing))
+        return SparseRows(starts, columns, values, self.total)
 
     def moved(self, step: np.ndarray) -> Pieces:
         """The pieces after a step of the variables (one 0 appended, for the fixed ones at index -1)."""

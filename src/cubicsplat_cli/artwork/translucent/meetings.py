@@ -9,11 +9,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.layers.ends import Heading, heading
 from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
+from cubicsplat_cli.raster import ndimage
 
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
 STEPS = 96

@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.translucent.paint import LEAST_SEEN, ROUNDED, Paint
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.graphs import linked_groups
 
 MOST_BESIDE = 5  # sheets beside a region that several of them may make
 
@@ -34,8 +33,7 @@ def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tupl
     labels = regions.labels
     joined = [(a, b) for a, b in _touching(labels) if ink[a] == ink[b] and (a in grounds or b in grounds)]
     rows, columns = (np.array([pair[i] for pair in joined], dtype=int) for i in (0, 1))
-    graph = coo_array((np.ones(len(joined)), (rows, columns)), shape=(regions.count, regions.count))
-    count, name = connected_components(graph, directed=False)
+    count, name = linked_groups(regions.count, rows, columns)
     inks, ink_of, stays = np.zeros((count, 4)), np.zeros(count, dtype=ink.dtype), np.zeros(count, dtype=bool)
     under = np.arange(regions.count)
     under[list(grounds)] = list(grounds.values())

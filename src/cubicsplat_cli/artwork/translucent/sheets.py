@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import ndimage
 
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
 from cubicsplat_cli.artwork.translucent.merging import Sheet, merged, with_covered
 from cubicsplat_cli.artwork.translucent.paint import Paint, likeliest, paint_of
+from cubicsplat_cli.raster import ndimage
 
 MOST_SHEETS = 64
 

@@ -5,18 +5,18 @@
 #include "abi.h"
 #include "stack_trace.h"
 
-namespace cs {
+namespace cs::stack {
 namespace {
 
 void trace(int64_t pieces, const double* cubics, const uint8_t* lines, Window& window) {
-  CsCrossings none{};
-  Crossings crossings(&none, 0, 0);
+  Trace none;
+  Crossings crossings(none, 0, 0);
   Tracer tracer(window, crossings, 0);
-  for (int64_t n = 0; n < pieces; n++) tracer.piece(int(n), cubics + 8 * n, lines[n] != 0, 1.0);
+  for (int64_t n = 0; n < pieces; n++) tracer.piece(cubics + 8 * n, lines[n] != 0, 1.0);
 }
 
 }  // namespace
-}  // namespace cs
+}  // namespace cs::stack
 
 extern "C" {
 
@@ -25,8 +25,8 @@ extern "C" {
 CS_EXPORT int32_t cs_coverage(int64_t pieces, const double* cubics, const uint8_t* lines, int32_t left, int32_t top,
                               int32_t width, int32_t height, double* out) {
   try {
-    cs::Window window{left, top, width, height, {}};
-    cs::trace(pieces, cubics, lines, window);
+    cs::stack::Window window{left, top, width, height, {}};
+    cs::stack::trace(pieces, cubics, lines, window);
     window.finish(out);
   } catch (const std::exception&) {
     return 1;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "abi.h"
+#include "local_fits.h"
 
 namespace cs {
 namespace {
@@ -25,114 +26,10 @@ struct Mask {
   }
 };
 
-// A polynomial in arc length through a run of points, by weighted least squares.
-struct Polynomial {
-  int terms;           // its degree plus 1, at most 3
-  double of[3][2];     // coefficients, x and y
-  double variance[3];  // of the coefficients
-
-  Polynomial(int degree) : terms(degree + 1), of{}, variance{} {}
-
-  void value(double at, double* x, double* y) const {
-    *x = *y = 0.0;
-    double power = 1.0;
-    for (int k = 0; k < terms; k++, power *= at) *x += of[k][0] * power, *y += of[k][1] * power;
-  }
-};
-
-// One point of a run: where along it, its weight, and its place relative to the origin of the fit.
-struct Sample {
-  double at, weight, x, y;
-};
-
-constexpr double kRidge = 1e-9;  // of the trace of the normal equations, so that they always have a solution
-constexpr double kSlow = 1e-12;
-
-// Fits a polynomial; returns the sum of the squared distances across it, weighted.
-double fit(const std::vector<Sample>& run, Polynomial& out) {
-  const int n = out.terms;
-  double gram[3][3] = {}, right[3][2] = {};
-  for (const Sample& p : run) {
-    const double powers[3] = {1.0, p.at, p.at * p.at};
-    for (int i = 0; i < n; i++) {
-      const double weighted = powers[i] * p.weight;
-      for (int j = 0; j <= i; j++) gram[i][j] += weighted * powers[j];
-      right[i][0] += weighted * p.x, right[i][1] += weighted * p.y;
-    }
-  }
-  double ridge = 0.0;
-  for (int i = 0; i < n; i++) ridge += kRidge * gram[i][i];
-  for (int i = 0; i < n; i++) gram[i][i] += ridge;
-  // Cholesky's decomposition, the inverse of its factor, and with that the inverse.
-  double factor[3][3] = {};
-  for (int i = 0; i < n; i++) {
-    for (int j = 0; j < i; j++) {
-      for (int k = 0; k < j; k++) gram[i][j] -= gram[i][k] * gram[j][k];
-      gram[i][j] /= gram[j][j];
-      gram[i][i] -= gram[i][j] * gram[i][j];
-    }
-    gram[i][i] = std::sqrt(gram[i][i]);
-    factor[i][i] = 1.0 / gram[i][i];
-    for (int j = 0; j < i; j++) {
-      for (int k = j; k < i; k++) factor[i][j] -= gram[i][k] * factor[k][j];
-      factor[i][j] /= gram[i][i];
-    }
-  }
-  for (int i = 0; i < n; i++)
-    for (int j = 0; j < n; j++) {
-      double inverse = 0.0;
-      for (int k = std::max(i, j); k < n; k++) inverse += factor[k][i] * factor[k][j];
-      if (i == j) out.variance[i] = inverse;
-      for (int c = 0; c < 2; c++) out.of[i][c] += inverse * right[j][c];
-    }
-  const double speed = std::max(std::hypot(out.of[1][0], out.of[1][1]), kSlow);
-  const double ux = out.of[1][0] / speed, uy = out.of[1][1] / speed;
-  double misfit = 0.0;
-  for (const Sample& p : run) {
-    double x, y;
-    out.value(p.at, &x, &y);
-    const double across = (p.x - x) * uy - (p.y - y) * ux;
-    misfit += p.weight * across * across;
-  }
-  return misfit;
-}
-
 }  // namespace
 }  // namespace cs
 
 extern "C" {
-
-// Of every place along a chain the run after it, `gap` or more away, by the longest of the kinds of runs that is
-// believed: see `flanks` in raster/outlines.py.
-CS_EXPORT void cs_flanks(int64_t count, const double* points, const double* weights, const double* along,
-                         int64_t places, const double* place, const double* farthest, double gap, int64_t kinds,
-                         const int64_t* lengths, const int64_t* degrees, const double* most, double* at,
-                         double* tangent, double* error, int64_t* first) {
-  using namespace cs;
-  std::vector<Sample> run;
-  for (int64_t i = 0; i < places; i++) {
-    const int64_t start = std::lower_bound(along, along + count, place[i] + gap) - along;
-    const int64_t near = std::min(start, count - 1);
-    const double* origin = points + 2 * near;
-    double best[2] = {origin[0], origin[1]}, way[2] = {1.0, 0.0};
-    error[i] = INFINITY;
-    first[i] = near;
-    if (start < count && along[near] - place[i] <= farthest[i])
-      for (int64_t kind = 0; kind < kinds; kind++) {
-        const int64_t last = start + lengths[kind];
-        if (last >= count || along[last] - along[near] > 2.0 * double(lengths[kind])) break;
-        run.clear();
-        for (int64_t n = start; n <= last; n++)
-          run.push_back({along[n] - place[i], weights[n], points[2 * n] - origin[0], points[2 * n + 1] - origin[1]});
-        Polynomial curve(int(degrees[kind]));
-        if (!(fit(run, curve) / double(lengths[kind] - degrees[kind]) <= most[kind])) break;
-        error[i] = std::sqrt(curve.variance[1]);
-        for (int c = 0; c < 2; c++) best[c] = origin[c] + curve.of[0][c], way[c] = curve.of[1][c];
-      }
-    const double speed = std::max(std::hypot(way[0], way[1]), kSlow);
-    for (int c = 0; c < 2; c++) at[2 * i + c] = best[c], tangent[2 * i + c] = way[c] / speed;
-  }
-}
 
 // Parabolas along a chain, about every point, over the longest of the half-windows that is believed: see `parabolas` in
 // raster/outlines.py.
@@ -140,30 +37,8 @@ CS_EXPORT void cs_parabolas(int64_t count, const double* points, const double* w
                             int64_t kinds, const int64_t* halves, const double* most, double* terms, double* errors,
                             int64_t* windows) {
   using namespace cs;
-  constexpr double unknown = 1e-6, counts = 1e-4;  // what hidden points weigh, and what known ones weigh at least
-  std::vector<Sample> run;
-  for (int64_t i = 0; i < count; i++) {
-    const double* origin = points + 2 * i;
-    for (int64_t kind = 0; kind < kinds; kind++) {
-      const int64_t half = halves[kind];
-      run.clear();
-      int64_t known = 0;
-      for (int64_t n = std::max<int64_t>(0, i - half); n <= std::min(count - 1, i + half); n++) {
-        const double weight = weights[n] + unknown;
-        known += weight > counts;
-        run.push_back(
-            {(along[n] - along[i]) / double(half), weight, points[2 * n] - origin[0], points[2 * n + 1] - origin[1]});
-      }
-      Polynomial curve(2);
-      const double misfit = fit(run, curve) / double(std::max<int64_t>(known - 3, 1));
-      if (kind > 0 && !(misfit <= most[kind])) break;
-      windows[i] = half;
-      errors[2 * i] = std::sqrt(curve.variance[0]), errors[2 * i + 1] = std::sqrt(curve.variance[1]) / double(half);
-      double scale = 1.0;
-      for (int k = 0; k < 3; k++, scale *= double(half))
-        for (int c = 0; c < 2; c++) terms[6 * i + 2 * k + c] = curve.of[k][c] / scale + (k == 0 ? origin[c] : 0.0);
-    }
-  }
+  for (int64_t i = 0; i < count; i++)
+    windows[i] = parabola(count, points, weights, along, i, {kinds, halves, most}, terms + 6 * i, errors + 2 * i);
 }
 
 // The loops around a mask (height x width bytes). cracks: room x 3, x, y and direction of each; ends: room, where each

@@ -1,7 +1,7 @@
-// The normal equations of the fit of a stack of shapes to a picture, through a blur where there is one.
+// Damped Gauss-Newton steps of the fit of a stack of shapes to a picture, through a blur where there is one.
 //
 // A crossing changes its own pixel, and a blur spreads that. So two crossings share as much as the blurs of their pixels
-// overlap: the blur's autocorrelation at the distance between them.
+// overlap: the blur's autocorrelation at the distance between them. At a leak, opacity counts for more.
 
 #include <algorithm>
 #include <cmath>
@@ -10,135 +10,293 @@
 #include <utility>
 #include <vector>
 
-#include "stack.h"
-#include "stack_misfit.h"
+#include "sparse_cholesky.h"
+#include "stack_picture.h"
 
-namespace cs {
+namespace cs::stack {
 namespace {
+
+using Block = std::array<double, 64>;
 
 // Gram matrices of pairs of pieces, found by their numbers.
 class PiecePairs {
  public:
-  explicit PiecePairs(CsEquations* out) : out_(out), known_(out->pieces) { out_->count = 0; }
+  explicit PiecePairs(int64_t pieces) : known_(pieces) {}
 
   double* block(int i, int j) {
     for (const auto& [other, index] : known_[i])
-      if (other == j) return index < out_->room ? out_->blocks + 64 * index : nullptr;
-    const int64_t index = out_->count++;
-    known_[i].push_back({j, index});
-    if (index >= out_->room) return nullptr;
-    out_->first[index] = i, out_->second[index] = j;
-    std::fill(out_->blocks + 64 * index, out_->blocks + 64 * (index + 1), 0.0);
-    return out_->blocks + 64 * index;
+      if (other == j) return blocks[index].data();
+    known_[i].push_back({j, int64_t(blocks.size())});
+    pieces.push_back({i, j});
+    blocks.emplace_back();
+    return blocks.back().data();
   }
 
+  std::vector<std::pair<int, int>> pieces;
+  std::vector<Block> blocks;
+
  private:
-  CsEquations* out_;
   std::vector<std::vector<std::pair<int, int64_t>>> known_;
 };
 
-// The crossings in the order of their pixels, row by row, and where those of each pixel begin.
-struct ByPixel {
-  std::vector<int64_t> order;
-  std::vector<int32_t> starts;
-
-  ByPixel(const CsCrossings& c, int64_t pixels) : order(c.count), starts(pixels + 1, 0) {
-    for (int64_t n = 0; n < c.count; n++) starts[c.pixel[n] + 1]++;
-    for (int64_t p = 0; p < pixels; p++) starts[p + 1] += starts[p];
-    std::vector<int32_t> next(starts.begin(), starts.end() - 1);
-    for (int64_t n = 0; n < c.count; n++) order[next[c.pixel[n]]++] = n;
-  }
+// A crossing of a piece that moves. slope: of the picture, weighted; pull: of half of the cost with the coverage.
+struct Crossing {
+  int32_t piece, x, y;
+  double slope[4], trust, leak, pull;
+  const double* change;
 };
 
-// What the misfit pulls at the pixel of each crossing, in the sharp picture (x 4), and by how much less pixels count that
-// are far off.
-struct Pulls {
-  std::vector<double> pull, trust;
+class Equations {
+ public:
+  Equations(const CsPicture& picture, const CsUnknowns& unknowns)
+      : picture_(picture), goal_(picture.goal), unknowns_(unknowns), gradient_(unknowns.variables, 0.0) {
+    collect();
+    if (goal_.reach > 0) pull_through_blur();
+    overlap();
+  }
 
-  Pulls(const CsFit& fit, const double* image, const CsCrossings& c, int width, int height)
-      : pull(4 * c.count), trust(c.count) {
-    if (fit.reach == 0) {
-      for (int64_t n = 0; n < c.count; n++) trust[n] = pulled(fit, image, c.pixel[n], &pull[4 * n]);
-      return;
-    }
-    const int64_t pixels = int64_t(width) * height;
-    std::vector<double> all(4 * pixels), trusted(pixels);
-    for (int64_t pixel = 0; pixel < pixels; pixel++) trusted[pixel] = pulled(fit, image, pixel, &all[4 * pixel]);
-    blur(fit, all.data(), width, height, true);
-    for (int64_t n = 0; n < c.count; n++) {
-      trust[n] = trusted[c.pixel[n]];
-      std::copy(&all[4 * int64_t(c.pixel[n])], &all[4 * int64_t(c.pixel[n])] + 4, &pull[4 * n]);
-    }
+  // Returns whether there is a step; writes it and its gradient.
+  bool solve(double* step, double* gradient) {
+    PiecePairs pairs(int64_t(pieces_.size()));
+    multiply(pairs);
+    std::vector<sparse::Entry> entries;
+    project(pairs, entries);
+    std::vector<double> diagonal(unknowns_.variables, 0.0), x(unknowns_.variables, 0.0), y = x, shares = x;
+    for (const sparse::Entry& e : entries)
+      if (e.row == e.column) diagonal[e.row] += e.value;
+    for (int32_t v = 0; v < unknowns_.variables; v++)
+      entries.push_back({v, v, unknowns_.keep + unknowns_.damping[v] * diagonal[v]});
+    place(x, y, shares);
+    std::copy(gradient_.begin(), gradient_.end(), gradient);
+    for (double& value : gradient_) value = -value;
+    const bool solved = sparse::solve(entries, sparse::Dissection(x, y, entries).order, gradient_);
+    std::copy(gradient_.begin(), gradient_.end(), step);
+    return solved;
   }
 
  private:
-  static double pulled(const CsFit& fit, const double* image, int64_t pixel, double* pull) {
-    const double size = residual(fit, image, pixel, pull);
-    const double trust = size <= fit.bound ? 1.0 : fit.bound / size;
-    for (int k = 0; k < 4; k++) pull[k] *= trust * fit.channels[k];
-    return trust;
-  }
-};
+  struct Piece {
+    const double* cubic;
+    int64_t first_row;
+    int32_t start;  // the outline's first variable
+  };
 
-// By how much the blurs of two pixels overlap that are 0, 1, ... px apart along a row or column.
-std::vector<double> overlaps(const CsFit& fit) {
-  if (fit.reach == 0) return {1.0};
-  const auto tap = [&](int at) { return std::abs(at) <= fit.reach ? fit.taps[std::abs(at)] : 0.0; };
-  std::vector<double> found;
-  for (int apart = 0; apart <= 2 * fit.reach; apart++) {
-    double sum = 0.0;
-    for (int at = -fit.reach; at <= fit.reach; at++) sum += tap(at) * tap(at + apart);
-    found.push_back(sum);
-  }
-  return found;
-}
+  const CsPicture& picture_;
+  const CsGoal& goal_;
+  const CsUnknowns& unknowns_;
+  std::vector<Piece> pieces_;
+  std::vector<Crossing> crossings_;
+  std::vector<double> gradient_, overlap_;
+  std::vector<std::vector<double>> slopes_;
 
-void add_products(const CsCrossings& c, const CsFit& fit, double weight, int64_t m, int64_t n, PiecePairs& pairs) {
-  const double *a = c.change + 8 * m, *b = c.change + 8 * n;
-  double alike = 0.0;
-  for (int k = 0; k < 4; k++) alike += c.slope[4 * m + k] * c.slope[4 * n + k] * fit.channels[k] * fit.channels[k];
-  double* block = pairs.block(c.piece[m], c.piece[n]);
-  if (block == nullptr) return;
-  for (int p = 0; p < 8; p++)
-    for (int q = 0; q < 8; q++) block[8 * p + q] += weight * alike * a[p] * b[q];
-}
-
-void equations(const CsFit& fit, const double* image, const CsCrossings& c, CsEquations* out) {
-  PiecePairs pairs(out);
-  std::fill(out->gradient, out->gradient + 8 * int64_t(out->pieces), 0.0);
-  const int width = out->width, height = out->height;
-  const ByPixel sorted(c, int64_t(width) * height);
-  const Pulls pulls(fit, image, c, width, height);
-  const std::vector<double> overlap = overlaps(fit);
-  const int reach = int(overlap.size()) - 1;
-  for (const int64_t m : sorted.order) {
-    const int64_t pixel = c.pixel[m];
-    const int x = int(pixel % width), y = int(pixel / width);
-    double pull = 0.0;
-    for (int k = 0; k < 4; k++) pull += c.slope[4 * m + k] * pulls.pull[4 * m + k];
-    for (int p = 0; p < 8; p++) out->gradient[8 * int64_t(c.piece[m]) + p] += pull * c.change[8 * m + p];
-    for (int row = std::max(0, y - reach); row <= std::min(height - 1, y + reach); row++) {
-      const int64_t from = int64_t(row) * width + std::max(0, x - reach);
-      const int64_t to = int64_t(row) * width + std::min(width - 1, x + reach);
-      for (int64_t at = sorted.starts[from]; at < sorted.starts[to + 1]; at++) {
-        const int64_t n = sorted.order[at];
-        if (c.piece[n] < c.piece[m]) continue;
-        const double shared = overlap[std::abs(row - y)] * overlap[std::abs(int(c.pixel[n] % width) - x)];
-        const double trust = std::sqrt(pulls.trust[m] * pulls.trust[n]);
-        add_products(c, fit, shared * trust, m, n, pairs);
+  void collect() {
+    std::vector<uint8_t> wanted(picture_.layers.size(), 0);
+    const auto layer_of = [&](int32_t piece) {
+      return std::upper_bound(picture_.starts.begin(), picture_.starts.end(), piece) - picture_.starts.begin() - 1;
+    };
+    for (int32_t k = 0; k < unknowns_.outlines; k++) wanted[layer_of(unknowns_.first[k])] = 1;
+    slopes_ = slopes(picture_, wanted);
+    int64_t row = 0;
+    for (int32_t k = 0; k < unknowns_.outlines; k++) {
+      const auto layer = layer_of(unknowns_.first[k]);
+      const Trace& trace = *picture_.layers[layer];
+      const int32_t first = unknowns_.first[k] - picture_.starts[layer];
+      for (int32_t p = first; p < first + unknowns_.count[k]; p++, row += 8) {
+        for (int64_t n = trace.starts[p]; n < trace.starts[p + 1]; n++)
+          add(trace, n, &slopes_[layer][4 * n], int32_t(pieces_.size()));
+        pieces_.push_back({&trace.cubics[8 * int64_t(p)], row, unknowns_.start[k]});
       }
     }
   }
-}
+
+  void add(const Trace& trace, int64_t n, const double* slope, int32_t piece) {
+    const int64_t pixel = trace.pixel[n];
+    const double* colour = picture_.tiles[picture_.tile_of(pixel)]->seen->data() + 4 * picture_.place_of(pixel);
+    Crossing c{piece, int32_t(pixel % goal_.width), int32_t(pixel / goal_.width), {}, 0.0, 0.0,
+               0.0,   &trace.change[8 * n]};
+    double rest[4];
+    c.trust = trust(residual(goal_, colour, pixel, rest));
+    for (int k = 0; k < 4; k++) c.slope[k] = slope[k] * goal_.channels[k], c.pull += c.trust * rest[k] * c.slope[k];
+    if (const double shown = leak(goal_, colour, pixel); shown > 0.0) {
+      c.leak = std::sqrt(goal_.leak_weight) * slope[3];
+      c.pull -= goal_.leak_weight * shown * slope[3];
+    }
+    crossings_.push_back(c);
+  }
+
+  // By how much less a pixel counts that is far off.
+  double trust(double squares) const {
+    return squares <= goal_.bound * goal_.bound ? 1.0 : goal_.bound / std::sqrt(squares);
+  }
+
+  // What pulls at a pixel of the sharp picture is what the blur carries from there, which stays on the canvas: beyond its
+  // border the picture goes on as it ends.
+  void pull_through_blur() {
+    int left = goal_.width, top = goal_.height, right = -1, bottom = -1;
+    for (const Crossing& c : crossings_) {
+      left = std::min(left, c.x), right = std::max(right, c.x);
+      top = std::min(top, c.y), bottom = std::max(bottom, c.y);
+    }
+    if (right < 0) return;
+    left = std::max(left - goal_.reach, 0), right = std::min(right + goal_.reach, goal_.width - 1);
+    top = std::max(top - goal_.reach, 0), bottom = std::min(bottom + goal_.reach, goal_.height - 1);
+    const int width = right - left + 1, height = bottom - top + 1;
+    std::vector<double> pulls(size_t(4) * width * height);
+    for (int y = top; y <= bottom; y++)
+      for (int x = left; x <= right; x++) {
+        const int64_t pixel = int64_t(y) * goal_.width + x;
+        const Tile& tile = *picture_.tiles[picture_.tile_of(pixel)];
+        double* pull = &pulls[4 * (size_t(y - top) * width + x - left)];
+        const double part = trust(residual(goal_, tile.seen->data() + 4 * picture_.place_of(pixel), pixel, pull));
+        for (int k = 0; k < 4; k++) pull[k] *= part;
+      }
+    spread(pulls.data(), height, int64_t(width), width, 1, left, goal_.width);
+    spread(pulls.data(), width, 1, height, int64_t(width), top, goal_.height);
+    for (Crossing& c : crossings_) {
+      const double* pull = &pulls[4 * (size_t(c.y - top) * width + c.x - left)];
+      c.pull = 0.0;
+      for (int k = 0; k < 4; k++) c.pull += pull[k] * c.slope[k];
+    }
+  }
+
+  // Along `lines` rows or columns, `next` pixels apart, of `length` pixels, `step` apart, from pixel `start` of `whole` on.
+  void spread(double* values, int lines, int64_t next, int length, int64_t step, int start, int whole) const {
+    std::vector<double> line(size_t(4) * length);
+    for (int j = 0; j < lines; j++) {
+      double* first = values + 4 * next * j;
+      std::fill(line.begin(), line.end(), 0.0);
+      for (int i = 0; i < length; i++)
+        for (int d = -goal_.reach; d <= goal_.reach; d++) {
+          const int to = std::clamp(start + i + d, 0, whole - 1) - start;
+          if (to < 0 || to >= length) continue;
+          for (int k = 0; k < 4; k++) line[4 * to + k] += goal_.taps[std::abs(d)] * first[4 * step * i + k];
+        }
+      for (int i = 0; i < length; i++)
+        for (int k = 0; k < 4; k++) first[4 * step * i + k] = line[4 * i + k];
+    }
+  }
+
+  // By how much the blurs of two pixels overlap that are 0, 1, ... px apart along a row or column.
+  void overlap() {
+    const auto tap = [&](int at) { return std::abs(at) <= goal_.reach ? goal_.taps[std::abs(at)] : 0.0; };
+    for (int apart = 0; apart <= 2 * goal_.reach; apart++) {
+      double sum = 0.0;
+      for (int at = -goal_.reach; at <= goal_.reach; at++) sum += tap(at) * tap(at + apart);
+      overlap_.push_back(sum);
+    }
+  }
+
+  void multiply(PiecePairs& pairs) {
+    const int reach = int(overlap_.size()) - 1, width = goal_.width, height = goal_.height;
+    int top = height, bottom = -1;
+    for (const Crossing& c : crossings_) top = std::min(top, c.y), bottom = std::max(bottom, c.y);
+    if (bottom < 0) return;
+    // In the order of their pixels, row by row, and where those of each pixel begin.
+    std::vector<int32_t> starts(size_t(bottom - top + 1) * width + 1, 0), order(crossings_.size());
+    const auto pixel_of = [&](const Crossing& c) { return size_t(c.y - top) * width + c.x; };
+    for (const Crossing& c : crossings_) starts[pixel_of(c) + 1]++;
+    for (size_t p = 1; p < starts.size(); p++) starts[p] += starts[p - 1];
+    std::vector<int32_t> next(starts.begin(), starts.end() - 1);
+    for (size_t n = 0; n < crossings_.size(); n++) order[next[pixel_of(crossings_[n])]++] = int32_t(n);
+    for (const int32_t m : order) {
+      const Crossing& a = crossings_[m];
+      pull(a);
+      for (int row = std::max(top, a.y - reach); row <= std::min(bottom, a.y + reach); row++) {
+        const size_t line = size_t(row - top) * width;
+        const int32_t last = starts[line + std::min(width - 1, a.x + reach) + 1];
+        for (int32_t n = starts[line + std::max(0, a.x - reach)]; n < last; n++) {
+          const Crossing& b = crossings_[order[n]];
+          if (b.piece < a.piece) continue;
+          double alike = a.leak * b.leak;
+          const double shared = overlap_[std::abs(row - a.y)] * overlap_[std::abs(b.x - a.x)];
+          const double weight = shared * std::sqrt(a.trust * b.trust);
+          for (int k = 0; k < 4; k++) alike += weight * a.slope[k] * b.slope[k];
+          double* block = pairs.block(a.piece, b.piece);
+          for (int p = 0; p < 8; p++)
+            for (int q = 0; q < 8; q++) block[8 * p + q] += alike * a.change[p] * b.change[q];
+        }
+      }
+    }
+  }
+
+  void pull(const Crossing& c) {
+    const Piece& piece = pieces_[c.piece];
+    for (int r = 0; r < 8; r++)
+      for (int64_t n = unknowns_.rows[piece.first_row + r]; n < unknowns_.rows[piece.first_row + r + 1]; n++)
+        gradient_[piece.start + unknowns_.column[n]] += c.pull * c.change[r] * unknowns_.value[n];
+  }
+
+  // The variables that move a piece, and how they move its control points (x 8).
+  void columns(const Piece& piece, std::vector<int32_t>& variables, std::vector<double>& values) const {
+    variables.clear(), values.clear();
+    for (int r = 0; r < 8; r++)
+      for (int64_t n = unknowns_.rows[piece.first_row + r]; n < unknowns_.rows[piece.first_row + r + 1]; n++) {
+        const int32_t variable = piece.start + unknowns_.column[n];
+        const size_t k = std::find(variables.begin(), variables.end(), variable) - variables.begin();
+        if (k == variables.size()) variables.push_back(variable), values.resize(values.size() + 8, 0.0);
+        values[8 * k + r] += unknowns_.value[n];
+      }
+  }
+
+  // The Gram matrix of the variables, each entry in one of the triangles.
+  void project(const PiecePairs& pairs, std::vector<sparse::Entry>& out) const {
+    std::vector<std::vector<int32_t>> variables(pieces_.size());
+    std::vector<std::vector<double>> values(pieces_.size());
+    for (size_t n = 0; n < pieces_.size(); n++) columns(pieces_[n], variables[n], values[n]);
+    for (size_t n = 0; n < pairs.blocks.size(); n++) {
+      const auto [i, j] = pairs.pieces[n];
+      for (size_t b = 0; b < variables[j].size(); b++) {
+        double half[8] = {};
+        for (int p = 0; p < 8; p++)
+          for (int q = 0; q < 8; q++) half[p] += pairs.blocks[n][8 * p + q] * values[j][8 * b + q];
+        for (size_t a = 0; a < variables[i].size(); a++) {
+          const int32_t row = variables[i][a], column = variables[j][b];
+          if (i == j && row > column) continue;
+          double value = 0.0;
+          for (int p = 0; p < 8; p++) value += values[i][8 * a + p] * half[p];
+          // Pairs of two pieces count both ways round.
+          out.push_back({row, column, i != j && row == column ? 2.0 * value : value});
+        }
+      }
+    }
+  }
+
+  // Where the variables are: in the middle of what they move.
+  void place(std::vector<double>& x, std::vector<double>& y, std::vector<double>& shares) const {
+    std::vector<int32_t> variables;
+    std::vector<double> values;
+    for (const Piece& piece : pieces_) {
+      columns(piece, variables, values);
+      for (size_t k = 0; k < variables.size(); k++) {
+        const int32_t v = variables[k];
+        for (int p = 0; p < 4; p++) x[v] += piece.cubic[2 * p], y[v] += piece.cubic[2 * p + 1];
+        shares[v] += 4.0;
+      }
+    }
+    for (size_t v = 0; v < x.size(); v++) x[v] /= std::max(shares[v], 1.0), y[v] /= std::max(shares[v], 1.0);
+  }
+};
 
 }  // namespace
-}  // namespace cs
+}  // namespace cs::stack
 
 extern "C" {
 
-int32_t cs_stack_equations(const CsFit* fit, const double* image, const CsCrossings* crossings, CsEquations* out) {
+int32_t cs_stack_step(const CsPicture* picture, const CsUnknowns* unknowns, double* step, double* gradient,
+                      double* moves) {
   try {
-    cs::equations(*fit, image, *crossings, out);
+    if (!cs::stack::Equations(*picture, *unknowns).solve(step, gradient))
+      std::fill(step, step + unknowns->variables, 0.0);
+    int64_t row = 0;
+    for (int32_t k = 0; k < unknowns->outlines; k++) {
+      moves[k] = 0.0;
+      for (const int64_t end = row + 8 * int64_t(unknowns->count[k]); row < end; row++) {
+        double sum = 0.0;
+        for (int64_t n = unknowns->rows[row]; n < unknowns->rows[row + 1]; n++)
+          sum += unknowns->value[n] * step[unknowns->start[k] + unknowns->column[n]];
+        moves[k] = std::max(moves[k], std::fabs(sum));
+      }
+    }
   } catch (const std::exception&) {
     return 1;
   }

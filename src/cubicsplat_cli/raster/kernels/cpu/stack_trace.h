@@ -10,9 +10,32 @@
 #include <utility>
 #include <vector>
 
-#include "stack.h"
+#include "abi.h"
 
-namespace cs {
+namespace cs::stack {
+
+// Neighbours of a row that a layer covers alike.
+struct Span {
+  int first, last;  // columns, the last one not included
+  float covered;    // more than nothing
+};
+
+// What a layer's outlines cover, and how that changes with their control points. Pictures in which it lies the same share it.
+struct Trace {
+  std::vector<double> cubics, signs;  // of the pieces
+  std::vector<uint8_t> lines;
+  int left = 0, top = 0, right = 0, bottom = 0;  // px that it may cover, the last ones not included
+  std::vector<Span> spans;                       // row by row from left to right
+  std::vector<int64_t> rows;                     // bottom - top + 1: where the spans of each row begin
+  std::vector<int64_t> starts{0};                // pieces + 1: where the crossings of each piece begin
+  std::vector<int32_t> pixel;                    // of the crossings
+  std::vector<double> t, change;                 // x 8
+  std::vector<int32_t> tiles;                    // that have crossings, in order
+  std::vector<int64_t> tile_starts, by_tile;     // the numbers of those of each tile
+
+  int64_t pieces() const { return int64_t(lines.size()); }
+};
+
 namespace {
 
 constexpr double kFlatness = 0.001;  // px between a cubic and its polyline
@@ -43,12 +66,6 @@ struct Cubic {
   }
 };
 
-// Neighbours of a row that a layer covers alike.
-struct Span {
-  int row, first, last;  // columns, the last one not included
-  float covered;         // more than nothing
-};
-
 // Pixels from (left, top) on, and what outlines add to the sums along their rows that become coverages.
 struct Window {
   int left, top, width, height;
@@ -70,7 +87,8 @@ struct Window {
 
   // Adds the coverages to `out`, row by row from left to right. Sums are taken in the order of the pieces, so that they
   // are the same to the last bit as those over every pixel of the window.
-  void finish(std::vector<Span>& out) const {
+  void finish(std::vector<Span>& out, std::vector<int64_t>& rows) const {
+    rows.assign(1, 0);
     std::vector<int64_t> ends(height + 1, 0);
     for (const auto& [row, step] : steps) ends[row + 1]++;
     for (int j = 0; j < height; j++) ends[j + 1] += ends[j];
@@ -89,8 +107,9 @@ struct Window {
         sum += change;
         const int last = std::min(at < end ? at->column : width, width);
         const float covered = float(std::clamp(sum, 0.0, 1.0));
-        if (covered > kNothing && first < last) out.push_back({top + j, left + first, left + last, covered});
+        if (covered > kNothing && first < last) out.push_back({left + first, left + last, covered});
       }
+      rows.push_back(int64_t(out.size()));
     }
   }
 
@@ -108,12 +127,10 @@ struct Window {
   }
 };
 
-// Collects what the pieces do to the pixels that they cross.
+// Collects what the pieces do to the pixels that they cross; on a canvas without pixels nothing.
 class Crossings {
  public:
-  Crossings(CsCrossings* out, int width, int height) : out_(out), width_(width), height_(height) { out_->count = 0; }
-
-  void begin(int piece) { piece_ = piece, pixel_ = -1; }
+  Crossings(Trace& out, int width, int height) : out_(out), width_(width), height_(height) {}
 
   // An edge (dx, dy) in pixel (column, row), at parameter t in its middle.
   void add(int column, int row, double t, double dx, double dy) {
@@ -130,21 +147,23 @@ class Crossings {
     for (int k = 0; k < 4; k++) change_[2 * k] += b[k] * dy, change_[2 * k + 1] -= b[k] * dx;
   }
 
-  void end() {
-    if (pixel_ >= 0) {
-      const int64_t n = out_->count++;
-      if (n < out_->room) {
-        out_->piece[n] = piece_, out_->pixel[n] = pixel_, out_->t[n] = moment_ / weight_;
-        std::copy(change_, change_ + 8, out_->change + 8 * n);
-      }
-    }
-    pixel_ = -1;
+  void end_piece() {
+    end();
+    out_.starts.push_back(int64_t(out_.pixel.size()));
   }
 
  private:
-  CsCrossings* out_;
-  int width_, height_, piece_ = 0, pixel_ = -1;
+  Trace& out_;
+  int width_, height_, pixel_ = -1;
   double weight_ = 0.0, moment_ = 0.0, change_[8] = {};
+
+  void end() {
+    if (pixel_ >= 0) {
+      out_.pixel.push_back(pixel_), out_.t.push_back(moment_ / weight_);
+      out_.change.insert(out_.change.end(), change_, change_ + 8);
+    }
+    pixel_ = -1;
+  }
 };
 
 // Where a value that runs from a to b next passes a whole number, as a share of the way, and the share between two.
@@ -164,10 +183,9 @@ class Tracer {
  public:
   Tracer(Window& window, Crossings& crossings, int grid) : window_(window), crossings_(crossings), grid_(grid) {}
 
-  void piece(int number, const double* points, bool line, double sign) {
+  void piece(const double* points, bool line, double sign) {
     const Cubic cubic{points};
     const int count = line ? 1 : cubic.edges();
-    crossings_.begin(number);
     Point from = cubic.at(0);
     for (int i = 0; i < count; i++) {
       const Point to = i + 1 == count ? cubic.at(3) : cubic.at(double(i + 1) / count);
@@ -175,7 +193,7 @@ class Tracer {
       if (grid_ > 0) samples(from, to, sign);
       from = to;
     }
-    crossings_.end();
+    crossings_.end_piece();
   }
 
  private:
@@ -215,4 +233,4 @@ class Tracer {
 };
 
 }  // namespace
-}  // namespace cs
+}  // namespace cs::stack

@@ -1,0 +1,38 @@
+"""Groups of things that are linked, natively: scipy.sparse.csgraph takes a third of a second to import."""
+
+from __future__ import annotations
+
+from ctypes import c_int64, c_void_p
+
+import numpy as np
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cpu import library
+
+
+def linked_groups(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
+    """How many groups links make of `count` things, and the number (count,) int32 of each thing's group: in the order
+    of their first things.
+
+    first, second: (k,) the things that links join, from 0 on. Raises ValueError for others, and EngineError where the
+    library or the memory is missing.
+    """
+    return _groups("cs_linked", count, first, second)
+
+
+def strong_groups(count: int, start: np.ndarray, end: np.ndarray) -> tuple[int, np.ndarray]:
+    """The same for links that lead one way: the things of a group lead to each other. In any order."""
+    return _groups("cs_linked_both_ways", count, start, end)
+
+
+def _groups(name: str, count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
+    ends = [np.ascontiguousarray(each, dtype=np.int64) for each in (first, second)]
+    if len(ends[0]) != len(ends[1]) or any(len(each) and not 0 <= each.min() <= each.max() < count for each in ends):
+        raise ValueError(f"links lead from and to things 0 to {count - 1}")
+    found = np.empty(count, np.int32)
+    call = getattr(library(), name)
+    call.restype, call.argtypes = c_int64, [c_int64, c_int64, *[c_void_p] * 3]
+    groups = int(call(count, len(ends[0]), ends[0].ctypes.data, ends[1].ctypes.data, found.ctypes.data))
+    if groups < 0:
+        raise EngineError("there is no memory for the parts of the drawing; make the picture smaller")
+    return groups, found

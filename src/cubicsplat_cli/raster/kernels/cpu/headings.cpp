@@ -1,0 +1,109 @@
+// Where outlines are heading at their ends, and by how much they turn where they pass a meeting point. What this is for is
+// said in artwork/layers/ends.py and artwork/layers/junctions.py.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <exception>
+#include <vector>
+
+#include "abi.h"
+#include "local_fits.h"
+
+namespace cs {
+namespace {
+
+// px along an outline from its end up to which points are left out, being biased there; points at least.
+constexpr double kNearest = 1.5;
+constexpr int64_t kFewest = 4;
+
+// Where an outline ends, the unit tangent onwards and its standard error in radians, how it bends there in 1/px, and the
+// mean squared residual of a smooth end in sigmas.
+struct Heading {
+  Point at, tangent;
+  double error, bend, misfit;
+};
+
+// Of an outline from its end on, `reach` px of which are looked at. False where too few points are known.
+bool heading(int64_t count, const double* points, const double* sigma, double reach, Heading& out) {
+  Moments sums;
+  double along = 0.0;
+  int64_t near = 0;
+  if (count < kFewest) return false;
+  for (int64_t i = 0; i < count; i++) {
+    const double* p = points + 2 * i;
+    if (i > 0) along += std::hypot(p[0] - p[-2], p[1] - p[-1]);
+    if (along > reach) break;
+    if (along < kNearest) continue;
+    sums.add(along / reach, 1.0 / (sigma[i] * sigma[i]), p[0] - points[0], p[1] - points[1]), near++;
+  }
+  if (near < kFewest) return false;
+  Polynomial curve(2);
+  const double misfit = curve.fit(sums), speed = std::max(std::hypot(curve.of[1][0], curve.of[1][1]), 1e-9);
+  out.at = {points[0] + curve.of[0][0], points[1] + curve.of[0][1]};
+  out.tangent = {-curve.of[1][0] / speed, -curve.of[1][1] / speed};
+  out.error = std::sqrt(curve.variance[1]) / speed;
+  out.bend = 2.0 * std::fabs(curve.of[2][1] * out.tangent.x - curve.of[2][0] * out.tangent.y) / (speed * speed);
+  out.misfit = misfit / double(std::max<int64_t>(near - 3, 1));
+  return true;
+}
+
+}  // namespace
+}  // namespace cs
+
+extern "C" {
+
+// out: place (2), unit tangent (2), its standard error, bend and misfit of the end of an outline of points (x 2) from there
+// on: see `Heading`. Returns whether it is known.
+CS_EXPORT int32_t cs_heading(int64_t count, const double* points, const double* sigma, double reach, double* out) {
+  cs::Heading found;
+  if (!cs::heading(count, points, sigma, reach, found)) return 0;
+  const double values[7] = {found.at.x,  found.at.y, found.tangent.x, found.tangent.y,
+                            found.error, found.bend, found.misfit};
+  std::copy(values, values + 7, out);
+  return 1;
+}
+
+// By how much a loop turns behind some of its cracks, where what lies beside it changes: turn and standard error in
+// radians, NaN where unknown. beside: cracks; index: points, ascending, the crack of each; points (x 2), sigma: of these.
+// behind: places; reach: px from which headings are taken, the first whose misfit is at most `most`; least: standard error
+// beyond that of the points. 1 where there is no memory, else 0.
+CS_EXPORT int32_t cs_turns(int64_t cracks, const int64_t* beside, int64_t points, const int64_t* index,
+                           const double* at, const double* sigma, int64_t places, const int64_t* behind,
+                           int64_t reaches, const double* reach, double most, double least, double* turn,
+                           double* error) {
+  using namespace cs;
+  try {
+    std::vector<int64_t> own(cracks, -1);
+    for (int64_t i = 0; i < points; i++) own[index[i]] = i;
+    std::vector<double> arm, known;
+    for (int64_t n = 0; n < places; n++) {
+      Heading arms[2];
+      bool smooth = true;
+      for (int side = 0; side < 2 && smooth; side++) {
+        const int64_t first = (behind[n] + side) % cracks, step = side ? 1 : cracks - 1;
+        arm.clear(), known.clear();
+        int64_t crack = first;
+        for (int64_t k = 0; k < std::min<int64_t>(cracks, int64_t(2.0 * reach[0]) + 4); k++) {
+          if (beside[crack] != beside[first]) break;
+          if (const int64_t i = own[crack]; i >= 0)
+            arm.push_back(at[2 * i]), arm.push_back(at[2 * i + 1]), known.push_back(sigma[i]);
+          crack = (crack + step) % cracks;
+        }
+        smooth = false;
+        for (int64_t k = 0; k < reaches && !smooth; k++)
+          smooth = heading(int64_t(known.size()), arm.data(), known.data(), reach[k], arms[side]) &&
+                   arms[side].misfit <= most;
+      }
+      turn[n] = error[n] = NAN;
+      if (!smooth) continue;
+      // Both head into the meeting point: straight on is opposite.
+      const Point u = arms[0].tangent, v = arms[1].tangent;
+      turn[n] = 3.141592653589793 - std::acos(std::clamp(u.x * v.x + u.y * v.y, -1.0, 1.0));
+      error[n] = std::sqrt(arms[0].error * arms[0].error + arms[1].error * arms[1].error + least * least);
+    }
+  } catch (const std::exception&) {
+    return 1;
+  }
+  return 0;
+}
+}

@@ -1,0 +1,244 @@
+// What a picture tells of how it came to be: its colours, how wide its edges are, how its colours change. What is computed is
+// said in raster/observed.py.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <exception>
+#include <numeric>
+#include <vector>
+
+#include "abi.h"
+
+namespace cs {
+namespace {
+
+constexpr int kReach = 8;  // px to either side of an edge
+constexpr int kSteps = 2 * kReach + 1;
+constexpr double kLevel = 0.1;  // squared slope of an edge against the columns, up to which its width is measured
+constexpr double kSquare = 1.0 / 12.0;  // variance of a pixel's width
+
+struct Limits {
+  double even, contrast, off;
+};
+
+// A picture along its rows, or, turned, along its columns.
+struct Lines {
+  const float *levels, *luma;
+  int64_t height, width, down, along;
+  double light(int64_t y, int64_t x) const { return luma[y * down + x * along]; }
+  float step(int64_t y, int64_t x) const { return luma[y * down + (x + 1) * along] - luma[y * down + x * along]; }
+  const float* colour(int64_t y, int64_t x) const { return levels + 4 * (y * down + x * along); }
+  // Three neighbours along the line, in the middle.
+  double soft(int64_t y, int64_t x) const { return (light(y, x - 1) + light(y, x) + light(y, x + 1)) / 3.0; }
+  // The change of that from line to line.
+  double slope(int64_t y, int64_t x) const {
+    const int64_t before = std::max<int64_t>(y - 1, 0), after = std::min(y + 1, height - 1);
+    return after > before ? (soft(after, x) - soft(before, x)) / double(after - before) : 0.0;
+  }
+};
+
+bool is_peak(const Lines& lines, int64_t y, int64_t x, double least) {
+  const float own = std::fabs(lines.step(y, x));
+  if (!(own > least)) return false;
+  for (int k = -kReach; k <= kReach; k++)
+    if (std::fabs(lines.step(y, x + k)) > own) return false;
+  return true;
+}
+
+// The pixels around a step are blends of those at either end, as no line between two areas is.
+bool blended(const Lines& lines, int64_t y, int64_t x, const Limits& limits) {
+  double before[4], span[4], square = 0.0;
+  for (int c = 0; c < 4; c++) {
+    const auto at = [&](int k) { return double(lines.colour(y, x + k)[c]); };
+    before[c] = 0.5 * (at(-kReach) + at(1 - kReach));
+    span[c] = 0.5 * (at(kReach) + at(kReach + 1)) - before[c];
+    square += span[c] * span[c];
+  }
+  const double most = limits.off * std::sqrt(square) + limits.even;
+  for (int k = -kReach; k <= kReach + 1; k++) {
+    const float* colour = lines.colour(y, x + k);
+    double along = 0.0, rest = 0.0;
+    for (int c = 0; c < 4; c++) along += (colour[c] - before[c]) * span[c];
+    along /= std::max(square, 1e-6);
+    for (int c = 0; c < 4; c++) {
+      const double off = colour[c] - before[c] - along * span[c];
+      rest += off * off;
+    }
+    if (!(std::sqrt(rest) <= most)) return false;
+  }
+  return true;
+}
+
+// The variance of the blur of the edge whose steepest step is at x, px^2; NaN where there is no single, level edge.
+double variance(const Lines& lines, int64_t y, int64_t x, const Limits& limits) {
+  double steps[kSteps], total = 0.0, peak = 0.0;
+  for (int k = 0; k < kSteps; k++) {
+    steps[k] = lines.step(y, x + k - kReach);
+    total += steps[k], peak = std::max(peak, std::fabs(steps[k]));
+  }
+  if (!(std::fabs(total) > limits.contrast)) return NAN;
+  for (int k : {0, 1, kSteps - 2, kSteps - 1})
+    if (!(std::fabs(steps[k]) <= limits.even)) return NAN;
+  // Of one sign, and growing up to the middle, but for noise.
+  for (int k = 0; k < kSteps; k++)
+    if (!((total > 0.0 ? -steps[k] : steps[k]) <= limits.even)) return NAN;
+  double left = 0.0, right = 0.0;
+  for (int k = 0; k <= kReach; k++) {
+    left = std::max(left, std::fabs(steps[k])), right = std::max(right, std::fabs(steps[kSteps - 1 - k]));
+    if (!(left - std::fabs(steps[k]) <= limits.even)) return NAN;
+    if (!(right - std::fabs(steps[kSteps - 1 - k]) <= limits.even)) return NAN;
+  }
+  if (!blended(lines, y, x, limits)) return NAN;
+  const double slope = 0.5 * (lines.slope(y, x) + lines.slope(y, x + 1)) / std::max(peak, 1e-6), slant = slope * slope;
+  if (!(slant < kLevel)) return NAN;
+  double sum = 0.0, mean = 0.0, square = 0.0;
+  for (double& step : steps) sum += step = std::fabs(step) > 0.5 * limits.even ? step : 0.0;
+  for (int k = 0; k < kSteps; k++) mean += steps[k] / sum * (k - kReach);
+  for (int k = 0; k < kSteps; k++) square += steps[k] / sum * (k - kReach - mean) * (k - kReach - mean);
+  // Pixels are squares, and steps between them are as wide again.
+  return (square - kSquare) / (1.0 + slant) - kSquare;
+}
+
+}  // namespace
+}  // namespace cs
+
+extern "C" {
+
+// Variances, px^2, of the blur of single level edges along the rows of a picture (height x width x 4), and along its
+// columns, of at most `most` edges each way; out: room for twice as many. luma: (height x width). even, contrast: levels;
+// off: share of an edge's contrast. Returns how many there are; -1 where there is no memory.
+CS_EXPORT int64_t cs_edge_widths(const float* levels, const float* luma, int64_t height, int64_t width, int64_t most,
+                                 double even, double contrast, double off, double* out) {
+  using namespace cs;
+  try {
+    int64_t found = 0;
+    const Limits limits{even, contrast, off};
+    for (const Lines& lines :
+         {Lines{levels, luma, height, width, width, 1}, Lines{levels, luma, width, height, 1, width}}) {
+      std::vector<std::pair<int64_t, int64_t>> peaks;
+      for (int64_t y = 0; y < lines.height; y++)
+        for (int64_t x = kReach + 1; x < lines.width - kReach - 2; x++)
+          if (is_peak(lines, y, x, contrast / 8.0)) peaks.push_back({y, x});
+      const int64_t count = int64_t(peaks.size()), kept = std::min(count, most);
+      for (int64_t i = 0; i < kept; i++) {
+        const auto [y, x] = peaks[kept < count ? i * (count - 1) / (kept - 1) : i];
+        const double own = variance(lines, y, x, limits);
+        if (!std::isnan(own)) out[found++] = own;
+      }
+    }
+    return found;
+  } catch (const std::exception&) {
+    return -1;
+  }
+}
+
+// The means of windows of size x size px of values (height x width x channels), whose border goes on beyond it, and by how
+// much the planes through them change per px, in the channel with most. Returns 1 where there is no memory.
+CS_EXPORT int32_t cs_planes(const float* values, int64_t height, int64_t width, int64_t channels, int64_t size,
+                            float* means, float* slopes) {
+  try {
+    const int64_t half = size / 2, line = width * channels;
+    // Of the rows of a window: the sums along the row, and those times the distance from the middle.
+    std::vector<float> sums(size * line), moments(size * line), padded(line + 2 * half * channels);
+    std::vector<float> across(line), down(line), mean(line);
+    double square = 0.0;
+    for (int64_t k = -half; k <= half; k++) square += double(k * k);
+    const float slope = float(1.0 / (square * double(size))), share = float(1.0 / double(size * size));
+    int64_t next = 0;
+    for (int64_t y = 0; y < height; y++) {
+      for (; next < std::min(height, y + half + 1); next++) {
+        const float* from = values + next * line;
+        for (int64_t k = 0; k < half; k++)
+          for (int64_t c = 0; c < channels; c++) {
+            padded[k * channels + c] = from[c];
+            padded[(half + width + k) * channels + c] = from[line - channels + c];
+          }
+        std::copy(from, from + line, padded.begin() + half * channels);
+        float *sum = &sums[next % size * line], *moment = &moments[next % size * line];
+        std::fill(sum, sum + line, 0.0f);
+        std::fill(moment, moment + line, 0.0f);
+        for (int64_t k = 0; k < size; k++) {
+          const float at = float(k - half), *shifted = &padded[k * channels];
+          for (int64_t i = 0; i < line; i++) sum[i] += shifted[i], moment[i] += at * shifted[i];
+        }
+      }
+      for (auto* each : {&across, &down, &mean}) std::fill(each->begin(), each->end(), 0.0f);
+      for (int64_t k = -half; k <= half; k++) {
+        const int64_t row = std::clamp<int64_t>(y + k, 0, height - 1) % size * line;
+        const float at = float(k), *sum = &sums[row], *moment = &moments[row];
+        for (int64_t i = 0; i < line; i++) mean[i] += sum[i], down[i] += at * sum[i], across[i] += moment[i];
+      }
+      for (int64_t x = 0; x < width; x++) {
+        float most = 0.0f;
+        for (int64_t i = x * channels; i < (x + 1) * channels; i++) {
+          const float u = across[i] * slope, v = down[i] * slope;
+          most = std::max(most, u * u + v * v);
+          means[y * line + i] = mean[i] * share;
+        }
+        slopes[y * width + x] = std::sqrt(most);
+      }
+    }
+  } catch (const std::exception&) {
+    return 1;
+  }
+  return 0;
+}
+
+// The larger one of the second differences along the row and along the column at each pixel of a picture (height x width x
+// 4), 0 where it has no neighbours, of the first three channels that which has the largest.
+CS_EXPORT void cs_second_differences(const float* values, int64_t height, int64_t width, float* out) {
+  for (int64_t y = 0; y < height; y++)
+    for (int64_t x = 0; x < width; x++) {
+      const float* at = values + 4 * (y * width + x);
+      const bool beside = x > 0 && x + 1 < width, above = y > 0 && y + 1 < height;
+      float most = 0.0f;
+      for (int c = 0; c < 3; c++) {
+        if (beside) most = std::max(most, std::fabs(at[c + 4] - 2.0f * at[c] + at[c - 4]));
+        if (above) most = std::max(most, std::fabs(at[c + 4 * width] - 2.0f * at[c] + at[c - 4 * width]));
+      }
+      out[y * width + x] = most;
+    }
+}
+
+// The different ones of `count` keys: which of them each is, numbered in the order of the keys, and the first of each.
+// Returns how many there are; -1 where there is no memory.
+CS_EXPORT int64_t cs_distinct(int64_t count, const uint64_t* keys, int64_t* numbers, int64_t* first) {
+  try {
+    std::vector<int64_t> table(1024, -1);
+    const auto slot_of = [&](uint64_t key) {
+      uint64_t at = (key ^ (key >> 32)) * 0x9e3779b97f4a7c15u >> 20;
+      for (;; at++) {
+        const int64_t own = table[at & (table.size() - 1)];
+        if (own < 0 || keys[first[own]] == key) return at & (table.size() - 1);
+      }
+    };
+    int64_t found = 0;
+    for (int64_t i = 0; i < count; i++) {
+      if (i > 0 && keys[i] == keys[i - 1]) {
+        numbers[i] = numbers[i - 1];
+        continue;
+      }
+      uint64_t slot = slot_of(keys[i]);
+      if (table[slot] < 0) {
+        first[found] = i;
+        table[slot] = found++;
+        if (2 * found > int64_t(table.size())) {
+          table.assign(2 * table.size(), -1);
+          for (int64_t k = 0; k < found; k++) table[slot_of(keys[first[k]])] = k;
+          slot = slot_of(keys[i]);
+        }
+      }
+      numbers[i] = table[slot];
+    }
+    std::vector<int64_t> order(found), place(found), unsorted(first, first + found);
+    std::iota(order.begin(), order.end(), 0);
+    std::sort(order.begin(), order.end(), [&](int64_t a, int64_t b) { return keys[first[a]] < keys[first[b]]; });
+    for (int64_t k = 0; k < found; k++) place[order[k]] = k;
+    for (int64_t k = 0; k < found; k++) first[k] = unsorted[order[k]];
+    for (int64_t i = 0; i < count; i++) numbers[i] = place[numbers[i]];
+    return found;
+  } catch (const std::exception&) {
+    return -1;
+  }
+}
+}

@@ -1,0 +1,241 @@
+// The best line and the best cubic for a run of points between two nodes. What they cost is in artwork/tracing/layout.py.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "cubic.h"
+
+namespace cs {
+namespace {
+
+double dot(Point a, Point b) { return a.x * b.x + a.y * b.y; }
+
+constexpr int kValues = 6;  // of a cubic: see `Sampled::exact`
+
+// Solves a x = b for a symmetric positive definite matrix, by Cholesky's decomposition in place of `a`.
+void solve(double (*a)[kValues], double* x) {
+  for (int i = 0; i < kValues; i++) {
+    for (int j = 0; j <= i; j++) {
+      double sum = a[i][j];
+      for (int k = 0; k < j; k++) sum -= a[i][k] * a[j][k];
+      a[i][j] = i == j ? std::sqrt(sum) : sum / a[j][j];
+    }
+    for (int k = 0; k < i; k++) x[i] -= a[i][k] * x[k];
+    x[i] /= a[i][i];
+  }
+  for (int i = kValues - 1; i >= 0; i--) {
+    for (int k = i + 1; k < kValues; k++) x[i] -= a[k][i] * x[k];
+    x[i] /= a[i][i];
+  }
+}
+
+constexpr int kSamples = 20, kRounds = 3;
+constexpr double kShortest = 0.03, kLongest = 1.0;  // handles, of the run's length
+constexpr double kOutlying = 3.0;                   // standard errors beyond which a distance counts linearly
+constexpr double kHopeless =
+    400.0;  // misfit, per price of a parameter and per point, of a rough cubic without a future
+constexpr double kLineSlack = 0.00872664625997165;  // radians, between a line and the tangent where it meets a cubic
+constexpr double kSteepest = 30.0;                  // such slacks, beyond which the angle counts no more
+
+double huber(double size) { return size <= kOutlying ? size * size : kOutlying * (2.0 * size - kOutlying); }
+
+// Nats for the angle between a line along `way` and the tangent where it meets a smooth run, known to `error` radians.
+double strain(Point way, Point tangent, double error) {
+  const double angle = std::atan2(way.x * tangent.y - way.y * tangent.x, dot(way, tangent));
+  const double size = std::min(std::fabs(angle) / (kLineSlack + error), kSteepest);
+  return 0.5 * size * size;
+}
+
+// A cubic by the powers of its parameter, with its derivatives.
+struct Powers {
+  double p[4][2];
+
+  explicit Powers(const double* cubic) {
+    for (int c = 0; c < 2; c++) {
+      const double a = cubic[c], b = cubic[2 + c], d = cubic[4 + c], e = cubic[6 + c];
+      p[0][c] = a, p[1][c] = 3.0 * (b - a), p[2][c] = 3.0 * (a - 2.0 * b + d), p[3][c] = e - a + 3.0 * (b - d);
+    }
+  }
+  double x(double t) const { return at(0, t); }
+  double y(double t) const { return at(1, t); }
+  double first_x(double t) const { return first(0, t); }
+  double first_y(double t) const { return first(1, t); }
+  double second_x(double t) const { return second(0, t); }
+  double second_y(double t) const { return second(1, t); }
+
+ private:
+  double at(int c, double t) const { return ((p[3][c] * t + p[2][c]) * t + p[1][c]) * t + p[0][c]; }
+  double first(int c, double t) const { return (3.0 * p[3][c] * t + 2.0 * p[2][c]) * t + p[1][c]; }
+  double second(int c, double t) const { return 6.0 * p[3][c] * t + 2.0 * p[2][c]; }
+};
+
+// A run of points between two ends that are known only roughly: `errors`, px across it and radians. Each point counts
+// `share` times.
+struct Sampled {
+  Point ends[2], tangents[2];
+  double errors[2][2], share;
+  double x[kSamples], y[kSamples], single[kSamples], weights[kSamples], u[kSamples], length;
+
+  // Parameters by chord length.
+  void start() {
+    Point last = ends[0];
+    length = 0.0;
+    for (int k = 0; k < kSamples; k++) {
+      const Point way{x[k] - last.x, y[k] - last.y};
+      length += std::sqrt(dot(way, way));
+      last = {x[k], y[k]};
+      u[k] = length;
+    }
+    length = std::max(length + std::hypot(ends[1].x - last.x, ends[1].y - last.y), 1e-9);
+    for (double& at : u) at /= length;
+  }
+
+  // The misfit of a cubic at some parameters.
+  double misfit(const double* cubic, const double* at) const {
+    const Powers of(cubic);
+    double sum = 0.0;
+    for (int k = 0; k < kSamples; k++) {
+      const double dx = of.x(at[k]) - x[k], dy = of.y(at[k]) - y[k];
+      sum += share * huber(std::sqrt((dx * dx + dy * dy) * single[k]));
+    }
+    return sum;
+  }
+
+  // One Newton step from the parameters towards the feet of the points on a cubic: see `nearer` in cubic.h.
+  void approach(const double* cubic, const double* from, double* to) const {
+    const Powers of(cubic);
+    for (int k = 0; k < kSamples; k++) {
+      const double t = from[k], dx = of.x(t) - x[k], dy = of.y(t) - y[k];
+      const double vx = of.first_x(t), vy = of.first_y(t), speed = vx * vx + vy * vy;
+      const double bend = speed + dx * of.second_x(t) + dy * of.second_y(t);
+      const double step = (dx * vx + dy * vy) / std::max(bend > kConvex * speed ? bend : speed, kLeast);
+      to[k] = std::min(std::max(t - step, 0.0), 1.0);
+    }
+  }
+
+  // The cubic with the ends and tangents as given, after one step of least squares for the handle lengths.
+  double rough(double* cubic) const {
+    const Point first = tangents[0], last{-tangents[1].x, -tangents[1].y};
+    double a11 = 0.0, a22 = 0.0, a12 = 0.0, r1 = 0.0, r2 = 0.0;
+    for (int k = 0; k < kSamples; k++) {
+      const double t = u[k], v = 1.0 - t, b0 = v * v * v, b1 = 3.0 * v * v * t, b2 = 3.0 * v * t * t, b3 = t * t * t;
+      const Point across{x[k] - (b0 + b1) * ends[0].x - (b2 + b3) * ends[1].x,
+                         y[k] - (b0 + b1) * ends[0].y - (b2 + b3) * ends[1].y};
+      a11 += weights[k] * b1 * b1, a22 += weights[k] * b2 * b2, a12 += weights[k] * b1 * b2;
+      r1 += weights[k] * b1 * dot(across, first), r2 += weights[k] * b2 * dot(across, last);
+    }
+    a12 *= dot(first, last);
+    const double ridge = 1e-3 * (a11 + a22) + 1e-9, third = length / 3.0;
+    a11 += ridge, a22 += ridge, r1 += ridge * third, r2 += ridge * third;
+    const double scale = a11 * a22 - a12 * a12;
+    const double out = std::clamp((a22 * r1 - a12 * r2) / scale, kShortest * length, kLongest * length);
+    const double in = std::clamp((a11 * r2 - a12 * r1) / scale, kShortest * length, kLongest * length);
+    const Point p[4] = {ends[0],
+                        {ends[0].x + out * first.x, ends[0].y + out * first.y},
+                        {ends[1].x + in * last.x, ends[1].y + in * last.y},
+                        ends[1]};
+    for (int k = 0; k < 4; k++) cubic[2 * k] = p[k].x, cubic[2 * k + 1] = p[k].y;
+    double at[kSamples];
+    approach(cubic, u, at);
+    return misfit(cubic, at);
+  }
+
+  // The best cubic, whose ends and tangents move as far as their errors allow. Its six values are two handle lengths, two
+  // shifts of the ends and two of the handles across the run. Straight runs leave the handles open: they are pulled
+  // gently towards thirds.
+  double exact(double* cubic) const {
+    const double third = length / 3.0, expected[kValues] = {third, third};
+    const double sizes[kValues] = {0.5 * length, 0.5 * length,         errors[0][0],
+                                   errors[1][0], errors[0][1] * third, errors[1][1] * third};
+    double stiffness[kValues], values[kValues], at[kSamples];
+    for (int v = 0; v < kValues; v++) {
+      const double size = std::max(sizes[v], 1e-6);
+      stiffness[v] = (v < 2 ? 0.1 : 1.0) / (size * size), values[v] = expected[v];
+    }
+    std::copy(u, u + kSamples, at);
+    for (int round = 0; round <= kRounds; round++) {
+      if (round > 0) improve(cubic, at, expected, stiffness, values);
+      place(values, cubic);
+      approach(cubic, at, at);
+    }
+    double strained = 0.0;
+    for (int v = 2; v < kValues; v++) strained += stiffness[v] * values[v] * values[v];
+    return misfit(cubic, at) + strained;
+  }
+
+  // The misfit of the best line through the points and near the ends.
+  double line() const {
+    double dx[kSamples + 2], dy[kSamples + 2], one[kSamples + 2], many[kSamples + 2];
+    for (int k = 0; k < kSamples; k++)
+      dx[k] = x[k], dy[k] = y[k], one[k] = single[k], many[k] = single[k] > 0.0 ? share : 0.0;
+    for (int e = 0; e < 2; e++) {
+      const int k = kSamples + e;
+      dx[k] = ends[e].x, dy[k] = ends[e].y, one[k] = 1.0 / (errors[e][0] * errors[e][0]), many[k] = 1.0;
+    }
+    double total = 0.0, mx = 0.0, my = 0.0, xx = 0.0, yy = 0.0, xy = 0.0;
+    for (int k = 0; k < kSamples + 2; k++) {
+      const double weight = one[k] * many[k];
+      total += weight, mx += weight * dx[k], my += weight * dy[k];
+    }
+    total = std::max(total, 1e-12), mx /= total, my /= total;
+    for (int k = 0; k < kSamples + 2; k++) {
+      const double weight = one[k] * many[k];
+      dx[k] -= mx, dy[k] -= my;
+      xx += weight * dx[k] * dx[k], yy += weight * dy[k] * dy[k], xy += weight * dx[k] * dy[k];
+    }
+    const double angle = 0.5 * std::atan2(2.0 * xy, xx - yy), sine = std::sin(angle), cosine = std::cos(angle);
+    double sum = 0.0;
+    for (int k = 0; k < kSamples + 2; k++)
+      sum += many[k] * huber(std::fabs(dx[k] * sine - dy[k] * cosine) * std::sqrt(one[k]));
+    return sum;
+  }
+
+ private:
+  // The cubic of six values: see `exact`.
+  void place(const double* values, double* cubic) const {
+    for (int e = 0; e < 2; e++) {
+      const Point along = tangents[e], across{-along.y, along.x};
+      const double out = e ? -values[e] : values[e], end = values[2 + e], handle = end + values[4 + e];
+      double *const anchor = cubic + 6 * e, *const control = cubic + 2 + 2 * e;
+      anchor[0] = ends[e].x + end * across.x, anchor[1] = ends[e].y + end * across.y;
+      control[0] = ends[e].x + out * along.x + handle * across.x;
+      control[1] = ends[e].y + out * along.y + handle * across.y;
+    }
+  }
+
+  // One Gauss-Newton step of the values, for the distances of points along the normal; the values are pulled towards the
+  // expected ones with some stiffness, and handle lengths stay within their limits.
+  void improve(const double* cubic, const double* at, const double* expected, const double* stiffness,
+               double* values) const {
+    double gram[kValues][kValues] = {}, slope[kValues];
+    for (int v = 0; v < kValues; v++) gram[v][v] = stiffness[v], slope[v] = stiffness[v] * (expected[v] - values[v]);
+    const Powers of(cubic);
+    for (int i = 0; i < kSamples; i++) {
+      const double t = at[i], v = 1.0 - t, b[4] = {v * v * v, 3.0 * v * v * t, 3.0 * v * t * t, t * t * t};
+      const double vx = of.first_x(t), vy = of.first_y(t), speed = std::max(std::sqrt(vx * vx + vy * vy), kLeast);
+      const Point normal{-vy / speed, vx / speed};
+      const double rest = dot({x[i] - of.x(t), y[i] - of.y(t)}, normal);
+      const double across[2] = {dot({-tangents[0].y, tangents[0].x}, normal),
+                                dot({-tangents[1].y, tangents[1].x}, normal)};
+      const double column[kValues] = {b[1] * dot(tangents[0], normal),
+                                      -b[2] * dot(tangents[1], normal),
+                                      (b[0] + b[1]) * across[0],
+                                      (b[2] + b[3]) * across[1],
+                                      b[1] * across[0],
+                                      b[2] * across[1]};
+      for (int v = 0; v < kValues; v++) {
+        const double weighted = weights[i] * column[v];
+        slope[v] += weighted * rest;
+        for (int w = 0; w <= v; w++) gram[v][w] += weighted * column[w];
+      }
+    }
+    solve(gram, slope);
+    for (int v = 0; v < kValues; v++) values[v] += slope[v];
+    for (int v = 0; v < 2; v++) values[v] = std::clamp(values[v], kShortest * length, kLongest * length);
+  }
+};
+
+}  // namespace
+}  // namespace cs

@@ -1,0 +1,137 @@
+// Which of many points lie near a place, by a k-d tree (J. Bentley, "Multidimensional Binary Search Trees Used for
+// Associative Searching", 1975). raster/point_tree.py says what each function means.
+#include <algorithm>
+#include <cstdint>
+#include <exception>
+#include <limits>
+#include <numeric>
+#include <vector>
+
+#include "abi.h"
+
+namespace cs {
+namespace {
+
+constexpr int64_t kLeaf = 8;  // points that are tried one after the other
+
+struct Point {
+  double at[2];
+};
+
+double square(const Point& a, const Point& b) {
+  const double x = a.at[0] - b.at[0], y = a.at[1] - b.at[1];
+  return x * x + y * y;
+}
+
+// A range of points is a leaf or is halved at its middle point, those before which lie on the one side of it along an
+// axis and those after it on the other.
+struct Tree {
+  int64_t count;
+  const Point* points;   // in the order of the tree
+  const int64_t* order;  // their indices
+  const uint8_t* axes;   // of middle points
+
+  // The nearest point, the first of several that are as near.
+  struct Nearest {
+    double square = std::numeric_limits<double>::infinity();
+    int64_t index = -1;
+  };
+
+  void nearest(const Point& place, int64_t low, int64_t high, Nearest& best) const {
+    if (high - low <= kLeaf) {
+      for (int64_t k = low; k < high; k++) closer(place, k, best);
+      return;
+    }
+    const int64_t middle = low + (high - low) / 2;
+    const double off = place.at[axes[middle]] - points[middle].at[axes[middle]];
+    closer(place, middle, best);
+    off < 0.0 ? nearest(place, low, middle, best) : nearest(place, middle + 1, high, best);
+    if (off * off > best.square) return;
+    off < 0.0 ? nearest(place, middle + 1, high, best) : nearest(place, low, middle, best);
+  }
+
+  void within(const Point& place, double reach, int64_t low, int64_t high, std::vector<int64_t>& found) const {
+    if (high - low <= kLeaf) {
+      for (int64_t k = low; k < high; k++)
+        if (square(place, points[k]) <= reach * reach) found.push_back(order[k]);
+      return;
+    }
+    const int64_t middle = low + (high - low) / 2;
+    const double off = place.at[axes[middle]] - points[middle].at[axes[middle]];
+    if (square(place, points[middle]) <= reach * reach) found.push_back(order[middle]);
+    if (off <= reach) within(place, reach, low, middle, found);
+    if (-off <= reach) within(place, reach, middle + 1, high, found);
+  }
+
+ private:
+  void closer(const Point& place, int64_t k, Nearest& best) const {
+    const double found = square(place, points[k]);
+    if (found < best.square || (found == best.square && order[k] < best.index)) best = {found, order[k]};
+  }
+};
+
+// Puts the indices of a range of points in the order of the tree.
+void sort(const Point* points, int64_t low, int64_t high, int64_t* order, uint8_t* axes) {
+  if (high - low <= kLeaf) return;
+  double least[2], most[2];
+  for (int a = 0; a < 2; a++) {
+    least[a] = most[a] = points[order[low]].at[a];
+    for (int64_t k = low; k < high; k++) {
+      least[a] = std::min(least[a], points[order[k]].at[a]);
+      most[a] = std::max(most[a], points[order[k]].at[a]);
+    }
+  }
+  const int axis = most[1] - least[1] > most[0] - least[0];
+  const int64_t middle = low + (high - low) / 2;
+  // Ties by index, so that the order is the same everywhere.
+  std::nth_element(order + low, order + middle, order + high, [&](int64_t a, int64_t b) {
+    const double x = points[a].at[axis], y = points[b].at[axis];
+    return x != y ? x < y : a < b;
+  });
+  axes[middle] = uint8_t(axis);
+  sort(points, low, middle, order, axes);
+  sort(points, middle + 1, high, order, axes);
+}
+
+}  // namespace
+}  // namespace cs
+
+using namespace cs;
+
+extern "C" {
+CS_EXPORT void cs_tree(int64_t count, const Point* points, int64_t* order, uint8_t* axes) {
+  std::iota(order, order + count, int64_t(0));
+  sort(points, 0, count, order, axes);
+}
+
+CS_EXPORT void cs_nearest(int64_t count, const Point* points, const int64_t* order, const uint8_t* axes, int64_t places,
+                          const Point* at, double* squares, int64_t* indices) {
+  const Tree tree{count, points, order, axes};
+  for (int64_t i = 0; i < places; i++) {
+    Tree::Nearest best;
+    tree.nearest(at[i], 0, count, best);
+    squares[i] = best.square, indices[i] = best.index;
+  }
+}
+
+// The indices of the points within reach of each place, ascending, as far as there is room; ends: (places,) of their
+// parts. Returns how many there are, or -1 without memory.
+CS_EXPORT int64_t cs_within(int64_t count, const Point* points, const int64_t* order, const uint8_t* axes,
+                            int64_t places, const Point* at, const double* reaches, int64_t room, int64_t* ends,
+                            int64_t* out) try {
+  const Tree tree{count, points, order, axes};
+  std::vector<int64_t> found;
+  int64_t total = 0;
+  for (int64_t i = 0; i < places; i++) {
+    found.clear();
+    tree.within(at[i], reaches[i], 0, count, found);
+    std::sort(found.begin(), found.end());
+    if (total + int64_t(found.size()) <= room) std::copy(found.begin(), found.end(), out + total);
+    total += int64_t(found.size());
+    ends[i] = total;
+  }
+  return total;
+} catch (const std::exception&) {
+  return -1;
+}
+}

@@ -1,0 +1,277 @@
+// Draws stacks of shapes in double precision: only the tiles in which something has changed.
+
+#include "stack_picture.h"
+
+#include <algorithm>
+#include <cmath>
+#include <new>
+
+#include "stack_matches.h"
+
+namespace cs::stack {
+namespace {
+
+// The part of the canvas that pieces may reach.
+Window window_of(const CsGoal& goal, const std::vector<double>& cubics) {
+  double low[2] = {1e9, 1e9}, high[2] = {-1e9, -1e9};
+  for (size_t n = 0; n < cubics.size(); n += 2)
+    for (int c = 0; c < 2; c++) low[c] = std::min(low[c], cubics[n + c]), high[c] = std::max(high[c], cubics[n + c]);
+  const auto bounded = [](double v, int most) { return int(std::clamp(v, 0.0, double(most))); };
+  const int left = bounded(std::floor(low[0]), goal.width), right = bounded(std::ceil(high[0]), goal.width);
+  const int top = bounded(std::floor(low[1]), goal.height), bottom = bounded(std::ceil(high[1]), goal.height);
+  return {left, top, std::max(right - left, 0), std::max(bottom - top, 0), {}};
+}
+
+// Sorts the crossings of a trace by the tile that they are in.
+void sort_by_tile(Trace& trace, const CsPicture& picture) {
+  const int64_t count = int64_t(trace.pixel.size());
+  std::vector<std::pair<int32_t, int64_t>> keys(count);
+  for (int64_t n = 0; n < count; n++) keys[n] = {picture.tile_of(trace.pixel[n]), n};
+  std::sort(keys.begin(), keys.end());
+  for (int64_t k = 0; k < count; k++) {
+    if (k == 0 || keys[k].first != keys[k - 1].first)
+      trace.tiles.push_back(keys[k].first), trace.tile_starts.push_back(k);
+    trace.by_tile.push_back(keys[k].second);
+  }
+  trace.tile_starts.push_back(count);
+}
+
+std::shared_ptr<const Trace> traced(const CsStack& s, int first, int last, const CsPicture& picture) {
+  auto trace = std::make_shared<Trace>();
+  trace->cubics.assign(s.cubics + 8 * int64_t(first), s.cubics + 8 * int64_t(last));
+  trace->signs.assign(s.signs + first, s.signs + last), trace->lines.assign(s.lines + first, s.lines + last);
+  Window w = window_of(picture.goal, trace->cubics);
+  Crossings crossings(*trace, picture.goal.width, picture.goal.height);
+  Tracer tracer(w, crossings, picture.goal.grid);
+  for (int64_t n = 0; n < trace->pieces(); n++)
+    tracer.piece(&trace->cubics[8 * n], trace->lines[n] != 0, trace->signs[n]);
+  w.finish(trace->spans, trace->rows);
+  trace->left = w.left, trace->top = w.top, trace->right = w.left + w.width, trace->bottom = w.top + w.height;
+  sort_by_tile(*trace, picture);
+  return trace;
+}
+
+// The tiles in which a picture differs from an earlier one, whose layers that lie the same it takes over.
+Mask adopt(CsPicture& picture, const CsStack& stack, const CsPicture& old) {
+  const Matches matches(stack, old);
+  Mask dirty(old.tiles.size(), 0);
+  Differences differences(picture, dirty);
+  int first = 0, begin = 0;  // layers here and there from which on nothing has been compared
+  for (int i = 0; i <= stack.layers; i++) {
+    const int match = i < stack.layers ? matches.of[i] : int(old.layers.size());
+    if (i < stack.layers) {
+      const int start = picture.starts[i];
+      picture.layers.push_back(match < 0 ? traced(stack, start, stack.ends[i], picture) : old.layers[match]);
+    }
+    if (match < 0) continue;
+    const bool paired = i - first == match - begin;
+    for (int n = 0; n < i - first; n++) {
+      const Trace &fresh = *picture.layers[first + n], &before = *old.layers[paired ? begin + n : 0];
+      const double* ink = &picture.inks[4 * (first + n)];
+      if (paired && std::equal(ink, ink + 4, &old.inks[4 * (begin + n)]))
+        differences.mark(fresh, before);
+      else
+        differences.mark(fresh), paired ? differences.mark(before) : void();
+    }
+    for (int n = begin; !paired && n < match; n++) differences.mark(*old.layers[n]);
+    first = i + 1, begin = match + 1;
+  }
+  return dirty;
+}
+
+// The layers, from the lowest on, that may cover each of some tiles.
+std::vector<std::vector<int>> covering(const CsPicture& picture, const Mask& wanted) {
+  std::vector<std::vector<int>> found(wanted.size());
+  for (int k = 0; k < int(picture.layers.size()); k++) {
+    const Trace& trace = *picture.layers[k];
+    // An edge right on the border between two pixels crosses the one beyond.
+    const int right = std::min(trace.right, picture.goal.width - 1),
+              bottom = std::min(trace.bottom, picture.goal.height - 1);
+    for (int j = trace.top / kTile; j <= bottom / kTile; j++)
+      for (int i = trace.left / kTile; i <= right / kTile; i++) {
+        const size_t tile = size_t(j) * picture.across() + i;
+        if (wanted[tile]) found[tile].push_back(k);
+      }
+  }
+  return found;
+}
+
+// Calls `paint(place, count, covered)` for the runs of pixels in a tile that a layer covers.
+template <class Paint>
+void each_run(const Trace& trace, int left, int top, Paint paint) {
+  for (int row = std::max(top, trace.top); row < std::min(top + kTile, trace.bottom); row++) {
+    const Span* begin = trace.spans.data() + trace.rows[row - trace.top];
+    const Span* end = trace.spans.data() + trace.rows[row - trace.top + 1];
+    begin = std::lower_bound(begin, end, left, [](const Span& span, int x) { return span.last <= x; });
+    for (; begin < end && begin->first < left + kTile; begin++) {
+      const int from = std::max(begin->first, left), to = std::min(begin->last, left + kTile);
+      paint((row - top) * kTile + from - left, to - from, begin->covered);
+    }
+  }
+}
+
+void lay(const Trace& trace, const double* ink, int left, int top, double* colours) {
+  each_run(trace, left, top, [&](int place, int count, float covered) {
+    const double share = covered, passes = 1.0 - ink[3] * share;
+    double add[4];
+    for (int k = 0; k < 4; k++) add[k] = share * ink[k];
+    for (double* p = colours + 4 * place; count > 0; count--, p += 4)
+      for (int k = 0; k < 4; k++) p[k] = p[k] * passes + add[k];
+  });
+}
+
+// A tile through the goal's blur, which goes on beyond the canvas as it ends.
+std::shared_ptr<const Colours> blurred(const CsPicture& picture, int number) {
+  const CsGoal& goal = picture.goal;
+  const int r = goal.reach, side = kTile + 2 * r;
+  const int left = number % picture.across() * kTile, top = number / picture.across() * kTile;
+  std::vector<double> along(size_t(4) * side * kTile, 0.0);
+  std::vector<const double*> row(side);
+  for (int j = 0; j < side; j++) {
+    const int y = std::clamp(top + j - r, 0, goal.height - 1);
+    for (int i = 0; i < side; i++) {
+      const int64_t pixel = int64_t(y) * goal.width + std::clamp(left + i - r, 0, goal.width - 1);
+      row[i] = picture.tiles[picture.tile_of(pixel)]->sharp->data() + 4 * picture.place_of(pixel);
+    }
+    for (int i = 0; i < kTile; i++)
+      for (int d = -r; d <= r; d++)
+        for (int k = 0; k < 4; k++)
+          along[4 * (size_t(j) * kTile + i) + k] += goal.taps[std::abs(d)] * row[i + r + d][k];
+  }
+  auto out = std::make_shared<Colours>();
+  out->fill(0.0);
+  for (int j = 0; j < kTile; j++)
+    for (int d = -r; d <= r; d++)
+      for (int n = 0; n < 4 * kTile; n++)
+        (*out)[size_t(4) * kTile * j + n] += goal.taps[std::abs(d)] * along[size_t(4) * kTile * (j + r + d) + n];
+  return out;
+}
+
+void compare(const CsPicture& picture, int number, Tile& tile) {
+  const CsGoal& goal = picture.goal;
+  const int left = number % picture.across() * kTile, top = number / picture.across() * kTile;
+  tile.cost = 0.0;
+  for (int y = top; y < std::min(top + kTile, goal.height); y++)
+    for (int x = left; x < std::min(left + kTile, goal.width); x++) {
+      const int64_t pixel = int64_t(y) * goal.width + x;
+      const int place = (y - top) * kTile + x - left;
+      const double* colour = tile.seen->data() + 4 * place;
+      double rest[4];
+      const double squares = residual(goal, colour, pixel, rest), bound = goal.bound;
+      tile.misfit[place] = squares <= bound * bound ? squares : bound * (2.0 * std::sqrt(squares) - bound);
+      const double shown = leak(goal, colour, pixel);
+      tile.cost += tile.misfit[place] + goal.leak_weight * shown * shown;
+    }
+}
+
+void paint(CsPicture& picture, const Mask& dirty) {
+  const std::vector<std::vector<int>> layers = covering(picture, dirty);
+  const int across = picture.across();
+  Mask stale = dirty;
+  for (int n = 0; n < int(dirty.size()); n++) {
+    if (!dirty[n]) continue;
+    auto colours = std::make_shared<Colours>();
+    colours->fill(0.0);
+    for (const int k : layers[n])
+      lay(*picture.layers[k], &picture.inks[4 * k], n % across * kTile, n / across * kTile, colours->data());
+    auto tile = std::make_shared<Tile>();
+    tile->sharp = tile->seen = colours;
+    if (picture.goal.reach == 0) compare(picture, n, *tile);
+    picture.tiles[n] = tile;
+  }
+  if (picture.goal.reach == 0) return;
+  const int reach = (picture.goal.reach + kTile - 1) / kTile;
+  for (int n = 0; n < int(dirty.size()); n++)
+    for (int j = -reach; dirty[n] && j <= reach; j++)
+      for (int i = -reach; i <= reach; i++) {
+        const int x = n % across + i, y = n / across + j;
+        if (x >= 0 && y >= 0 && x < across && y < picture.down()) stale[y * across + x] = 1;
+      }
+  for (int n = 0; n < int(dirty.size()); n++) {
+    if (!stale[n]) continue;
+    auto tile = std::make_shared<Tile>();
+    tile->sharp = picture.tiles[n]->sharp, tile->seen = blurred(picture, n);
+    compare(picture, n, *tile);
+    picture.tiles[n] = tile;
+  }
+}
+
+CsPicture* drawn(const CsGoal& goal, const CsStack& stack, const CsPicture* previous) {
+  auto picture = std::make_unique<CsPicture>();
+  picture->goal = goal;
+  picture->inks.assign(stack.inks, stack.inks + 4 * int64_t(stack.layers));
+  picture->starts.assign(1, 0);
+  picture->starts.insert(picture->starts.end(), stack.ends, stack.ends + stack.layers);
+  Mask dirty(size_t(picture->across()) * picture->down(), 1);
+  if (previous != nullptr) {
+    dirty = adopt(*picture, stack, *previous);
+    picture->tiles = previous->tiles;
+  } else {
+    for (int k = 0; k < stack.layers; k++)
+      picture->layers.push_back(traced(stack, picture->starts[k], stack.ends[k], *picture));
+    picture->tiles.resize(dirty.size());
+  }
+  paint(*picture, dirty);
+  return picture.release();
+}
+
+}  // namespace
+
+std::vector<std::vector<double>> slopes(const CsPicture& picture, const std::vector<uint8_t>& wanted) {
+  std::vector<std::vector<double>> out(picture.layers.size());
+  Mask tiles(picture.tiles.size(), 0);
+  for (size_t k = 0; k < out.size(); k++) {
+    if (!wanted[k]) continue;
+    out[k].resize(4 * picture.layers[k]->pixel.size());
+    for (const int32_t tile : picture.layers[k]->tiles) tiles[tile] = 1;
+  }
+  const std::vector<std::vector<int>> layers = covering(picture, tiles);
+  Colours colours;
+  std::array<float, kTile * kTile> open;
+  for (int n = 0; n < int(tiles.size()); n++) {
+    if (!tiles[n]) continue;
+    const int left = n % picture.across() * kTile, top = n / picture.across() * kTile;
+    const auto crossings = [&](int layer, auto call) {
+      const Trace& trace = *picture.layers[layer];
+      const auto found = std::lower_bound(trace.tiles.begin(), trace.tiles.end(), n);
+      if (!wanted[layer] || found == trace.tiles.end() || *found != n) return;
+      const int64_t* number = &trace.tile_starts[found - trace.tiles.begin()];
+      for (int64_t i = number[0]; i < number[1]; i++)
+        call(&out[layer][4 * trace.by_tile[i]], picture.place_of(trace.pixel[trace.by_tile[i]]));
+    };
+    colours.fill(0.0), open.fill(1.0f);
+    for (const int layer : layers[n]) {
+      const double* ink = &picture.inks[4 * layer];
+      crossings(layer, [&](double* slope, int place) {
+        for (int k = 0; k < 4; k++) slope[k] = ink[k] - ink[3] * colours[4 * place + k];
+      });
+      lay(*picture.layers[layer], ink, left, top, colours.data());
+    }
+    for (size_t i = layers[n].size(); i-- > 0;) {
+      const int layer = layers[n][i];
+      crossings(layer, [&](double* slope, int place) {
+        for (int k = 0; k < 4; k++) slope[k] *= open[place];
+      });
+      const float opacity = float(picture.inks[4 * layer + 3]);
+      each_run(*picture.layers[layer], left, top, [&](int place, int count, float covered) {
+        for (int p = place; p < place + count; p++) open[p] *= 1.0f - opacity * covered;
+      });
+    }
+  }
+  return out;
+}
+
+}  // namespace cs::stack
+
+extern "C" {
+
+CsPicture* cs_stack_draw(const CsGoal* goal, const CsStack* stack, const CsPicture* previous) {
+  try {
+    return cs::stack::drawn(*goal, *stack, previous);
+  } catch (const std::bad_alloc&) {
+    return nullptr;
+  }
+}
+
+void cs_stack_free(CsPicture* picture) { delete picture; }
+}

@@ -1,0 +1,68 @@
+// A stack as it is drawn: what its layers cover, and the picture in square tiles. Pictures of stacks that differ little
+// share the rest of both.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "stack.h"
+#include "stack_trace.h"
+
+namespace cs::stack {
+
+constexpr int kTile = 16;  // px a side
+
+// RGBA of the pixels of a tile, row by row; those beyond the canvas are zero.
+using Colours = std::array<double, 4 * kTile * kTile>;
+
+struct Tile {
+  std::shared_ptr<const Colours> sharp, seen;  // before and after the goal's blur: the same without one
+  std::array<double, kTile * kTile> misfit{};
+  double cost = 0.0;  // the sum of the misfit and of the leaks
+};
+
+// The residual of a pixel, each channel weighted, and the square of its length.
+inline double residual(const CsGoal& goal, const double* colour, int64_t pixel, double* rest) {
+  double squares = 0.0;
+  for (int k = 0; k < 4; k++) {
+    rest[k] = (colour[k] - goal.target[4 * pixel + k]) * goal.channels[k];
+    squares += rest[k] * rest[k];
+  }
+  return squares;
+}
+
+// The share of the background that shows in a pixel where it may not.
+inline double leak(const CsGoal& goal, const double* colour, int64_t pixel) {
+  constexpr double kShows = 1e-6;
+  const double share = goal.opaque != nullptr && goal.opaque[pixel] ? 1.0 - colour[3] : 0.0;
+  return share > kShows ? share : 0.0;
+}
+
+}  // namespace cs::stack
+
+struct CsPicture {
+  CsGoal goal;
+  std::vector<double> inks;     // layers x 4
+  std::vector<int32_t> starts;  // layers + 1: the first piece of each
+  std::vector<std::shared_ptr<const cs::stack::Trace>> layers;
+  std::vector<std::shared_ptr<const cs::stack::Tile>> tiles;
+
+  int across() const { return (goal.width + cs::stack::kTile - 1) / cs::stack::kTile; }
+  int down() const { return (goal.height + cs::stack::kTile - 1) / cs::stack::kTile; }
+  int tile_of(int64_t pixel) const {
+    return int(pixel / goal.width) / cs::stack::kTile * across() + int(pixel % goal.width) / cs::stack::kTile;
+  }
+  // Where in its tile a pixel is.
+  int place_of(int64_t pixel) const {
+    return int(pixel / goal.width) % cs::stack::kTile * cs::stack::kTile + int(pixel % goal.width) % cs::stack::kTile;
+  }
+};
+
+namespace cs::stack {
+
+// By how much the sharp picture changes with the coverage at each crossing of some layers (x 4), layer by layer.
+std::vector<std::vector<double>> slopes(const CsPicture& picture, const std::vector<uint8_t>& wanted);
+
+}  // namespace cs::stack

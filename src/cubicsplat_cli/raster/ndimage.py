@@ -1,0 +1,265 @@
+"""The functions of scipy.ndimage that drawings need, natively: with its names, arguments and results.
+
+It takes half a second to import scipy.ndimage, as long as a small drawing takes. Arrays are pictures (H, W) or
+(H, W, C), or lines. All raise EngineError where the native library or the memory is missing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from ctypes import c_int32, c_int64, c_void_p
+from functools import cache
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cpu import library
+
+_Line: TypeAlias = "tuple[int, int, int, np.ndarray | None]"  # an axis, the neighbours before and after, and weights
+# The numbers that kernels/cpu/line_filters.cpp has for them.
+_SMALLEST, _LARGEST, _MEAN, _SUM = range(4)
+_FLOATS = {np.dtype(np.float32): 3, np.dtype(np.float64): 4}
+_NUMBERS = {np.dtype(t): k for t, k in ((bool, 0), (np.uint8, 0), (np.int32, 1), (np.int64, 2))} | _FLOATS
+_MODES = ("reflect", "nearest", "constant")
+_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
+
+
+def maximum_filter1d(values: np.ndarray, size: int, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
+    """The largest of `size` neighbours along an axis, of which size // 2 come before.
+
+    values: bools, uint8, int32, int64 or floats. mode: what lies beyond the ends: "reflect" (c b a | a b c | c b a),
+    "nearest" (a a a | a b c | c c c) or "constant", which is 0.
+    """
+    return _filtered(_LARGEST, values, [_line(size, axis)], mode)
+
+
+def minimum_filter1d(values: np.ndarray, size: int, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
+    """The smallest of `size` neighbours along an axis; see maximum_filter1d."""
+    return _filtered(_SMALLEST, values, [_line(size, axis)], mode)
+
+
+def maximum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
+    """The largest of the neighbours in a box, `size` along all axes or along each; see maximum_filter1d."""
+    return _filtered(_LARGEST, values, _boxes(size, values.ndim), mode)
+
+
+def minimum_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
+    """The smallest of the neighbours in a box; see maximum_filter."""
+    return _filtered(_SMALLEST, values, _boxes(size, values.ndim), mode)
+
+
+def uniform_filter1d(values: np.ndarray, size: int, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
+    """The mean of `size` neighbours along an axis, of floats and in their type; see maximum_filter1d."""
+    return _filtered(_MEAN, values, [_line(size, axis)], mode)
+
+
+def uniform_filter(values: np.ndarray, size: int | Sequence[int], *, mode: str = "reflect") -> np.ndarray:
+    """The mean of the neighbours in a box, of floats and in their type; see maximum_filter."""
+    return _filtered(_MEAN, values, _boxes(size, values.ndim), mode)
+
+
+def correlate1d(values: np.ndarray, weights: np.ndarray, axis: int = -1, *, mode: str = "reflect") -> np.ndarray:
+    """The sum of the neighbours along an axis times weights (n,), of floats and in their type; see maximum_filter1d."""
+    return _filtered(_SUM, values, [_weighted(weights, axis)], mode)
+
+
+def gaussian_filter(
+    values: np.ndarray, sigma: float | Sequence[float], *, mode: str = "reflect", truncate: float = 4.0
+) -> np.ndarray:
+    """Floats through a Gaussian, in their type. sigma: px, along all axes or along each, 0 for none; truncate: sigmas
+    beyond which it is cut off; mode: see maximum_filter1d."""
+    wide = [(own, axis) for own, axis in _per_axis(sigma, values.ndim) if own > 0.0]
+    return _filtered(_SUM, values, [_weighted(_gaussian(own, truncate), axis) for own, axis in wide], mode)
+
+
+def label(pixels: np.ndarray, structure: np.ndarray | None = None) -> tuple[np.ndarray, int]:
+    """The parts of what is not 0 in (H, W), numbered (H, W) int32 from 1 on in the order of their first pixels, and how
+    many there are. structure: (3, 3), whose corners are set where pixels touch diagonally too, as they do not without.
+    """
+    mask = _mask(pixels)
+    found = np.empty(mask.shape, np.int32)
+    call = _function("cs_label", c_int64, c_int64, c_void_p, c_int32, c_void_p, result=c_int64)
+    diagonally = structure is not None and bool(structure[0, 0])
+    count = int(call(*mask.shape, mask.ctypes.data, diagonally, found.ctypes.data))
+    _check(count < 0)
+    return found, count
+
+
+def find_objects(labels: np.ndarray, max_label: int = 0) -> list[Any]:
+    """The least box around the pixels of each label from 1 to the largest in (H, W) integers, or to max_label: the
+    slices of its rows and columns, None where there are none."""
+    labels = np.ascontiguousarray(labels, dtype=np.int64 if labels.dtype == np.int64 else np.int32)
+    boxes = np.empty((max_label or max(0, int(labels.max(initial=0))), 4), np.int64)
+    call = _function("cs_boxes", c_int64, c_int64, c_void_p, c_int32, c_int64, c_void_p, result=None)
+    call(*labels.shape, labels.ctypes.data, labels.dtype == np.int64, len(boxes), boxes.ctypes.data)
+    return [(slice(y, bottom), slice(x, right)) if bottom else None for y, x, bottom, right in boxes.tolist()]
+
+
+def binary_dilation(
+    pixels: np.ndarray, structure: np.ndarray | None = None, iterations: int = 1, mask: np.ndarray | None = None
+) -> np.ndarray:
+    """What is not 0 in (H, W), bool, with the neighbours in a structure (h, w) of odd sides, by default those along
+    edges; `iterations` times. mask: which pixels may change."""
+    return _dilated(_mask(pixels), _structure(structure)[::-1, ::-1], iterations, mask, False)
+
+
+def binary_erosion(
+    pixels: np.ndarray, structure: np.ndarray | None = None, iterations: int = 1, *, border_value: int = 0
+) -> np.ndarray:
+    """What is not 0 in (H, W), bool, where all neighbours in a structure are not either; see binary_dilation.
+
+    border_value: what lies beyond the picture.
+    """
+    return ~_dilated(~_mask(pixels), _structure(structure), iterations, None, not border_value)
+
+
+def binary_opening(pixels: np.ndarray, structure: np.ndarray | None = None) -> np.ndarray:
+    """What is not 0 in (H, W), bool, as far as structures lie within it; see binary_dilation."""
+    return binary_dilation(binary_erosion(pixels, structure), structure)
+
+
+def binary_propagation(pixels: np.ndarray, structure: np.ndarray | None, mask: np.ndarray) -> np.ndarray:
+    """What is not 0 in (H, W), bool, with what is linked to it through a mask; structure: see label."""
+    pixels = _mask(pixels)
+    parts, count = label(pixels | mask, structure)
+    linked = np.zeros(count + 1, dtype=bool)
+    linked[parts[pixels]] = True
+    return linked[parts]
+
+
+def binary_fill_holes(pixels: np.ndarray) -> np.ndarray:
+    """What is not 0 in (H, W), bool, and what it encloses, pixels touching along edges."""
+    parts, _ = label(np.pad(~_mask(pixels), 1, constant_values=True))
+    return parts[1:-1, 1:-1] != 1
+
+
+def distance_transform_edt(pixels: np.ndarray) -> np.ndarray:
+    """How far each pixel (H, W) is from the nearest that is 0, px; inf where none is."""
+    mask = _mask(pixels)
+    found = np.empty(mask.shape)
+    call = _function("cs_distances", c_int64, c_int64, c_void_p, c_void_p)
+    _check(call(*mask.shape, mask.ctypes.data, found.ctypes.data))
+    return found
+
+
+def distance_transform_cdt(pixels: np.ndarray, metric: str) -> np.ndarray:
+    """The same by the larger of the distances along rows and columns, int32; -1 where no pixel is 0.
+
+    metric: "chessboard". Raises ValueError for others.
+    """
+    if metric != "chessboard":
+        raise ValueError(f"there is no metric {metric!r}, but 'chessboard'")
+    mask = _mask(pixels)
+    found = np.empty(mask.shape, np.int32)
+    call = _function("cs_chessboard", c_int64, c_int64, c_void_p, c_void_p, result=None)
+    call(*mask.shape, mask.ctypes.data, found.ctypes.data)
+    return found
+
+
+def maximum(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """(n,) the largest of the values with each of the labels in index (n,), all >= 0; 0 where there are none."""
+    return _of_labels(np.maximum, values, labels, index)
+
+
+def minimum(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """(n,) the smallest of the values with each of the labels in index (n,), all >= 0; 0 where there are none."""
+    return _of_labels(np.minimum, values, labels, index)
+
+
+def center_of_mass(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> list[tuple[float, float]]:
+    """The mean y and x of the pixels (H, W) with each of the labels in index (n,), all >= 0, weighted by values."""
+    y, x = np.nonzero(values)
+    own, weights = labels[y, x], values[y, x].astype(float)
+    count = int(index.max(initial=0)) + 1
+    mass, down, across = (np.bincount(own, weights * at, count)[index] for at in (1.0, y, x))
+    return [*zip((down / mass).tolist(), (across / mass).tolist(), strict=True)]
+
+
+def _per_axis(size: Any, count: int) -> list[tuple[Any, int]]:
+    return [*zip(np.broadcast_to(size, count).tolist(), range(count), strict=True)]
+
+
+def _gaussian(sigma: float, truncate: float) -> np.ndarray:
+    reach = int(truncate * sigma + 0.5)
+    weights = np.exp(-0.5 / (sigma * sigma) * np.arange(-reach, reach + 1) ** 2)
+    return weights / weights.sum()
+
+
+def _boxes(size: int | Sequence[int], count: int) -> list[_Line]:
+    return [_line(own, axis) for own, axis in _per_axis(size, count)]
+
+
+def _line(size: int, axis: int) -> _Line:
+    if size < 1:
+        raise ValueError(f"there are no {size} neighbours; the least size is 1")
+    return axis, size // 2, (size - 1) // 2, None
+
+
+def _weighted(weights: np.ndarray, axis: int) -> _Line:
+    return axis, len(weights) // 2, (len(weights) - 1) // 2, np.ascontiguousarray(weights, dtype=np.float64)
+
+
+def _filtered(operation: int, values: np.ndarray, lines: Iterable[_Line], mode: str) -> np.ndarray:
+    out = np.array(values, order="C")
+    kinds = _NUMBERS if operation in (_SMALLEST, _LARGEST) else _FLOATS
+    if out.dtype not in kinds:
+        raise TypeError(f"there is no such filter of {out.dtype}, but of {', '.join(str(each) for each in kinds)}")
+    if mode not in _MODES:
+        raise ValueError(f"there is no mode {mode!r}, but {', '.join(_MODES)}")
+    call = _function("cs_filter_lines", *[c_int32] * 3, *[c_int64] * 5, *[c_void_p] * 2)
+    for axis, before, after, weights in lines:
+        if out.size and (before or after or weights is not None):
+            shape = math.prod(out.shape[:axis]), out.shape[axis], math.prod(out.shape[axis:][1:])
+            given = None if weights is None else weights.ctypes.data
+            _check(call(operation, kinds[out.dtype], _MODES.index(mode), *shape, before, after, given, out.ctypes.data))
+    return out
+
+
+def _of_labels(best: np.ufunc, values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> np.ndarray:
+    if not len(index):
+        return np.zeros(0, values.dtype)
+    labels = labels.ravel()
+    count = int(max(labels.max(initial=0), index.max())) + 1
+    found = np.full(count, -np.inf if best is np.maximum else np.inf, values.dtype)
+    best.at(found, labels, values.ravel())
+    return np.where(np.bincount(labels, minlength=count) > 0, found, 0)[index]
+
+
+def _mask(pixels: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(pixels if pixels.dtype == bool else pixels != 0)
+
+
+def _structure(structure: np.ndarray | None) -> np.ndarray:
+    found = _CROSS if structure is None else np.asarray(structure, dtype=bool)
+    if not (found.shape[0] % 2 and found.shape[1] % 2):
+        raise ValueError(f"a structure has odd sides, not {found.shape}")
+    return found
+
+
+def _dilated(
+    mask: np.ndarray, structure: np.ndarray, iterations: int, where: np.ndarray | None, border: bool
+) -> np.ndarray:
+    if iterations < 1:
+        raise ValueError(f"nothing is dilated {iterations} times; the least is 1")
+    out, structure = np.empty_like(mask), np.ascontiguousarray(structure)
+    where = None if where is None else _mask(where)
+    high, wide = (side // 2 for side in structure.shape)
+    call = _function("cs_dilate", *[c_int64] * 2, c_void_p, *[c_int64] * 2, *[c_void_p] * 2, c_int64, c_int32, c_void_p)
+    within = None if where is None else where.ctypes.data
+    at = (structure.ctypes.data, within, iterations, border, out.ctypes.data)
+    _check(call(*mask.shape, mask.ctypes.data, high, wide, *at))
+    return out
+
+
+@cache
+def _function(name: str, *kinds: Any, result: Any = c_int32) -> Callable[..., Any]:
+    call = getattr(library(), name)
+    call.argtypes, call.restype = kinds, result
+    return call
+
+
+def _check(failed: int) -> None:
+    if failed:
+        raise EngineError("there is no memory for the filters of the drawing; make the picture smaller")

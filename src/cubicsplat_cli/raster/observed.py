@@ -1,0 +1,56 @@
+"""What a picture tells of how it came to be, by the native library: its colours, edges, and how its colours change.
+
+All raise EngineError where the library or the memory is missing.
+"""
+
+from __future__ import annotations
+
+from ctypes import c_int64
+
+import numpy as np
+
+from cubicsplat_cli.raster.unmix import native
+
+
+def edge_variances(
+    levels: np.ndarray, luma: np.ndarray, most: int, even: float, contrast: float, off: float
+) -> np.ndarray:
+    """(n,) variances, px^2, of the blur of level or upright edges between two even places of a picture (H, W, 4).
+
+    luma: (H, W) the light in which edges are sought, at most so many each way. even: levels by which places are even;
+    contrast: levels of an edge; off: share of the contrast by which an edge's pixels may be off the line between the
+    colours that they blend, as those of a thin line between two areas are.
+    """
+    levels, luma = (np.ascontiguousarray(each, np.float32) for each in (levels, luma))
+    out = np.empty(2 * most)
+    limits = (float(even), float(contrast), float(off))
+    return out[: native("cs_edge_widths", levels, luma, *luma.shape, most, *limits, out, result=c_int64)].copy()
+
+
+def planes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W, C) the means of windows of size x size px, odd, of values (H, W, C), whose border goes on beyond it; and
+    (H, W) by how much the planes through them change per px, in the channel with most; float32.
+    """
+    values = np.ascontiguousarray(values, np.float32)
+    means, slopes = np.empty_like(values), np.empty(values.shape[:2], np.float32)
+    native("cs_planes", values, *values.shape, size, means, slopes)
+    return means, slopes
+
+
+def second_differences(levels: np.ndarray) -> np.ndarray:
+    """(H, W) float32 the larger one of those along the row and along the column, of the colour channel of a picture
+    (H, W, 4) that has the largest; 0 where a pixel has no neighbours.
+    """
+    levels = np.ascontiguousarray(levels, np.float32)
+    out = np.empty(levels.shape[:2], np.float32)
+    native("cs_second_differences", levels, *levels.shape[:2], out, result=None)
+    return out
+
+
+def distinct(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The places (K,) at which the different ones of uint64 keys are first, in the order of the keys, and which of them
+    each key is, of their shape.
+    """
+    keys = np.ascontiguousarray(keys, np.uint64)
+    numbers, first = np.empty(keys.shape, np.int64), np.empty(keys.size, np.int64)
+    return first[: native("cs_distinct", keys.size, keys, numbers, first, result=c_int64)].copy(), numbers

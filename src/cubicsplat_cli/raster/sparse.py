@@ -1,0 +1,66 @@
+"""Sparse matrices by rows: how many numbers move with few of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class SparseRows:
+    """A matrix of `count` columns. starts: (rows + 1,) where the entries of each row begin; columns, values: (n,) of
+    the entries, of which several in one place are summed."""
+
+    starts: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
+    count: int
+
+    @classmethod
+    def of(cls, rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> SparseRows:
+        """That of entries in any order; rows, columns, values: (n,); those in one place become one, zeros none."""
+        places, number = np.unique(np.asarray(rows, dtype=np.int64) * shape[1] + columns, return_inverse=True)
+        sums = np.bincount(number, values, len(places))
+        places, sums = places[sums != 0.0], sums[sums != 0.0]
+        row, column = np.divmod(places, max(shape[1], 1))
+        return cls(np.searchsorted(row, np.arange(shape[0] + 1)), column, sums, shape[1])
+
+    @classmethod
+    def identity(cls, count: int) -> SparseRows:
+        """The matrix that changes nothing."""
+        return cls(np.arange(count + 1), np.arange(count), np.ones(count), count)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.starts) - 1, self.count
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """(n,) the row of each entry."""
+        return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
+
+    def toarray(self) -> np.ndarray:
+        """(rows, columns) all values."""
+        out = np.zeros(self.shape)
+        np.add.at(out, (self.rows, self.columns), self.values)
+        return out
+
+    def row(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """The columns and the values of the entries of a row."""
+        own = slice(self.starts[number], self.starts[number + 1])
+        return self.columns[own], self.values[own]
+
+    def times(self, vector: np.ndarray) -> np.ndarray:
+        """(rows,) the product with a vector (columns,)."""
+        return np.bincount(self.rows, self.values * vector[self.columns], len(self.starts) - 1)
+
+    def after(self, other: SparseRows) -> SparseRows:
+        """The product with another matrix, which has a row for each column of this one."""
+        sizes = np.diff(other.starts)[self.columns]
+        place = np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        place += np.repeat(other.starts[self.columns], sizes)
+        values = np.repeat(self.values, sizes) * other.values[place]
+        return SparseRows.of(np.repeat(self.rows, sizes), other.columns[place], values, (self.shape[0], other.count))

@@ -1,0 +1,219 @@
+"""Fill colours in pixels, by the native library: which are near, and the shares of at most three of them in a blend.
+
+Colours are premultiplied RGBA in levels of 0..255, pictures (H, W, 4) float32, palettes (P, 4) float64. All raise
+EngineError where the library or the memory is missing.
+"""
+
+from __future__ import annotations
+
+from ctypes import c_double, c_int32, c_int64, c_void_p
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cpu import library
+
+SLOTS = 4  # colours that are looked at near a pixel
+
+
+def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """(H, W) float32 by how much the values (H, W, C) of a window of rows x columns px around each pixel, both odd,
+    differ, in the channel with most; what lies beyond the border does not count.
+    """
+    values = np.ascontiguousarray(values, np.float32)
+    out = np.empty(values.shape[:2], np.float32)
+    native("cs_spread", values, *values.shape, rows, columns, out)
+    return out
+
+
+def nearest_inks(values: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(...) int32 index of the ink nearest to values (..., 4), and (...) float32 its distance in levels, that of the
+    channel that is farthest off.
+    """
+    values, palette = (np.ascontiguousarray(each, np.float32) for each in (values, palette))
+    index, gap = np.empty(values.shape[:-1], np.int32), np.empty(values.shape[:-1], np.float32)
+    native("cs_nearest", index.size, values, len(palette), palette, index, gap, result=None)
+    return index, gap
+
+
+def near_inks(inks: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int) -> np.ndarray:
+    """(n, SLOTS) int32 the different inks >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px away along
+    rows and columns; -1 where there are fewer.
+    """
+    inks, y, x = _int32(inks), _whole(y), _whole(x)
+    near = np.empty((len(y), SLOTS), np.int32)
+    native("cs_near", inks, *inks.shape, len(y), y, x, reach, SLOTS, near)
+    return near
+
+
+def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (n, 4) as blends of the pair of near inks (n, SLOTS) that explains them best: the ink with the greater
+    share (n,) int32, and the residual (n,) in levels; -1 and infinity where there is no ink near.
+
+    Inks farther away must explain clearly better than nearer ones.
+    """
+    values, palette, near = np.ascontiguousarray(values, np.float32), _doubles(palette), _int32(near)
+    winner, residual = np.empty(len(values), np.int32), np.empty(len(values))
+    native("cs_unmix", len(values), values, palette, near.shape[1], near, winner, residual, result=None)
+    return winner, residual
+
+
+def residual_of_three(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(n,) levels that values (n, 4) are off the nearest blend of three of the inks near them (n, SLOTS) int32, or of
+    two that explain them about as well; infinity where there are fewer inks.
+    """
+    values, palette, near = np.ascontiguousarray(values, np.float32), _doubles(palette), _int32(near)
+    residual = np.empty(len(values))
+    native("cs_unmix_three", len(values), values, palette, near.shape[1], near, residual, result=None)
+    return residual
+
+
+def blend_with(
+    values: np.ndarray, ink: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The share (n,) of an ink in values that are its blends with one or both of two others, and the residual (n,) in
+    levels. Each of the four is (n, 4), or (4,) for all; two inks are taken where they explain about as well as three.
+    """
+    given = [_doubles(each) for each in (values, ink, first, second)]
+    count = max((len(each) for each in given if each.ndim == 2), default=1)
+    share, residual = np.empty(count), np.empty(count)
+    steps = [part for each in given for part in (each, 4 * (each.ndim - 1))]
+    native("cs_blend_with", count, *steps, share, residual, result=None)
+    return share, residual
+
+
+def inks_of_lines(
+    values: np.ndarray,
+    place: tuple[np.ndarray, np.ndarray],
+    palette: np.ndarray,
+    beside: tuple[np.ndarray, np.ndarray],
+    window: int,
+    costs: tuple[float, float, float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of values (n, 4) at rows and columns (n,) the ink (n,) that explains those in a window of so many px around each
+    best, as blends with the two inks beside them, two of (n, 4); its share (n,) in the value, and the residual (n,).
+
+    costs: levels beyond which a residual costs no more, those that an ink costs that has no share, and those that it
+    costs for each ink before it in the palette.
+    """
+    values, palette = np.ascontiguousarray(values, np.float32), _doubles(palette)
+    (y, x), (first, second) = (_whole(each) for each in place), (_doubles(each) for each in beside)
+    ink, share, residual = np.empty(len(values), np.int64), np.empty(len(values)), np.empty(len(values))
+    found = (window, *costs, ink, share, residual)
+    native("cs_line_inks", len(values), values, y, x, len(palette), palette, first, second, *found)
+    return ink, share, residual
+
+
+def distance_to_blends(values: np.ndarray, inks: np.ndarray, first: int = 0) -> np.ndarray:
+    """(n,) the Euclidean distance of values (n, 4) to the nearest blend of two inks of (P, 4), one of them from `first`
+    on; infinite where there is none.
+    """
+    values, inks = np.ascontiguousarray(values, np.float32), _doubles(inks)
+    square = np.empty(len(values))
+    native("cs_off_blends", len(values), values, len(inks), inks, first, square, result=None)
+    return np.sqrt(square)
+
+
+def part_inks(levels: np.ndarray, owner: np.ndarray, even: float, side: float) -> tuple[np.ndarray, np.ndarray]:
+    """(P, 4) the inks that the parts of a picture show, and how many px (P,) each has.
+
+    owner: (H, W) int32 the part of each pixel, from 1 on, 0 for none. even: levels up to which the colours of a part
+    may differ for it to show one ink, the commonest colour, or the median where none has a quarter of it; others show
+    the mean in every cell of `side` levels.
+    """
+    levels, owner = np.ascontiguousarray(levels, np.float32), _int32(owner)
+    room = int(np.count_nonzero(owner))
+    inks, sizes = np.empty((room, 4)), np.empty(room)
+    parts = int(owner.max(initial=0))
+    count = native("cs_part_inks", owner.size, levels, owner, parts, float(even), side, inks, sizes, result=c_int64)
+    return inks[:count].copy(), sizes[:count].copy()
+
+
+def joined_inks(inks: np.ndarray, weights: np.ndarray, same: float, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most so many of the inks (P, 4), and their weights: in the given order each joins the nearest one before it
+    that is within `same` levels, or is kept.
+    """
+    inks, weights = _doubles(inks), np.array(weights, np.float64)
+    kept = np.empty(min(len(inks), most), np.int64)
+    count = native("cs_join_inks", len(inks), inks, weights, same, most, kept, result=c_int64)
+    return inks[kept[:count]], weights[kept[:count]]
+
+
+@dataclass(frozen=True)
+class LineBlends:
+    """What a line makes of pixels. one: levels that are one colour; ground: and of a ground. between: share of the
+    squares that lie amid the ground. off: levels by which a blend is off the line between two inks; shares: the least
+    and the most of the line's ink. more: times as many px as the blend has, that the line's ink has in thin lines.
+    """
+
+    one: float
+    ground: float
+    between: float
+    off: float
+    shares: tuple[float, float]
+    more: float
+
+
+def are_lines(
+    levels: np.ndarray, thin: np.ndarray, small: tuple[np.ndarray, np.ndarray], inks: np.ndarray, rule: LineBlends
+) -> np.ndarray:
+    """(k,) bool: which colours of squares of 2 x 2 px of a picture (H, W, 4) are blends of the ink of a line with a
+    ground on both sides. thin: (H, W) bool, where lines are. small: the colours (k, 4), and how many px (k,) have them.
+    inks: (P, 4) those of lines and grounds.
+    """
+    levels, thin = np.ascontiguousarray(levels, np.float32), np.ascontiguousarray(thin, bool)
+    (colours, sizes), inks = (_doubles(each) for each in small), _doubles(inks)
+    lines = np.zeros(len(colours), bool)
+    numbers = (rule.one, rule.ground, rule.between, rule.off, *rule.shares, rule.more)
+    sizes_of = (len(colours), colours, sizes, len(inks), inks, *(float(number) for number in numbers))
+    native("cs_are_lines", levels, *thin.shape, thin, *sizes_of, lines)
+    return lines
+
+
+def components(values: np.ndarray) -> tuple[np.ndarray, int]:
+    """(H, W) int32 the parts of equal values (H, W) >= -1, connected along the sides of pixels, numbered from 0 on by
+    their values and then their first pixels; and how many there are.
+    """
+    values = _int32(values)
+    labels = np.empty_like(values)
+    return labels, native("cs_components", values, *values.shape, labels, result=c_int64)
+
+
+def holes_of(mask: np.ndarray) -> np.ndarray:
+    """(h, w) bool: what a mask's pixels enclose without being it, connected along the sides of pixels."""
+    mask = np.ascontiguousarray(mask, bool)
+    holes = np.empty_like(mask)
+    native("cs_holes", mask, *mask.shape, holes)
+    return holes
+
+
+def native(name: str, *given: Any, result: type | None = c_int32) -> int:
+    """What a function of the library returns for arrays, which it takes as pointers, and numbers. EngineError where
+    that says that there is no memory.
+    """
+    call = getattr(library(), name)
+    call.restype = result
+    found = call(*(_in_c(each) for each in given))
+    if result is not None and (found < 0 or (result is c_int32 and found)):
+        raise EngineError("there is no memory for the regions of the drawing; make the picture smaller")
+    return found or 0
+
+
+def _in_c(given: Any) -> Any:
+    if isinstance(given, np.ndarray):
+        return c_void_p(given.ctypes.data)
+    return c_double(given) if isinstance(given, float) else c_int64(given)
+
+
+def _doubles(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array, np.float64)
+
+
+def _int32(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array, np.int32)
+
+
+def _whole(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array, np.int64)

@@ -1,0 +1,147 @@
+"""The native image operations give what scipy.ndimage gives, to the last bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from scipy import ndimage as theirs
+
+from cubicsplat_cli.raster import ndimage as ours
+
+SIDES = st.integers(1, 24)
+MASKS = st.tuples(SIDES, SIDES).flatmap(lambda shape: arrays.arrays(bool, shape))
+NUMBERS = st.sampled_from([bool, np.uint8, np.int32, np.int64, np.float32, np.float64])
+FLOATS = st.sampled_from([np.float32, np.float64])
+MODES = st.sampled_from(["reflect", "nearest", "constant"])
+CROSS, SQUARE = theirs.generate_binary_structure(2, 1), np.ones((3, 3), dtype=bool)
+STRUCTURES = st.sampled_from([None, CROSS, SQUARE])
+LABELS = st.tuples(SIDES, SIDES).flatmap(lambda shape: arrays.arrays(np.int32, shape, elements=st.integers(0, 6)))
+
+
+@st.composite
+def pictures(draw, kinds):
+    """Noise, of which some is turned so that it does not lie in order."""
+    shape = draw(st.one_of(st.tuples(SIDES), st.tuples(SIDES, SIDES), st.tuples(SIDES, SIDES, st.integers(1, 4))))
+    values = np.random.default_rng(draw(st.integers(0, 2**32))).uniform(0.0, 255.0, shape)
+    values = (values > 128.0) if draw(st.booleans()) and len(shape) > 1 else values
+    return values.astype(draw(kinds)).T if draw(st.booleans()) else values.astype(draw(kinds))
+
+
+def same(found, known):
+    assert found.dtype == known.dtype
+    np.testing.assert_array_equal(found, known)
+
+
+@settings(deadline=None, max_examples=40)
+@given(pictures(NUMBERS), st.data(), MODES)
+def test_extremes_of_neighbours(values, data, mode):
+    sizes = data.draw(st.tuples(*[st.integers(1, 20)] * values.ndim))
+    for name in ("maximum_filter", "minimum_filter"):
+        same(getattr(ours, name)(values, sizes, mode=mode), getattr(theirs, name)(values, sizes, mode=mode))
+        line = f"{name}1d"
+        same(getattr(ours, line)(values, sizes[0], 0, mode=mode), getattr(theirs, line)(values, sizes[0], 0, mode=mode))
+
+
+@settings(deadline=None, max_examples=40)
+@given(pictures(FLOATS), st.data(), MODES)
+def test_means_and_sums_of_neighbours(values, data, mode):
+    sizes = data.draw(st.tuples(*[st.integers(1, 20)] * values.ndim))
+    same(ours.uniform_filter(values, sizes, mode=mode), theirs.uniform_filter(values, sizes, mode=mode))
+    weights = data.draw(arrays.arrays(float, st.integers(1, 12), elements=st.floats(-3.0, 3.0)))
+    for taps in (weights, weights + weights[::-1], weights - weights[::-1]):
+        for axis in (0, -1):
+            found = ours.correlate1d(values, taps, axis, mode=mode)
+            same(found, theirs.correlate1d(values, taps, axis, mode=mode))
+    sigmas = data.draw(st.tuples(*[st.sampled_from([0.0, 0.3, 1.0, 4.5])] * values.ndim))
+    same(ours.gaussian_filter(values, sigmas, mode=mode), theirs.gaussian_filter(values, sigmas, mode=mode))
+    same(ours.gaussian_filter(values, 0.8, truncate=2.5), theirs.gaussian_filter(values, 0.8, truncate=2.5))
+
+
+@settings(deadline=None, max_examples=40)
+@given(MASKS, STRUCTURES)
+def test_parts_of_a_mask(mask, structure):
+    found, count = ours.label(mask, structure)
+    known, number = theirs.label(mask, structure)
+    assert count == number
+    same(found, known)
+    assert ours.find_objects(found) == theirs.find_objects(found)
+    assert ours.find_objects(found.astype(np.int64), 3) == theirs.find_objects(found, 3)
+
+
+@settings(deadline=None, max_examples=40)
+@given(MASKS, st.one_of(st.none(), arrays.arrays(bool, st.sampled_from([(3, 3), (1, 5), (5, 3), (7, 7)]))), st.data())
+def test_dilation_and_erosion(mask, structure, data):
+    rounds = data.draw(st.integers(1, 6))
+    where = data.draw(arrays.arrays(bool, mask.shape))
+    if structure is not None:
+        structure[0, 0] = True  # scipy takes none that is empty
+        rounds = rounds if structure.shape == (3, 3) else 1  # and is wrong about others, applied more than once
+    same(ours.binary_dilation(mask, structure, rounds), theirs.binary_dilation(mask, structure, rounds))
+    found = ours.binary_dilation(mask, structure, rounds, mask=where)
+    same(found, theirs.binary_dilation(mask, structure, rounds, mask=where))
+    for border in (0, 1):
+        found = ours.binary_erosion(mask, structure, rounds, border_value=border)
+        same(found, theirs.binary_erosion(mask, structure, rounds, border_value=border))
+    same(ours.binary_opening(mask, structure), theirs.binary_opening(mask, structure))
+
+
+@settings(deadline=None, max_examples=40)
+@given(MASKS, STRUCTURES, st.data())
+def test_what_is_linked_and_what_is_enclosed(mask, structure, data):
+    where = data.draw(arrays.arrays(bool, mask.shape))
+    few = mask & (np.cumsum(mask).reshape(mask.shape) % 5 == 0)
+    same(ours.binary_propagation(few, structure, where), theirs.binary_propagation(few, structure, where))
+    same(ours.binary_fill_holes(mask), theirs.binary_fill_holes(mask))
+
+
+@settings(deadline=None, max_examples=40)
+@given(MASKS)
+def test_distances(mask):
+    mask[data_pixel(mask)] = False
+    same(ours.distance_transform_edt(mask), theirs.distance_transform_edt(mask))
+    found = ours.distance_transform_cdt(mask, metric="chessboard")
+    same(found, theirs.distance_transform_cdt(mask, metric="chessboard"))
+
+
+def data_pixel(mask):
+    """Some pixel, so that there is one to be far from."""
+    return np.unravel_index(int(mask.sum() * 7) % mask.size, mask.shape)
+
+
+def test_without_a_pixel_that_is_0_nothing_is_at_a_distance():
+    full = np.ones((3, 4), dtype=bool)
+    assert np.isinf(ours.distance_transform_edt(full)).all()
+    same(ours.distance_transform_cdt(full, metric="chessboard"), np.full((3, 4), -1, np.int32))
+
+
+@settings(deadline=None, max_examples=40)
+@given(LABELS, FLOATS, st.lists(st.integers(0, 9), max_size=5))
+def test_values_by_label(labels, kind, index):
+    values = np.random.default_rng(labels.size).normal(size=(*labels.shape, 2)).astype(kind)[..., 0]
+    index = np.array(index, dtype=int)
+    for name in ("maximum", "minimum"):
+        np.testing.assert_array_equal(
+            getattr(ours, name)(values, labels, index), np.array(getattr(theirs, name)(values, labels, index))
+        )
+    own = np.intersect1d(index, labels[values > 0.0])
+    found = np.reshape(ours.center_of_mass(values > 0.0, labels, own), (-1, 2))
+    np.testing.assert_array_equal(found, np.array(theirs.center_of_mass(values > 0.0, labels, own)).reshape(-1, 2))
+
+
+def test_arguments_that_mean_nothing_are_refused():
+    picture = np.zeros((4, 4))
+    with pytest.raises(ValueError, match="least size"):
+        ours.maximum_filter(picture, 0)
+    with pytest.raises(ValueError, match="0 times"):
+        ours.binary_dilation(picture, iterations=0)
+    with pytest.raises(ValueError, match="odd sides"):
+        ours.binary_dilation(picture, np.ones((2, 3)))
+    with pytest.raises(ValueError, match="metric"):
+        ours.distance_transform_cdt(picture, metric="taxicab")
+    with pytest.raises(ValueError, match="mirror"):
+        ours.uniform_filter(picture, 3, mode="mirror")
+    with pytest.raises(TypeError, match="uint8"):
+        ours.uniform_filter(picture.astype(np.uint8), 3)

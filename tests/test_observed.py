@@ -1,0 +1,83 @@
+"""What a picture tells of how it came to be, held against definitions in numpy and pictures that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.raster.observed import distinct, edge_variances, planes, second_differences
+
+LUMA = np.array([0.299, 0.587, 0.114, 0.7], np.float32)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(3)
+
+
+def _step(sigma: float, side: int = 40) -> np.ndarray:
+    """An upright edge between two colours, (side, side, 4), blurred: the mean of a sum of normal steps over pixels."""
+    fine = np.arange(side * 64) / 64.0 - 0.5 * side + 1.0 / 128.0
+    share = (fine > 0.0).astype(float)
+    if sigma:
+        kernel = np.exp(-0.5 * (np.arange(-640, 641) / 64.0 / sigma) ** 2)
+        share = np.convolve(np.pad(share, 640, mode="edge"), kernel / kernel.sum(), mode="valid")
+    pixels = share.reshape(side, 64).mean(axis=1)
+    colours = np.array([[20.0, 40.0, 200.0, 255.0], [250.0, 200.0, 30.0, 255.0]])
+    line = colours[0] + pixels[:, None] * (colours[1] - colours[0])
+    return np.repeat(line[None], side, axis=0).astype(np.float32)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("sigma", [0.8, 1.2, 1.6])
+def test_the_variance_of_an_edge_is_that_of_its_blur(sigma: float, turned: bool) -> None:
+    levels = _step(sigma).swapaxes(0, 1) if turned else _step(sigma)
+    found = edge_variances(levels, levels @ LUMA, 100, 2.0, 60.0, 0.1)
+    # The pixel's own width is taken out once for the pixels, and once for the steps between them.
+    assert len(found) == 40 and found == pytest.approx(sigma**2, rel=0.06)
+
+
+def test_a_line_between_two_areas_is_no_edge() -> None:
+    levels = _step(1.2)
+    levels[:, 19:21] = [255.0, 255.0, 255.0, 255.0]
+    assert not len(edge_variances(levels, levels @ LUMA, 100, 2.0, 60.0, 0.1))
+
+
+def test_no_more_edges_are_looked_at_than_asked_for() -> None:
+    levels = _step(1.0)
+    assert len(edge_variances(levels, levels @ LUMA, 7, 2.0, 60.0, 0.1)) == 7
+
+
+@pytest.mark.parametrize("size", [3, 5])
+@pytest.mark.parametrize("channels", [3, 4])
+def test_planes_are_the_least_squares_of_windows(rng: np.random.Generator, size: int, channels: int) -> None:
+    values = rng.uniform(0.0, 255.0, (6, 9, channels)).astype(np.float32)
+    means, slopes = planes(values, size)
+    half = size // 2
+    padded = np.pad(values.astype(float), ((half, half), (half, half), (0, 0)), mode="edge")
+    at = np.arange(size) - half
+    for (y, x), slope in np.ndenumerate(slopes):
+        part = padded[y : y + size, x : x + size]
+        u = np.tensordot(part, at * np.ones((size, 1)), axes=([0, 1], [0, 1]))
+        v = np.tensordot(part, at[:, None] * np.ones((1, size)), axes=([0, 1], [0, 1]))
+        norm = size * (at * at).sum()
+        assert slope == pytest.approx(np.hypot(u / norm, v / norm).max(), rel=1e-4)
+        assert means[y, x] == pytest.approx(part.mean(axis=(0, 1)), rel=1e-4)
+
+
+def test_second_differences_are_the_largest_of_both_directions(rng: np.random.Generator) -> None:
+    levels = rng.uniform(0.0, 255.0, (5, 7, 4)).astype(np.float32)
+    expected = np.zeros((5, 7), np.float32)
+    across = np.abs(levels[:, 2:, :3] - 2 * levels[:, 1:-1, :3] + levels[:, :-2, :3]).max(axis=2)
+    down = np.abs(levels[2:, :, :3] - 2 * levels[1:-1, :, :3] + levels[:-2, :, :3]).max(axis=2)
+    expected[:, 1:-1] = across
+    expected[1:-1] = np.maximum(expected[1:-1], down)
+    assert second_differences(levels) == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize("kinds", [3, 5000])
+def test_distinct_keys_are_those_of_numpy(rng: np.random.Generator, kinds: int) -> None:
+    keys = (rng.integers(0, kinds, (60, 90)).astype(np.uint64) << np.uint64(37)) + np.uint64(5)
+    first, numbers = distinct(keys)
+    _, index, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    assert (first == index).all() and (numbers == inverse.reshape(keys.shape)).all()
