@@ -15,13 +15,13 @@ from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import library
 
 
-def second_differences(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def bends_and_steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of each pixel (H, W) float32 the greatest second difference, in levels, of all channels and four directions, and
     the greatest difference between opposite neighbours. Beyond its border a picture goes on as straight as it ends."""
     levels = np.ascontiguousarray(levels, dtype=np.float32)
     height, width = levels.shape[:2]
     bends, steps = (np.empty((height, width), np.float32) for _ in range(2))
-    call = _library().cs_second_differences
+    call = _library().cs_bends
     _checked(call(height, width, levels.ctypes.data, bends.ctypes.data, steps.ctypes.data))
     return bends, steps
 
@@ -78,7 +78,7 @@ def _checked(failed: bool) -> None:
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL:
     lib = library()
-    lib.cs_second_differences.argtypes = [c_int64, c_int64, *[c_void_p] * 3]
+    lib.cs_bends.argtypes = [c_int64, c_int64, *[c_void_p] * 3]
     lib.cs_part_spreads.restype = lib.cs_blends.restype = None
     lib.cs_part_spreads.argtypes = [c_int64, c_int64, c_void_p, c_void_p, c_int64, *[c_void_p] * 3]
     lib.cs_trimmed_range.argtypes, lib.cs_trimmed_range.restype = [c_int64, c_void_p, c_double], c_double

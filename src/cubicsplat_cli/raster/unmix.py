@@ -34,7 +34,7 @@ def nearest_inks(values: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, n
     """
     values, palette = (np.ascontiguousarray(each, np.float32) for each in (values, palette))
     index, gap = np.empty(values.shape[:-1], np.int32), np.empty(values.shape[:-1], np.float32)
-    native("cs_nearest", index.size, values, len(palette), palette, index, gap, result=None)
+    native("cs_nearest_inks", index.size, values, len(palette), palette, index, gap, result=None)
     return index, gap
 
 

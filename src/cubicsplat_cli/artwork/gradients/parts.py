@@ -13,7 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.paints import second_differences, trimmed_range
+from cubicsplat_cli.raster.paints import bends_and_steps, trimmed_range
 from cubicsplat_cli.raster.shades import Pixels
 
 # Levels: a second difference that rounding makes, and the steepest change per px.
@@ -33,7 +33,7 @@ def smooth_parts(levels: np.ndarray, bend: float = BEND) -> tuple[np.ndarray, in
 
     bend: levels of a second difference that is none of an edge; as much steeper may changes be.
     """
-    bends, steps = second_differences(levels)
+    bends, steps = bends_and_steps(levels)
     smooth = (bends <= bend) & (steps <= 2.0 * STEEP * bend / BEND)
     # Opened with room around the canvas, so that its border takes nothing away.
     opened = ndimage.binary_opening(np.pad(smooth, 2, mode="edge"), SQUARE)[2:-2, 2:-2]

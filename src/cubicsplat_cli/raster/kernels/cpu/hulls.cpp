@@ -7,7 +7,7 @@
 #include "abi.h"
 #include "stack_trace.h"
 
-namespace cs {
+namespace cs::stack {
 namespace {
 
 // Adds a corner to one side of a convex hull, by the monotone chain.
@@ -39,13 +39,13 @@ std::vector<uint8_t> hull_of(int height, int width, const Own& own) {
   for (auto row = rows.rbegin(); row != rows.rend(); row++)
     for (int k = 1; k >= 0; k--) extend(corners, other, {double(row->left), double(row->y + k)});
   Window window{0, 0, width, height, {}};
-  CsCrossings none{};
-  Crossings crossings(&none, 0, 0);
+  Trace none;
+  Crossings crossings(none, 0, 0);
   Tracer tracer(window, crossings, 0);
   for (size_t n = 0; n < corners.size(); n++) {
     const Point a = corners[n], b = corners[(n + 1) % corners.size()];
     const Point p[4] = {a, between(a, b, 1.0 / 3.0), between(a, b, 2.0 / 3.0), b};
-    tracer.piece(int(n), &p[0].x, true, 1.0);
+    tracer.piece(&p[0].x, true, 1.0);
   }
   std::vector<double> covered(out.size());
   window.finish(covered.data());
@@ -58,14 +58,15 @@ std::vector<uint8_t> hull_of(int height, int width, const Own& own) {
 }
 
 }  // namespace
-}  // namespace cs
+}  // namespace cs::stack
 
 extern "C" {
 
 // out: height x width, the pixels that lie by half or more in the hull of a mask. 1 where there is no memory, else 0.
 CS_EXPORT int32_t cs_hull(const uint8_t* mask, int32_t height, int32_t width, uint8_t* out) {
   try {
-    const auto found = cs::hull_of(height, width, [&](int y, int x) { return mask[int64_t(y) * width + x] != 0; });
+    const auto found = cs::stack::hull_of(height, width,
+                                          [&](int y, int x) { return mask[int64_t(y) * width + x] != 0; });
     std::copy(found.begin(), found.end(), out);
   } catch (const std::exception&) {
     return 1;
@@ -80,7 +81,7 @@ CS_EXPORT int32_t cs_hull_holds(const int32_t* labels, int64_t stride, int32_t h
                                 const uint8_t* own, int64_t* held, int64_t* inner) {
   try {
     const auto is_own = [&](int y, int x) { return own[labels[y * stride + x]] != 0; };
-    const auto hull = cs::hull_of(height, width, is_own);
+    const auto hull = cs::stack::hull_of(height, width, is_own);
     const auto in = [&](int y, int x) {
       return y >= 0 && x >= 0 && y < height && x < width && hull[size_t(y) * width + x] != 0;
     };

@@ -71,8 +71,7 @@ extern "C" {
 
 // Of every pixel of a picture (height x width x 4), levels, the greatest second difference of all channels and four
 // directions, and the greatest difference between opposite neighbours. Returns 0, or 1 without memory.
-CS_EXPORT int32_t cs_second_differences(int64_t height, int64_t width, const float* levels, float* bends,
-                                        float* steps) {
+CS_EXPORT int32_t cs_bends(int64_t height, int64_t width, const float* levels, float* bends, float* steps) {
   try {
     const std::vector<float> around = cs::extended(height, width, levels);
     const int64_t wide = 4 * (width + 2), offsets[4] = {4, wide, wide + 4, wide - 4};

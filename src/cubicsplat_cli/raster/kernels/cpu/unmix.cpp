@@ -158,8 +158,8 @@ CS_EXPORT int32_t cs_spread(const float* values, int64_t height, int64_t width, 
 }
 
 // The nearest ink (n) to each of n values, by the channel that is farthest off, and how far it is.
-CS_EXPORT void cs_nearest(int64_t count, const float* values, int64_t inks, const float* palette, int32_t* nearest,
-                          float* gap) {
+CS_EXPORT void cs_nearest_inks(int64_t count, const float* values, int64_t inks, const float* palette, int32_t* nearest,
+                               float* gap) {
   // Pictures have few colours, so most were looked up before.
   int64_t known[4096];
   std::fill(std::begin(known), std::end(known), -1);
