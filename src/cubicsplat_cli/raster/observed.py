@@ -43,7 +43,7 @@ def second_differences(levels: np.ndarray) -> np.ndarray:
     """
     levels = np.ascontiguousarray(levels, np.float32)
     out = np.empty(levels.shape[:2], np.float32)
-    native("cs_bends", levels, *levels.shape[:2], out, result=None)
+    native("cs_second_differences", levels, *levels.shape[:2], out, result=None)
     return out
 
 

@@ -26,7 +26,7 @@ class PointTree:
         any points inf and -1."""
         places = _pairs(places)
         squares, indices = np.empty(len(places)), np.empty(len(places), np.int64)
-        call = library().cs_tree_nearest
+        call = library().cs_nearest
         call.restype, call.argtypes = None, [c_int64, *[c_void_p] * 3, c_int64, *[c_void_p] * 3]
         call(*self._pointers(), len(places), places.ctypes.data, squares.ctypes.data, indices.ctypes.data)
         return np.sqrt(squares), indices

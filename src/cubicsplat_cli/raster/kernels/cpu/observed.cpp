@@ -186,7 +186,7 @@ CS_EXPORT int32_t cs_planes(const float* values, int64_t height, int64_t width, 
 
 // The larger one of the second differences along the row and along the column at each pixel of a picture (height x width x
 // 4), 0 where it has no neighbours, of the first three channels that which has the largest.
-CS_EXPORT void cs_bends(const float* values, int64_t height, int64_t width, float* out) {
+CS_EXPORT void cs_second_differences(const float* values, int64_t height, int64_t width, float* out) {
   for (int64_t y = 0; y < height; y++)
     for (int64_t x = 0; x < width; x++) {
       const float* at = values + 4 * (y * width + x);

@@ -104,8 +104,8 @@ CS_EXPORT void cs_tree(int64_t count, const Point* points, int64_t* order, uint8
   sort(points, 0, count, order, axes);
 }
 
-CS_EXPORT void cs_tree_nearest(int64_t count, const Point* points, const int64_t* order, const uint8_t* axes,
-                               int64_t places, const Point* at, double* squares, int64_t* indices) {
+CS_EXPORT void cs_nearest(int64_t count, const Point* points, const int64_t* order, const uint8_t* axes, int64_t places,
+                          const Point* at, double* squares, int64_t* indices) {
   const Tree tree{count, points, order, axes};
   for (int64_t i = 0; i < places; i++) {
     Tree::Nearest best;
