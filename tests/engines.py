@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-import reference
 import torch
 from emulated import EmulatedDriver, compiler
 from emulated_arm import ArmEngine, missing
 from scenes import DEGENERATE, PAPER, TENSORS, as_arguments, in_double
 from torch import Tensor
 
+from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState

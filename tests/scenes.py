@@ -6,10 +6,10 @@ import math
 from dataclasses import replace
 
 import pytest
-import reference
 import torch
 from torch import Tensor
 
+from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene, pack_rings, points_from_segments
 from cubicsplat_cli.settings import Mode

@@ -4,11 +4,6 @@ from __future__ import annotations
 
 import pytest
 import torch
-from bezier import (
-    bernstein,
-    polyline_basis,
-    segment_indices,
-)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import MODES, random_scene
@@ -16,6 +11,11 @@ from torch import Tensor
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.scene import points_from_segments, segments_from_points
+from cubicsplat_cli.scene.bezier import (
+    bernstein,
+    polyline_basis,
+    segment_indices,
+)
 from cubicsplat_cli.settings import Mode
 
 quick = settings(max_examples=50, deadline=None, derandomize=True)

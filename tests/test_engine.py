@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
-import reference
 import torch
 from adan import ReferenceFit
 from conftest import rest_slow
@@ -47,6 +46,7 @@ from scenes import (
 )  # fmt: skip
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.settings import Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode

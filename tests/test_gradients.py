@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
-import reference
 import torch
 from conftest import rest_slow
 from engines import (
@@ -38,7 +37,7 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.raster import RasterSettings, render, render_scene
+from cubicsplat_cli.raster import RasterSettings, reference, render, render_scene
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.operator import render_op
 from cubicsplat_cli.raster.settings import FLATNESS

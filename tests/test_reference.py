@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import product
 
 import pytest
-import reference
 import torch
 from conftest import rest_slow
 from scenes import (
@@ -36,6 +35,7 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import MAX_ALPHA, MIN_TRANSMITTANCE, RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode

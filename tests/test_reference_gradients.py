@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import product
 
 import pytest
-import reference
 import torch
 from conftest import rest_slow
 from scenes import (
@@ -29,6 +28,7 @@ from scenes import (
 )
 from torch import Tensor
 
+from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.settings import MAX_ALPHA
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode

@@ -1,4 +1,4 @@
-"""Drawing scenes: one differentiable operator over the engines."""
+"""Drawing scenes: one differentiable operator over the engines, and the readable reference."""
 
 from __future__ import annotations
 

@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
-from bezier import polyline_basis
 from torch import Tensor
 
 from cubicsplat_cli.errors import UsageError
@@ -31,6 +30,7 @@ from cubicsplat_cli.raster.settings import (
     image_loss,
 )
 from cubicsplat_cli.scene import Scene, segments_from_points
+from cubicsplat_cli.scene.bezier import polyline_basis
 from cubicsplat_cli.scene.gradients import FLAT, Gradients, paint_at
 from cubicsplat_cli.settings import Mode
 
