@@ -36,7 +36,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 COMMANDS = dict(typer.main.get_command(app_module.app).commands)
 COMMANDS |= {f"bench {name}": command for name, command in COMMANDS.pop("bench").commands.items()}
-HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "PIL", "scipy")
+HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "svgwrite", "PIL", "scipy")
 # What takes from 0.03 to 0.5 s to import, and only scans, blurred pictures, strokes and photos need.
 RARE = (
     "torch", "skimage", "scipy.ndimage", "scipy.spatial", "scipy.special", "scipy.fft", "scipy.optimize",
@@ -303,7 +303,7 @@ def test_doctor_reports_versions_renderers_and_engine(run_cli, capsys):
     doctor_module.doctor()
     text = capsys.readouterr().out
     assert f"cubicsplat {__version__}" in text
-    assert found["packages"]["scikit-image"] in text
+    assert found["packages"]["svgwrite"] in text
     assert "cpu" in text
 
 

@@ -23,7 +23,7 @@ KERNELS = SOURCE / "raster" / "kernels"
 LIBRARY = re.compile(r"cubicsplat_cli/raster/_cubicsplat\.(so|dylib|dll)")
 RUNTIME = {
     "array-api-compat",
-    "cairosvg", "jinja2", "numpy", "pillow", "resvg-py", "rich", "scikit-image", "scipy", "torch", "typer",
+    "cairosvg", "jinja2", "numpy", "pillow", "resvg-py", "rich", "scikit-image", "scipy", "svgwrite", "torch", "typer",
 }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ import typer
 from cubicsplat_cli._version import __version__
 
 _PACKAGES = (
-    "numpy", "torch", "array-api-compat", "Pillow", "scikit-image", "scipy", "cairosvg", "resvg_py",
+    "numpy", "torch", "array-api-compat", "Pillow", "scikit-image", "scipy", "svgwrite", "cairosvg", "resvg_py",
     "typer", "rich",
 )  # fmt: skip
 _INDENT = 11  # columns before the text of a line

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
+import svgwrite
 
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.markup import document, empty_document, format_number, gradient_element
+from cubicsplat_cli.svg.markup import comment_text, format_number, gradient_element, in_short, xml_text
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, ring_slices, to_grid
 from cubicsplat_cli.svg.scene_gradients import gradient_decimals
 
@@ -29,23 +30,18 @@ def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str
     when a value is not finite or out of range, UsageError for a bad precision.
     """
     grid = to_grid(scene, precision)
-    definitions, fills = _definitions(grid)
-    root = empty_document(grid.width, grid.height, title, comment)
-    root.attrib |= {"baseProfile": "full", "version": "1.1"}
-    if len(definitions):
-        root.set("xmlns:xlink", "http://www.w3.org/1999/xlink")
-        root.append(definitions)
-    root.attrib = dict(sorted(root.items()))
+    drawing = svgwrite.Drawing(
+        size=(grid.width, grid.height), viewBox=f"0 0 {grid.width} {grid.height}", profile="full", debug=False
+    )
     if grid.background is not None:
-        size = {"width": str(grid.width), "height": str(grid.height)}
-        box = {"fill": _hex_colour(grid.background), "id": BACKGROUND_ID, **size, "x": "0", "y": "0"}
-        root.append(ElementTree.Element("rect", dict(sorted(box.items()))))
-    root.append(_curve_group(grid, fills))
-    for parent in (definitions, root[-1]):
-        parent.text = "\n"
-        for child in parent:
-            child.tail = "\n"
-    return document(root)
+        size = (grid.width, grid.height)
+        drawing.add(drawing.rect(id=BACKGROUND_ID, insert=(0, 0), size=size, fill=_hex_colour(grid.background)))
+    definitions, fills = _definitions(grid)
+    drawing.add(_curve_group(drawing, grid, fills))
+    root = drawing.get_xml()
+    _finish(root, title, comment, definitions)
+    text = in_short(ElementTree.tostring(root, encoding="unicode"))
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
 def _definitions(grid: GridScene) -> tuple[ElementTree.Element, list[str]]:
@@ -84,33 +80,50 @@ def _short_name(number: int) -> str:
     return name if name not in (BACKGROUND_ID, CURVES_ID, UNITS_ID) else f"{name}-"
 
 
-def _curve_group(grid: GridScene, fills: list[str]) -> ElementTree.Element:
+def _curve_group(drawing: svgwrite.Drawing, grid: GridScene, fills: list[str]) -> svgwrite.container.Group:
     """The group with what all curves share, and in it the paths; index 0 is the front, so it comes last."""
     closed = grid.mode is Mode.CLOSED
-    shared = {"id": CURVES_ID}
     if closed:
-        shared["fill-rule"] = "nonzero"
+        group = drawing.g(id=CURVES_ID, fill_rule="nonzero")
     else:
-        shared |= {"fill": "none", "stroke-linecap": "round", "stroke-linejoin": "round"}
+        group = drawing.g(id=CURVES_ID, fill="none", stroke_linecap="round", stroke_linejoin="round")
     if grid.precision > 0:
         # One unit of the paths is one step of their grid: whole numbers are the shortest.
-        shared["transform"] = f"scale({format_number(1, grid.precision)})"
+        group.update({"transform": f"scale({format_number(1, grid.precision)})"})
     paint = "fill" if closed else "stroke"
+    data = path_strings(grid.points, grid.ring_ends, closed=closed)
     opacities, widths = grid.opacities.tolist(), grid.stroke_widths.tolist()
     opaque = 10**OPACITY_DECIMALS
     if grid.one_opacity and opacities[0] < opaque:
-        shared[f"{paint}-opacity"] = format_number(opacities[0], OPACITY_DECIMALS)
+        group.update({f"{paint}_opacity": format_number(opacities[0], OPACITY_DECIMALS)})
         opacities = [opaque] * len(opacities)  # said once, for all
-    group = ElementTree.Element("g", dict(sorted(shared.items())))
-    data = path_strings(grid.points, grid.ring_ends, closed=closed)
     for index in reversed(range(len(data))):
-        attributes = {"d": data[index], paint: fills[index]}
+        # A list of one string: svgwrite would take a bare string apart into characters.
+        attributes = {paint: fills[index]}
         if opacities[index] < opaque:
-            attributes[f"{paint}-opacity"] = format_number(opacities[index], OPACITY_DECIMALS)
+            attributes[f"{paint}_opacity"] = format_number(opacities[index], OPACITY_DECIMALS)
         if not closed:
-            attributes["stroke-width"] = format_number(widths[index], grid.width_decimals - grid.precision)
-        ElementTree.SubElement(group, "path", attributes)
+            attributes["stroke_width"] = format_number(widths[index], grid.width_decimals - grid.precision)
+        group.add(drawing.path(d=[data[index]], **attributes))
     return group
+
+
+def _finish(root: ElementTree.Element, title: str, comment: str, definitions: ElementTree.Element) -> None:
+    """Add title, comment and definitions, drop svgwrite's empty <defs>, put every element on its own line."""
+    for empty in root.findall("defs"):
+        root.remove(empty)
+    for unused in ("xmlns:ev",) if len(definitions) else ("xmlns:ev", "xmlns:xlink"):
+        root.attrib.pop(unused, None)
+    title_element = ElementTree.Element("title")
+    title_element.text = xml_text(title)
+    root.insert(0, ElementTree.Comment(comment_text(comment)))
+    root.insert(1, title_element)
+    if len(definitions):
+        root.insert(2, definitions)
+    for parent in (root, root[-1], definitions):
+        parent.text = "\n"
+        for child in parent:
+            child.tail = "\n"
 
 
 def _hex_colour(colour: tuple[int, int, int] | list[int]) -> str:
