@@ -23,7 +23,7 @@ from benchmarks import main
 from benchmarks.artwork.document import Document
 from benchmarks.artwork.pixels import psnr
 from benchmarks.artwork.scores import count
-from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
+from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
 from cubicsplat_cli.cli.bench import Limit, end_with, pictures_of
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.perceptual import WHITE, mean_delta_e, over, straight

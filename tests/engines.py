@@ -16,8 +16,8 @@ from torch import Tensor
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.cpu import CpuEngine, instruction_sets
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.draw import scene_arrays
 from cubicsplat_cli.raster.engine import Engine, EngineScene, OptimiserState
+from cubicsplat_cli.raster.engines import scene_arrays
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode

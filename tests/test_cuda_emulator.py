@@ -23,7 +23,7 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
-from cubicsplat_cli.raster.cuda.frame import Frame, Sizes, Workspace
+from cubicsplat_cli.raster.cuda.frame import MOST_LOOKS, Frame, sizes_of, workspace
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.engines import open_engine
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -85,7 +85,9 @@ def test_what_is_not_a_number_shows_in_the_loss_or_the_fault(value):
 def test_outlines_that_are_searched_again_give_the_same(engine, shared_kb, settings):
     """Multiprocessors with less shared memory keep fewer nearest edges for the backward pass, or none."""
     small = CudaEngine(driver=EmulatedDriver(shared_per_sm=shared_kb * 1024))
-    assert small._slots(settings) < engine._slots(settings) == 16
+    scene, _ = scene_and_target()
+    few, usual = (each._frame(scene, settings, backward=True).slots for each in (small, engine))
+    assert few < usual == 16
     for mode in Mode:
         scene, target = scene_and_target(mode)
         _, want = engine.gradients(scene, settings, target=target)
@@ -222,8 +224,8 @@ def test_a_large_scene_fits_into_half_a_gigabyte():
     scene.width, scene.height = 2040, 1344
     scene.points = torch.empty(curves, points, 2, device="meta")
     for samples in (12, 24):
-        sizes = Sizes.of(scene, RasterSettings("relaxed", 1.0, samples, 0.05), True)
-        buffers = Workspace(sizes, lambda _, count, dtype: torch.empty(count, dtype=dtype, device="meta")).tensors()
+        frame = Frame(**sizes_of(scene, RasterSettings("relaxed", 1.0, samples, 0.05)), backward=True)
+        buffers = workspace(frame, MOST_LOOKS, lambda _, count, dtype: torch.empty(count, dtype=dtype, device="meta"))
         taken = sum(t.numel() * t.element_size() for t in buffers.values())
         parameters = 4 * curves * (2 * points + 3 + 1 + 1 + 1)
         optimiser = 4 * curves * ((2 * points + 5) * 4 + 4 + 1)
@@ -315,7 +317,7 @@ from scenes import PAPER, ragged_scene, random_scene, random_target
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
 from cubicsplat_cli.raster.cuda.compile import Program
-from cubicsplat_cli.raster.cuda.frame import Frame, Sizes, Workspace
+from cubicsplat_cli.raster.cuda.frame import Frame
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import Mode
 

@@ -14,8 +14,8 @@ from scenes import rectangle, scene_of
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.photo import FitResult, fit
 from cubicsplat_cli.photo.evaluator import psnr
+from cubicsplat_cli.photo.initial import choose_background, curves_of
 from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.photo.start import choose_background, curves_of
 from cubicsplat_cli.photo.state import BestCheckpoint
 from cubicsplat_cli.progress import Progress
 from cubicsplat_cli.raster import render_scene

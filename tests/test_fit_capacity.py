@@ -11,12 +11,19 @@ from torch.nn.functional import avg_pool2d
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.photo import Fitting, fit
-from cubicsplat_cli.photo.blobs import blob_points, box_mean, find_blobs
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves
 from cubicsplat_cli.photo.inputs import NO_INPUTS
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import gini
-from cubicsplat_cli.photo.seeding import Seeder, draw_pixels, error_density, random_centres
+from cubicsplat_cli.photo.seeding import (
+    Seeder,
+    blob_points,
+    box_mean,
+    draw_pixels,
+    error_density,
+    find_blobs,
+    random_centres,
+)
 from cubicsplat_cli.photo.state import FitState
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.settings import FitSettings
@@ -257,7 +264,7 @@ def resized(picture, *counts: int, at=(0.3, 0.6), **changes):
 def test_a_fit_grows_and_shrinks_on_its_way(mode):
     picture = np.random.default_rng(2).random((12, 16, 3)).repeat(3, 0).repeat(3, 1).astype(np.float32)
     plain = fit(picture, settings(mode, steps=60))
-    # The gradient of the penalty on thorns is held for some steps, which begin anew with each resizing.
+    # The gradient of the penalty on spikes is held for some steps, which begin anew with each resizing.
     unheld = fit(picture, settings(mode, steps=60, spike_penalty=0.0))
     same = resized(picture, 10, 10, mode=mode, spike_penalty=0.0)
     assert all(np.array_equal(getattr(same.scene, n), getattr(unheld.scene, n)) for n in ("points", "colours"))

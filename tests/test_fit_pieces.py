@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import PAPER, random_scene, straight
 
-from cubicsplat_cli.photo.blobs import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
-from cubicsplat_cli.photo.geometric import crossing_gradient, crossing_penalty
-from cubicsplat_cli.photo.snap import snapped
-from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves
+from cubicsplat_cli.photo.geometric import LEAST_CROSSING, _handles, crossing_gradient
+from cubicsplat_cli.photo.seeding import LEAST_VARIANCE, _principal_axes, blob_points, find_blobs
+from cubicsplat_cli.photo.segments import cross, length, segments_of
+from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, snapped
 from cubicsplat_cli.scene.arrays import one_torch_thread
 from cubicsplat_cli.settings import FitSettings, Mode
 
@@ -97,6 +97,14 @@ def test_snapped_colours_are_not_darker_on_average():
     settled = (snapped(scene).colours.double() * levels + 1e-4).floor() - scene.colours.double() * levels
     assert float(plain.mean()) < -0.4
     assert abs(float(settled.mean())) < 0.05
+
+
+def crossing_penalty(points, mode, ring_ends=None):
+    """What `crossing_gradient` is the gradient of, with a weight of 1."""
+    found = segments_of(points, mode, ring_ends)
+    first, last, side = _handles(points, mode, found)
+    sine = cross(first, last) / (length(first) * length(last)).clip(LEAST_CROSSING)
+    return ((side * sine).clip(0.0) * found.real).sum() / found.real.sum()
 
 
 def test_crossing_penalty_knows_a_crossing_cubic():

@@ -14,7 +14,7 @@ from test_fit import picture, settings
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.photo import FitInputs, fit
-from cubicsplat_cli.photo.start import warmed
+from cubicsplat_cli.photo.initial import warmed
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg import read_svg

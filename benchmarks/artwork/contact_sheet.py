@@ -13,7 +13,7 @@ from PIL import Image
 from benchmarks.artwork.degradations import CLEAN, degraded, with_background
 from benchmarks.artwork.document import Document
 from benchmarks.artwork.scores import Scores
-from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
+from cubicsplat_cli.bench.quality import cell, labelled_row, stacked
 from cubicsplat_cli.evaluate.perceptual import WHITE, over
 from cubicsplat_cli.svg.elements import SVG, StyledShape
 from cubicsplat_cli.svg.paths import PathSegment, path_segments

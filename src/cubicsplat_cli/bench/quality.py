@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
-from cubicsplat_cli.bench.contact_sheet import cell, labelled_row, stacked
 from cubicsplat_cli.bench.runs import Fit, FitFigures, Runs
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.perceptual import WHITE, over, straight
 from cubicsplat_cli.files.load import load_picture
+from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.formatting import mean, number, text_table, titled
 from cubicsplat_cli.metrics import head
 from cubicsplat_cli.settings import FitSettings
@@ -22,7 +22,11 @@ from cubicsplat_cli.settings import FitSettings
 ERROR_GAIN = 4
 MAX_CELL = 768  # px, the longer side
 _LEAST_COLUMN = 240  # px, so that labels have room
+_LABEL, _LETTERS, _MARGIN = 18, 12, 6  # px: a line of text, its letters, and the space about a cell
 
+_DECIMALS = {
+    "psnr_db": 2, "ssim": 3, "own_psnr_db": 2, "gap_db": 3, "agreement_db": 1, "seconds": 1, "bytes": 1, "paths": 0,
+}  # fmt: skip
 _HEADER = ("picture", "SVG dB", "SSIM", "own dB", "gap dB", "agreement dB", "s", "kB", "paths")
 
 
@@ -49,18 +53,12 @@ def quality_jobs(
 def means(runs: Sequence[FitFigures]) -> dict[str, float | int | None]:
     """Means of one configuration; the worst agreement is given too, since a mean hides it."""
     agreements = [run.agreement_db for run in runs if run.agreement_db is not None]
-    return {
-        "pictures": len(runs),
-        "psnr_db": mean(run.psnr_db for run in runs),
-        "ssim": mean(run.ssim for run in runs),
-        "own_psnr_db": mean(run.own_psnr_db for run in runs),
-        "gap_db": mean(run.gap_db for run in runs),
-        "agreement_db": mean(agreements),
-        "worst_agreement_db": min(agreements, default=None),
-        "seconds": mean(run.seconds for run in runs),
-        "bytes": mean(run.bytes for run in runs),
-        "paths": mean(run.paths for run in runs),
-    }
+    figures: dict[str, float | int | None] = {"pictures": len(runs)}
+    for name in _DECIMALS:
+        figures[name] = mean(getattr(run, name) for run in runs)
+        if name == "agreement_db":
+            figures["worst_agreement_db"] = min(agreements, default=None)
+    return figures
 
 
 def quality_report(runs: Runs, configurations: Sequence[str]) -> dict[str, Any]:
@@ -91,17 +89,8 @@ def quality_tables(runs: Runs, configurations: Sequence[str], *, markdown: bool)
 
 def _row(name: str, figures: Mapping[str, Any]) -> tuple[str, ...]:
     size = figures["bytes"]
-    return (
-        name,
-        number(figures["psnr_db"], 2),
-        number(figures["ssim"], 3),
-        number(figures["own_psnr_db"], 2),
-        number(figures["gap_db"], 3, sign=True),
-        number(figures["agreement_db"], 1),
-        number(figures["seconds"], 1),
-        number(None if size is None else size / 1000, 1),
-        number(figures["paths"], 0),
-    )
+    shown = {**figures, "bytes": None if size is None else size / 1000}
+    return name, *(number(shown[f], decimals, sign=f == "gap_db") for f, decimals in _DECIMALS.items())
 
 
 def sheet_png(runs: Sequence[tuple[FitFigures, bytes]], paths: Mapping[str, Path]) -> bytes:
@@ -121,3 +110,40 @@ def _sheet_row(run: FitFigures, svg: bytes, path: Path) -> Image.Image:
     labels = (run.picture, f"{run.configuration}: SVG {level}, {run.bytes / 1000:.0f} kB", f"error x {ERROR_GAIN}")
     cells = [cell(pixels, MAX_CELL) for pixels in (original, drawn, error)]
     return labelled_row(cells, labels, max(cells[0].width, _LEAST_COLUMN))
+
+
+def cell(pixels: np.ndarray, longest: int, *, enlarge: bool = False) -> Image.Image:
+    """(H, W, 3) uint8 as an image whose longer side has at most `longest` px, or just as many with `enlarge`."""
+    image = Image.fromarray(pixels)
+    scale = longest / max(image.size)
+    if not enlarge:
+        scale = min(1.0, scale)
+    width, height = (max(1, round(side * scale)) for side in image.size)
+    return image.resize((width, height), Image.Resampling.BOX if scale < 1 else Image.Resampling.NEAREST)
+
+
+def labelled_row(cells: Sequence[Image.Image], labels: Sequence[str], width: int) -> Image.Image:
+    """The cells in columns of `width` px, each below its label, which may have several lines."""
+    lines = max(label.count("\n") + 1 for label in labels)
+    height = max(cell.height for cell in cells) + lines * _LABEL + _MARGIN
+    row = Image.new("RGB", (len(cells) * (width + _MARGIN) + _MARGIN, height), "white")
+    draw, font = ImageDraw.Draw(row), ImageFont.load_default(_LETTERS)
+    for index, (image, label) in enumerate(zip(cells, labels, strict=True)):
+        left = _MARGIN + index * (width + _MARGIN)
+        for place, line in enumerate(label.split("\n")):
+            # The built-in font may lack other letters, and no label is worth a failure.
+            text = line.encode("ascii", "replace").decode()
+            draw.text((left, 3 + place * _LABEL), text, fill="black", font=font)
+        row.paste(image, (left, lines * _LABEL))
+    return row
+
+
+def stacked(rows: Sequence[Image.Image]) -> bytes:
+    """PNG bytes of the rows below one another."""
+    sheet = Image.new("RGB", (max(row.width for row in rows), sum(row.height for row in rows)), "white")
+    top = 0
+    for row in rows:
+        sheet.paste(row, (0, top))
+        top += row.height
+    pixels = np.asarray(sheet)
+    return encode_png(np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, fields
 from functools import lru_cache
@@ -205,13 +205,9 @@ class CacheEntry:
 def code_digest() -> str:
     """SHA-256 of the files that decide a result, so that one of other code is never taken for this code's."""
     digest = hashlib.sha256()
-    for path in _code_files():
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
-def _code_files() -> Iterator[Path]:
     root = Path(cubicsplat_cli.__file__).parent
     for package in ("photo", "raster", "svg", "evaluate"):
-        files = (path for path in (root / package).rglob("*") if path.is_file() and "__pycache__" not in path.parts)
-        yield from sorted(files)
+        for path in sorted((root / package).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()

@@ -7,13 +7,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from cubicsplat_cli.formatting import duration, printable
 from cubicsplat_cli.progress import Observer, Progress
-
-if TYPE_CHECKING:
-    from cubicsplat_cli.cli.display import LiveDisplay
 
 # Plain lines: the first report, then one per tenth of the fit or five seconds.
 _PLAIN_SHARE = 0.1
@@ -43,46 +39,39 @@ class Reporter(Observer):
         self.quiet = quiet
         self.verbose = verbose
         self.bars = bars and not quiet and _can_hold_a_bar()
-        self._display: LiveDisplay | PlainDisplay | None = None
+        self._display = Observer()
+        self.raw = _print  # text as it is, such as a traceback
 
     def note(self, text: str, job: str = "") -> None:
         """Something the user should know that is no error."""
         if not self.quiet:
-            self._print(f"cubicsplat: note: {printable(text)}")
+            self.raw(f"cubicsplat: note: {printable(text)}")
 
     def detail(self, text: str, job: str = "") -> None:
         """Something for `-v` only."""
         if self.verbose and not self.quiet:
-            self._print(printable(text))
+            self.raw(printable(text))
 
     def summary(self, text: str) -> None:
         """The one line of a picture, or of the closing table."""
         if not self.quiet:
-            self._print(printable(text))
+            self.raw(printable(text))
 
     def error(self, text: str) -> None:
         """An error, printed even when quiet."""
-        self._print(f"cubicsplat: error: {printable(text)}")
-
-    def raw(self, text: str) -> None:
-        """Text as it is, such as a traceback."""
-        self._print(text)
+        self.raw(f"cubicsplat: error: {printable(text)}")
 
     def begin(self, job: str) -> None:
-        if self._display is not None:
-            self._display.begin(job)
+        self._display.begin(job)
 
     def stage(self, stage: str, job: str) -> None:
-        if self._display is not None:
-            self._display.stage(stage, job)
+        self._display.stage(stage, job)
 
     def step(self, progress: Progress, job: str) -> None:
-        if self._display is not None:
-            self._display.step(progress, job)
+        self._display.step(progress, job)
 
     def end(self, job: str) -> None:
-        if self._display is not None:
-            self._display.end(job)
+        self._display.end(job)
 
     @contextmanager
     def showing(self, pictures: int) -> Iterator[None]:
@@ -91,13 +80,14 @@ class Reporter(Observer):
             if self.bars:
                 from cubicsplat_cli.cli.display import LiveDisplay
 
-                with LiveDisplay(pictures) as self._display:
+                with LiveDisplay(pictures) as display:
+                    self._display, self.raw = display, display.print
                     yield
             else:
                 self._display = PlainDisplay(self.detail, pictures)
                 yield
         finally:
-            self._display = None
+            self._display, self.raw = Observer(), _print
 
     @contextmanager
     def progress(self, name: str) -> Iterator[Callable[[Progress], None]]:
@@ -106,11 +96,9 @@ class Reporter(Observer):
             self.begin(name)
             yield lambda at: self.step(at, name)
 
-    def _print(self, text: str) -> None:
-        if self._display is None or isinstance(self._display, PlainDisplay):
-            print(text, file=sys.stderr, flush=True)
-        else:
-            self._display.print(text)
+
+def _print(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def _can_hold_a_bar() -> bool:

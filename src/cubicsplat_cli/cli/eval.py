@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,15 +22,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.metrics import Quality
 
 
-@dataclass(frozen=True)
-class Options:
-    """Options that hold for every pair."""
-
-    renderer: str | None
-    max_pixels: int
-    scale: int | None
-    threads: int | None
-    metrics: tuple[str, ...]
+Compare = Callable[[Path, Path], "Comparison"]
 
 
 @dataclass
@@ -87,17 +80,22 @@ def evaluate(
     if reference.is_dir() and not candidate.is_dir():
         raise UsageError(f"{reference} is a folder, so the candidate must be one too, not {candidate}")
     check_csv(csv)
-    options = Options(wanted_renderer(renderer), max_pixels, scale, threads, chosen_metrics(metrics))
+    wanted = chosen_metrics(metrics)
     pages = None if report is None else planned_pages(report, folders=reference.is_dir())
     reporter = Reporter(quiet=quiet)
+    given = {"renderer": wanted_renderer(renderer), "scale": scale, "threads": threads, "measures": wanted}
+
+    def compare(first: Path, second: Path) -> Comparison:
+        return _compare(first, second, reporter, max_pixels, **given)
+
     if reference.is_dir():
-        pairs = _folders(reference, candidate, options, reporter, show=not json)
+        pairs = _folders(reference, candidate, compare, reporter, () if json else wanted)
         printed = _folder_report(reference, candidate, pairs)
     else:
-        pairs = ComparedPairs([_compare(reference, candidate, options, reporter)])
+        pairs = ComparedPairs([compare(reference, candidate)])
         printed = {**head(), **pairs.compared[0].public()}
         if not json:
-            _show(pairs.compared[0], options.metrics)
+            _show(pairs.compared[0], wanted)
     write_csv(csv, [_row(comparison) for comparison in pairs.compared])
     if pages is not None:
         reporter.summary(f"to look at: {write_pages(pages, pairs.compared, pairs.failed, threads)}")
@@ -109,32 +107,32 @@ def evaluate(
         raise typer.Exit(1)
 
 
-def _compare(reference: Path, candidate: Path, options: Options, reporter: Reporter) -> Comparison:
+def _compare(reference: Path, candidate: Path, reporter: Reporter, max_pixels: int, **options: Any) -> Comparison:
+    """options: those of `compare_with` that hold for every pair."""
     from cubicsplat_cli.evaluate.comparison import compare_with
     from cubicsplat_cli.files.load import load_picture
     from cubicsplat_cli.files.read import looks_like_svg, read_file, read_stdin, unpacked
 
-    target = load_picture(reference, max_pixels=options.max_pixels, smaller="compare smaller copies")
-    data = unpacked(read_stdin(options.max_pixels), "stdin") if str(candidate) == STDIO else read_file(candidate)
+    target = load_picture(reference, max_pixels=max_pixels, smaller="compare smaller copies")
+    data = unpacked(read_stdin(max_pixels), "stdin") if str(candidate) == STDIO else read_file(candidate)
     comparison = compare_with(
         target,
         str(reference),
         data,
         "stdin" if str(candidate) == STDIO else str(candidate),
         is_svg=looks_like_svg(candidate, data),
-        renderer=options.renderer,
-        max_pixels=options.max_pixels,
-        scale=options.scale,
-        threads=options.threads,
-        measures=options.metrics,
+        max_pixels=max_pixels,
+        **options,
     )
     for note in comparison.notes:
         reporter.note(note)
     return comparison
 
 
-def _folders(reference: Path, candidate: Path, options: Options, reporter: Reporter, *, show: bool) -> ComparedPairs:
-    """All pairs of two folders; one that fails does not stop the others."""
+def _folders(
+    reference: Path, candidate: Path, compare: Compare, reporter: Reporter, shown: Sequence[str]
+) -> ComparedPairs:
+    """All pairs of two folders; one that fails does not stop the others. shown: metrics to print, none for nothing."""
     from cubicsplat_cli.files.names import match_folders
 
     matches = match_folders(reference, candidate)
@@ -142,24 +140,24 @@ def _folders(reference: Path, candidate: Path, options: Options, reporter: Repor
     pairs.failed = [(path, f"nothing in {candidate} has its name") for path in matches.missing]
     for first, second in matches.pairs:
         try:
-            pairs.compared.append(_compare(first, second, options, reporter))
+            pairs.compared.append(compare(first, second))
         except CubicSplatError as error:
             pairs.failed.append((first, one_line(error)))
             continue
-        if show:
-            _show(pairs.compared[-1], options.metrics)
+        if shown:
+            _show(pairs.compared[-1], shown)
     if pairs.extra:
         names = ", ".join(path.name for path in pairs.extra[:3])
         more = "" if len(pairs.extra) <= 3 else f" and {len(pairs.extra) - 3} more"
         reporter.note(f"without a reference: {names}{more}")
     if not pairs.compared:
         raise InputError("; ".join(f"{path}: {error}" for path, error in pairs.failed[:3]))
-    if show:
+    if shown:
         typer.echo(_mean_line(pairs))
     return pairs
 
 
-def _show(comparison: Comparison, metrics: tuple[str, ...]) -> None:
+def _show(comparison: Comparison, metrics: Sequence[str]) -> None:
     candidate = comparison.candidate
     drawn_by = [] if candidate.renderer is None else [candidate.renderer]
     usual = [part for name, part in zip(USUAL, _quality_parts(comparison.quality), strict=True) if name in metrics]

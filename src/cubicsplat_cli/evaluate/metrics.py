@@ -187,7 +187,8 @@ def _tile(parts: Sequence[np.ndarray], ground: float, rows: slice, columns: slic
         slice(rows.start - tall.start, rows.stop - tall.start),
         slice(columns.start - wide.start, columns.stop - wide.start),
     )
-    pairs = [_differences(first[inner], second[inner]) for first, second in combinations(pictures, 2)]
+    squared = [np.square(first[inner] - second[inner]) for first, second in combinations(pictures, 2)]
+    pairs = [_Sums(squares.size, float(squares.sum(dtype=np.float64)), float(squares.max())) for squares in squared]
     windows = (pictures[0].shape[1] - 2 * REACH, pictures[0].shape[2] - 2 * REACH)
     if similarity and min(windows) > 0:
         for channel in range(_CHANNELS):
@@ -204,11 +205,6 @@ def _planes(part: np.ndarray, ground: float) -> np.ndarray:
     if ground and part.shape[2] > _CHANNELS:
         colours += np.float32(ground) * (1 - part[..., _CHANNELS])
     return colours
-
-
-def _differences(first: np.ndarray, second: np.ndarray) -> _Sums:
-    squares = np.square(first - second)
-    return _Sums(squares.size, float(squares.sum(dtype=np.float64)), float(squares.max()))
 
 
 def _quality(sums: _Sums) -> Quality:

@@ -81,12 +81,10 @@ def _measured(name: str, first: np.ndarray, second: np.ndarray) -> float | None:
 
     tensors = [torch.from_numpy(p).permute(2, 0, 1)[None].float() / 255.0 for p in (second, first)]
     with torch.no_grad():
-        return float(_network()(*tensors) if name == "lpips" else _ms_ssim(*tensors))
-
-
-def _ms_ssim(candidate: Any, reference: Any) -> Any:
-    library = _library("torchmetrics.functional.image", "ms-ssim")
-    return library.multiscale_structural_similarity_index_measure(candidate, reference, data_range=1.0)
+        if name == "lpips":
+            return float(_network()(*tensors))
+        library = _library("torchmetrics.functional.image", "ms-ssim")
+        return float(library.multiscale_structural_similarity_index_measure(*tensors, data_range=1.0))
 
 
 @lru_cache(maxsize=1)
@@ -139,14 +137,11 @@ def _mean_delta_e(first: np.ndarray, second: np.ndarray) -> float:
     pairs, counts = np.unique(_packed(first[differs]) << np.int64(24) | _packed(second[differs]), return_counts=True)
     if not len(pairs):
         return 0.0
-    lab = [rgb2lab(_unpacked(colours) / 255.0) for colours in (pairs >> 24, pairs & 0xFFFFFF)]
+    channels = np.array([16, 8, 0])
+    lab = [rgb2lab((packed[:, None] >> channels & 255) / 255.0) for packed in (pairs >> 24, pairs & 0xFFFFFF)]
     return float((deltaE_ciede2000(*lab) * counts).sum() / differs.size)
 
 
 def _packed(colours: np.ndarray) -> np.ndarray:
     red, green, blue = np.moveaxis(colours.astype(np.int64), -1, 0)
     return red << 16 | green << 8 | blue
-
-
-def _unpacked(packed: np.ndarray) -> np.ndarray:
-    return np.stack([packed >> 16 & 255, packed >> 8 & 255, packed & 255], axis=-1)

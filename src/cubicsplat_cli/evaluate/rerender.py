@@ -53,7 +53,8 @@ class RendererInfo:
 
 def available_renderers() -> tuple[RendererInfo, ...]:
     """Every known renderer in the order of preference, tried by importing it."""
-    return tuple(_probe(name) for name in RENDERERS)
+    loaded = ((name, *_load(name)) for name in RENDERERS)
+    return tuple(RendererInfo(name, None if m is None else m.__version__, problem) for name, m, problem in loaded)
 
 
 def rerender(svg: bytes, width: int, height: int, *, renderer: str | None = None, source: str = "the SVG") -> Rendered:
@@ -180,11 +181,6 @@ def choose_renderer(renderer: str | None) -> tuple[ModuleType, str, str | None]:
     raise EngineError(f"no SVG renderer is available: {'; '.join(problems)}")
 
 
-def _probe(name: str) -> RendererInfo:
-    module, problem = _load(name)
-    return RendererInfo(name, None if module is None else module.__version__, problem)
-
-
 def _load(name: str) -> tuple[ModuleType | None, str | None]:
     """Import a renderer; where that fails, the problem and its remedy instead."""
     try:
@@ -204,21 +200,21 @@ def _draw_cairosvg(module: ModuleType, svg: bytes, width: int, height: int) -> n
 
 
 def _draw_resvg(module: ModuleType, svg: bytes, width: int, height: int) -> np.ndarray:
-    # Our own files hold no text; finding the system's fonts would take longer than drawing.
-    fonts = b"<text" not in svg
-    text = svg.decode("utf-8")
-    png = module.svg_to_bytes(svg_string=text, width=width, height=height, skip_system_fonts=fonts, dpi=96)
-    return decode_png(bytes(png))
+    return draw_by_resvg(module, svg.decode("utf-8"), width, height)
 
 
 _DRAW = {"cairosvg": _draw_cairosvg, "resvg": _draw_resvg}
 
 
-def decode_png(png: bytes) -> np.ndarray:
-    # Pillow's size limit guards against files of others; this one was drawn here at a checked size.
+def draw_by_resvg(module: ModuleType, svg: str, width: int, height: int) -> np.ndarray:
+    """(h, w, 4) uint8 straight RGBA: an SVG's text drawn within width x height px. Raises whatever resvg raises."""
     from PIL.PngImagePlugin import PngImageFile
 
-    with PngImageFile(io.BytesIO(png)) as image:
+    # Our own files hold no text; finding the system's fonts would take longer than drawing.
+    fonts = "<text" not in svg
+    png = module.svg_to_bytes(svg_string=svg, width=width, height=height, skip_system_fonts=fonts, dpi=96)
+    # Pillow's size limit guards against files of others; this one was drawn here at a checked size.
+    with PngImageFile(io.BytesIO(bytes(png))) as image:
         return np.asarray(image.convert("RGBA"))
 
 

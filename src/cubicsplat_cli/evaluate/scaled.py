@@ -9,6 +9,7 @@ device offset); resvg draws the file inside an SVG whose viewBox is the tile.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from types import ModuleType
@@ -23,8 +24,8 @@ from cubicsplat_cli.evaluate.rerender import (
     RGBA,
     Rendered,
     choose_renderer,
-    decode_png,
     draw_by_cairo,
+    draw_by_resvg,
     drawing_with,
     full_name,
 )
@@ -40,6 +41,7 @@ _MOST_SAMPLES = 64
 # cairo's image surfaces end at 32767 px a side.
 MAX_TILE_SIDE = 16_384
 _SVG = "http://www.w3.org/2000/svg"
+_TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
 
 
 def downsampled_svg(
@@ -178,11 +180,7 @@ def _tile_resvg(
     module: ModuleType, svg: bytes, size: SvgSize, width: int, height: int, scale: int, tile: Tile
 ) -> np.ndarray:
     text = crop(svg, size, width, height, Tile(*(scale * v for v in (tile.left, tile.top, tile.width, tile.height))))
-    fonts = "<text" not in text
-    png = module.svg_to_bytes(
-        svg_string=text, width=tile.width * scale, height=tile.height * scale, skip_system_fonts=fonts, dpi=96
-    )
-    straight = decode_png(bytes(png))
+    straight = draw_by_resvg(module, text, tile.width * scale, tile.height * scale)
     # In eighths of the tile's rows: the float copy of a whole tile would be four times the tile.
     means = np.empty((tile.height, tile.width, 4), np.float32)
     step = max(1, tile.height // 8)
@@ -202,20 +200,19 @@ def crop(svg: bytes, size: SvgSize, width: int, height: int, part: Tile) -> str:
         text = svg.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError("an SVG that is not UTF-8 cannot be drawn in parts by resvg; save it as UTF-8") from error
-    name, attributes, begin = _root(text.encode())
-    body = text.encode()[begin:].decode()
-    end = _tag_end(body)
+    data = text.encode()
+    name, attributes, end = _root_tag(data)
     attributes = {"viewBox": f"0 0 {size.width:g} {size.height:g}"} | attributes
     # Clipping to the whole picture would cost resvg a layer, and every tile lies inside it.
     attributes |= {"x": "0", "y": "0", "width": str(width), "height": str(height), "overflow": "visible"}
     tag = " ".join([name, *(f"{key}={quoteattr(value)}" for key, value in attributes.items())])
     box = f"{part.left} {part.top} {part.width} {part.height}"
     outer = f'<svg xmlns="{_SVG}" width="{part.width}" height="{part.height}" viewBox="{box}">'
-    return f"{outer}<{tag}{body[end:]}</svg>"
+    return f"{outer}<{tag}{data[end:].decode()}</svg>"
 
 
-def _root(svg: bytes) -> tuple[str, dict[str, str], int]:
-    """Name and attributes of the root element, and the byte at which its tag begins."""
+def _root_tag(svg: bytes) -> tuple[str, dict[str, str], int]:
+    """Name and attributes of the root element, and the byte at which its tag ends with > or />."""
     root: list[tuple[str, dict[str, str], int]] = []
     parser = expat.ParserCreate("utf-8")
 
@@ -225,17 +222,7 @@ def _root(svg: bytes) -> tuple[str, dict[str, str], int]:
 
     parser.StartElementHandler = start
     parser.Parse(svg, True)
-    return root[0]
-
-
-def _tag_end(text: str) -> int:
-    """The index of the `>` or `/>` of the tag that `text` begins with."""
-    quote = ""
-    for place, letter in enumerate(text):
-        if quote:
-            quote = "" if letter == quote else quote
-        elif letter in "\"'":
-            quote = letter
-        elif letter == ">":
-            return place - 1 if text[place - 1] == "/" else place
-    raise InputError("the SVG's first tag does not end")
+    name, attributes, begin = root[0]
+    tag = _TAG.match(svg, begin)
+    assert tag is not None  # the parser has found it
+    return name, attributes, tag.end() - (2 if tag[0].endswith(b"/>") else 1)

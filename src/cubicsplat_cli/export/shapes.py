@@ -14,8 +14,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, reference
-from cubicsplat_cli.svg.gradient_reader import LINEAR, MOST_STOPS, RADIAL, Box, GradientReader
-from cubicsplat_cli.svg.own import OwnElement
+from cubicsplat_cli.svg.own import LINEAR, MOST_STOPS, RADIAL, Box, GradientReader, OwnElement
 from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, cubic_subpaths
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.untrusted import SvgSize

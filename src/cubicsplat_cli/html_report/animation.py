@@ -18,14 +18,14 @@ _SAMPLES = 24
 _QUALITY = 82
 
 
-def animation(film: FrameRecorder, last: Scene, *, form: str, about: str, threads: int | None) -> bytes:
+def animation(recorder: FrameRecorder, last: Scene, *, form: str, about: str, threads: int | None) -> bytes:
     """The file's bytes. last: the finished scene. form: "WEBP" or "GIF". about: SHA-256 of the SVG that it leads to.
 
-    All frames, of which `film` holds few, are in memory at once, with at most SIDE px a side.
+    All frames, of which `recorder` holds few, are in memory at once, with at most SIDE px a side.
     """
     factor = min(1.0, SIDE / max(last.width, last.height))
     width, height = (max(1, round(side * factor)) for side in (last.width, last.height))
-    frames = [_frame(scene, width, height, threads) for scene in film.scenes(last)]
+    frames = [_frame(scene, width, height, threads) for scene in recorder.scenes(last)]
     each = min(_MOST_MS, max(_LEAST_MS, _WHOLE_MS // len(frames)))
     durations = [*[each] * (len(frames) - 1), _LAST_MS]
     mark = made_mark(about)

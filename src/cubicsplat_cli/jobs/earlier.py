@@ -124,7 +124,7 @@ def finished(job: Job, digest: str) -> Report | None:
     try:
         made_from, svg = (report.settings_hash, report.input.sha256), outputs.svg.read_bytes()
         complete = (
-            made_from == hashes_in(head_of(svg)) == (digest, _input_sha256(job))
+            made_from == hashes_in(head_of(svg)) == (digest, sha256_of(job.source()))
             and sha256_of(svg) == report.output.svg_sha256
             and (outputs.png is None or sha256_of(outputs.png.read_bytes()) == report.output.png_sha256)
             and (outputs.animation is None or report.output.svg_sha256.encode() in read_ends(outputs.animation))
@@ -138,16 +138,6 @@ def finished(job: Job, digest: str) -> Report | None:
 def is_finished(job: Job) -> bool:
     """Whether there is a finished SVG of any settings, which an interrupted one must not replace."""
     report, svg = earlier_report(job), job.outputs.svg
-    if svg is None or _size(svg) == 0:
+    if svg is None or not is_file(svg) or svg.stat().st_size == 0:
         return False
     return job.outputs.metrics is None if report is None else not report.interrupted
-
-
-def _size(path: Path) -> int:
-    return path.stat().st_size if is_file(path) else 0
-
-
-def _input_sha256(job: Job) -> str:
-    from cubicsplat_cli.files.read import read_whole
-
-    return sha256_of(job.data or b"" if job.path is None else read_whole(job.path))

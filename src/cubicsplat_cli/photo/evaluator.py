@@ -9,8 +9,7 @@ import numpy as np
 from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.state import FitCurves
 from cubicsplat_cli.raster.engine import Engine
-from cubicsplat_cli.raster.loss import image_loss
-from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.raster.settings import RasterSettings, image_loss
 from cubicsplat_cli.scene.arrays import Array, as_numpy, like
 
 CHANNELS_COMPARED = 3  # PSNR counts colour channels, over black and white alike

@@ -10,7 +10,6 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import FrameRecorder, Progress
-from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
 
 
@@ -18,26 +17,26 @@ def fit(
     target: np.ndarray,
     settings: FitSettings,
     on_progress: Callable[[Progress], None] | None = None,
-    film: FrameRecorder | None = None,
+    recorder: FrameRecorder | None = None,
     inputs: FitInputs = NO_INPUTS,
     rough: tuple[np.ndarray, FitInputs] | None = None,
 ) -> FitResult:
     """Fits a scene to a picture (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1].
 
-    film: keeps scenes on the way. inputs: what else the fit is given. rough: a smaller copy of the picture, on which
-    all but the exact finish is done, and its inputs; only for fits that do not begin with a drawing.
+    recorder: keeps scenes on the way. inputs: what else the fit is given. rough: a smaller copy of the picture, on
+    which all but the exact finish is done, and its inputs; only for fits that do not begin with a drawing.
 
     An interrupt (Ctrl-C) ends the fit early with the best scene so far. Raises InputError for a picture of another
     form, EngineError where the engine cannot run or meets a value that is not finite. A GPU that fails on the way
     leaves the state that the fit had come to, with a note.
     """
-    return Fitting(target, settings, on_progress, film, inputs, rough).finish()
+    return Fitting(target, settings, on_progress, recorder, inputs, rough).finish()
 
 
-class Fitting:
+class Fitting(FitLoop):
     """A fit in parts, between which the number of its curves may change; the parameters and errors are those of `fit`.
 
-    Only for fits that do not begin with a drawing.
+    Only fits that do not begin with a drawing come in parts.
     """
 
     def __init__(
@@ -45,7 +44,7 @@ class Fitting:
         target: np.ndarray,
         settings: FitSettings,
         on_progress: Callable[[Progress], None] | None = None,
-        film: FrameRecorder | None = None,
+        recorder: FrameRecorder | None = None,
         inputs: FitInputs = NO_INPUTS,
         rough: tuple[np.ndarray, FitInputs] | None = None,
     ) -> None:
@@ -56,29 +55,12 @@ class Fitting:
         if rough is not None and settings.recipe.finish > 0.0:
             self._finish = picture, inputs
             picture, inputs = _checked(*rough), rough[1]
-        self._loop = FitLoop(picture, settings, inputs, on_progress, film)
-
-    def relax(self, share: float) -> bool:
-        """Do this share of the steps before the exact finish. Returns whether the fit goes on: else it was stopped."""
-        return self._loop.relax(share)
-
-    def scene(self) -> Scene:
-        """What the curves are now."""
-        return self._loop.scene()
-
-    def importance(self) -> np.ndarray:
-        """(N,): by how much the loss would rise without each curve."""
-        return self._loop.importance()
-
-    def resize(self, kept: np.ndarray, count: int) -> None:
-        """Go on with the curves of these numbers, at least one, and with new ones, so many in all."""
-        self._loop.resize(kept, count)
+        super().__init__(picture, settings, inputs, on_progress, recorder)
 
     def finish(self) -> FitResult:
-        """Do the steps that are left."""
-        if self._finish is not None and self._loop.relax():
-            self._loop.go_over_to(*self._finish)
-        return self._loop.finish()
+        if self._finish is not None and self.relax():
+            self.go_over_to(*self._finish)
+        return super().finish()
 
 
 def _checked(target: np.ndarray, inputs: FitInputs) -> np.ndarray:

@@ -1,5 +1,5 @@
 """Regularisers: the non-crossing penalty of LIVE (an ablation: it costs quality, see docs/lab/photos.md), and one on
-thorns, which show when a file is enlarged: joins at which an outline turns back on itself, and slivers.
+spikes, which show when a file is enlarged: joins at which an outline turns back on itself, and slivers.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from cubicsplat_cli.photo.slivers import sliver_gradient
 from cubicsplat_cli.scene.arrays import Array, namespace
 from cubicsplat_cli.settings import Mode, Recipe
 
-THORN_TURN = math.radians(147.0)  # a little less than what is called a thorn, 150 degrees, so that those end below
+SPIKE_TURN = math.radians(147.0)  # a little less than what is called a spike, 150 degrees, so that those end below
 LEAST_ARM = 0.3  # px: shorter handles are pulled no more than such
 LEAST_CROSSING = 1e-6  # px^2, of the lengths of two handles, which are no shorter as a divisor
-THORNS_FROM = 0.1  # of the fit: a small penalty for long costs less than a large one for a short time
+SPIKES_FROM = 0.1  # of the fit: a small penalty for long costs less than a large one for a short time
 TURNS = 0.28  # times what a join has of the loss, for a radian that it turns too far
 SLIVERS = 5.0  # times what a pixel has of the loss, for a px^2 of slivers
 HELD = 3  # steps: the gradient changes slowly, and takes a tenth of a step
@@ -47,32 +47,25 @@ class Regulariser:
         pixels = self.size[0] * self.size[1]
         if recipe.crossing_penalty > 0.0:
             found = crossing_gradient(points, self.mode, recipe.crossing_penalty * pixels, ring_ends)
-        if recipe.spike_penalty > 0.0 and progress > THORNS_FROM:
+        if recipe.spike_penalty > 0.0 and progress > SPIKES_FROM:
             # In shares of the loss that a join, and a pixel, has: what suits one picture then suits all.
             weight = recipe.spike_penalty * loss
-            blunting = thorn_gradient(points, self.mode, TURNS * weight / self.joins, self.size, ring_ends)
+            blunting = spike_gradient(points, self.mode, TURNS * weight / self.joins, self.size, ring_ends)
             if self.mode is Mode.CLOSED:
                 blunting = blunting + sliver_gradient(points, SLIVERS * weight / pixels, self.size, ring_ends)
             found = blunting if found is None else found + blunting
         return found
 
 
-def crossing_penalty(points: Array, mode: Mode, ring_ends: Array | None = None) -> Array:
-    """Mean over all cubics of the Xing loss of points (N, K, 2): 0 where no cubic's handles cross, at most 1.
+def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array | None = None) -> Array:
+    """Gradient (N, K, 2) of weight times the mean over all cubics of the Xing loss of points (N, K, 2), which is 0
+    where no handles of a cubic cross, and at most 1.
 
     For a cubic A B C D let D1 = [AB x BC > 0] and D2 = AB x CD / (|AB| |CD|), the sine between the handles. A cubic
     whose handles turn the other way at its end crosses itself or nearly so: the loss is relu(-D2) where D1, else
     relu(D2). ring_ends: as in `Scene`. Source: LIVE (Ma et al., "Towards Layer-wise Image Vectorization", CVPR 2022),
     section on the Xing loss.
     """
-    xp, found = namespace(points), segments_of(points, mode, ring_ends)
-    first, last, side = _handles(points, mode, found)
-    sine = cross(first, last) / xp.clip(length(first) * length(last), min=LEAST_CROSSING)
-    return xp.sum(xp.clip(side * sine, min=0.0) * found.real) / xp.sum(xp.astype(found.real, points.dtype))
-
-
-def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array | None = None) -> Array:
-    """Gradient of weight * crossing_penalty with respect to the points, (N, K, 2)."""
     xp, found = namespace(points), segments_of(points, mode, ring_ends)
     first, last, side = _handles(points, mode, found)
     # The sine is the cosine between the first handle, turned by a right angle, and the last one.
@@ -89,10 +82,10 @@ def crossing_gradient(points: Array, mode: Mode, weight: float, ring_ends: Array
     return interleaved(starts, of_first, -of_last, ends, mode)
 
 
-def thorn_gradient(
+def spike_gradient(
     points: Array, mode: Mode, weight: float | Array, size: tuple[int, int], ring_ends: Array | None = None
 ) -> Array:
-    """Gradient (N, K, 2) of weight times the sum over all joins on the canvas of relu(t - `THORN_TURN`), t the turn in
+    """Gradient (N, K, 2) of weight times the sum over all joins on the canvas of relu(t - `SPIKE_TURN`), t the turn in
     radians from the handle before the join to the one after it; at most weight / `LEAST_ARM` a point. size: width and
     height of the canvas, px. ring_ends: as in `Scene`.
     """
@@ -105,7 +98,7 @@ def thorn_gradient(
     arriving = joins - points_at(points, 3 * found.before + 2)
     leaving = points_at(points, 3 * found.index + 1) - joins
     turn, of_arriving, of_leaving = _turn(arriving, leaving)
-    factor = xp.astype((turn > THORN_TURN) & joined, points.dtype)[..., None]
+    factor = xp.astype((turn > SPIKE_TURN) & joined, points.dtype)[..., None]
     of_arriving, of_leaving = factor * of_arriving, factor * of_leaving
     nothing = xp.zeros_like(of_arriving[:, :1])
     if mode is Mode.CLOSED:

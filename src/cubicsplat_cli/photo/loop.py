@@ -10,15 +10,13 @@ import numpy as np
 
 from cubicsplat_cli.errors import DeviceError
 from cubicsplat_cli.photo.evaluator import Evaluator
-from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult
+from cubicsplat_cli.photo.initial import choose_background, curves_of, keep_frozen, warmed
+from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, TrainingLog
 from cubicsplat_cli.photo.objective import Objective
 from cubicsplat_cli.photo.schedule import Schedule, gini
 from cubicsplat_cli.photo.seeding import Seeder
-from cubicsplat_cli.photo.snap import snapped
-from cubicsplat_cli.photo.start import choose_background, curves_of, keep_frozen, warmed
-from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState
+from cubicsplat_cli.photo.state import BestCheckpoint, FitCurves, FitState, snapped
 from cubicsplat_cli.photo.stepper import Stepper
-from cubicsplat_cli.photo.traininglog import TrainingLog
 from cubicsplat_cli.progress import FrameRecorder, Progress
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.engines import open_engine
@@ -41,11 +39,11 @@ class FitLoop:
         settings: FitSettings,
         inputs: FitInputs = NO_INPUTS,
         on_progress: Callable[[Progress], None] | None = None,
-        film: FrameRecorder | None = None,
+        recorder: FrameRecorder | None = None,
         opened: Callable[..., Engine] = open_engine,
     ) -> None:
         self.settings = _settings_for(target, settings, inputs)
-        self.film, self.inputs = film, inputs
+        self.recorder, self.inputs = recorder, inputs
         self.generator = np.random.default_rng(self.settings.seed)
         self.schedule = Schedule(self.settings)
         self.engine = _engine_for(target, self.settings, inputs, opened)
@@ -240,8 +238,8 @@ class FitLoop:
         if due:
             self.checkpoint.consider(loss, self.state.curves)
             self.reallocate(progress)
-        if self.film is not None and self._looks() and self.film.due(level := self._psnr_db()):
-            self.film.keep(level, self._scene(self.state.curves))
+        if self.recorder is not None and self._looks() and self.recorder.due(level := self._psnr_db()):
+            self.recorder.keep(level, self._scene(self.state.curves))
         self.step += 1
         if self.log.record(self.step, self.settings.steps, self.progress, self._psnr_db):
             self._save()  # the engine has just been waited for

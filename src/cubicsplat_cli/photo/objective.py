@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cubicsplat_cli.options import parse_loss
-from cubicsplat_cli.raster.loss import image_loss
-from cubicsplat_cli.raster.settings import SQUARED, Penalty
+from cubicsplat_cli.raster.settings import SQUARED, Penalty, image_loss
 from cubicsplat_cli.scene.arrays import Array, as_numpy, as_torch
 
 if TYPE_CHECKING:

@@ -11,17 +11,26 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import accumulate
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.evaluate.images import of_pixels
+from cubicsplat_cli.evaluate.metrics import measurable, psnr_db
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.pipeline.task import Task
+from cubicsplat_cli.request import PHOTO_PRECISION, Request
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.svg.scene_writer import bytes_by_curve
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.photo import FitResult, Fitting
-    from cubicsplat_cli.scene import Scene
+    from cubicsplat_cli.photo import FitInputs, FitResult, Fitting
 
 # All measured on Kodak photos, docs/lab/photos.md.
 BYTES_PRECISION = 1  # decimals, of which none or two give less at equal bytes
@@ -43,23 +52,65 @@ PIXELS_PER_CURVE = 16.0  # with fewer there would be more numbers than the pictu
 ROUNDS, ROUND_SHARE, LEAST_GROWTH = 2, 0.5, 1.3
 
 
-class PhotoFits(Protocol):
-    """The fits of one picture, and the files of their scenes."""
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """The fits of one picture, and the files of their scenes.
+
+    rough, fine: what most of a fit is done on, and what its exact finish.
+    """
+
+    task: Task
+    rough: Picture
+    fine: Picture
+
+    @cached_property
+    def inputs(self) -> FitInputs:
+        """The inputs of fits to the fine picture."""
+        from cubicsplat_cli.photo import FitInputs
+
+        request = self.task.request
+        start = None if request.init is None else request.init.scene
+        return FitInputs(self.task.weights(self.fine), start, request.freeze)
 
     def begin(self, settings: FitSettings) -> Fitting:
         """A fit in parts."""
+        from cubicsplat_cli.photo import FitInputs, Fitting
+
+        task, rough = self.task, None
+        if self.rough is not self.fine:
+            rough = self.rough.target(), FitInputs(task.weights(self.rough))
+        return Fitting(self.fine.target(), settings, task.on_progress, task.recorder, self.inputs, rough)
 
     def refine(self, scene: Scene, settings: FitSettings) -> FitResult:
         """A fit that begins with a scene."""
+        from cubicsplat_cli.photo import fit
+
+        task, inputs = self.task, replace(self.inputs, start=scene)
+        return fit(self.fine.target(), settings, task.on_progress, task.recorder, inputs)
 
     def size(self, scene: Scene) -> int:
         """Bytes of the file."""
+        request = self.task.request
+        return len(packed(self.task.text(scene, file_precision(request)), compressed=request.compress))
+
+    @cached_property
+    def _reference(self) -> Picture:
+        return measurable(self.task.picture, math.inf)
 
     def level(self, scene: Scene) -> float:
         """PSNR of the file in dB."""
+        request, reference = self.task.request, self._reference
+        text = self.task.text(scene, file_precision(request))
+        drawn = rerender(text.encode(), reference.width, reference.height)
+        level = psnr_db(reference, of_pixels(drawn.pixels), request.settings.threads)
+        return math.inf if level is None else level
 
     def importance(self, scene: Scene) -> tuple[float, np.ndarray]:
         """The loss, and (N,) by how much it would rise without each curve."""
+        from cubicsplat_cli.raster.engines import leave_one_out_importance
+
+        settings, weights = self.task.request.settings, self.inputs.weights
+        return leave_one_out_importance(scene, self.fine.target(), weights, settings.finish_samples, settings.threads)
 
 
 @dataclass(frozen=True)
@@ -70,9 +121,8 @@ class Within:
     notes: list[str]
 
 
-def within_bytes(most: int, settings: FitSettings, precision: int, photo: PhotoFits) -> Within:
-    """The best picture in at most so many bytes. settings: with about as many curves as they are for. precision: the
-    file's decimals.
+def within_bytes(most: int, settings: FitSettings, photo: Photo) -> Within:
+    """The best picture in at most so many bytes. settings: with about as many curves as they are for.
 
     Raises InputError where not even one curve fits.
     """
@@ -81,7 +131,7 @@ def within_bytes(most: int, settings: FitSettings, precision: int, photo: PhotoF
         if not fitting.relax(share):
             break
         scene = fitting.scene()
-        order, count = _fitting_curves(scene, fitting.importance(), most, precision, photo)
+        order, count = _fitting_curves(scene, fitting.importance(), most, photo)
         wanted = max(1, math.ceil(spare * count))
         kept = order[:wanted]
         # New curves come midway only: at the finish they would not become good any more.
@@ -90,16 +140,21 @@ def within_bytes(most: int, settings: FitSettings, precision: int, photo: PhotoF
     scene = fitted.scene
     if photo.size(scene) <= most:
         return Within(fitted, [])
-    order, _ = _fitting_curves(scene, photo.importance(scene)[1], most, precision, photo)
+    order, _ = _fitting_curves(scene, photo.importance(scene)[1], most, photo)
     count = most_within(scene.curves, most, lambda n: photo.size(_kept(scene, order, n)))
     return Within(_trimmed(fitted, order, count), [])
 
 
-def _fitting_curves(
-    scene: Scene, importance: np.ndarray, most: int, precision: int, photo: PhotoFits
-) -> tuple[np.ndarray, float]:
-    """The curves by use, and how many of them the file can hold; that may be more than there are."""
-    order = _by_use(scene, importance, precision)
+def file_precision(request: Request) -> int:
+    """The decimals of the file."""
+    usual = PHOTO_PRECISION if request.max_bytes is None else BYTES_PRECISION
+    return usual if request.precision is None else request.precision
+
+
+def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Photo) -> tuple[np.ndarray, float]:
+    """The curves, those of most use for a byte first, and how many the file holds, perhaps more than there are."""
+    use = importance.astype(np.float64) / bytes_by_curve(scene, file_precision(photo.task.request))
+    order = np.argsort(-use, kind="stable")
     size, head = photo.size(scene), photo.size(scene.chosen(order[:1]))
     if head > most:
         raise InputError(f"not even one curve fits into {most} bytes; allow at least {head}")
@@ -107,11 +162,9 @@ def _fitting_curves(
     return order, 1 + (most - head) / each
 
 
-def within_level(least: float, settings: FitSettings, photo: PhotoFits, pixels: int) -> Within:
-    """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was. pixels: of the
-    picture.
-    """
-    limit = max(1, min(1_000_000, int(pixels / PIXELS_PER_CURVE)))
+def within_level(least: float, settings: FitSettings, photo: Photo) -> Within:
+    """The fewest curves whose file has so many dB; where that cannot be reached, the note says what was."""
+    limit = max(1, min(1_000_000, int(photo.fine.width * photo.fine.height / PIXELS_PER_CURVE)))
     fitting = photo.begin(settings.with_(curves=min(limit, BEGINNING)))
     for share, rise in LOOKS:
         if not fitting.relax(share):
@@ -170,7 +223,7 @@ def guessed_curves(most: float, segments: int, precision: int) -> int:
     return max(1, min(1_000_000, int(SPARE * most / (28 + (3.0 + precision) * (2 + 6 * segments)))))
 
 
-def _to_spare(scene: Scene, least: float, level: float, photo: PhotoFits) -> tuple[np.ndarray, int]:
+def _to_spare(scene: Scene, least: float, level: float, photo: Photo) -> tuple[np.ndarray, int]:
     """The curves, those of most worth first, and how many of the last of them a file of at least `least` dB can spare.
 
     The loss without several curves is about what it is with them and what they are worth; files that are drawn say
@@ -197,13 +250,6 @@ def _to_spare(scene: Scene, least: float, level: float, photo: PhotoFits) -> tup
 def _rise(before: float, after: float) -> float:
     """By which share the squared error rises between two levels in dB."""
     return 10.0 ** ((before - after) / 10.0) - 1.0
-
-
-def _by_use(scene: Scene, importance: np.ndarray, precision: int) -> np.ndarray:
-    """The curves' numbers, those of most use for a byte first."""
-    from cubicsplat_cli.svg.scene_writer import bytes_by_curve
-
-    return np.argsort(-importance.astype(np.float64) / bytes_by_curve(scene, precision), kind="stable")
 
 
 def _kept(scene: Scene, order: np.ndarray, count: int) -> Scene:

@@ -14,10 +14,9 @@ from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
-from cubicsplat_cli.pipeline.photo import fitted_photo
+from cubicsplat_cli.pipeline.photo import PhotoFit, fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.engines import require_gpu
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
 
@@ -41,14 +40,6 @@ class PhotoIsNearer(Exception):
     """A drawing is not worth finishing; the text says why, as `photo_is_nearer` does."""
 
 
-class DrawingIsNearer(Exception):
-    """A fit is not worth finishing."""
-
-    def __init__(self, drawing: Made) -> None:
-        super().__init__()
-        self.drawing = drawing
-
-
 def candidates(task: Task) -> Iterator[Made]:
     """Yield finished results, each to replace the one before. With the style "auto", the result of the style that suits
     the picture comes first. A second one follows if the other style is nearer, or if there is a note on the comparison.
@@ -68,6 +59,8 @@ def _first(task: Task) -> Made:
     """The result of the style that is asked for or suits the picture; if that fails, of the other style."""
     request = task.request
     if request.settings.device == "cuda":
+        from cubicsplat_cli.raster.cuda.driver import require_gpu
+
         require_gpu()  # which a drawing would not ask for
     ink = only_ink(task.picture)
     if ink is not None:
@@ -134,22 +127,15 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     """
     if task.bounded or task.recorder is not None:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
-    tried: list[Made | Exception | None] = []
-
-    def look(scene: Scene, rise: float) -> None:
-        level = level_db(task, scene, task.request.settings.finish_samples)
-        if level is None or level + rise >= FAR_DB:
-            return
-        drawing = _drawing_of(task, style, level + rise)
-        if isinstance(drawing, Made) and (drawing.interrupted or _is_above(task, drawing, level + rise + MARGIN_DB)):
-            raise DrawingIsNearer(_instead(drawing, level + rise))
-        tried.append(drawing)
-
-    try:
-        photo = replace(fitted_photo(task, look), style=style, may_be_drawn=not tried)
-    except DrawingIsNearer as nearer:
-        return nearer.drawing
-    return _nearer_of(task, photo, tried[0]) if tried else photo
+    fit = PhotoFit(task)
+    scene, rise = fit.early() or (None, 0.0)
+    level = level_db(task, scene, task.request.settings.finish_samples)
+    if level is None or level + rise >= FAR_DB:
+        return replace(fit.finished(), style=style, may_be_drawn=True)
+    drawing = _drawing_of(task, style, level + rise)
+    if isinstance(drawing, Made) and (drawing.interrupted or _is_above(task, drawing, level + rise + MARGIN_DB)):
+        return _instead(drawing, level + rise)
+    return _nearer_of(task, replace(fit.finished(), style=style), drawing)
 
 
 def _drawing_of(task: Task, style: Style, level: float) -> Made | Exception | None:

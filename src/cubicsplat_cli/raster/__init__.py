@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cubicsplat_cli.raster.draw import describe, render_scene
+from cubicsplat_cli.raster.engines import describe, render_scene
 from cubicsplat_cli.raster.settings import RasterSettings
 
 if TYPE_CHECKING:

@@ -24,70 +24,48 @@ from cubicsplat_cli.settings import Mode, cpu_count
 ABI_VERSION = 6
 
 
+def members(kind: Any, names: str) -> list[tuple[str, Any]]:
+    """Fields of a structure that are all of one kind, by their names with spaces between them."""
+    return [(name, kind) for name in names.split()]
+
+
 class _Scene(ctypes.Structure):
     _fields_ = [
-        ("curves", c_int32), ("segments", c_int32), ("closed", c_int32), ("width", c_int32), ("height", c_int32),
-        ("channels", c_int32), ("rings", c_int32), ("ring_ends", c_void_p), ("points", c_void_p),
-        ("colours", c_void_p), ("opacities", c_void_p), ("half_widths", c_void_p), ("edge_widths", c_void_p),
-        ("logits", c_int32), ("background", c_float * 4), ("kinds", c_void_p), ("counts", c_void_p),
-        ("frames", c_void_p), ("offsets", c_void_p), ("stops", c_void_p), ("most_stops", c_int32),
+        *members(c_int32, "curves segments closed width height channels rings"),
+        *members(c_void_p, "ring_ends points colours opacities half_widths edge_widths"),
+        ("logits", c_int32), ("background", c_float * 4), *members(c_void_p, "kinds counts frames offsets stops"),
+        ("most_stops", c_int32),
     ]  # fmt: skip
 
 
 class _Settings(ctypes.Structure):
     _fields_ = [
-        ("exact", c_int32), ("samples", c_int32), ("tolerance", c_float), ("subdivide", c_int32),
-        ("edge_width", c_float), ("importance", c_int32), ("squares", c_float), ("robust", c_float), ("knee", c_float),
+        *members(c_int32, "exact samples"), ("tolerance", c_float), ("subdivide", c_int32), ("edge_width", c_float),
+        ("importance", c_int32), *members(c_float, "squares robust knee"),
     ]  # fmt: skip
 
 
 class _Images(ctypes.Structure):
-    _fields_ = [(name, c_void_p) for name in ("target", "weights", "gradient", "image", "loss")]
+    _fields_ = members(c_void_p, "target weights gradient image loss")
 
 
 class _Gradients(ctypes.Structure):
-    _fields_ = [
-        (name, c_void_p)
-        for name in (
-            "points",
-            "colours",
-            "opacities",
-            "half_widths",
-            "edge_widths",
-            "importance",
-            "background",
-            "frames",
-            "stops",
-        )
-    ]
+    _fields_ = members(c_void_p, "points colours opacities half_widths edge_widths importance background frames stops")
 
 
 class _Training(ctypes.Structure):
     _fields_ = [
-        (name, c_void_p)
-        for name in (
-            "points", "colours", "opacities", "half_widths", "edge_widths", "moments", "edge_moments", "ages",
-            "points_gradient", "rate_scale",
-        )
-    ] + [
-        (name, c_float)
-        for name in (
-            "rate_points", "rate_colours", "rate_opacities", "rate_half_widths", "rate_edge_widths", "keep1", "keep2",
-            "keep3", "epsilon",
-        )
-    ]  # fmt: skip
-
-
-def library_path() -> Path:
-    """Where the compiled engine lies inside the package."""
-    suffix = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
-    return Path(__file__).with_name("_cubicsplat" + suffix)
+        *members(c_void_p, "points colours opacities half_widths edge_widths moments edge_moments ages"),
+        *members(c_void_p, "points_gradient rate_scale"),
+        *members(c_float, "rate_points rate_colours rate_opacities rate_half_widths rate_edge_widths"),
+        *members(c_float, "keep1 keep2 keep3 epsilon"),
+    ]
 
 
 @lru_cache(maxsize=1)
 def library() -> ctypes.CDLL:
     """Loads the engine. Raises EngineError with the way out where it is missing or of another version."""
-    path = library_path()
+    path = Path(__file__).with_name("_cubicsplat" + {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so"))
     try:
         lib = ctypes.CDLL(str(path))
     except OSError as error:
@@ -178,12 +156,10 @@ class CpuEngine(Engine):
         return {"name": self.name, "isa": self.isa, "threads": self.threads}
 
     def _scene(self, scene: EngineScene) -> _Scene:
-        rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
         return _Scene(
             curves=scene.curves, segments=scene.points_per_curve // 3, closed=scene.mode is Mode.CLOSED,
-            width=scene.width, height=scene.height, channels=scene.channels, rings=rings, logits=scene.logits,
-            background=(c_float * 4)(*(scene.background or ()), 0.0),
-            most_stops=0 if scene.gradients is None else scene.gradients.most_stops,
+            width=scene.width, height=scene.height, channels=scene.channels, rings=scene.most_rings,
+            logits=scene.logits, background=(c_float * 4)(*(scene.background or ()), 0.0), most_stops=scene.most_stops,
             **scene.own_addresses(_pointer),
         )  # fmt: skip
 

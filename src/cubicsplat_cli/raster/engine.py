@@ -44,11 +44,10 @@ class EngineScene(Scene):
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Of every array that may go with the scene to an engine, by name: of curves, gradients, steps and pictures."""
         n, k, picture = self.curves, self.points_per_curve, (self.height, self.width, self.channels)
-        rings = 1 if self.ring_ends is None else int(self.ring_ends.shape[-1])
-        stops = 0 if self.gradients is None else self.gradients.most_stops
+        stops = self.most_stops
         return {
             "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
-            "ring_ends": (n, rings), "background": (self.channels,), "importance": (n,),
+            "ring_ends": (n, self.most_rings), "background": (self.channels,), "importance": (n,),
             "kinds": (n,), "counts": (n,), "frames": (n, 2, 3), "offsets": (n, stops), "stops": (n, stops, 4),
             "frames_gradient": (n, 2, 3), "stops_gradient": (n, stops, 4),
             "moments": (n, values_per_curve(k), 4), "edge_moments": (n, 4), "ages": (n,),

@@ -7,7 +7,7 @@ the whole picture between the two operators would cost more than it saves.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,72 +21,49 @@ from cubicsplat_cli.scene.arrays import Array
 from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode
 
-
-class _Inputs(NamedTuple):
-    """What the operators take: plain tensors and numbers only. The names are those of `Scene` and `Gradients`.
-
-    canvas: closed (0 or 1), width, height. background: empty, or RGB. counts: exact (0 or 1), samples, subdivide (0 or
-    1). lengths: edge width and tolerance, px.
-    """
-
-    points: Tensor
-    colours: Tensor
-    opacities: Tensor
-    half_widths: Tensor
-    frames: Tensor | None
-    stops: Tensor | None
-    offsets: Tensor | None
-    kinds: Tensor | None
-    stop_counts: Tensor | None
-    ring_ends: Tensor | None
-    canvas: list[int]
-    background: list[float]
-    counts: list[int]
-    lengths: list[float]
-
-    @classmethod
-    def of(cls, scene: Scene, settings: RasterSettings) -> _Inputs:
-        fills = scene.gradients
-        return cls(
-            scene.points.float(), scene.colours.float(), scene.opacities.float(), scene.half_widths.float(),
-            None if fills is None else fills.frames.float(),
-            None if fills is None else fills.stops.float(),
-            None if fills is None else _plain(fills.offsets.float()),
-            None if fills is None else _plain(fills.kinds),
-            None if fills is None else _plain(fills.counts),
-            _plain(scene.ring_ends),
-            [int(scene.mode is Mode.CLOSED), scene.width, scene.height],
-            list(scene.background or ()),
-            [int(settings.coverage == "exact"), settings.samples, int(settings.subdivide)],
-            [settings.edge_width, settings.tolerance],
-        )  # fmt: skip
-
-    def scene(self) -> EngineScene:
-        closed, width, height = self.canvas
-        gradients = None
-        if self.frames is not None:
-            gradients = Gradients(self.kinds, _plain(self.frames), self.stop_counts, self.offsets, _plain(self.stops))
-        r, g, b = self.background or (0.0, 0.0, 0.0)
-        return EngineScene(
-            Mode.CLOSED if closed else Mode.OPEN, width, height, _plain(self.points), _plain(self.colours),
-            _plain(self.opacities), _plain(self.half_widths), (r, g, b) if self.background else None, self.ring_ends,
-            gradients,
-        )  # fmt: skip
-
-    def settings(self) -> RasterSettings:
-        exact, samples, subdivide = self.counts
-        return RasterSettings(
-            "exact" if exact else "relaxed", self.lengths[0], samples, self.lengths[1], bool(subdivide)
-        )
-
-
-_TENSORS = _Inputs._fields.index("canvas")  # how many of the inputs are tensors
-_DIFFERENTIABLE = 6  # of them the first ones, of which frames and stops may be missing
-_SCHEMA = ", ".join(
-    [f"Tensor {name}" for name in _Inputs._fields[:4]]
-    + [f"Tensor? {name}" for name in _Inputs._fields[4:_TENSORS]]
-    + ["int[] canvas, float[] background, int[] counts, float[] lengths"]
+# The tensors that the operators take, by their names among the scene's arrays; the first six are differentiable, and of
+# all but the first four any may be missing. Plain numbers follow: canvas: closed (0 or 1), width, height. background:
+# empty, or RGB. counts: exact (0 or 1), samples, subdivide (0 or 1). lengths: edge width and tolerance, px.
+_TENSORS = (
+    "points", "colours", "opacities", "half_widths", "gradients.frames", "gradients.stops", "gradients.offsets",
+    "gradients.kinds", "gradients.counts", "ring_ends",
+)  # fmt: skip
+_ALWAYS, _DIFFERENTIABLE, _FLOATS = 4, 6, 7
+_NUMBERS = "int[] canvas, float[] background, int[] counts, float[] lengths"
+_SCHEMA = (
+    ", ".join(
+        f"Tensor{'?' * (place >= _ALWAYS)} {name.replace('.counts', '.stop_counts').rpartition('.')[2]}"
+        for place, name in enumerate(_TENSORS)
+    )
+    + f", {_NUMBERS}"
 )
+
+
+def _inputs(scene: Scene, settings: RasterSettings) -> list[Any]:
+    arrays = scene.arrays_by_name()
+    tensors = [arrays.get(name) for name in _TENSORS]
+    floats = [None if t is None else t.float() for t in tensors[:_FLOATS]]
+    return [
+        *floats[:_DIFFERENTIABLE], *map(_plain, [*floats[_DIFFERENTIABLE:], *tensors[_FLOATS:]]),
+        [int(scene.mode is Mode.CLOSED), scene.width, scene.height], list(scene.background or ()),
+        [int(settings.coverage == "exact"), settings.samples, int(settings.subdivide)],
+        [settings.edge_width, settings.tolerance],
+    ]  # fmt: skip
+
+
+def _given(*inputs: Any) -> tuple[EngineScene, RasterSettings]:
+    """What the operators were given, as the engines take it."""
+    tensors = dict(zip(_TENSORS, map(_plain, inputs), strict=False))
+    (closed, width, height), background, (exact, samples, subdivide), (edge_width, tolerance) = inputs[len(_TENSORS) :]
+    fills = {name.partition(".")[2]: t for name, t in tensors.items() if "." in name}
+    scene = EngineScene(
+        Mode.CLOSED if closed else Mode.OPEN, width, height, **{name: tensors[name] for name in _TENSORS[:_ALWAYS]},
+        background=tuple(background) or None, ring_ends=tensors["ring_ends"],
+        gradients=None if fills["frames"] is None else Gradients(**fills),
+    )  # fmt: skip
+    return scene, RasterSettings("exact" if exact else "relaxed", edge_width, samples, tolerance, bool(subdivide))
+
+
 _DEVICES = ("cpu", "cuda")
 
 
@@ -95,16 +72,14 @@ def _plain(tensor: Array) -> Array:
 
 
 def _draw(*inputs: Any) -> Tensor:
-    given = _Inputs(*inputs)
-    return shared_engine(given.points.device).render(given.scene(), given.settings())
+    return shared_engine(inputs[0].device).render(*_given(*inputs))
 
 
 def _differentiate(gradient: Tensor, *inputs: Any) -> tuple[Tensor, ...]:
-    given = _Inputs(*inputs)
-    engine = shared_engine(given.points.device)
-    _, out = engine.gradients(given.scene(), given.settings(), gradient=gradient.detach().contiguous())
-    names = _Inputs._fields[:_DIFFERENTIABLE]
-    return tuple(out[name] if name in out else given.points.new_empty(0) for name in names)
+    points = inputs[0]
+    _, out = shared_engine(points.device).gradients(*_given(*inputs), gradient=_plain(gradient))
+    names = [name.rpartition(".")[2] for name in _TENSORS[:_DIFFERENTIABLE]]
+    return tuple(out[name] if name in out else points.new_empty(0) for name in names)
 
 
 render_op = torch.library.custom_op(
@@ -121,8 +96,8 @@ render_backward_op = torch.library.custom_op(
 
 @render_op.register_fake
 def _draw_fake(*inputs: Any) -> Tensor:
-    given = _Inputs(*inputs)
-    return given.points.new_empty((given.canvas[2], given.canvas[1], 3 if given.background else 4))
+    (_, width, height), background = inputs[len(_TENSORS) :][:2]
+    return inputs[0].new_empty((height, width, 3 if background else 4))
 
 
 @render_backward_op.register_fake
@@ -131,15 +106,15 @@ def _differentiate_fake(gradient: Tensor, *inputs: Any) -> tuple[Tensor, ...]:
 
 
 def _remember(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
-    ctx.save_for_backward(*inputs[:_TENSORS])
-    ctx.numbers = inputs[_TENSORS:]
+    ctx.save_for_backward(*inputs[: len(_TENSORS)])
+    ctx.numbers = inputs[len(_TENSORS) :]
 
 
 def _backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
     found = render_backward_op(gradient, *ctx.saved_tensors, *ctx.numbers)
     given = ctx.saved_tensors[:_DIFFERENTIABLE]
     of_inputs = [None if t is None else of_t for t, of_t in zip(given, found, strict=True)]
-    return *of_inputs, *([None] * (len(_Inputs._fields) - _DIFFERENTIABLE))
+    return *of_inputs, *([None] * (len(_TENSORS) + len(ctx.numbers) - _DIFFERENTIABLE))
 
 
 render_op.register_autograd(_backward, setup_context=_remember)
@@ -151,9 +126,8 @@ def render(scene: Scene, settings: RasterSettings | None = None) -> Tensor:
     Gradients of any loss reach the scene's points, colours, opacities and half_widths, and its gradients' frames and
     stops, wherever those require them. The picture is made by the CPU engine or CUDA's, on the device where the tensors
     live; float32. settings: relaxed edges of 1 px by default; with exact coverage the gradient is that of the relaxed
-    edge. The same picture and gradients, up to rounding, as `reference.render`. A scene of numpy arrays is drawn on the
-    CPU. Raises EngineError, and InputError for shapes and, on the CPU, for ranges and non-finite values: on a GPU
-    nothing here waits for values.
+    edge. A scene of numpy arrays is drawn on the CPU. Raises EngineError, and InputError for shapes and, on the CPU,
+    for ranges and non-finite values: on a GPU nothing here waits for values.
     """
     if isinstance(scene.points, np.ndarray):
         scene = scene.as_torch()
@@ -161,4 +135,4 @@ def render(scene: Scene, settings: RasterSettings | None = None) -> Tensor:
         scene.validate_form()
     else:
         scene.validate()
-    return render_op(*_Inputs.of(scene, settings or RasterSettings()))
+    return render_op(*_inputs(scene, settings or RasterSettings()))

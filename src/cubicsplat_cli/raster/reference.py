@@ -19,7 +19,6 @@ import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.raster.loss import image_loss
 from cubicsplat_cli.raster.settings import (
     EXACT_SUBSAMPLES,
     HALF_SUPPORT,
@@ -28,6 +27,7 @@ from cubicsplat_cli.raster.settings import (
     SQUARED,
     Penalty,
     RasterSettings,
+    image_loss,
 )
 from cubicsplat_cli.scene import Scene, segments_from_points
 from cubicsplat_cli.scene.bezier import polyline_basis

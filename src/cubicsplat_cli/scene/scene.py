@@ -91,6 +91,16 @@ class Scene(CurveArrays):
         """Channels of a render: 3 (RGB) over a background, 4 (premultiplied RGBA) without one."""
         return 4 if self.background is None else 3
 
+    @property
+    def most_rings(self) -> int:
+        """R, the rings that each primitive has room for."""
+        return 1 if self.ring_ends is None else int(self.ring_ends.shape[-1])
+
+    @property
+    def most_stops(self) -> int:
+        """S, the stops that each gradient has room for; 0 without gradients."""
+        return 0 if self.gradients is None else self.gradients.most_stops
+
     def rings(self, curve: int) -> list[Array]:
         """Control points of each ring of a curve, views of `points`: (3m, 2) closed, (3m + 1, 2) open, m segments."""
         if self.ring_ends is None:

@@ -3,79 +3,75 @@
 Equal coordinates stay equal on the grid: lines along an axis stay so, and anchors that shapes share stay shared. Smooth
 joints stay smooth. Path data is as an artist's exporter writes it: lines as H, V and L, cubics as C and S, absolute or
 relative, whichever is shorter.
+
+Rectangles with round corners are lines and quarter circles, and read back from these. cairosvg, and whatever is made of
+it, bends two corners of `<rect rx>` wrongly: the second handle of its cubic is as far from the corner of the box as it
+should be from its end, which is 0.036 of the radius off. Arcs all viewers draw alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring
 from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path
 from cubicsplat_cli.svg.markup import format_number
+from cubicsplat_cli.svg.paths import PathSegment, Point
 
 # Steps by which a handle may be off the mirror image of the one before it and be written as that.
 MIRROR_REACH = 1
-Point = tuple[int, int]
+# Letters of rounded rectangles: round at the left and right ends, at upper and lower ones, at all corners in either
+# direction.
+LETTERS = ("HAHAZ", "VAVAZ", "HAVAHAVAZ", "VAHAVAHAZ")
+MOST_ON_RECT = 3.0  # px, the radius up to which viewers agree about `<rect rx>` to a tenth of a px
+Step = tuple[int, int]
 
 
-@dataclass(frozen=True)
-class GridRing:
-    """anchors: (A, 2) int64 in steps. controls: (A, 2, 2) int64, of piece i from anchor i to i + 1. lines: (A,) bool.
-    smooth: (A,) bool, at which anchors the tangent is meant to be continuous.
-    """
-
-    anchors: np.ndarray
-    controls: np.ndarray
-    lines: np.ndarray
-    smooth: np.ndarray
-
-    @property
-    def pieces(self) -> int:
-        """A, the number of lines and cubics; 0 where the ring has shrunk to a point."""
-        return len(self.anchors)
-
-    @property
-    def form(self) -> bytes:
-        """A key that is equal for rings that differ by a translation only."""
-        anchors, controls = self.anchors - self.anchors[:1], self.controls - self.anchors[:1, None]
-        return b"".join(part.tobytes() for part in (anchors, controls, self.lines))
+def form_of(ring: Ring) -> bytes:
+    """A key that is equal for rings in whole steps that differ by a translation only."""
+    anchors, controls = ring.anchors - ring.anchors[:1], ring.controls - ring.anchors[:1, None]
+    return b"".join(part.tobytes() for part in (anchors, controls, ring.lines))
 
 
-def grid_ring(ring: Ring, precision: int, exact: bool = False) -> GridRing:
-    """The ring on the grid, without pieces of no extent, begun so that its closing line is the longest to write.
+def grid_ring(ring: Ring, precision: int, exact: bool = False) -> Ring:
+    """The ring in whole steps (int64), without pieces of no extent, so perhaps with none, and begun so that its closing
+    line is the longest to write.
 
     exact: every point goes to the nearest step, as in the rings that share it; otherwise handles keep joints smooth.
     """
     anchors, controls = to_steps(ring.anchors, precision), to_steps(ring.controls, precision)
-    on_grid = GridRing(anchors, controls, np.asarray(ring.lines, bool), np.asarray(ring.smooth, bool))
+    on_grid = Ring(anchors, controls, np.asarray(ring.lines, bool), np.asarray(ring.smooth, bool))
     on_grid = _begun_after_a_line(_without_points(on_grid))
-    return on_grid if exact else GridRing(on_grid.anchors, _smoothed(on_grid), on_grid.lines, on_grid.smooth)
+    return on_grid if exact else replace(on_grid, controls=_smoothed(on_grid))
 
 
-def _without_points(ring: GridRing) -> GridRing:
+def _picked(ring: Ring, which: np.ndarray) -> Ring:
+    """The pieces of an index or a mask (A,), each with the anchor that it begins at."""
+    return Ring(ring.anchors[which], ring.controls[which], ring.lines[which], ring.smooth[which])
+
+
+def _without_points(ring: Ring) -> Ring:
     after = np.roll(ring.anchors, -1, axis=0)
     moved = (after != ring.anchors).any(axis=1)
     bent = ~ring.lines & (ring.controls != ring.anchors[:, None]).any(axis=(1, 2))
-    kept = moved | bent
-    return GridRing(ring.anchors[kept], ring.controls[kept], ring.lines[kept], ring.smooth[kept])
+    return _picked(ring, moved | bent)
 
 
-def _begun_after_a_line(ring: GridRing) -> GridRing:
+def _begun_after_a_line(ring: Ring) -> Ring:
     """The line with the most digits comes last, since closing the path draws it for nothing."""
     if not ring.lines.any():
         return ring
     steps = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
     digits = np.where(steps > 0, 1.0 + np.log10(np.maximum(steps, 1)), 0.0).sum(axis=1)
     last = int(np.argmax(np.where(ring.lines, digits, -1.0)))
-    order = (last + 1 + np.arange(ring.pieces)) % ring.pieces
-    return GridRing(ring.anchors[order], ring.controls[order], ring.lines[order], ring.smooth[order])
+    return _picked(ring, (last + 1 + np.arange(ring.pieces)) % ring.pieces)
 
 
-def _smoothed(ring: GridRing, even: bool = True) -> np.ndarray:
+def _smoothed(ring: Ring, even: bool = True) -> np.ndarray:
     """Controls whose shorter handle at each smooth joint is moved by at most two steps towards the other's line.
 
     even: whether handles that are then nearly equal become so.
@@ -100,7 +96,7 @@ def _smoothed(ring: GridRing, even: bool = True) -> np.ndarray:
     return _evened(ring, controls, joint & ~ring.lines & ~line_before) if even else controls
 
 
-def _evened(ring: GridRing, controls: np.ndarray, joint: np.ndarray) -> np.ndarray:
+def _evened(ring: Ring, controls: np.ndarray, joint: np.ndarray) -> np.ndarray:
     """Controls of which the two at a joint (A,) bool that are each other's mirror images but for a step are so: both
     are as the shorter one, whichever direction the ring runs in, so that what is symmetric stays so.
     """
@@ -122,11 +118,11 @@ class PathText:
         self.text = ""
         self._letter = ""  # of the command that a further number would repeat
         self._last = ""  # the last number, where one stands at the end
-        self.here: Point = (0, 0)
-        self._start: Point = (0, 0)
+        self.here: Step = (0, 0)
+        self._start: Step = (0, 0)
         self._relative = False
 
-    def move(self, to: Point, *, relative: bool = False) -> None:
+    def move(self, to: Step, *, relative: bool = False) -> None:
         """Begin a ring; relative: what follows is the same text wherever it begins."""
         self._relative = False
         self._add("M", to, to)
@@ -135,7 +131,7 @@ class PathText:
         self._relative = relative
         self._start = to
 
-    def line(self, to: Point) -> None:
+    def line(self, to: Step) -> None:
         """A straight line, horizontal and vertical ones with one number."""
         if to[1] == self.here[1]:
             self._add("H", (to[0],), to, axis=0)
@@ -144,11 +140,11 @@ class PathText:
         else:
             self._add("L", to, to)
 
-    def cubic(self, first: Point, second: Point, to: Point, *, mirrored: bool) -> None:
+    def cubic(self, first: Step, second: Step, to: Step, *, mirrored: bool) -> None:
         """A cubic; mirrored: its first handle is the one before it, turned round."""
         self._add("S" if mirrored else "C", (*(() if mirrored else first), *second, *to), to)
 
-    def arc(self, radii: Point, angle: str, flags: tuple[int, int], to: Point) -> None:
+    def arc(self, radii: Step, angle: str, flags: tuple[int, int], to: Step) -> None:
         """An elliptical arc; angle: degrees as text. flags: whether it is the larger one, whether clockwise as seen."""
         head = [*(format_number(radius, self.precision) for radius in radii), angle, *map(str, flags)]
         self._add("A", to, to, head)
@@ -159,7 +155,7 @@ class PathText:
         self._letter = self._last = ""
         self.here = self._start
 
-    def _add(self, letter: str, numbers: Sequence[int], to: Point, head: Sequence[str] = (), axis: int = 0) -> None:
+    def _add(self, letter: str, numbers: Sequence[int], to: Step, head: Sequence[str] = (), axis: int = 0) -> None:
         """numbers: absolute, x and y in turn from the axis on. head: what comes before them in either form."""
         relative = [number - self.here[(index + axis) % 2] for index, number in enumerate(numbers)]
         forms = []
@@ -183,7 +179,7 @@ class PathText:
         return text
 
 
-def add_ring(path: PathText, ring: GridRing, exact: bool = False, relative: bool = False) -> None:
+def add_ring(path: PathText, ring: Ring, exact: bool = False, relative: bool = False) -> None:
     """Appends a closed ring; nothing where it is only a point. exact: no handle is written a step off. relative: all
     but the first point, so that rings of one form are the same text.
     """
@@ -193,11 +189,11 @@ def add_ring(path: PathText, ring: GridRing, exact: bool = False, relative: bool
     path.close()
 
 
-def _add_pieces(path: PathText, ring: GridRing, ends: Sequence[int], reach: int, relative: bool = False) -> None:
+def _add_pieces(path: PathText, ring: Ring, ends: Sequence[int], reach: int, relative: bool = False) -> None:
     """The pieces from one anchor to the next; the line that closes a ring is drawn by closing it."""
     anchors, controls = ring.anchors.tolist(), ring.controls.tolist()
     path.move(tuple(anchors[0]), relative=relative)
-    mirror: Point | None = None
+    mirror: Step | None = None
     for index, following in enumerate(ends):
         end = tuple(anchors[following])
         if ring.lines[index]:
@@ -210,7 +206,7 @@ def _add_pieces(path: PathText, ring: GridRing, ends: Sequence[int], reach: int,
         mirror = (2 * end[0] - second[0], 2 * end[1] - second[1])
 
 
-def _near(first: Point, mirror: Point | None, reach: int) -> bool:
+def _near(first: Step, mirror: Step | None, reach: int) -> bool:
     return mirror is not None and max(abs(first[0] - mirror[0]), abs(first[1] - mirror[1])) <= reach
 
 
@@ -223,6 +219,70 @@ def add_stroke(path: PathText, line: Path, precision: int) -> None:
     # A line from the end back to the start, of which nothing is drawn, makes it a ring.
     back = np.stack([anchors[-1:], anchors[:1]], axis=1)
     smooth = np.array([False, *line.smooth[1:-1], False])
-    ring = GridRing(anchors, np.concatenate([controls, back]), np.append(line.lines, True), smooth)
-    smoothed = GridRing(anchors, _smoothed(ring, even=False), ring.lines, smooth)
-    _add_pieces(path, smoothed, range(1, len(anchors)), MIRROR_REACH)
+    ring = Ring(anchors, np.concatenate([controls, back]), np.append(line.lines, True), smooth)
+    _add_pieces(path, replace(ring, controls=_smoothed(ring, even=False)), range(1, len(anchors)), MIRROR_REACH)
+
+
+def add_rounded(path: PathText, box: Rectangle, precision: int, *, clockwise: bool) -> None:
+    """Appends a level rectangle with round corners; nothing where it has no extent."""
+    left, top, right, bottom, radius = _steps(box, precision)
+    if radius <= 0:
+        return
+    ends = [(int(x), int(y)) for x, y in _ends(left, top, right, bottom, radius)]
+    if not clockwise:
+        ends.reverse()
+    path.move(ends[0])
+    # Lines and arcs in turn; closing the path would draw the last arc as a line.
+    for k, end in enumerate([*ends[1:], ends[0]]):
+        if k % 2:
+            path.arc((radius, radius), "0", (0, int(clockwise)), end)
+        else:
+            path.line(end)
+    path.close()
+
+
+def rounded_of(subpath: Sequence[PathSegment]) -> tuple[Rectangle, bool] | None:
+    """The rectangle that `add_rounded` wrote as these pieces, and whether clockwise as seen; None for other pieces."""
+    if "".join(piece.command for piece in subpath) not in LETTERS:
+        return None
+    arcs = [piece for piece in subpath if piece.command == "A"]
+    radius, sweep = arcs[0].numbers[0], arcs[0].numbers[4]
+    numbers = (radius, radius, 0.0, 0.0, sweep)
+    starts = [piece.start for piece in subpath[:-1]]
+    x, y = zip(*starts, strict=True)
+    across, down = (radius if len(arcs) == 2 and subpath[0].command == letter else 0.0 for letter in "HV")
+    left, right, top, bottom = min(x) - across, max(x) + across, min(y) - down, max(y) + down
+    expected = list(_ends(left, top, right, bottom, radius))
+    expected = expected if sweep == 1.0 else expected[::-1]
+    off = max(max(abs(a[0] - b[0]), abs(a[1] - b[1])) for a, b in zip(starts, expected, strict=True))
+    if any(arc.numbers != numbers for arc in arcs) or radius <= 0.0 or off > 1e-6 or subpath[-1].start != starts[0]:
+        return None
+    return Rectangle(left, top, right - left, bottom - top, radius), sweep == 1.0
+
+
+def _steps(box: Rectangle, precision: int) -> tuple[int, int, int, int, int]:
+    """Left, top, right, bottom and radius in steps, the radius at most half of the shorter side."""
+    left, right, top, bottom = (
+        int(to_steps(v, precision)) for v in (box.x, box.x + box.width, box.y, box.y + box.height)
+    )
+    radius = min(int(to_steps(box.radius, precision)), (right - left) // 2, (bottom - top) // 2)
+    return left, top, right, bottom, radius
+
+
+def _ends(left: float, top: float, right: float, bottom: float, radius: float) -> Iterator[Point]:
+    """The points where lines and arcs meet, clockwise as seen, a line first; sides shorter than a point are left out,
+    and the corners beside them are one arc.
+    """
+    across, down = right - left > 2 * radius + 1e-9, bottom - top > 2 * radius + 1e-9
+    if across:
+        yield left + radius, top
+        yield right - radius, top
+    if down:
+        yield right, top + radius
+        yield right, bottom - radius
+    if across:
+        yield right - radius, bottom
+        yield left + radius, bottom
+    if down:
+        yield left, bottom - radius
+        yield left, top + radius

@@ -16,11 +16,10 @@ from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQ
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.scene.paint import Ink, mean_ink
-from cubicsplat_cli.svg.gradient_reader import GradientReader
-from cubicsplat_cli.svg.own import OwnElement, canvas_size, own_elements, own_subpaths
+from cubicsplat_cli.svg.drawing_paths import rounded_of
+from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
-from cubicsplat_cli.svg.rounded import rounded_of
 from cubicsplat_cli.svg.values import hex_colour, number
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")

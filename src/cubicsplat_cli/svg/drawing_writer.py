@@ -28,7 +28,15 @@ from cubicsplat_cli.artwork.mosaic import CellLayer, Mosaic
 from cubicsplat_cli.artwork.names import colour_name
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.svg.compound import compounds
-from cubicsplat_cli.svg.drawing_paths import GridRing, PathText, add_ring, add_stroke, grid_ring
+from cubicsplat_cli.svg.drawing_paths import (
+    MOST_ON_RECT,
+    PathText,
+    add_ring,
+    add_rounded,
+    add_stroke,
+    form_of,
+    grid_ring,
+)
 from cubicsplat_cli.svg.markup import (
     GradientElements,
     Identifiers,
@@ -40,7 +48,6 @@ from cubicsplat_cli.svg.markup import (
     short_colour,
 )
 from cubicsplat_cli.svg.quantise import check_precision
-from cubicsplat_cli.svg.rounded import MOST_ON_RECT, add_rounded
 
 _ANGLE_DECIMALS = 3  # degrees
 
@@ -114,9 +121,9 @@ class _GridRings:
     def __init__(self, shapes: Sequence[Shape], precision: int, exact: bool) -> None:
         self.exact = exact
         self._precision = precision
-        self._cache: dict[tuple[int, bool], tuple[Ring, GridRing]] = {}
+        self._cache: dict[tuple[int, bool], tuple[Ring, Ring]] = {}
         forms = Counter(
-            self.of(outline, index == 0).form
+            form_of(self.of(outline, index == 0))
             for shape in shapes
             if shape.stroke is None
             for index, outline in enumerate(shape.outlines)
@@ -124,7 +131,7 @@ class _GridRings:
         )
         self.repeated = {form for form, count in forms.items() if count > 1}
 
-    def of(self, ring: Ring, clockwise: bool) -> GridRing:
+    def of(self, ring: Ring, clockwise: bool) -> Ring:
         """One of them, as seen clockwise or not."""
         cached = self._cache.get((id(ring), clockwise))
         if cached is None:
@@ -216,7 +223,7 @@ def _add_outline(path: PathText, outline: Outline, precision: int, clockwise: bo
         add_rounded(path, outline, precision, clockwise=clockwise)
         return
     ring = rings.of(outline.ring(), clockwise)
-    add_ring(path, ring, rings.exact, relative=ring.form in rings.repeated)
+    add_ring(path, ring, rings.exact, relative=form_of(ring) in rings.repeated)
 
 
 def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, clockwise: bool) -> None:

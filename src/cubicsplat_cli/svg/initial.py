@@ -81,7 +81,9 @@ def read_foreign(data: bytes, source: str, mode: Mode = Mode.CLOSED) -> tuple[Sc
     scale = 1.0 if whole else max(1.0, _SIDE / max(size.width, size.height))
     collected = _Collected(mode)
     try:
-        collected.add_all(StyledTree(root, collected.left_out), size.width, size.height, scale)
+        tree = StyledTree(root, collected.left_out)
+        for shape in tree.shapes(size.width, size.height):
+            collected.add(tree, shape, scale)
     except (InputError, ValueError) as error:
         raise InputError(f"{source}: {one_line(error)}") from error
     if not collected.curves:
@@ -111,13 +113,8 @@ class _Collected:
     paints: list[Rgba] = field(default_factory=list)
     half_widths: list[float] = field(default_factory=list)
 
-    def add_all(self, tree: StyledTree, width: float, height: float, scale: float) -> None:
-        """Add every shape of a document that is drawn at width x height px, enlarged by `scale`."""
-        for shape in tree.shapes(width, height):
-            self._add(tree, shape, scale)
-
-    def _add(self, tree: StyledTree, shape: StyledShape, scale: float) -> None:
-        """Add the fill of a shape and, in front of it, its stroke."""
+    def add(self, tree: StyledTree, shape: StyledShape, scale: float) -> None:
+        """Add the fill of a shape, enlarged by `scale`, and in front of it its stroke."""
         try:
             lines = cubic_subpaths(shape.path_data())
             self.segments += sum(len(line.cubics) for line in lines)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -97,19 +99,18 @@ def as_written(gradient: Gradient, precision: int) -> Gradient:
     def rounded(value: float) -> float:
         return round(value * steps) / steps
 
-    if isinstance(gradient, LinearGradient):
-        x1, y1, x2, y2 = (rounded(v) for v in (gradient.x1, gradient.y1, gradient.x2, gradient.y2))
-        return without_noise(LinearGradient(x1, y1, x2, y2, gradient.stops))
-    if rounded(gradient.rx) == rounded(gradient.ry):
-        cx, cy, radius = (rounded(v) for v in (gradient.cx, gradient.cy, gradient.rx))
-        return without_noise(RadialGradient(cx, cy, radius, radius, 0.0, gradient.stops))
-    return without_noise(radial_from(np.rint(gradient.matrix() * steps) / steps, gradient.stops))
+    if isinstance(gradient, RadialGradient) and rounded(gradient.rx) != rounded(gradient.ry):
+        return without_noise(radial_from(np.rint(gradient.matrix() * steps) / steps, gradient.stops))
+    return without_noise(_with_lengths(gradient, rounded))
 
 
 def without_noise(gradient: Gradient) -> Gradient:
     """A gradient read from a file, its coordinates without the noise of rounding."""
-    if isinstance(gradient, LinearGradient):
-        x1, y1, x2, y2 = (round(v, _DECIMALS) for v in (gradient.x1, gradient.y1, gradient.x2, gradient.y2))
-        return LinearGradient(x1, y1, x2, y2, gradient.stops)
-    cx, cy, rx, ry = (round(v, _DECIMALS) for v in (gradient.cx, gradient.cy, gradient.rx, gradient.ry))
-    return RadialGradient(cx, cy, rx, ry, 0.0 if rx == ry else gradient.angle, gradient.stops)
+    plain = _with_lengths(gradient, lambda value: round(value, _DECIMALS))
+    return replace(plain, angle=0.0) if isinstance(plain, RadialGradient) and plain.rx == plain.ry else plain
+
+
+def _with_lengths(gradient: Gradient, change: Callable[[float], float]) -> Gradient:
+    names = ("x1", "y1", "x2", "y2") if isinstance(gradient, LinearGradient) else ("cx", "cy", "rx", "ry")
+    lengths: dict[str, Any] = {name: change(getattr(gradient, name)) for name in names}
+    return replace(gradient, **lengths)

@@ -14,8 +14,7 @@ from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.scene.paint import Gradient, mean_ink
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
-from cubicsplat_cli.svg.gradient_reader import GradientReader
-from cubicsplat_cli.svg.own import OwnElement, canvas_size, check_attributes, own_elements, own_subpaths
+from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, check_attributes, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_gradients import without_noise

@@ -9,7 +9,6 @@ import numpy as np
 import svgwrite
 
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.markup import comment_text, format_number, gradient_element, in_short, xml_text
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, ring_slices, to_grid
@@ -195,15 +194,10 @@ def bytes_by_curve(scene: Scene, precision: int) -> list[int]:
     """Bytes of each curve's path and gradient, uncompressed, coordinates with `precision` decimals of a px."""
     grid = to_grid(scene, precision)
     paths = path_strings(grid.points, grid.ring_ends, closed=scene.mode is Mode.CLOSED)
-    gradients = grid.gradients or [None] * scene.curves
     markup = MARKUP[scene.mode] + (0 if grid.one_opacity else OPACITY_MARKUP[scene.mode])
-    return [
-        markup + len(data) + _of_gradient(gradient, precision) for data, gradient in zip(paths, gradients, strict=True)
-    ]
-
-
-def _of_gradient(gradient: Gradient | None, precision: int) -> int:
-    if gradient is None:
-        return 0
-    element = gradient_element(gradient, gradient_decimals(precision))
-    return GRADIENT_MARKUP + len(ElementTree.tostring(element))
+    sizes = [markup + len(data) for data in paths]
+    for index, gradient in enumerate(grid.gradients):
+        if gradient is not None:
+            element = gradient_element(gradient, gradient_decimals(precision))
+            sizes[index] += GRADIENT_MARKUP + len(ElementTree.tostring(element))
+    return sizes

@@ -26,9 +26,7 @@ from cubicsplat_cli.raster.cuda.frame import (
     THREADS,
     WARP,
     Frame,
-    Sizes,
     StepValues,
-    Workspace,
     attach,
     blocks,
     make_frame,
@@ -39,6 +37,7 @@ from cubicsplat_cli.raster.cuda.frame import (
     shared_bytes,
     slots_for,
     step_values,
+    workspace,
 )
 from cubicsplat_cli.raster.cuda.selftest import self_test
 from cubicsplat_cli.raster.engine import (
@@ -60,7 +59,6 @@ class _Plan:
 
     frame: Frame
     kernels: Kernels
-    workspace: Workspace
     step: Tensor  # the device's StepValues
     kept: tuple[object, ...]  # whatever else the frame points to
     ran: bool = False
@@ -113,7 +111,7 @@ class CudaEngine(Engine):
             image = self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
             values = step_values(scene, settings, None)
             values.image = image.data_ptr()
-            self._run(scene, settings, values, backward=False)
+            self._run(scene, settings, values, {}, {})
         return image.view(scene.height, scene.width, scene.channels)
 
     def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
@@ -129,7 +127,7 @@ class CudaEngine(Engine):
             values.image = None if image is None else image.data_ptr()
             loss = torch.zeros((), dtype=torch.float64, device=self.device)
             values.loss = loss.data_ptr()
-            self._run(scene, settings, values, backward=True, **pictures, outputs=parameters)
+            self._run(scene, settings, values, pictures, parameters)
             return float(loss) if target is not None else 0.0  # reading it waits for the GPU
 
     def step(self, scene: EngineScene, settings: RasterSettings, training: Training) -> Tensor:
@@ -142,7 +140,7 @@ class CudaEngine(Engine):
         pictures = (training.target, training.weights, training.image_gradient)
         of_fills = (training.frames_gradient, training.stops_gradient)
         with self._driver.active():
-            plan = self._plan(frame, scene, settings, (scene, *pictures, *of_fills, training.state))
+            plan = self._plan(frame, scene, (scene, *pictures, *of_fills, training.state))
             if training.image is None and (image := self._picture_for(scene, training.wanted_importance)) is not None:
                 values.image = image.data_ptr()
             loss = torch.empty((), dtype=torch.float64, device=self.device)
@@ -187,9 +185,6 @@ class CudaEngine(Engine):
                     raise
             return kernels
 
-    def _slots(self, settings: RasterSettings) -> int:
-        return slots_for(settings.coverage, self._driver.shared_per_block, self._driver.shared_per_sm)
-
     def _set_step(self, kernels: Kernels, values: StepValues, step: Tensor) -> None:
         kernels.launch("set_step", (1, 1), WARP, 0, values, ctypes.c_void_p(step.data_ptr()))
 
@@ -207,29 +202,34 @@ class CudaEngine(Engine):
         if frame.backward:
             kernels.launch("update", (1 + curves, 1), SMALL_THREADS, 0, frame)
 
+    def _frame(self, scene: EngineScene, settings: RasterSettings, *, backward: bool) -> Frame:
+        slots = slots_for(settings.coverage, self._driver.shared_per_block, self._driver.shared_per_sm)
+        return make_frame(scene, settings, slots, self.device, backward=backward)
+
+    def _attach_workspace(self, frame: Frame) -> tuple[Tensor, dict[str, Tensor]]:
+        """Gives a frame its buffers: the device's StepValues, and those between the kernels."""
+        step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
+        buffers = workspace(frame, self.most_looks, self._allocate)
+        attach(frame, buffers | {"step": step, "status": self._status})
+        return step, buffers
+
     def _run(
         self,
         scene: EngineScene,
         settings: RasterSettings,
         values: StepValues,
-        *,
-        backward: bool,
-        target: Tensor | None = None,
-        gradient: Tensor | None = None,
-        weights: Tensor | None = None,
-        outputs: dict[str, Tensor] | None = None,
+        pictures: dict[str, Tensor | None],
+        outputs: dict[str, Tensor],
     ) -> None:
         """One call without a graph, in buffers of its own, so that calls on several streams do not meet."""
-        sizes = Sizes.of(scene, settings, backward, self.most_looks)
-        frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
-        pictures = {"target": target, "gradient": gradient, "weights": weights}
+        frame = self._frame(scene, settings, backward=bool(outputs))
         put(frame, scene.addresses(self._pointer, pictures))
         kernels = self._load(Program.of(scene))
-        step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
-        workspace = Workspace(sizes, self._allocate)
-        attach(frame, workspace.tensors() | (outputs or {}) | {"step": step, "status": self._status})
+        step, buffers = self._attach_workspace(frame)
+        attach(frame, outputs)
         self._set_step(kernels, values, step)
         self._launch(kernels, frame)
+        del buffers  # until here the frame points to them
 
     def _picture_for(self, scene: EngineScene, importance: str | None) -> Tensor | None:
         """Where the kernels keep the picture that leave-one-out importance is reckoned from."""
@@ -238,8 +238,7 @@ class CudaEngine(Engine):
         return self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)
 
     def _training_frame(self, scene: EngineScene, settings: RasterSettings, training: Training) -> Frame:
-        sizes = Sizes.of(scene, settings, True, self.most_looks)
-        frame = make_frame(scene, settings, sizes, self._slots(settings), self.device)
+        frame = self._frame(scene, settings, backward=True)
         pictures = {"target": training.target, "weights": training.weights}
         put(frame, scene.addresses(self._pointer, pictures | vars(training.state)))
         renamed = {
@@ -256,7 +255,7 @@ class CudaEngine(Engine):
         put(values, scene.addresses(self._pointer, {name: getattr(training, name) for name in names}))
         return values
 
-    def _plan(self, frame: Frame, scene: EngineScene, settings: RasterSettings, kept: tuple[object, ...]) -> _Plan:
+    def _plan(self, frame: Frame, scene: EngineScene, kept: tuple[object, ...]) -> _Plan:
         """The prepared step for these tensors and settings; what differs from step to step is not part of a frame.
 
         A stream has plans of its own: their buffers are of its memory, which is given out again in its order.
@@ -268,14 +267,12 @@ class CudaEngine(Engine):
         kernels = self._load(Program.of(scene))
         while len(self._plans) >= PLANS_KEPT:
             self._plans.popitem(last=False)
-        workspace = Workspace(Sizes.of(scene, settings, True, self.most_looks), self._allocate)
-        step = self._allocate("the settings", ctypes.sizeof(StepValues), torch.uint8)
-        attach(frame, workspace.tensors() | {"step": step, "status": self._status})
+        step, buffers = self._attach_workspace(frame)
         order = None
         if places := order_places(frame):
             order = self._allocate("the tiles' order", places, torch.int32).zero_()
             attach(frame, {"order": order})
-        plan = self._plans[key] = _Plan(frame, kernels, workspace, step, (order, *kept))
+        plan = self._plans[key] = _Plan(frame, kernels, step, (buffers, order, *kept))
         return plan
 
     def _repeat(self, plan: _Plan) -> None:

@@ -6,13 +6,13 @@ import ctypes
 import math
 from collections.abc import Callable
 from ctypes import c_float, c_int, c_void_p
-from dataclasses import dataclass
 from functools import lru_cache
 
 import torch
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError
+from cubicsplat_cli.raster.cpu import members
 from cubicsplat_cli.raster.engine import IMPORTANCE, EngineScene, Pointer, Rates
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
 from cubicsplat_cli.settings import Mode
@@ -50,11 +50,9 @@ class StepValues(ctypes.Structure):
     """`Step`: what may change between two replays of a captured step."""
 
     _fields_ = [
-        ("edge_width", c_float), ("tolerance", c_float), ("background", c_float * 4),
-        ("rates", c_float * 9), ("penalty", c_float * 3), ("importance_kind", c_int), ("number", c_int),
-        ("image", c_void_p), ("importance", c_void_p), ("background_gradient", c_void_p), ("points_gradient", c_void_p),
-        ("rate_scale", c_void_p),
-        ("loss", c_void_p),
+        *members(c_float, "edge_width tolerance"), ("background", c_float * 4), ("rates", c_float * 9),
+        ("penalty", c_float * 3), *members(c_int, "importance_kind number"),
+        *members(c_void_p, "image importance background_gradient points_gradient rate_scale loss"),
     ]  # fmt: skip
 
 
@@ -62,23 +60,15 @@ class Frame(ctypes.Structure):
     """`Frame`: what stays the same while a captured step lives."""
 
     _fields_ = [
-        (name, c_int)
-        for name in (
-            "curves", "segments", "points_per_curve", "rings", "samples", "edge_stride", "width", "height",
-            "tiles_x", "tiles_y", "super_shift", "supers_x", "supers_y", "words", "slots", "logits", "backward",
-            "exact", "most_stops",
-        )
-    ] + [
-        (name, c_void_p)
-        for name in (
-            "points", "colours", "opacities", "half_widths", "edge_widths", "ring_ends",
-            "kinds", "counts", "frames", "offsets", "stops", "bounds", "edges", "inverses", "attributes", "super_masks",
-            "target", "gradient", "weights", "vertex_gradients", "sums", "tile_sums", "order",
-            "out_points", "out_colours", "out_opacities", "out_half_widths", "out_edge_widths",
-            "out_frames", "out_stops",
-            "moments", "edge_moments", "ages", "status", "step",
-        )
-    ]  # fmt: skip
+        *members(c_int, "curves segments points_per_curve rings samples edge_stride width height tiles_x tiles_y"),
+        *members(c_int, "super_shift supers_x supers_y words slots logits backward exact most_stops"),
+        *members(c_void_p, "points colours opacities half_widths edge_widths ring_ends kinds counts frames offsets"),
+        *members(c_void_p, "stops bounds edges inverses attributes super_masks target gradient weights"),
+        *members(c_void_p, "vertex_gradients sums tile_sums order out_points out_colours out_opacities"),
+        *members(
+            c_void_p, "out_half_widths out_edge_widths out_frames out_stops moments edge_moments ages status step"
+        ),
+    ]
 
 
 def pointer_on(device: torch.device) -> Pointer:
@@ -142,93 +132,48 @@ def check_lengths(segments: int, samples: int) -> None:
         )
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """What the buffers' sizes depend on."""
-
-    curves: int
-    segments: int
-    points_per_curve: int
-    width: int
-    height: int
-    samples: int
-    backward: bool
-    most_looks: int
-
-    @classmethod
-    def of(cls, scene: EngineScene, settings: RasterSettings, backward: bool, most_looks: int = MOST_LOOKS) -> Sizes:
-        """Sizes of a scene; raises EngineError where this engine cannot draw it.
-
-        most_looks: of tiles at curves; where there would be more, curves are sorted into super-tiles first.
-        """
-        if settings.subdivide:
-            raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
-        n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
-        closed = scene.mode is Mode.CLOSED
-        segments = k // 3
-        if segments < 1 or k != 3 * segments + (0 if closed else 1) or scene.width < 1 or scene.height < 1:
-            raise EngineError(f"a {scene.mode.value} curve cannot have {k} control points, or the canvas is empty")
-        check_lengths(segments, settings.samples)
-        return cls(n, segments, k, scene.width, scene.height, settings.samples, backward, most_looks)
-
-    @property
-    def edge_stride(self) -> int:
-        return self.segments * self.samples
-
-    @property
-    def tiles(self) -> tuple[int, int]:
-        return -(-self.width // TILE), -(-self.height // TILE)
-
-    @property
-    def super_shift(self) -> int:
-        """Tiles per side of a super-tile, as a power of two."""
-        return _super_shift(self.tiles)
-
-    @property
-    def supers(self) -> tuple[int, int]:
-        """Columns and rows of super-tiles."""
-        return _supers(self.tiles, self.super_shift)
-
-    @property
-    def words(self) -> int:
-        return blocks(self.curves, WARP)
-
-    @property
-    def binned(self) -> bool:
-        """Whether curves are sorted into super-tiles before the tiles look at them."""
-        return self.curves * math.prod(self.tiles) > self.most_looks
+def sizes_of(scene: EngineScene, settings: RasterSettings) -> dict[str, int]:
+    """The fields of a frame that sizes of buffers depend on; EngineError where this engine cannot draw the scene."""
+    if settings.subdivide:
+        raise EngineError("the CUDA engine has no de Casteljau subdivision; use uniform samples, or the CPU")
+    n, k = int(scene.points.shape[0]), int(scene.points.shape[1])
+    segments = k // 3
+    shared = 0 if scene.mode is Mode.CLOSED else 1
+    if segments < 1 or k != 3 * segments + shared or scene.width < 1 or scene.height < 1:
+        raise EngineError(f"a {scene.mode.value} curve cannot have {k} control points, or the canvas is empty")
+    check_lengths(segments, settings.samples)
+    tiles = -(-scene.width // TILE), -(-scene.height // TILE)
+    shift = _super_shift(tiles)  # tiles per side of a super-tile, as a power of two
+    supers = _supers(tiles, shift)
+    return {
+        "curves": n, "segments": segments, "points_per_curve": k, "samples": settings.samples,
+        "edge_stride": segments * settings.samples, "width": scene.width, "height": scene.height,
+        "tiles_x": tiles[0], "tiles_y": tiles[1], "super_shift": shift, "supers_x": supers[0], "supers_y": supers[1],
+        "words": blocks(n, WARP),
+    }  # fmt: skip
 
 
-Allocate = Callable[[str, int, torch.dtype], Tensor]
+def workspace(frame: Frame, most_looks: int, allocate: Callable[[str, int, torch.dtype], Tensor]) -> dict[str, Tensor]:
+    """The buffers between the kernels, by the names of their fields in `Frame`.
 
-
-class Workspace:
-    """The buffers between the kernels, for scenes of one size."""
-
-    def __init__(self, sizes: Sizes, allocate: Allocate) -> None:
-        """allocate(what, count, dtype) gives an uninitialised tensor, or raises EngineError."""
-        self.sizes = sizes
-        n, stride, tiles = max(sizes.curves, 1), sizes.edge_stride, sizes.tiles[0] * sizes.tiles[1]
-
-        def floats(what: str, count: int) -> Tensor:
-            return allocate(what, count, torch.float32)
-
-        self.bounds = floats("the curves' bounds", 4 * n)
-        self.edges = floats("the curves' edges", 4 * n * stride)
-        self.inverses = floats("the curves' edges", 2 * n * stride)
-        self.attributes = floats("the curves' values", ATTRIBUTES * n)
-        self.super_masks = None
-        if sizes.binned:
-            self.super_masks = allocate("the super-tiles", math.prod(sizes.supers) * sizes.words, torch.int32)
-        self.vertex_gradients = self.sums = self.tile_sums = None
-        if sizes.backward:
-            self.vertex_gradients = floats("the vertices' gradients", 2 * n * (stride + 1))
-            self.sums = floats("the curves' gradients", SUMS * n)
-            self.tile_sums = floats("the tiles' sums", 8 * tiles)
-
-    def tensors(self) -> dict[str, Tensor]:
-        """Every buffer by the name of its field in `Frame`."""
-        return {name: t for name, t in vars(self).items() if isinstance(t, Tensor)}
+    most_looks: of tiles at curves; where there would be more, curves are sorted into super-tiles first.
+    allocate(what, count, dtype) gives an uninitialised tensor, or raises EngineError.
+    """
+    n, stride, tiles = max(frame.curves, 1), frame.edge_stride, frame.tiles_x * frame.tiles_y
+    floats = {
+        "bounds": ("the curves' bounds", 4 * n), "edges": ("the curves' edges", 4 * n * stride),
+        "inverses": ("the curves' edges", 2 * n * stride), "attributes": ("the curves' values", ATTRIBUTES * n),
+    }  # fmt: skip
+    if frame.backward:
+        floats |= {
+            "vertex_gradients": ("the vertices' gradients", 2 * n * (stride + 1)),
+            "sums": ("the curves' gradients", SUMS * n), "tile_sums": ("the tiles' sums", 8 * tiles),
+        }  # fmt: skip
+    buffers = {name: allocate(what, count, torch.float32) for name, (what, count) in floats.items()}
+    if frame.curves * tiles > most_looks:
+        masks = frame.supers_x * frame.supers_y * frame.words
+        buffers["super_masks"] = allocate("the super-tiles", masks, torch.int32)
+    return buffers
 
 
 def order_places(frame: Frame) -> int:
@@ -237,18 +182,16 @@ def order_places(frame: Frame) -> int:
     return 2 * COSTS * (1 + tiles) if tiles <= MOST_ORDERED else 0
 
 
-def make_frame(scene: EngineScene, settings: RasterSettings, sizes: Sizes, slots: int, device: torch.device) -> Frame:
-    """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors."""
-    n, k = sizes.curves, sizes.points_per_curve
-    rings = 1 if scene.ring_ends is None else int(scene.ring_ends.shape[-1])
+def make_frame(
+    scene: EngineScene, settings: RasterSettings, slots: int, device: torch.device, *, backward: bool
+) -> Frame:
+    """The frame of a scene, without buffers, pictures, outputs and optimiser. Raises EngineError for unfit tensors, and
+    where this engine cannot draw the scene.
+    """
     return Frame(
-        curves=n, segments=sizes.segments, points_per_curve=k, rings=rings, samples=sizes.samples,
-        edge_stride=sizes.edge_stride, width=sizes.width, height=sizes.height,
-        tiles_x=sizes.tiles[0], tiles_y=sizes.tiles[1], super_shift=sizes.super_shift, supers_x=sizes.supers[0],
-        supers_y=sizes.supers[1], words=sizes.words, slots=slots, logits=scene.logits, backward=sizes.backward,
-        exact=settings.coverage == "exact",
-        most_stops=0 if scene.gradients is None else scene.gradients.most_stops,
-        **scene.own_addresses(pointer_on(device)),
+        **sizes_of(scene, settings), rings=scene.most_rings,
+        slots=slots, logits=scene.logits, backward=backward, exact=settings.coverage == "exact",
+        most_stops=scene.most_stops, **scene.own_addresses(pointer_on(device)),
     )  # fmt: skip
 
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import torch
 from test_fit import settings
+from test_fit_pieces import crossing_penalty
 
 from benchmarks.spikes import spikes_of
 from cubicsplat_cli.photo import fit
-from cubicsplat_cli.photo.geometric import HELD, Regulariser, crossing_gradient, crossing_penalty, thorn_gradient
+from cubicsplat_cli.photo.geometric import HELD, Regulariser, crossing_gradient, spike_gradient
 from cubicsplat_cli.photo.slivers import gradient_by_arrays, sliver_gradient
 from cubicsplat_cli.scene import pack_rings
 from cubicsplat_cli.settings import Mode
@@ -19,7 +20,7 @@ from cubicsplat_cli.settings import Mode
 SIZE = (20, 20)  # px, of a canvas
 
 
-def thorns(points: torch.Tensor) -> int:
+def spikes(points: torch.Tensor) -> int:
     """Joins of rings (N, K, 2) that turn by more than 150 degrees."""
     arriving, leaving = points[:, ::3] - points.roll(1, 1)[:, ::3], points[:, 1::3] - points[:, ::3]
     cosine = (arriving * leaving).sum(-1) / (arriving.norm(dim=-1) * leaving.norm(dim=-1)).clamp(min=1e-9)
@@ -31,7 +32,7 @@ def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(mode):
     along = torch.arange(6 if mode is Mode.CLOSED else 7).float()
     points = torch.stack((along, along * (6 - along)), -1)[None]
     points[0, 4] = points[0, 2] + torch.tensor([0.1, 0.2])  # back where it came from, at the join 3
-    gradient = thorn_gradient(points, mode, 2.0, SIZE)
+    gradient = spike_gradient(points, mode, 2.0, SIZE)
     moved = set(gradient[0].abs().sum(-1).nonzero().flatten().tolist())
     assert {2, 3, 4} <= moved
     if mode is Mode.OPEN:
@@ -42,14 +43,14 @@ def test_following_the_gradient_opens_a_sharp_join_and_leaves_others(mode):
         return float((u @ v) / (u.norm() * v.norm()))
 
     assert cosine(points - 0.01 * gradient) > cosine(points)
-    assert not thorn_gradient(torch.zeros(1, 6, 2), Mode.CLOSED, 1.0, SIZE).isnan().any()
+    assert not spike_gradient(torch.zeros(1, 6, 2), Mode.CLOSED, 1.0, SIZE).isnan().any()
 
 
-def test_a_fit_with_the_penalty_has_fewer_thorns():
+def test_a_fit_with_the_penalty_has_fewer_spikes():
     small = np.random.default_rng(5).random((14, 20, 3), np.float32)
     target = small.repeat(4, 0).repeat(4, 1)
     plain, smooth = (fit(target, settings(curves=60, steps=150, spike_penalty=w)).scene.as_torch() for w in (0.0, 3.0))
-    assert thorns(smooth.points) < 0.7 * thorns(plain.points)
+    assert spikes(smooth.points) < 0.7 * spikes(plain.points)
 
 
 @pytest.mark.parametrize("mode", list(Mode))
@@ -60,8 +61,8 @@ def test_curves_of_several_lengths_and_rings_are_judged_each_by_itself(mode):
     shared = 0 if mode is Mode.CLOSED else 1
     rings = [[10 + torch.randn(3 * n + shared, 2, generator=generator) for n in counts] for counts in lengths]
     points, ends = pack_rings(mode, rings)
-    gradient = thorn_gradient(points, mode, 2.0, SIZE, ends)
-    every = torch.cat([thorn_gradient(ring[None], mode, 2.0, SIZE)[0] for of_curve in rings for ring in of_curve])
+    gradient = spike_gradient(points, mode, 2.0, SIZE, ends)
+    every = torch.cat([spike_gradient(ring[None], mode, 2.0, SIZE)[0] for of_curve in rings for ring in of_curve])
     used = torch.arange(points.shape[1]) < 3 * ends[:, -1:] + shared
     assert torch.allclose(gradient[used], every)
     assert every.abs().max() > 0
@@ -128,8 +129,8 @@ def test_what_lies_beside_the_canvas_does_not_count():
     assert not gradient_by_arrays(beside, SIZE).any()
     assert not sliver_gradient(beside, 1.0, SIZE).any()
     tip = joined((3, 4), (15, 4.5), (3, 5))
-    assert thorn_gradient(tip, Mode.CLOSED, 1.0, SIZE).any()
-    assert not thorn_gradient(tip - np.array([16, 0], np.float32), Mode.CLOSED, 1.0, SIZE).any()
+    assert spike_gradient(tip, Mode.CLOSED, 1.0, SIZE).any()
+    assert not spike_gradient(tip - np.array([16, 0], np.float32), Mode.CLOSED, 1.0, SIZE).any()
 
 
 @pytest.mark.parametrize("ragged", [False, True])
