@@ -175,7 +175,7 @@ def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> Flat
 def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatPicture:
     """A clean picture in no more than the colours asked for, or in those of the palette."""
     levels, palette = picture.levels, picture.palette
-    regions = find_regions(levels, picture_inks(levels) if palette is None else palette, known=picture.labels)
+    regions = find_regions(levels, picture_inks(levels) if palette is None else palette, picture.labels)
     known, first, number = np.unique(regions.ink_of, return_index=True, return_inverse=True)
     own, labels = regions.inks[first], number[regions.labels]
     areas = np.bincount(labels.ravel(), minlength=len(known))

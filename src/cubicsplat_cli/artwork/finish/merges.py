@@ -7,6 +7,7 @@ description of the picture becomes shorter: half of chi^2 over the pixels it cro
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,13 +128,14 @@ def _plan(ring: Ring, sight: Visibility, held: Held, detail: float) -> list[Merg
     fixed = (np.abs(ring.anchors) < ON_BORDER).any(axis=1) | (np.abs(ring.anchors - border) < ON_BORDER).any(axis=1)
     found = []
     shows = np.isin(np.arange(ring.pieces), sight.piece[sight.seen])
+    moments = np.stack([_moments(points - ring.anchors[0], weights) for points, weights in samples])
     for first in range(ring.pieces):
         for count in range(1, min(LONGEST_HIDDEN, ring.pieces - FEWEST_PIECES) + 1):
             last = (first + count - 1) % ring.pieces
             if (count > 1 and fixed[last]) or (count > LONGEST_RUN and (shows[last] or shows[first])):
                 break
             run = (first + np.arange(count)) % ring.pieces
-            found += _trials(ring, cubics, run, [samples[i] for i in run.tolist()], detail)
+            found += _trials(ring, cubics, run, samples, moments, detail)
     taken = np.zeros(ring.pieces, dtype=bool)
     chosen: list[Merge] = []
     left = ring.pieces
@@ -147,9 +149,14 @@ def _plan(ring: Ring, sight: Visibility, held: Held, detail: float) -> list[Merg
 
 
 def _trials(
-    ring: Ring, cubics: np.ndarray, run: np.ndarray, samples: list[tuple[np.ndarray, np.ndarray]], detail: float
+    ring: Ring,
+    cubics: np.ndarray,
+    run: np.ndarray,
+    samples: list[tuple[np.ndarray, np.ndarray]],
+    moments: np.ndarray,
+    detail: float,
 ) -> list[Merge]:
-    """The line and the cubic that may stand for a run, where they look worth it."""
+    """The line and the cubic that may stand for a run, where they look worth it; samples, moments: of all pieces."""
     count, first = len(run), int(run[0])
     a, b = cubics[run[0], 0], cubics[run[-1], 3]
     chord = b - a
@@ -157,7 +164,6 @@ def _trials(
     ahead, back = _tangent(cubics[run[0]]), _tangent(cubics[run[-1]][::-1])
     if span < 1e-6 or -(ahead @ back) < MOST_TURN:
         return []
-    points, weights = np.concatenate([s[0] for s in samples]), np.concatenate([s[1] for s in samples])
     inner = ring.smooth[run[1:]]
     curves = int((~ring.lines[run]).sum())
     parameters = 2 * (count - 1) + 4 * curves - int(inner.sum())
@@ -165,11 +171,12 @@ def _trials(
     if curves or count > 1:
         saved = parameters
         line = a + chord * np.array([[0.0], [1.0 / 3.0], [2.0 / 3.0], [1.0]])
-        net = PRICE * saved / detail - HOPEFUL * _line_cost(points, weights)
+        net = PRICE * saved / detail - HOPEFUL * _line_cost(moments[run].sum(axis=0))
         if net > 0.0:
             found.append(Merge(first, count, line, True, saved, net))
     saved = parameters - 4
     if count > 1 and saved > 0 and not found:
+        points, weights = (np.concatenate([samples[i][c] for i in run.tolist()]) for c in (0, 1))
         cubic, cost = _cubic(
             a, b, ahead, back, ring.smooth[first], ring.smooth[(run[-1] + 1) % ring.pieces], points, weights
         )
@@ -189,11 +196,17 @@ def _tangent(cubic: np.ndarray) -> np.ndarray:
     return np.array([1.0, 0.0])
 
 
-def _line_cost(points: np.ndarray, weights: np.ndarray) -> float:
-    """Half of chi^2 of the points from the straight line nearest to them."""
-    middle = np.average(points, axis=0, weights=weights)
-    off = (points - middle) * np.sqrt(weights)[:, None]
-    return 0.5 * float(np.linalg.eigvalsh(off.T @ off)[0])
+def _moments(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(6,) the sums of the weights, and of these times x, y, x^2, x y and y^2."""
+    x, y = points.T
+    return np.array([weights.sum(), *(weights @ v for v in (x, y, x * x, x * y, y * y))])
+
+
+def _line_cost(moments: np.ndarray) -> float:
+    """Half of chi^2 of points with such moments (6,) from the straight line nearest to them."""
+    total, x, y, xx, xy, yy = moments.tolist()
+    xx, xy, yy = xx - x * x / total, xy - x * y / total, yy - y * y / total
+    return max(0.25 * (xx + yy - math.hypot(xx - yy, 2.0 * xy)), 0.0)
 
 
 def _cubic(

@@ -12,22 +12,19 @@
 namespace cs::stack {
 namespace {
 
-const Colours& seen(const CsPicture& picture, int64_t pixel) { return *picture.tiles[picture.tile_of(pixel)]->seen; }
-
-double cost(const CsPicture& picture, int64_t pixel, bool leaks) {
-  const Tile& tile = *picture.tiles[picture.tile_of(pixel)];
-  const int place = picture.place_of(pixel);
-  const double shown = leaks ? leak(picture.goal, tile.seen->data() + 4 * place, pixel) : 0.0;
-  return tile.misfit[place] + picture.goal.leak_weight * shown * shown;
+double cost(const CsPicture& picture, Address at, int64_t pixel, bool leaks) {
+  const Tile& tile = *picture.tiles[at.tile];
+  const double shown = leaks ? leak(picture.goal, tile.seen->data() + 4 * at.place, pixel) : 0.0;
+  return tile.misfit[at.place] + picture.goal.leak_weight * shown * shown;
 }
 
-// Calls `call(pixel)` for the pixels that a piece crosses, some of them twice.
+// Calls `call(pixel, address)` for the pixels that a piece crosses, some of them twice.
 template <class Call>
 void each_pixel(const CsPicture& picture, int32_t piece, Call call) {
   const auto next = std::upper_bound(picture.starts.begin(), picture.starts.end(), piece);
   const int64_t layer = next - picture.starts.begin() - 1, own = piece - picture.starts[layer];
   const Trace& trace = *picture.layers[layer];
-  for (int64_t n = trace.starts[own]; n < trace.starts[own + 1]; n++) call(int64_t(trace.pixel[n]));
+  for (int64_t n = trace.starts[own]; n < trace.starts[own + 1]; n++) call(trace.pixel[n], trace.address[n]);
 }
 
 // The pieces of each group, one group after the other, and where those of each begin.
@@ -54,16 +51,12 @@ class Growth {
 
   void add(const CsPicture& picture, int32_t piece, int32_t group, double& sum) {
     const int width = picture.goal.width, height = picture.goal.height;
-    each_pixel(picture, piece, [&](int64_t pixel) {
-      const int x = int(pixel % width), y = int(pixel / width);
+    each_pixel(picture, piece, [&](int32_t pixel, Address at) {
+      if (spread_ == 0) return count(pixel, at, group, sum);
+      const int x = pixel % width, y = pixel / width;
       for (int j = std::max(y - spread_, 0); j <= std::min(y + spread_, height - 1); j++)
-        for (int i = std::max(x - spread_, 0); i <= std::min(x + spread_, width - 1); i++) {
-          const int64_t at = int64_t(j) * width + i;
-          if (counted_[at] == group) continue;
-          counted_[at] = group;
-          const int tile = picture.tile_of(at);
-          if (before_.tiles[tile] != after_.tiles[tile]) sum += cost(after_, at, leaks_) - cost(before_, at, leaks_);
-        }
+        for (int i = std::max(x - spread_, 0); i <= std::min(x + spread_, width - 1); i++)
+          count(j * width + i, picture.at(i, j), group, sum);
     });
   }
 
@@ -72,6 +65,12 @@ class Growth {
   int32_t spread_;
   bool leaks_;
   std::vector<int32_t> counted_;  // the group that has counted a pixel last
+
+  void count(int32_t pixel, Address at, int32_t group, double& sum) {
+    if (before_.tiles[at.tile] == after_.tiles[at.tile] || counted_[pixel] == group) return;
+    counted_[pixel] = group;
+    sum += cost(after_, at, pixel, leaks_) - cost(before_, at, pixel, leaks_);
+  }
 };
 
 }  // namespace
@@ -80,12 +79,14 @@ class Growth {
 extern "C" {
 
 void cs_stack_picture(const CsPicture* picture, double* image, double* misfit) {
-  for (int64_t pixel = 0; pixel < int64_t(picture->goal.width) * picture->goal.height; pixel++) {
-    const int place = picture->place_of(pixel);
-    const double* colour = cs::stack::seen(*picture, pixel).data() + 4 * place;
-    std::copy(colour, colour + 4, image + 4 * pixel);
-    misfit[pixel] = picture->tiles[picture->tile_of(pixel)]->misfit[place];
-  }
+  for (int y = 0; y < picture->goal.height; y++)
+    for (int x = 0; x < picture->goal.width; x++) {
+      const int64_t pixel = int64_t(y) * picture->goal.width + x;
+      const cs::stack::Address at = picture->at(x, y);
+      const double* colour = picture->tiles[at.tile]->seen->data() + 4 * at.place;
+      std::copy(colour, colour + 4, image + 4 * pixel);
+      misfit[pixel] = picture->tiles[at.tile]->misfit[at.place];
+    }
 }
 
 double cs_stack_cost(const CsPicture* picture) {
@@ -141,12 +142,11 @@ void cs_stack_changed(const CsPicture* before, const CsPicture* after, const int
                       uint8_t* changed) {
   for (int32_t piece = 0; piece < after->starts.back(); piece++) {
     if (group[piece] < 0 || changed[group[piece]]) continue;
-    cs::stack::each_pixel(*after, piece, [&](int64_t pixel) {
-      const int tile = after->tile_of(pixel), place = after->place_of(pixel);
-      if (before->tiles[tile] == after->tiles[tile]) return;
-      for (int k = 0; k < 4; k++)
-        if (std::fabs((*after->tiles[tile]->seen)[4 * place + k] - (*before->tiles[tile]->seen)[4 * place + k]) > least)
-          changed[group[piece]] = 1;
+    cs::stack::each_pixel(*after, piece, [&](int32_t, cs::stack::Address at) {
+      const cs::stack::Tile &old = *before->tiles[at.tile], &fresh = *after->tiles[at.tile];
+      if (&old == &fresh) return;
+      for (int k = 4 * at.place; k < 4 * at.place + 4; k++)
+        if (std::fabs((*fresh.seen)[k] - (*old.seen)[k]) > least) changed[group[piece]] = 1;
     });
   }
 }

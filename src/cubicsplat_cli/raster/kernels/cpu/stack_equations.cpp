@@ -110,10 +110,10 @@ class Equations {
   }
 
   void add(const Trace& trace, int64_t n, const double* slope, int32_t piece) {
-    const int64_t pixel = trace.pixel[n];
-    const double* colour = picture_.tiles[picture_.tile_of(pixel)]->seen->data() + 4 * picture_.place_of(pixel);
-    Crossing c{piece, int32_t(pixel % goal_.width), int32_t(pixel / goal_.width), {}, 0.0, 0.0,
-               0.0,   &trace.change[8 * n]};
+    const int32_t pixel = trace.pixel[n];
+    const Address from = trace.address[n];
+    const double* colour = picture_.tiles[from.tile]->seen->data() + 4 * from.place;
+    Crossing c{piece, pixel % goal_.width, pixel / goal_.width, {}, 0.0, 0.0, 0.0, &trace.change[8 * n]};
     double rest[4];
     c.trust = trust(residual(goal_, colour, pixel, rest));
     for (int k = 0; k < 4; k++) c.slope[k] = slope[k] * goal_.channels[k], c.pull += c.trust * rest[k] * c.slope[k];
@@ -145,9 +145,10 @@ class Equations {
     for (int y = top; y <= bottom; y++)
       for (int x = left; x <= right; x++) {
         const int64_t pixel = int64_t(y) * goal_.width + x;
-        const Tile& tile = *picture_.tiles[picture_.tile_of(pixel)];
+        const Address from = picture_.at(x, y);
         double* pull = &pulls[4 * (size_t(y - top) * width + x - left)];
-        const double part = trust(residual(goal_, tile.seen->data() + 4 * picture_.place_of(pixel), pixel, pull));
+        const double* colour = picture_.tiles[from.tile]->seen->data() + 4 * from.place;
+        const double part = trust(residual(goal_, colour, pixel, pull));
         for (int k = 0; k < 4; k++) pull[k] *= part;
       }
     spread(pulls.data(), height, int64_t(width), width, 1, left, goal_.width);

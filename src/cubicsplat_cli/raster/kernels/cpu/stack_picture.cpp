@@ -26,7 +26,10 @@ Window window_of(const CsGoal& goal, const std::vector<double>& cubics) {
 void sort_by_tile(Trace& trace, const CsPicture& picture) {
   const int64_t count = int64_t(trace.pixel.size());
   std::vector<std::pair<int32_t, int64_t>> keys(count);
-  for (int64_t n = 0; n < count; n++) keys[n] = {picture.tile_of(trace.pixel[n]), n};
+  for (int64_t n = 0; n < count; n++) {
+    trace.address.push_back(picture.at(trace.pixel[n] % picture.goal.width, trace.pixel[n] / picture.goal.width));
+    keys[n] = {trace.address[n].tile, n};
+  }
   std::sort(keys.begin(), keys.end());
   for (int64_t k = 0; k < count; k++) {
     if (k == 0 || keys[k].first != keys[k - 1].first)
@@ -130,8 +133,8 @@ std::shared_ptr<const Colours> blurred(const CsPicture& picture, int number) {
   for (int j = 0; j < side; j++) {
     const int y = std::clamp(top + j - r, 0, goal.height - 1);
     for (int i = 0; i < side; i++) {
-      const int64_t pixel = int64_t(y) * goal.width + std::clamp(left + i - r, 0, goal.width - 1);
-      row[i] = picture.tiles[picture.tile_of(pixel)]->sharp->data() + 4 * picture.place_of(pixel);
+      const Address from = picture.at(std::clamp(left + i - r, 0, goal.width - 1), y);
+      row[i] = picture.tiles[from.tile]->sharp->data() + 4 * from.place;
     }
     for (int i = 0; i < kTile; i++)
       for (int d = -r; d <= r; d++)
@@ -237,7 +240,7 @@ std::vector<std::vector<double>> slopes(const CsPicture& picture, const std::vec
       if (!wanted[layer] || found == trace.tiles.end() || *found != n) return;
       const int64_t* number = &trace.tile_starts[found - trace.tiles.begin()];
       for (int64_t i = number[0]; i < number[1]; i++)
-        call(&out[layer][4 * trace.by_tile[i]], picture.place_of(trace.pixel[trace.by_tile[i]]));
+        call(&out[layer][4 * trace.by_tile[i]], trace.address[trace.by_tile[i]].place);
     };
     colours.fill(0.0), open.fill(1.0f);
     for (const int layer : layers[n]) {

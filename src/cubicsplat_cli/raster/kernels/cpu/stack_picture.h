@@ -51,12 +51,9 @@ struct CsPicture {
 
   int across() const { return (goal.width + cs::stack::kTile - 1) / cs::stack::kTile; }
   int down() const { return (goal.height + cs::stack::kTile - 1) / cs::stack::kTile; }
-  int tile_of(int64_t pixel) const {
-    return int(pixel / goal.width) / cs::stack::kTile * across() + int(pixel % goal.width) / cs::stack::kTile;
-  }
-  // Where in its tile a pixel is.
-  int place_of(int64_t pixel) const {
-    return int(pixel / goal.width) % cs::stack::kTile * cs::stack::kTile + int(pixel % goal.width) % cs::stack::kTile;
+  cs::stack::Address at(int x, int y) const {
+    constexpr int kTile = cs::stack::kTile;
+    return {y / kTile * across() + x / kTile, y % kTile * kTile + x % kTile};
   }
 };
 

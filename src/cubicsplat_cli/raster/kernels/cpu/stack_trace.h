@@ -20,6 +20,11 @@ struct Span {
   float covered;    // more than nothing
 };
 
+// Where a pixel is: in which tile, and where in that.
+struct Address {
+  int32_t tile, place;
+};
+
 // What a layer's outlines cover, and how that changes with their control points. Pictures in which it lies the same share it.
 struct Trace {
   std::vector<double> cubics, signs;  // of the pieces
@@ -29,6 +34,7 @@ struct Trace {
   std::vector<int64_t> rows;                     // bottom - top + 1: where the spans of each row begin
   std::vector<int64_t> starts{0};                // pieces + 1: where the crossings of each piece begin
   std::vector<int32_t> pixel;                    // of the crossings
+  std::vector<Address> address;                  // of their pixels
   std::vector<double> t, change;                 // x 8
   std::vector<int32_t> tiles;                    // that have crossings, in order
   std::vector<int64_t> tile_starts, by_tile;     // the numbers of those of each tile
