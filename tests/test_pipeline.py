@@ -195,7 +195,7 @@ def fails(*_) -> None:
 @pytest.mark.parametrize(("broken", "other"), [("artwork", "photo"), ("photo", "artwork")])
 def test_where_a_style_fails_the_other_one_is_made_and_says_so(broken, other, monkeypatch, taken_for):
     monkeypatch.setattr(choose, "drawn_outlines", fails if broken == "artwork" else choose.drawn_outlines)
-    monkeypatch.setattr(choose, "fitted_photo", fails if broken == "photo" else choose.fitted_photo)
+    monkeypatch.setattr(choose, "PhotoFit", fails if broken == "photo" else choose.PhotoFit)
     monkeypatch.setitem(choose.MAKERS, broken, fails)
     taken_for(broken, "measured")
     report = vectorize(flat_picture(), threads=1, steps=5).report
