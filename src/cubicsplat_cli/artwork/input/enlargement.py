@@ -34,8 +34,7 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:
     blur = edge_blur(levels)
     if blur is not None and blur < LEAST_BLUR:
         return levels, 1
-    few = _steepest(levels)
-    if _sharp(few):
+    if min(levels.shape[:2]) < 8 * FACTORS[0] or _sharp(few := _steepest(levels)):
         return levels, 1
     for factor in FACTORS:
         if min(levels.shape[:2]) < 8 * factor:
