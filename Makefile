@@ -85,7 +85,7 @@ sanitize-gpu:
 	$(WITH_GPU) run-sanitize-gpu
 run-sanitize-gpu: $(TEST_STAMP)
 	@$(GPU_OR_WHY)
-	$(SANITIZE) --tool memcheck $(PY) -m pytest -m gpu -q tests/test_engine.py tests/test_cuda_engine.py
+	$(SANITIZE) --tool memcheck $(PY) -m pytest -m gpu -q tests/test_engine.py
 	$(SANITIZE) --tool racecheck $(FEW_ON_GPU)
 	$(SANITIZE) --tool synccheck $(FEW_ON_GPU)
 	$(SANITIZE) --tool initcheck $(FEW_ON_GPU)

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import IO
 
 import pytest
 from command import cli_command, run_here
@@ -32,11 +33,11 @@ def json_lines(data: bytes) -> dict[str, dict]:
     return {Path(value["input"]["path"]).name: value for value in values}
 
 
-def start(*arguments: object, **keywords) -> subprocess.Popen:
+def start(*arguments: object, stderr: int | IO[bytes] = subprocess.PIPE, **keywords) -> subprocess.Popen:
     """The command in the background, with Ctrl-C as a terminal has it (a test run may have it switched off)."""
     return subprocess.Popen(
         [*cli_command(), *map(str, arguments)],
-        stderr=subprocess.PIPE,
+        stderr=stderr,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
         **keywords,
     )

@@ -12,10 +12,16 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import IO, NoReturn
 
+import typer.main
+
 from cubicsplat_cli.__main__ import main
+
+# Typer builds its commands at each call, which users see once a process: a quarter of a short run.
+typer.main.get_command = cache(typer.main.get_command)
 
 Done = subprocess.CompletedProcess[bytes]
 STREAMS = ("stdin", "stdout", "stderr")

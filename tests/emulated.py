@@ -22,7 +22,7 @@ from cubicsplat_cli.raster.cuda.frame import Frame
 
 EMULATOR = Path(__file__).with_name("cuda_emulator")
 LIBRARIES = Path(__file__).parent.parent / "build" / "emulator"
-OPTIONS = ["-std=c++17", "-Og", "-fPIC", "-shared", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unknown-pragmas"]
+OPTIONS = ["-std=c++17", "-fPIC", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-unknown-pragmas"]
 
 # Arithmetic as a GPU may do it, where the CPU can.
 APPROXIMATE = ("-ffp-contract=fast", "-DEMULATOR_APPROXIMATE", *(["-mfma"] if platform.machine() == "x86_64" else []))
@@ -35,34 +35,31 @@ def compiler() -> str | None:
 
 @cache
 def build(program: Program, extra: tuple[str, ...] = ()) -> Path:
-    """The emulated kernels as a shared library, compiled once per text and kept in build/emulator."""
-    command = [
-        compiler() or "g++",
-        *OPTIONS,
-        *extra,
-        *program.definitions(),
-        f"-I{EMULATOR}",
-        f"-I{KERNELS / 'cuda'}",
-        f"-I{KERNELS / 'shared'}",
-    ]
-    digest = hashlib.sha256("\n".join(command).encode())
+    """The emulated kernels as a shared library, compiled once per text and kept in build/emulator; the emulator itself
+    is compiled once for all programs.
+    """
+    emulator = _made("emulator.o", ["-O2", "-c", *extra, str(EMULATOR / "emulator.cpp")])
+    folders = [f"-I{KERNELS / folder}" for folder in ("cuda", "shared")]
+    kernels = ["-Og", "-shared", *extra, *program.definitions(), *folders, str(EMULATOR / "kernels.cpp")]
+    name = f"{program.mode.value}-{program.channels}{'-painted' * program.painted}.so"
+    return _made(name, [*kernels, str(emulator)], b"".join(sources().values()))
+
+
+def _made(name: str, arguments: list[str], text: bytes = b"") -> Path:
+    """What the compiler makes with arguments, or made when it last had them for the same text of kernels."""
+    command = [compiler() or "g++", *OPTIONS, f"-I{EMULATOR}", *arguments]
+    digest = hashlib.sha256("\n".join(command).encode() + text)
     for path in sorted(EMULATOR.glob("*.*")):
         digest.update(path.read_bytes())
-    for text in sources().values():
-        digest.update(text)
-    library = (
-        LIBRARIES
-        / f"{program.mode.value}-{program.channels}{'-painted' if program.painted else ''}-{digest.hexdigest()[:24]}.so"
-    )
-    if not library.exists():
+    stem, suffix = name.split(".")
+    made = LIBRARIES / f"{stem}-{digest.hexdigest()[:24]}.{suffix}"
+    if not made.exists():
         LIBRARIES.mkdir(parents=True, exist_ok=True)
-        part = library.with_suffix(f".{os.getpid()}.part")
-        made = subprocess.run(
-            [*command, str(EMULATOR / "emulator.cpp"), "-o", str(part)], capture_output=True, text=True, check=False
-        )
-        assert made.returncode == 0, made.stderr
-        part.replace(library)
-    return library
+        part = made.with_suffix(f".{os.getpid()}.part")
+        done = subprocess.run([*command, "-o", str(part)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        part.replace(made)
+    return made
 
 
 class EmulatedKernels:
@@ -94,11 +91,16 @@ class EmulatedKernels:
         assert error is None, error.decode()
 
 
+_TESTED: dict[tuple[object, ...], set[Program]] = {}
+
+
 class EmulatedDriver(Driver):
     """A device in the CPU's memory. order: seed of the order in which its threads run; 0: as they are numbered."""
 
     def __init__(self, shared_per_sm: int = 228 * 1024, order: int = 0, extra: tuple[str, ...] = ()) -> None:
         super().__init__()
+        # What has passed the self-test on such a device once in this process has.
+        self.tested = _TESTED.setdefault((shared_per_sm, order, extra), set())
         self.device = torch.device("cpu")
         self.shared_per_block = 48 * 1024
         self.shared_per_sm = shared_per_sm

@@ -48,7 +48,6 @@ def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, c
         monkeypatch.setattr(module, "MOST_COMPLETED", 20)
     for module in (limits, vectorize):
         monkeypatch.setattr(module, "MOST_POLISHED", 20)
-    monkeypatch.setattr(vectorize, "MOST_FITTED", 25)
     fits = []
     fit = completion.fit_outline
     monkeypatch.setattr(completion, "fit_outline", lambda *given: fits.append(1) or fit(*given))
@@ -60,7 +59,7 @@ def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, c
     drawing = vectorize.draw(inks.astype(np.float32))
     assert len(drawing.shapes) > 0.95 * parcels**2
     # A fit that goes astray is tried again, closer to its points.
-    assert len(fits) <= 3 * 25
+    assert len(fits) <= 3 * sum(len(shape.outlines) for shape in drawing.shapes)
     assert "shapes are many" in caplog.text
     target = np.concatenate([inks, np.ones((*inks.shape[:2], 1))], axis=2)
     assert np.abs(begin(drawing, goal_of(target)).image - target).mean() < 0.01

@@ -101,7 +101,7 @@ def test_file_in_place_of_the_folder(tmp_path, act):
 
 @both
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs on this system")
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(100)
 def test_fifo_as_output(tmp_path, act):
     path = tmp_path / "pipe.svg"
     os.mkfifo(path)

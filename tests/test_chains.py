@@ -9,7 +9,7 @@ from cubicsplat_cli.artwork.geometry.beziers import derivatives, points_at
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
 from cubicsplat_cli.raster.cubics import Joints, newton_steps, refined
-from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, Form, fitted_values, parabolas
+from cubicsplat_cli.raster.outlines import BOX, CIRCLE, ELLIPSE, nearest_primitive, parabolas
 
 
 def wavy_chain(count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -81,31 +81,33 @@ def test_feet_pass_on_at_smooth_joints_only():
 
 
 @pytest.mark.parametrize(
-    ("form", "truth"),
+    ("kind", "truth"),
     [
-        (Form(CIRCLE), [20.0, 15.0, 9.0]),
-        (Form(ELLIPSE), [20.0, 15.0, 9.0, 5.0]),
-        (Form(ELLIPSE, turned=True), [20.0, 15.0, 9.0, 5.0, 0.4]),
-        (Form(BOX), [20.0, 15.0, 9.0, 5.0]),
-        (Form(BOX, rounded=True), [20.0, 15.0, 9.0, 5.0, 2.0]),
-        (Form(BOX, turned=True), [20.0, 15.0, 9.0, 5.0, 0.3]),
-        (Form(BOX, rounded=True, turned=True), [20.0, 15.0, 9.0, 5.0, 2.0, 0.3]),
+        (CIRCLE, [20.0, 15.0, 9.0, 0.0, 0.0, 0.0]),
+        (ELLIPSE, [20.0, 15.0, 9.0, 5.0, 0.0, 0.0]),
+        (ELLIPSE, [20.0, 15.0, 9.0, 5.0, 0.0, 0.4]),
+        (BOX, [20.0, 15.0, 9.0, 5.0, 0.0, 0.0]),
+        (BOX, [20.0, 15.0, 9.0, 5.0, 2.0, 0.0]),
+        (BOX, [20.0, 15.0, 9.0, 5.0, 0.0, 0.3]),
+        (BOX, [20.0, 15.0, 9.0, 5.0, 2.0, 0.3]),
     ],
 )
-def test_primitives_are_fitted_to_points_along_them_of_which_one_is_astray(form, truth):
-    if form.kind == CIRCLE:
-        shape = Circle(*truth)
-    elif form.kind == ELLIPSE:
-        shape = Ellipse(*truth[:4], truth[4] if form.turned else 0.0)
-    else:
-        x, y, a, b = truth[:4]
-        radius, angle = truth[4] if form.rounded else 0.0, truth[-1] if form.turned else 0.0
+def test_the_cheapest_primitive_through_points_is_theirs_though_one_is_astray(kind, truth):
+    x, y, a, b, radius, angle = truth
+    shape = Circle(x, y, a) if kind == CIRCLE else Ellipse(x, y, a, b, angle)
+    if kind == BOX:
         shape = Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, radius, angle)
     ring = fine_ring(shape)
     points = points_at(ring.cubics, np.tile((np.arange(20) + 0.5) / 20, (ring.pieces, 1))).reshape(-1, 2)
-    points[7] += [0.0, 4.0]
-    start = np.array(truth) + 0.1
-    values, loss = fitted_values(form, start, points, np.full(len(points), 400.0), 20)
-    assert values == pytest.approx(truth, abs=0.02)
-    # 4 px are 80 standard errors, which count 3 (2 x 80 - 3); those of points level with the shape are fewer.
-    assert 1.0 < loss < 3.0 * (2.0 * 80.0 - 3.0) + 10.0
+    weights, parameters = np.full(len(points), 400.0), shape.parameters
+    off = 0.0
+    if kind != BOX:
+        # 0.5 px are 10 standard errors, which count 3 (2 x 10 - 3); a box has no such point.
+        points[7] += 0.5 * (points[7] - [x, y]) / np.hypot(*(points[7] - [x, y]))
+        off = 3.0 * (2.0 * 10.0 - 3.0)
+    found = nearest_primitive(points, weights, 4.0)
+    assert found is not None and found[0] == kind
+    count = 3 if kind == CIRCLE else 6
+    assert found[1][:count] == pytest.approx(truth[:count], abs=0.02)
+    assert 0.6 * off <= found[3] * len(points) <= off + 1e-3
+    assert found[2] == pytest.approx(0.5 * found[3] * len(points) + 4.0 * parameters)

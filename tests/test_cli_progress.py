@@ -49,7 +49,7 @@ def test_the_time_left_for_all_counts_what_is_half_done_and_not_what_was_done_be
 def test_a_narrow_terminal_shows_percent_and_time_left_in_one_line(tmp_path, monkeypatch):
     path = tmp_path / "a_photo_with_a_long_name.png"
     Image.fromarray(smooth_pixels(40, 28)).save(path)
-    arguments = ["vectorize", path, "--style", "photo", "--curves", 12, "--steps", 4000, "--no-png"]
+    arguments = ["vectorize", path, "--style", "photo", "--curves", 12, "--steps", 2000, "--no-png"]
     code, text = on_terminal(arguments, monkeypatch, COLUMNS="40", NO_COLOR="1")
     assert code == 0
     lines = [line for line in re.split(r"[\r\n]+", CONTROL.sub("", text)) if " %" in line]
@@ -168,10 +168,10 @@ def test_every_stage_has_a_word(photo, monkeypatch):
 def test_without_a_terminal_v_tells_of_time_limited_fits_and_of_the_whole(tmp_path, run_cli):
     save_pictures(tmp_path, ["a.png", "b.png"])
     arguments = ("--style", "photo", "--curves", 12, "--no-png", "--threads", 1)
-    done = run_cli("vectorize", tmp_path / "a.png", *arguments, "--steps", 100_000, "--time-limit", 1.5, "-v")
+    done = run_cli("vectorize", tmp_path / "a.png", *arguments, "--steps", 100_000, "--time-limit", 1.0, "-v")
     assert done.returncode == 0, done.stderr
     shares = [int(share) for share in re.findall(rb"a\.png: +(\d+) %", done.stderr)]
-    assert len(shares) >= 4
+    assert len(shares) >= 2
     assert shares == sorted(shares)
     done = run_cli("vectorize", tmp_path, "-o", tmp_path / "out", *arguments, "--steps", 30, "-v")
     assert re.findall(rb"\d/\d pictures", done.stderr) == [b"1/2 pictures", b"2/2 pictures"]
@@ -181,7 +181,8 @@ def test_without_a_terminal_v_tells_of_time_limited_fits_and_of_the_whole(tmp_pa
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes of POSIX")
 @pytest.mark.parametrize("arguments", [["eval", "IN", "IN", "--json"], ["vectorize", "IN", "--dry-run", "--json"],
-                                       ["vectorize", "IN", *SHORT, "--json", "-q"], ["doctor"]])  # fmt: skip
+                                       ["vectorize", "IN", *SHORT, "--json", "-q"],
+                                       ["vectorize", "IN", *SHORT, "-o", "-", "-q"], ["doctor"]])  # fmt: skip
 def test_a_reader_that_goes_away_is_no_news(arguments, photo):
     reader, writer = os.pipe()
     os.close(reader)

@@ -234,7 +234,7 @@ def test_a_large_scene_fits_into_half_a_gigabyte():
 @pytest.mark.parametrize(
     ("kernel", "message"),
     [
-        ("divergent_barrier", r"from thread 0 on __syncthreads at emulator.cpp:\d+; from thread 40 on done"),
+        ("divergent_barrier", r"from thread 0 on __syncthreads at kernels.cpp:\d+; from thread 40 on done"),
         ("divergent_vote", r"from thread 0 on vote at .*; from thread 8 on done"),
         ("two_places", r"from thread 0 on vote at .*; from thread 1 on __syncwarp at"),
         ("partial_mask", "only whole warps are emulated"),

@@ -15,6 +15,7 @@ from conftest import rest_slow
 from engines import (
     CASE_NAMES,
     CASES,
+    CUDA,
     DEGENERATE_CASES,
     ENGINES,
     FLIPPED,
@@ -432,3 +433,30 @@ def test_wrong_tensors_are_named(engine):
         engine.gradients(scene, SETTINGS[0])
     with pytest.raises(EngineError, match="leave-one-out importance needs a target"):
         engine.gradients(scene, SETTINGS[0], gradient=torch.zeros(20, 24, 3, device=engine.device), importance="loo")
+
+
+cuda_alone = pytest.mark.parametrize("engine", CUDA, indirect=True)
+
+
+@cuda_alone
+def test_what_cuda_cannot_draw_is_named(engine):
+    long = packed(random_scene(Mode.CLOSED, 2, 43, background=PAPER), engine.device)
+    with pytest.raises(EngineError, match="at most 42 segments and 4096 edges, not 43 and 258"):
+        engine.render(long, SETTINGS[0])
+    scene = packed(random_scene(Mode.CLOSED, 3, 3, background=PAPER), engine.device)
+    with pytest.raises(EngineError, match=r"no de Casteljau subdivision; use uniform samples, or the CPU"):
+        engine.render(scene, RasterSettings("relaxed", 1.0, 12, 0.5, subdivide=True))
+
+
+@cuda_alone
+def test_a_curve_that_stops_being_finite_is_named(engine):
+    fresh = type(engine)(driver=engine._driver)
+    scene = packed(random_scene(Mode.CLOSED, 6, 3, background=PAPER), engine.device)
+    target = random_target(random_scene(Mode.CLOSED, 1, 3, background=PAPER)).to(engine.device)
+    state = state_for(scene)
+    assert fresh.fault() is None
+    for i in range(4):
+        if i == 2:
+            scene.points[4, 1, 0] = float("nan")
+        fresh.step(scene, SETTINGS[1], Training(target, state, Rates(0.1, 0.1, 0.1, 0.0)))
+    assert fresh.fault() == (4, 2)

@@ -233,7 +233,7 @@ def test_ssim_part_by_part_is_that_of_the_whole_picture(height, width, kind, mon
     """Sizes about those of tiles and strips, which are small here: their seams must not show."""
     from skimage.metrics import structural_similarity
 
-    monkeypatch.setattr(METRICS, "_STRIP_PIXELS", 40_000)
+    monkeypatch.setattr(METRICS, "STRIP_PIXELS", 40_000)
     rgb, drawn = alike(height, width, kind)
     values = drawn[..., :3].astype(np.float64) / 255
     want = structural_similarity(
@@ -264,7 +264,7 @@ def test_figures_are_the_same_for_any_number_of_threads():
 def test_the_engines_picture_in_strips_is_the_whole_one(background, monkeypatch):
     from cubicsplat_cli.raster import render_scene
 
-    monkeypatch.setattr(METRICS, "_STRIP_PIXELS", 64 * 90)
+    monkeypatch.setattr(METRICS, "STRIP_PIXELS", 64 * 90)
     scene = random_scene(Mode.CLOSED, curves=40, width=90, height=400, background=background, seed=5)
     whole, candidate = render_scene(scene, samples=48, threads=1), of_scene(scene, 90, 400, 48, threads=1)
     for top, bottom in ((0, 400), (0, 69), (59, 133), (379, 400)):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 import torch
 from adan import Adan
 from cli_runs import strict_json
+from conftest import rest_slow
 from PIL import Image
 from test_fit import loop, picture, settings
 from test_gradients import one
@@ -99,8 +101,9 @@ def test_the_ends_move_with_the_curve_and_padding_does_not_move_them():
     assert torch.allclose(middles_of(points, None), points.mean(1))
 
 
-@pytest.mark.parametrize("mode", list(Mode))
-@pytest.mark.parametrize("alpha", [False, True])
+@pytest.mark.parametrize(
+    ("mode", "alpha"), rest_slow((Mode.CLOSED, True), (Mode.OPEN, False), *product(Mode, (False, True)), fast=2)
+)
 def test_gradients_show_slopes_that_flat_curves_do_not(mode, alpha):
     target = slopes()
     if alpha:

@@ -249,7 +249,8 @@ def test_a_mode_that_pillow_cannot_convert_is_refused(monkeypatch):
 def test_warnings_of_the_decoder_become_notes(recwarn):
     data = encode(Image.fromarray(NOISE), exif=b"Exif\0\0II*\0\x08\0\0\0\xff\xff")
     assert any("Corrupt EXIF" in note for note in load_picture(data).notes)
-    assert not list(recwarn)
+    # Files that other tests have left open may be closed, with a warning, while this one runs.
+    assert not [warning for warning in recwarn if issubclass(warning.category, UserWarning)]
 
 
 @pytest.mark.parametrize("file_format", ["GIF", "PNG", "WEBP", "TIFF"])

@@ -58,7 +58,7 @@ def test_directory(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs on this system")
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(100)
 def test_fifo_does_not_hang(tmp_path):
     path = tmp_path / "pipe.png"
     os.mkfifo(path)
@@ -74,7 +74,7 @@ def test_socket(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero on this system")
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(100)
 def test_endless_device():
     refuse(Path("/dev/zero"), "device")
 

@@ -20,8 +20,8 @@ FINE = {"quality": 98, "subsampling": 0}
 def _all_is_very_large(monkeypatch):
     """What has more than 1,000 pixels is very large here, and 400 are wanted."""
     monkeypatch.setattr(decode, "READ_WHOLE_PIXELS", 1000)
-    monkeypatch.setattr(decode, "_MOST_PIXELS", 400)
-    monkeypatch.setattr(decode, "_BAND_PIXELS", 5 * WIDTH)
+    monkeypatch.setattr(decode, "MOST_PIXELS", 400)
+    monkeypatch.setattr(decode, "BAND_PIXELS", 5 * WIDTH)
 
 
 def picture_of(mode: str) -> Image.Image:

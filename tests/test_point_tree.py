@@ -63,7 +63,9 @@ def test_groups_of_what_is_linked(links):
     assert ((found[1][:, None] == found[1]) == (known[:, None] == known)).all()
 
 
-def test_links_to_nothing_are_refused():
+def test_points_nowhere_and_links_to_nothing_are_refused():
+    with pytest.raises(ValueError, match="finite"):
+        PointTree(np.array([[0.0, np.nan]]))
     with pytest.raises(ValueError, match="0 to 2"):
         linked_groups(3, np.array([0]), np.array([3]))
     assert linked_groups(0, np.zeros(0, int), np.zeros(0, int))[0] == 0

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 STYLES = ("auto", "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
+# px by which a DXF may be off the outlines: 13 micrometres at 96 px an inch. Cutters repeat to about 100, so that the
+# drawing may be cut seven times as large.
+DXF_TOLERANCE = 0.05
 _OF_FILES: dict[str, Any] = {"group": FILES, "decides": False}
 _SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000, "optional": True}
 
@@ -39,8 +42,9 @@ _SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000, "optional": True}
 class Request:
     """The values of all options, the same for every input. Raises UsageError for values that make no sense.
 
-    settings: of a photo; artwork: of a drawing. masks: a folder that holds a mask for each picture's name. The style
-    "auto" is "photo" or "artwork" if any option is given that implies it (`of_photos`, `of_artwork`).
+    settings: of a photo; artwork: of a drawing. masks: a folder that holds a mask for each picture's name. also:
+    formats (`files.paths.EXPORTS`) in which the SVG is written too. The style "auto" is "photo" or "artwork" if any
+    option is given that implies it (`of_photos`, `of_artwork`).
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -85,8 +89,13 @@ class Request:
     animation: Path | None = setting(
         None, "text", "Also write how the result develops: .webp, .gif.", metavar="FILE", parse=Path, **_OF_FILES
     )
+    also: tuple[str, ...] = ()
+    dxf_tolerance: float = setting(
+        DXF_TOLERANCE, "number", "How far a DXF may be off the outlines.", least=0.001, most=10, metavar="PX",
+        hidden=True, **_OF_FILES,
+    )  # fmt: skip
     suffix: str = setting("", "text", "Add this to the names of the results.", metavar="TEXT", **_OF_FILES)
-    skip_existing: bool = setting(False, "flag", "Skip pictures that have any SVG already.", **_OF_FILES)
+    skip_existing: bool = setting(False, "flag", "Skip pictures that have any SVG already.", hidden=True, **_OF_FILES)
     compress: bool = setting(False, "flag", "Write the SVG compressed, as OUT.svgz.", option="svgz", **_OF_FILES)
 
     def __post_init__(self) -> None:

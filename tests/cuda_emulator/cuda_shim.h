@@ -35,6 +35,13 @@ struct Index {
 // What lanes or threads wait for together.
 enum class Meeting { syncthreads, syncthreads_or, syncwarp, ballot, shuffle_xor, shuffle_up, shuffle };
 
+// A kernel of a program by its name; kernels.cpp lists them, up to one without a name.
+struct Kernel {
+  const char* name;
+  void (*run)(const void* frame);
+};
+extern const Kernel kKernels[];
+
 Index thread_index();
 Index block_index();
 unsigned char* dynamic_shared();

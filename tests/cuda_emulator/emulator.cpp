@@ -1,4 +1,4 @@
-// Runs the kernels of raster.cu on the CPU, block after block, and finds misuse of barriers: see README.md.
+// Runs a program's kernels on the CPU, block after block, and finds misuse of barriers: see README.md.
 
 #include "cuda_shim.h"
 
@@ -8,11 +8,10 @@
 #include <string>
 #include <vector>
 #if defined(__SSE2__)
-#include <immintrin.h>
+#include <xmmintrin.h>
 #endif
 
 #include "fibers.h"
-#include "raster.cu"
 
 namespace emulator {
 namespace {
@@ -47,8 +46,8 @@ struct Machine {
   unsigned current = 0, count = 0;
   Index block{};
   std::unique_ptr<unsigned char[]> shared;
-  void (*kernel)(const cs::Frame*) = nullptr;
-  const cs::Frame* frame = nullptr;
+  void (*kernel)(const void*) = nullptr;
+  const void* frame = nullptr;
   std::string error;
   unsigned order = 0;  // 0: as numbered; else the seed of the order in which ready threads run
 } machine;
@@ -169,54 +168,6 @@ void run_block() {
   }
 }
 
-// Mistakes on purpose, which the tests want to see found.
-void divergent_barrier(const cs::Frame) {
-  if (threadIdx.x < 40) __syncthreads();
-}
-
-void divergent_vote(const cs::Frame) {
-  if (threadIdx.x % 32 < 8) __ballot_sync(0xffffffffu, true);
-}
-
-void two_places(const cs::Frame) {
-  if (threadIdx.x % 2)
-    __syncwarp();
-  else
-    __ballot_sync(0xffffffffu, true);
-}
-
-void partial_mask(const cs::Frame) { __ballot_sync(0xffu, true); }
-
-// Without the barrier, what a warp reads depends on which warp ran first.
-void missing_barrier(const cs::Frame f) {
-  int* values = reinterpret_cast<int*>(dynamic_shared());
-  values[threadIdx.x] = int(threadIdx.x);
-  if (threadIdx.x < 32) f.status[threadIdx.x] = values[32 + threadIdx.x];
-}
-
-void past_the_end(const cs::Frame f) { f.status[1 << 12] = 1; }
-
-template <void (*Kernel)(const cs::Frame)>
-void call(const cs::Frame* frame) {
-  Kernel(*frame);
-}
-
-struct Entry {
-  const char* name;
-  void (*run)(const cs::Frame*);
-};
-const Entry kEntries[] = {{"flatten", call<flatten>},
-                          {"bin", call<bin>},
-                          {"raster_relaxed", call<raster_relaxed>},
-                          {"raster_exact", call<raster_exact>},
-                          {"update", call<update>},
-                          {"divergent_barrier", call<divergent_barrier>},
-                          {"divergent_vote", call<divergent_vote>},
-                          {"two_places", call<two_places>},
-                          {"partial_mask", call<partial_mask>},
-                          {"missing_barrier", call<missing_barrier>},
-                          {"past_the_end", call<past_the_end>}};
-
 }  // namespace
 
 Index thread_index() { return {machine.current, 0, 0}; }
@@ -240,12 +191,12 @@ extern "C" {
 
 // Shared memory starts as NaN in every block, so that reading what was not written shows. Returns the error, or null.
 const char* emulator_launch(const char* name, unsigned blocks_x, unsigned blocks_y, unsigned threads, size_t shared,
-                            const cs::Frame* frame, unsigned order) {
+                            const void* frame, unsigned order) {
   auto& m = emulator::machine;
   m.error.clear();
   m.kernel = nullptr;
-  for (const auto& entry : emulator::kEntries)
-    if (std::strcmp(entry.name, name) == 0) m.kernel = entry.run;
+  for (const emulator::Kernel* entry = emulator::kKernels; entry->name; entry++)
+    if (std::strcmp(entry->name, name) == 0) m.kernel = entry->run;
   if (!m.kernel || threads == 0 || threads % emulator::kLanes || blocks_x == 0 || blocks_y == 0)
     emulator::fail(std::string("cannot launch ") + name);
   m.frame = frame;
@@ -270,6 +221,4 @@ const char* emulator_launch(const char* name, unsigned blocks_x, unsigned blocks
 #endif
   return m.error.empty() ? nullptr : m.error.c_str();
 }
-
-void emulator_set_step(const cs::Step* values, cs::Step* step) { set_step(*values, step); }
 }

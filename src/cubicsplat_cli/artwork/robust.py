@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-OUTLYING = 3.0  # standard errors beyond which a point's distance counts linearly
-
 
 def huber(sizes: np.ndarray, knee: float) -> np.ndarray:
     """What residuals of such sizes >= 0 count, of the same shape: size^2 up to the knee, linear beyond."""
@@ -15,8 +13,3 @@ def huber(sizes: np.ndarray, knee: float) -> np.ndarray:
 def huber_weights(sizes: np.ndarray, knee: float) -> np.ndarray:
     """Weights of squares, 1 up to the knee, with which least squares have the slope of Huber's loss."""
     return np.minimum(1.0, knee / np.maximum(sizes, 1e-12))
-
-
-def outlying_loss(distances: np.ndarray, weights: np.ndarray) -> float:
-    """Twice the negative log-likelihood of n distances (n,) px, linear beyond OUTLYING; weights: (n,) 1/px^2."""
-    return float(huber(np.abs(distances) * np.sqrt(weights), OUTLYING).sum())

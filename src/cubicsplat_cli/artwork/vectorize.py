@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.input.intake import Intake, as_levels, taken_in
 from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of, polygons_of
-from cubicsplat_cli.artwork.layers.extents import SHEET, Extent
+from cubicsplat_cli.artwork.layers.extents import SHEET
 from cubicsplat_cli.artwork.limits import MOST_DETAILED, MOST_POLISHED, blocks_of, enlarged, few_enough
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
@@ -38,7 +38,6 @@ from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.scene.paint import mean_ink
 
-MOST_POINTS, MOST_FITTED = 60_000, 1500  # of contours, and contours; the smallest beyond become polygons
 MANY = 150  # parts, whose finish takes longer than to find out whether they are worth it
 SKETCH = 160  # px of the longer side, of what is drawn in well under a second
 
@@ -176,7 +175,7 @@ def _even(levels: np.ndarray, intake: Intake, settings: ArtworkSettings) -> Flat
 def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatPicture:
     """A clean picture in no more than the colours asked for, or in those of the palette."""
     levels, palette = picture.levels, picture.palette
-    regions = find_regions(levels, picture_inks(levels) if palette is None else palette, known=picture.labels)
+    regions = find_regions(levels, picture_inks(levels) if palette is None else palette, picture.labels)
     known, first, number = np.unique(regions.ink_of, return_index=True, return_inverse=True)
     own, labels = regions.inks[first], number[regions.labels]
     areas = np.bincount(labels.ravel(), minlength=len(known))
@@ -191,13 +190,12 @@ def _traced(
     parts: list[TranslucentPart], canvas: tuple[int, int], settings: ArtworkSettings, flat: Flattened
 ) -> tuple[Shape, ...]:
     """The parts with their outlines, polygons where there is no time to fit them. canvas: its height and width, px."""
-    least, sought = _least_points([part.extent for part in parts]), len(parts) <= MOST_POLISHED
-    completed = settings.completion == ON
+    completed, sought = settings.completion == ON, len(parts) <= MOST_POLISHED
     fitted: list[tuple[Outline, ...]] = []
     with work().stoppable():
         for part in parts:
             work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
-            fitted.append(outlines_of(part.extent, canvas, settings.detail, least, completed, sought))
+            fitted.append(outlines_of(part.extent, canvas, settings.detail, completed, sought))
     shapes = [_shape(part, outlines, canvas, flat) for part, outlines in zip(parts, fitted, strict=False)]
     return (*shapes, *_polygons(parts[len(fitted) :], canvas, flat))
 
@@ -239,11 +237,3 @@ def _painted(drawing: Drawing) -> Drawing:
             shape = replace(shape, ink=ink, name=shape_name(ink, shape.outlines, drawing.width, drawing.height))
         shapes.append(shape)
     return replace(drawing, shapes=tuple(shapes))
-
-
-def _least_points(parts: list[Extent]) -> int:
-    """The number of points below which contours become polygons, so that at most MOST_FITTED are above, of MOST_POINTS
-    at most."""
-    sizes = np.sort([len(contour.points) for part in parts for contour in part.contours])[::-1]
-    over = np.flatnonzero((np.cumsum(sizes) > MOST_POINTS) | (np.arange(len(sizes)) >= MOST_FITTED))
-    return int(sizes[over[0]]) + 1 if len(over) else 0

@@ -29,6 +29,7 @@ STAGES = {
     "measure": "measuring",
     "animation": "writing the animation",
     "html_report": "writing the page",
+    "export": "writing the other formats",
 }
 
 

@@ -1,4 +1,4 @@
-"""`cubicsplat render`: SVGs become PNGs, drawn by an independent renderer."""
+"""`cubicsplat render`: SVGs become PNGs, drawn by an independent renderer, or files for other programs."""
 
 from __future__ import annotations
 
@@ -12,21 +12,32 @@ from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Renderer, wanted_renderer
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, SVG_SUFFIXES, drawn_name, names_a_folder
-from cubicsplat_cli.files.paths import check_ownership, is_folder, is_there, make_folder_of, same_file
+from cubicsplat_cli.files.paths import (
+    EXPORTS,
+    check_ownership,
+    format_of,
+    is_folder,
+    is_there,
+    make_folder_of,
+    same_file,
+)
 from cubicsplat_cli.files.write import write_stdout
-from cubicsplat_cli.formatting import one_line, printable
-from cubicsplat_cli.options import Setting
+from cubicsplat_cli.formatting import did_you_mean, file_size, one_line, printable
+from cubicsplat_cli.options import Setting, listed
+from cubicsplat_cli.request import DXF_TOLERANCE
 
 _SIDE = Setting("count", "", least=1, most=32_767, optional=True)
+_ENDINGS = (".png", *(f".{form}" for form in EXPORTS))
 
 
 @dataclass(frozen=True)
 class _Size:
-    """Size of the drawing: a factor, or one side or both in px."""
+    """Size of the drawing: a factor, or one side or both in px. tolerance: px by which a DXF may be off."""
 
     scale: float
     width: int | None
     height: int | None
+    tolerance: float
 
 
 def render(
@@ -40,8 +51,8 @@ def render(
             "--output",
             "-o",
             metavar="OUT",
-            help="PNG to write, a folder for it, or - for standard output.  [default: the input's name with .png,"
-            " or -]",
+            help="PNG (or .pdf, .ps, .eps, .dxf, .xml) to write, a folder for it, or - for standard output."
+            "  [default: the input's name with .png, or -]",
             show_default=False,
         ),
     ] = None,
@@ -56,18 +67,24 @@ def render(
         int | None,
         typer.Option("--height", metavar="PX", help="Draw so high; as wide as its shape asks, without --width."),
     ] = None,
+    dxf_tolerance: Annotated[
+        float, typer.Option("--dxf-tolerance", metavar="PX", help="How far a DXF may be off the outlines.")
+    ] = DXF_TOLERANCE,
     renderer: Renderer = "auto",
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Replace an existing file that cubicsplat did not write.")
     ] = False,
 ) -> None:
-    """Draw SVGs as PNGs, their transparency kept. Files they refer to are never fetched."""
+    """Draw SVGs as PNGs, or write one for another program.
+
+    Transparency is kept, but in PS and EPS. Files they refer to are never fetched.
+    """
     for name, value in (("width", width), ("height", height)):
         _SIDE.check(name, value)
     if scale != 1.0 and (width or height):
         raise UsageError("--scale and --width or --height both say how large to draw; give one of them")
-    size, reporter = _Size(scale, width, height), Reporter(quiet=quiet)
+    size, reporter = _Size(scale, width, height, dxf_tolerance), Reporter(quiet=quiet)
     places = _plan(sources, output)
     failed = 0
     for source, path in places:
@@ -89,7 +106,8 @@ def _plan(sources: list[str], output: str | None) -> list[tuple[Path | None, Pat
         raise UsageError("standard input (-) can only be the one input; name files and folders in another run")
     several = len(sources) > 1 or is_folder(Path(sources[0]))
     if several and output is not None and not _may_hold_several(output):
-        raise UsageError(f"-o {output} names one PNG, but there may be several; give a folder")
+        kind = Path(output).suffix[1:].upper() or "file"
+        raise UsageError(f"-o {output} names one {kind}, but there may be several; give a folder")
     inside = several or (output is not None and output != STDIO and names_a_folder(output))
     places: list[tuple[Path | None, Path | None]] = []
     taken: dict[Path, Path] = {}
@@ -103,7 +121,7 @@ def _plan(sources: list[str], output: str | None) -> list[tuple[Path | None, Pat
 
 def _may_hold_several(output: str) -> bool:
     path = Path(output)
-    return output != STDIO and (is_folder(path) or (not is_there(path) and path.suffix.lower() != ".png"))
+    return output != STDIO and (is_folder(path) or (not is_there(path) and path.suffix.lower() not in _ENDINGS))
 
 
 def _files(sources: list[str]) -> list[Path | None]:
@@ -127,7 +145,7 @@ def _files(sources: list[str]) -> list[Path | None]:
 
 
 def _place(source: Path | None, output: str | None, *, inside: bool) -> Path | None:
-    """Return the path of the PNG; None: standard output. inside: whether `output` is a folder for it."""
+    """Return the path of the result; None: standard output. inside: whether `output` is a folder for it."""
     if output == STDIO or (output is None and source is None):
         return None
     if output is None:
@@ -145,8 +163,9 @@ def _draw(
 ) -> None:
     """Draw one SVG. force: not for a name that nobody chose, which is never worth a picture of the user's."""
     if path is not None:
-        if path.suffix.lower() != ".png":
-            raise UsageError(f"the output must end in .png, but is {path}; choose another with -o")
+        if path.suffix.lower() not in _ENDINGS:
+            near = did_you_mean(path.suffix.lower(), _ENDINGS) or "; choose another with -o"
+            raise UsageError(f"the output must end in {listed(_ENDINGS)}, but is {path}{near}")
         if source is not None and same_file(path, source):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
         check_ownership([path], force=force)
@@ -156,9 +175,13 @@ def _draw(
     from cubicsplat_cli.files.write import encode_png, write_atomically
 
     svg = unpacked(read_stdin(), "stdin") if source is None else read_file(source)
+    name = "stdin" if source is None else str(source)
+    if path is not None and (form := format_of(path)):
+        _export(svg, name, path, form, size, renderer, reporter)
+        return
     rendered, _ = rerender_untrusted(
         svg,
-        source="stdin" if source is None else str(source),
+        source=name,
         width=size.width,
         height=size.height,
         scale=size.scale,
@@ -174,3 +197,18 @@ def _draw(
     write_atomically(path, data)
     height, width = rendered.pixels.shape[:2]
     reporter.summary(f"{path}  {width} x {height} px  {rendered.renderer}")
+
+
+def _export(svg: bytes, name: str, path: Path, form: str, size: _Size, renderer: str, reporter: Reporter) -> None:
+    """Write an SVG in a format of other programs."""
+    if renderer != "auto":
+        raise UsageError("--renderer is of PNGs; leave it out")
+    from cubicsplat_cli.export.formats import exported
+    from cubicsplat_cli.files.write import write_atomically
+
+    made = exported(svg, form, name, tolerance=size.tolerance, width=size.width, height=size.height, scale=size.scale)
+    for note in made.notes:
+        reporter.note(f"{name}: {note}")
+    make_folder_of(path)
+    write_atomically(path, made.data)
+    reporter.summary(f"{path}  {file_size(len(made.data))}")

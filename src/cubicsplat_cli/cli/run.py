@@ -16,7 +16,7 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.paths import check_ownership
 from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, printable, text_table
-from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, look, planned_page, write_index
+from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, lacking, look, planned_others, write_index
 from cubicsplat_cli.jobs.plan import JobPlan
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
 from cubicsplat_cli.metrics import Report, plain
@@ -99,7 +99,7 @@ class BatchRun:
             check_ownership([self.plan.index], force=self.request.force)
         if self.dry_run:
             for job in self.plan.jobs:
-                self.record_outcome(planned_page(look(job, self.request)))
+                self.record_outcome(planned_others(look(job, self.request), self.request))
         elif self.plan.jobs:
             self._work()
         self._close()
@@ -120,12 +120,13 @@ class BatchRun:
                 self.reporter.raw(outcome.trace)
         elif outcome.status == PLANNED or self.dry_run:
             if not self.json:
-                _print_plan(outcome)
+                _print_plan(outcome, self.request)
         elif outcome.report is not None:
             if outcome.report.interrupted and self.plan.pictures == 1:
                 step = outcome.report.timing.steps
                 self.reporter.note(f"interrupted{f' at step {step}' if step else ''}: the best SVG so far is written")
-            self.reporter.summary(summary_line(outcome.report, outcome.status))
+            also = "".join(f"  {path.name}" for path in outcome.job.outputs.exports)
+            self.reporter.summary(summary_line(outcome.report, outcome.status) + also)
         elif outcome.status == UNCHANGED:
             self.reporter.summary(f"{outcome.job.outputs.svg}  unchanged")
         if outcome.status != PLANNED:
@@ -206,11 +207,12 @@ def check_stdout(plan: JobPlan, *, json: bool, cluster: bool) -> None:
             raise UsageError("--cluster works from files to files; give them instead of -")
 
 
-def _print_plan(outcome: Outcome) -> None:
-    """Print the line of a dry run about a job."""
-    outputs = outcome.job.outputs
-    path = outputs.svg if outcome.report is None or outcome.status == UNCHANGED else outputs.html_report
-    target = "standard output" if path is None else printable(str(path))
+def _print_plan(outcome: Outcome, request: Request) -> None:
+    """Print the line of a dry run about a job: where its SVG goes, or what is made of one that is there."""
+    paths = [outcome.job.outputs.svg]
+    if outcome.report is not None and outcome.status != UNCHANGED:
+        paths = [*lacking(outcome.job, outcome.report, request)]
+    target = ", ".join("standard output" if path is None else printable(str(path)) for path in paths)
     state = "unchanged" if outcome.status == UNCHANGED else "to do"
     write_stdout(f"{state}  {printable(outcome.job.name)} -> {target}\n".encode())
 

@@ -12,6 +12,8 @@ import typer
 from cubicsplat_cli.cli.console import Reporter
 from cubicsplat_cli.cli.options import Pictures, chosen, takes_options
 from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.names import parse_formats
+from cubicsplat_cli.files.paths import format_of
 from cubicsplat_cli.jobs.plan import plan, with_masks
 from cubicsplat_cli.options import BOTH, COMMON, FILES, Setting
 from cubicsplat_cli.request import request_of
@@ -21,7 +23,8 @@ _JOBS = Setting("count", "", least=1, most=1024, optional=True)
 Output = Annotated[
     str | None,
     typer.Option(
-        "--output", "-o", metavar="OUT", help="SVG to write, folder for it, or - for stdout.", rich_help_panel=COMMON,
+        "--output", "-o", metavar="OUT", help="SVG to write (with OUT.pdf: that too), folder, or - for stdout.",
+        rich_help_panel=COMMON,
         show_default=False,
     ),
 ]  # fmt: skip
@@ -42,6 +45,12 @@ Overrides = Annotated[
         "--set", metavar="NAME=VALUE", help="Change a number of the recipe (docs/cli.md).", rich_help_panel=BOTH
     ),
 ]
+Also = Annotated[
+    list[str],
+    typer.Option(
+        "--also", metavar="FORMAT,...", help="Also write pdf, ps, eps, dxf, xml (Android).", rich_help_panel=FILES
+    ),
+]
 SvgOnly = Annotated[bool, typer.Option("--svg-only", help="Write no PNG and no JSON.", rich_help_panel=FILES)]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Only list what would be made.", rich_help_panel=FILES)]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as lines of JSON.", rich_help_panel=FILES)]
@@ -59,6 +68,7 @@ def vectorize(
     jobs: Jobs = None,
     cluster: Cluster = None,
     overrides: Overrides = [],  # noqa: B006 (Typer's default of a list)
+    also: Also = [],  # noqa: B006 (Typer's default of a list)
     svg_only: SvgOnly = False,
     dry_run: DryRun = False,
     json: Json = False,
@@ -68,8 +78,9 @@ def vectorize(
 ) -> None:
     """Turn pictures into SVGs of Bezier shapes.
 
-    Writes OUT.svg, OUT.png (the SVG drawn by an independent renderer) and OUT.json (figures). Leaves alone what an
-    earlier run made with the same settings. Ctrl-C ends early and writes the best SVG so far.
+    Writes OUT.svg, OUT.png (the SVG drawn by an independent renderer) and OUT.json (figures); -o OUT.pdf, .ps, .eps,
+    .dxf or .xml (Android) writes that too. Leaves alone what an earlier run made with the same settings. Ctrl-C ends
+    early and writes the best SVG so far.
     """
     if "" in inputs or output == "":
         # Path("") is the current folder, which an unset shell variable does not mean.
@@ -81,6 +92,7 @@ def vectorize(
         values["metrics"] = False
     if values["weights"] is not None and Path(values["weights"]).is_dir():
         values["masks"] = Path(values.pop("weights"))
+    values["also"] = parse_formats(also)
     request = request_of(values)
     from cubicsplat_cli.cli.run import BatchRun, check_stdout
     from cubicsplat_cli.files.read import read_stdin
@@ -89,6 +101,11 @@ def vectorize(
     planned = plan(inputs, output, request, recursive=recursive)
     if request.masks is not None:
         planned = with_masks(planned, request.masks)
+    formats = {form for job in planned.jobs for path in job.outputs.exports if (form := format_of(path))}
+    if formats:
+        from cubicsplat_cli.export.formats import check_packages
+
+        check_packages(formats)
     check_stdout(planned, json=json, cluster=cluster is not None)
     if planned.jobs and planned.jobs[0].path is None:
         planned = replace(planned, jobs=[replace(planned.jobs[0], data=read_stdin(request.max_pixels))])

@@ -22,7 +22,7 @@ from cubicsplat_cli.settings import cpu_count
 IDENTICAL_TOLERANCE = 1e-6
 # What one thread works on at a time: small enough for a core's cache.
 _TILE_HEIGHT, _TILE_WIDTH = 64, 256
-_STRIP_PIXELS = 2**20  # read, or drawn, at a time
+STRIP_PIXELS = 2**20  # read, or drawn, at a time
 _CHANNELS = 3
 # A drawing of so many takes 4 bytes each, the picture 12.
 MAX_MEASURED_PIXELS = 2**25
@@ -30,7 +30,7 @@ MAX_MEASURED_PIXELS = 2**25
 # 2.5 GHz; importing the renderer. A smaller copy is made of every pixel.
 _SECONDS_PER_PIXEL, _SECONDS_BEFORE, _SECONDS_PER_COPIED = 0.3e-6, 0.3, 0.05e-6
 # Takes no time to speak of, so it is measured whatever time is left.
-_LEAST_PIXELS = 2**18
+LEAST_PIXELS = 2**18
 
 
 def compare(reference: Picture, candidate: np.ndarray) -> Quality:
@@ -165,7 +165,7 @@ def _compared(
 
 def _strips(layer: ImageSource) -> Iterator[tuple[int, int]]:
     """First and last row of parts of the picture: whole tiles, of about as many pixels as are read at a time."""
-    rows = max(1, _STRIP_PIXELS // (layer.width * _TILE_HEIGHT)) * _TILE_HEIGHT
+    rows = max(1, STRIP_PIXELS // (layer.width * _TILE_HEIGHT)) * _TILE_HEIGHT
     for top in range(0, layer.height, rows):
         yield top, min(layer.height, top + rows)
 
@@ -245,7 +245,7 @@ def measurable(picture: Picture, seconds: float = math.inf) -> Picture:
     pixels, most = longer * shorter, MAX_MEASURED_PIXELS
     if seconds < seconds_to_measure(picture):
         spent = _SECONDS_BEFORE + _SECONDS_PER_COPIED * pixels
-        most = min(most, max(_LEAST_PIXELS, math.floor((seconds - spent) / _SECONDS_PER_PIXEL)))
+        most = min(most, max(LEAST_PIXELS, math.floor((seconds - spent) / _SECONDS_PER_PIXEL)))
     limit = min(MAX_SIDE, longer)
     if pixels > most:
         limit = min(limit, math.floor(longer * math.sqrt(most / pixels)))

@@ -25,7 +25,7 @@ LEAST_MS_SSIM = 161
 # Below it nothing is left of the network's last layers.
 LEAST_LPIPS = 32
 WHITE, BLACK = 255.0, 0.0
-_STRIP_PIXELS = 1 << 20
+STRIP_PIXELS = 1 << 20
 
 
 def further(reference: Picture, candidate: np.ndarray, names: Sequence[str]) -> dict[str, float | None]:
@@ -67,7 +67,7 @@ def _with_alpha(pixels: np.ndarray) -> np.ndarray:
 def _delta_e(first: np.ndarray, second: np.ndarray) -> float:
     """The mean over the picture, a strip at a time."""
     height, width = first.shape[:2]
-    rows = max(1, _STRIP_PIXELS // width)
+    rows = max(1, STRIP_PIXELS // width)
     strips = [slice(top, min(height, top + rows)) for top in range(0, height, rows)]
     return sum(mean_delta_e(first[s], second[s]) * (s.stop - s.start) for s in strips) / height
 

@@ -120,20 +120,26 @@ def rerender_untrusted(
     another shape than width x height is centred, as viewers do. Raises what `check_untrusted` and `rerender` raise;
     UsageError for a scale that is not positive and finite.
     """
+    svg, size, drawn = checked(svg, source, width, height, scale)
+    whole = [max(1, round(side)) for side in (drawn.width, drawn.height)]
+    return rerender(svg, *whole, renderer=renderer, source=source), size
+
+
+def checked(
+    svg: bytes, source: str, width: float | None = None, height: float | None = None, scale: float = 1.0
+) -> tuple[bytes, SvgSize, SvgSize]:
+    """An SVG of unknown origin that says its size, after `check_untrusted`; that size, and the one to draw it at.
+
+    width, height, scale, errors: see `rerender_untrusted`.
+    """
     if not (math.isfinite(scale) and scale > 0):
         raise UsageError(f"must be a positive number, not {scale:g}", "scale")
     asked = SvgSize(width, height) if width and height else None
     size = check_untrusted(svg, source, otherwise=asked)
     if size is asked:
         svg = with_size(svg, size)
-    if width is None and height is None:
-        width, height = max(1, round(size.width * scale)), max(1, round(size.height * scale))
-    elif width is None:
-        width = max(1, round(size.width * (height or 0) / size.height))
-    elif height is None:
-        height = max(1, round(size.height * width / size.width))
-    assert width is not None and height is not None
-    return rerender(svg, width, height, renderer=renderer, source=source), size
+    factor = width / size.width if width else height / size.height if height else scale
+    return svg, size, asked or SvgSize(size.width * factor, size.height * factor)
 
 
 def install_hint() -> str:
@@ -229,7 +235,7 @@ def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
     return canvas
 
 
-def _refuse_url(url: str, _resource_type: str) -> bytes:
+def refuse_url(url: str, _resource_type: str) -> bytes:
     """Refuse a reference, as the function that cairosvg calls to fetch it: raises InputError."""
     raise InputError(f"the SVG refers to {url[:80]}, which is never fetched")
 
@@ -258,7 +264,7 @@ def draw_by_cairo(
             surface.set_device_offset(-left, -top)
             return surface, whole_width, whole_height
 
-    tree = trees.Tree(bytestring=svg, unsafe=False, url_fetcher=_refuse_url)
+    tree = trees.Tree(bytestring=svg, unsafe=False, url_fetcher=refuse_url)
     drawn = OnPixels(tree, None, 96, output_width=width, output_height=height)
     drawn.cairo.finish()
     return pixels

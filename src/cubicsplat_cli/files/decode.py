@@ -29,10 +29,10 @@ _HEIC = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"}
 # Pictures of no more pixels are read as they are: so many are measured as they are too.
 READ_WHOLE_PIXELS = 2**25
 # What is read smaller has this many at most, and a quarter of them at least.
-_MOST_PIXELS = 2**24
+MOST_PIXELS = 2**24
 # That Pillow may have to hold: 2 GiB.
 MAX_DECODED_PIXELS = 2**29
-_BAND_PIXELS = 2**22
+BAND_PIXELS = 2**22
 _JPEG_FACTORS = (8, 4, 2)
 _EXIF_ORIENTATION = 0x0112
 _PHOTOMETRIC, _WHITE_IS_ZERO = 262, 0  # TIFF's tag for what numbers mean, and a value of it
@@ -214,7 +214,7 @@ def factor_for(size: tuple[int, int], max_size: int | None) -> int:
     if max_size is None or pixels <= READ_WHOLE_PIXELS:
         return 1
     # A power of two, as the decoder of JPEGs has them.
-    factor = 2 ** math.ceil(math.log2(pixels / _MOST_PIXELS) / 2)
+    factor = 2 ** math.ceil(math.log2(pixels / MOST_PIXELS) / 2)
     return max(1, min(factor, max(size) // max_size))
 
 
@@ -233,7 +233,7 @@ def shrunk(image: Image.Image, factor: int) -> Image.Image:
     Alpha is premultiplied there, so that what is hidden does not bleed in.
     """
     small: Image.Image | None = None
-    rows = max(1, _BAND_PIXELS // image.width // factor) * factor
+    rows = max(1, BAND_PIXELS // image.width // factor) * factor
     for top in range(0, image.height, rows):
         band = _averageable(image.crop((0, top, image.width, min(image.height, top + rows)))).reduce(factor)
         if small is None:

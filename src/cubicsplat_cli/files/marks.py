@@ -20,6 +20,7 @@ GZIP = b"\x1f\x8b"  # what every gzip file begins with
 HEAD_BYTES = 4096
 
 _HASHES = re.compile(rb"<!-- cubicsplat \S+, seed \d+, settings ([0-9a-f]{12}), input ([0-9a-f]{64})[ ,]")
+_MADE = re.compile(rb"cubicsplat \S+, of [0-9a-f]{64}")
 _CHECKSUM = re.compile(rb"<!-- cubicsplat [^>]*?(, checksum ([0-9a-f]{12})) -->")
 
 
@@ -36,6 +37,11 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
 def made_mark(about: str) -> str:
     """The mark of a file that was made of another one. about: that one's SHA-256, or what else it shows."""
     return f"{PROGRAM} {__version__}, of {about}"
+
+
+def holds_made_mark(data: bytes) -> bool:
+    """Whether the bytes hold the mark of a file that was made of another one."""
+    return _MADE.search(data) is not None
 
 
 def sha256_of(data: bytes) -> str:

@@ -6,12 +6,23 @@ Imports nothing heavy.
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.paths import is_folder, is_ours, is_replaceable, is_there, picture_of, same_file
+from cubicsplat_cli.files.paths import (
+    EXPORTS,
+    format_of,
+    is_folder,
+    is_ours,
+    is_replaceable,
+    is_there,
+    picture_of,
+    same_file,
+)  # fmt: skip
+from cubicsplat_cli.formatting import did_you_mean
+from cubicsplat_cli.options import listed
 
 STDIO = "-"
 PLAIN, COMPRESSED = ".svg", ".svgz"
@@ -30,7 +41,8 @@ PICTURE_SUFFIXES = frozenset(
 @dataclass(frozen=True)
 class Outputs:
     """Files of one vectorised picture; None: not written. `svg` None means standard output. metrics: the JSON;
-    html_report: a page to look at, made of the others; animation: the fit as it develops.
+    html_report: a page to look at, made of the others; animation: the fit as it develops; exports: the SVG in formats
+    of other programs, no two of one format.
     """
 
     svg: Path | None
@@ -38,13 +50,25 @@ class Outputs:
     metrics: Path | None
     html_report: Path | None = None
     animation: Path | None = None
+    exports: tuple[Path, ...] = ()
+
+    def place(self, kind: str) -> Path | None:
+        """The file of a kind: a member, or a format of other programs."""
+        exports = {format_of(path): path for path in self.exports}
+        return exports[kind] if kind in exports else getattr(self, kind)
+
+    def with_exports(self, formats: tuple[str, ...]) -> Outputs:
+        """The same with the SVG in more formats of other programs, beside it."""
+        have = {format_of(path) for path in self.exports}
+        more = [self.svg.with_suffix(f".{form}") for form in formats if self.svg and form not in have]
+        return replace(self, exports=(*self.exports, *more))
 
     def files(self) -> list[Path]:
         """All files that will be written."""
-        return [path for path in (*self.results(), self.html_report) if path is not None]
+        return [path for path in (*self.results(), self.html_report, *self.exports) if path is not None]
 
     def results(self) -> list[Path]:
-        """All files except the page, which can be made again without a fit."""
+        """All files except the page and the exports, which can be made again without a fit."""
         return [path for path in (self.svg, self.png, self.metrics, self.animation) if path is not None]
 
 
@@ -68,6 +92,15 @@ def is_compressed_name(path: Path | None) -> bool:
     return path is not None and path.suffix.lower() == COMPRESSED
 
 
+def parse_formats(given: Iterable[str]) -> tuple[str, ...]:
+    """Formats of other programs from texts such as `pdf,dxf`, each once. Raises UsageError for any other name."""
+    names = [part.strip().lower().removeprefix(".") for text in given for part in text.split(",")]
+    for name in names:
+        if name not in EXPORTS:
+            raise UsageError(f"must name {listed(EXPORTS)}, not {name!r}{did_you_mean(name, EXPORTS)}", "also")
+    return tuple(dict.fromkeys(names))
+
+
 def plan_outputs(
     source: Path | None,
     output: str | None,
@@ -80,13 +113,14 @@ def plan_outputs(
     """The files for the picture at `source` (None: standard input) and the value of `-o` (None: not given). ending:
     what a name that is made of the picture's gets at its end.
 
-    `-o` is an SVG file, a folder for it (one that exists, or a name that ends with a slash), or "-" for standard
-    output, which is also the default for standard input. Raises UsageError when the SVG would not end in .svg (or
-    .svgz; with `compress` only that) or would be the input itself.
+    `-o` is an SVG file; a file in a format of other programs, beside which the SVG lies; a folder for the SVG (one that
+    exists, or a name that ends with a slash); or "-" for standard output, which is also the default for standard input.
+    Raises UsageError when the name would end otherwise (with `compress` the SVG's in .svgz), or be the input itself.
     """
     if output == STDIO or (output is None and source is None):
         return Outputs(None, None, None)
     suffix = COMPRESSED if compress else PLAIN
+    exports: tuple[Path, ...] = ()
     if output is None:
         assert source is not None
         svg = place_for(source, source.parent, f"{ending}{suffix}")
@@ -98,9 +132,11 @@ def plan_outputs(
         svg = Path(output)
         if ending:
             raise UsageError(f"--suffix is of names made of the picture's, but -o {output} is one; leave out either")
+        if format_of(svg) is not None:
+            exports, svg = (svg,), svg.with_suffix(suffix)
     if svg.suffix.lower() not in ((COMPRESSED,) if compress else SVG_SUFFIXES):
         raise UsageError(f"the output must end in {suffix}, but -o is {output}; {_instead(svg, suffix)}")
-    outputs = beside(svg, png=png, metrics=metrics, source=source)
+    outputs = replace(beside(svg, png=png, metrics=metrics, source=source), exports=exports)
     for path in outputs.files():
         if source is not None and same_file(path, source):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
@@ -114,7 +150,8 @@ def _instead(svg: Path, suffix: str) -> str:
         return f"for a drawn {kind} make {svg.stem}{suffix} first: its PNG is written beside it"
     if not svg.suffix:
         return f"-o {svg}{suffix} is a file, -o {svg}/ a folder, -o - standard output"
-    return f"call it {svg.with_suffix(suffix)}"
+    near = did_you_mean(svg.suffix[1:].lower(), EXPORTS)
+    return f"other formats are {', '.join(EXPORTS)}{near}" if near else f"call it {svg.with_suffix(suffix)}"
 
 
 def place_for(source: Path, folder: Path, suffix: str, *, shared: bool = False) -> Path:

@@ -13,11 +13,18 @@ import zlib
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, svg_is_ours
+from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, holds_made_mark, svg_is_ours
 
 MOVING = (".webp", ".gif")
+EXPORTS = ("pdf", "ps", "eps", "dxf", "xml")  # formats of other programs, by the suffixes of their files
 _TITLE = re.compile(rb"<title>(.*?)</title>", re.DOTALL)
 _REPORT = f'{{\n  "schema": 1,\n  "program": "{PROGRAM}"'.encode()  # how every report of ours begins
+
+
+def format_of(path: Path) -> str | None:
+    """The format of other programs that a path names by its suffix, None for any other."""
+    form = path.suffix[1:].lower()
+    return form if form in EXPORTS else None
 
 
 def is_folder(path: Path) -> bool:
@@ -104,6 +111,8 @@ def is_ours(path: Path) -> bool:
         return f"tEXtSoftware\0{PROGRAM} ".encode() in head
     if path.suffix.lower() in MOVING:
         return f"{PROGRAM} ".encode() in read_ends(path)
+    if format_of(path) is not None:
+        return holds_made_mark(read_ends(path))
     if path.suffix.lower() == ".json":
         # A report that was cut short is ours too.
         return f'"program": "{PROGRAM}"'.encode() in head or (head != b"" and _REPORT.startswith(head))

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import made_mark
-from cubicsplat_cli.files.paths import is_file, read_head
+from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, read_head
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare
 from cubicsplat_cli.jobs.plan import Job, JobPlan
-from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, failure, load_job
+from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, export_of, failure, load_job
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
@@ -47,7 +47,7 @@ def execute(
     Raises EngineError where the cluster does not answer.
     """
     finished_before: list[Outcome] = []
-    to_do = _to_do(plan.jobs, request, finished_before)
+    to_do = _to_do(plan.jobs, request, finished_before, observer)
     for outcome in _carried_out(to_do, len(plan.jobs), request, options, observer, stopping):
         yield from _taken(finished_before)
         yield outcome
@@ -99,7 +99,7 @@ def _carried_out(
         yield from run_in_workers(jobs, request, workers=workers, observer=observer, stopping=stopping)
 
 
-def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome]) -> Iterator[Job]:
+def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome], observer: Observer) -> Iterator[Job]:
     """The jobs that need work; the outcomes of the others go to `finished_before`."""
     for job in jobs:
         outcome = look(job, request)
@@ -111,7 +111,7 @@ def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome]) ->
             else:
                 yield job
                 continue
-        finished_before.append(with_page(outcome, request))
+        finished_before.append(with_others(outcome, request, observer))
 
 
 def _taken(finished_before: list[Outcome]) -> Iterator[Outcome]:
@@ -119,36 +119,59 @@ def _taken(finished_before: list[Outcome]) -> Iterator[Outcome]:
         yield finished_before.pop(0)
 
 
-def has_page(job: Job, report: Report) -> bool:
-    """Whether the page of a job exists and shows the SVG of its report; true if the job has no page."""
-    path = job.outputs.html_report
-    if path is None:
-        return True
-    return is_file(path) and made_mark(report.output.svg_sha256).encode() in read_head(path)
+def lacking(job: Job, report: Report, request: Request) -> list[Path]:
+    """The files made of the SVG of a report that are not there, or are of another SVG: the page and the exports."""
+    outputs, svg = job.outputs, job.outputs.svg
+    page = outputs.html_report
+    mark = made_mark(report.output.svg_sha256).encode()
+    missing = [] if page is None or (is_file(page) and mark in read_head(page)) else [page]
+    if svg is not None and outputs.exports:
+        from cubicsplat_cli.export.formats import is_current
+        from cubicsplat_cli.files.read import read_file
+
+        text = read_file(svg)
+        missing += [path for path in outputs.exports if not is_current(path, text, request.dxf_tolerance)]
+    return missing
 
 
-def with_page(outcome: Outcome, request: Request) -> Outcome:
-    """The outcome of a job whose files an earlier run made, after its page has been made too where it is missing."""
+def with_others(outcome: Outcome, request: Request, observer: Observer) -> Outcome:
+    """The outcome of a job whose files an earlier run made, after those that it lacks were made of its SVG."""
     job, report = outcome.job, outcome.report
-    if outcome.status != UNCHANGED or report is None or has_page(job, report):
+    if outcome.status != UNCHANGED or report is None:
         return outcome
-    from cubicsplat_cli.files.read import read_file
-    from cubicsplat_cli.html_report.page import page, subject_of
-
-    assert job.outputs.svg is not None and job.outputs.html_report is not None
     try:
-        picture = load_job(job, request)
-        subject = subject_of(picture, job.source(), read_file(job.outputs.svg), report)
-        write_atomically(job.outputs.html_report, page(subject, request.settings.threads))
+        missing = lacking(job, report, request)
+        check_outputs(missing, force=request.force)
+        for path in missing:
+            write_atomically(path, _made_of_svg(path, job, report, request, observer))
     except CubicSplatError as error:
         return failure(job, error)
     return outcome
 
 
-def planned_page(outcome: Outcome) -> Outcome:
-    """The outcome for a dry run: a finished job that lacks only its page is planned."""
-    done = outcome.status != UNCHANGED or outcome.report is None or has_page(outcome.job, outcome.report)
-    return outcome if done else replace(outcome, status=PLANNED)
+def _made_of_svg(path: Path, job: Job, report: Report, request: Request, observer: Observer) -> bytes:
+    """A page or an export of a finished SVG."""
+    from cubicsplat_cli.files.read import read_file
+
+    assert job.outputs.svg is not None
+    svg = read_file(job.outputs.svg)
+    if path == job.outputs.html_report:
+        from cubicsplat_cli.html_report.page import page, subject_of
+
+        return page(subject_of(load_job(job, request), job.source(), svg, report), request.settings.threads)
+    return export_of(path, svg, job, request, lambda text: observer.note(text, job.name))
+
+
+def planned_others(outcome: Outcome, request: Request) -> Outcome:
+    """The outcome for a dry run: a finished job that lacks only what is made of its SVG is planned."""
+    if outcome.status != UNCHANGED or outcome.report is None:
+        return outcome
+    try:
+        missing = lacking(outcome.job, outcome.report, request)
+        check_ownership(missing, force=request.force)
+    except CubicSplatError as error:
+        return failure(outcome.job, error)
+    return replace(outcome, status=PLANNED) if missing else outcome
 
 
 def write_index(path: Path, outcomes: list[Outcome]) -> None:

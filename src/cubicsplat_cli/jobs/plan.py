@@ -21,7 +21,7 @@ from cubicsplat_cli.files.names import (
     place_for,
     plan_outputs,
 )  # fmt: skip
-from cubicsplat_cli.files.paths import is_folder, is_svg, is_there, make_folder_of
+from cubicsplat_cli.files.paths import format_of, is_folder, is_svg, is_there, make_folder_of
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
 from cubicsplat_cli.request import Request
@@ -86,8 +86,7 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
             raise UsageError("--animation is of one picture, and there may be several; give one")
         search = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs(search.sources, output, request)
-        made = JobPlan(jobs, list(search.problems), search.left_out)
-        return with_pages(made, output) if request.html_report else made
+        return _with_others(JobPlan(jobs, list(search.problems), search.left_out), output, request)
     name = arguments[0]
     path = None if name == STDIO else Path(name)
     if path is not None and is_svg(path):
@@ -95,7 +94,18 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     outputs = plan_outputs(
         path, output, png=request.png, metrics=request.metrics, compress=request.compress, ending=request.suffix
     )
-    made = JobPlan([Job(name, path, replace(outputs, animation=request.animation))])
+    return _with_others(JobPlan([Job(name, path, replace(outputs, animation=request.animation))]), output, request)
+
+
+def _with_others(made: JobPlan, output: str | None, request: Request) -> JobPlan:
+    """The plan with what is made of finished SVGs: pages, and files for other programs.
+
+    Raises UsageError where an SVG goes to standard output.
+    """
+    if request.also and any(job.outputs.svg is None for job in made.jobs):
+        raise UsageError("--also needs a file beside which the others can lie; give one with -o")
+    jobs = [replace(job, outputs=job.outputs.with_exports(request.also)) for job in made.jobs]
+    made = replace(made, jobs=jobs)
     return with_pages(made, output) if request.html_report else made
 
 
@@ -141,7 +151,7 @@ def plan_jobs(sources: list[Source], output: str | None, request: Request) -> li
 
 
 def _check_folder(output: str | None, pictures: int) -> None:
-    """`-o` of several pictures must be a folder; one that ends in .svg was meant for one picture."""
+    """`-o` of several pictures must be a folder; one that ends in .svg, .pdf or such was meant for one picture."""
     if output is None:
         return
     if output == STDIO:
@@ -149,8 +159,11 @@ def _check_folder(output: str | None, pictures: int) -> None:
     path = Path(output)
     if is_there(path) and not is_folder(path):
         raise UsageError(f"-o {output} is a file; give a folder for the results of several pictures")
-    if path.suffix.lower() in (PLAIN, COMPRESSED) and not is_folder(path) and not output.endswith(("/", "\\")):
-        raise UsageError(f"-o {output} names one SVG, but there are {pictures} pictures; give a folder")
+    of_one = path.suffix.lower() in (PLAIN, COMPRESSED) or format_of(path) is not None
+    if of_one and not is_folder(path) and not output.endswith(("/", "\\")):
+        raise UsageError(
+            f"-o {output} names one {path.suffix[1:].upper()}, but there are {pictures} pictures; give a folder"
+        )
 
 
 def _folder_of(source: Source, output: str | None) -> Path:

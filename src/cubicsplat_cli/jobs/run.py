@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -54,7 +55,7 @@ class Outcome:
 
 
 class Sink(Protocol):
-    """Takes the finished files of one job; `kind` is a member of `Outputs`. written: the files on the disk so far."""
+    """Takes the finished files of one job; `kind` is one of `Outputs.place`. written: the files on the disk so far."""
 
     written: list[Path]
 
@@ -76,7 +77,7 @@ class FileSink:
     def put(self, kind: str, data: bytes) -> None:
         from cubicsplat_cli.files.write import folder_locked, write_atomically
 
-        path, svg = getattr(self.job.outputs, kind), self.job.outputs.svg
+        path, svg = self.job.outputs.place(kind), self.job.outputs.svg
         if kind == "svg" and path is None:
             write_stdout(data)
         self.files[kind] = data
@@ -95,7 +96,7 @@ class FileSink:
         """The files of this run in whose places lie others of ours by now, or none; an edited one stays as it is."""
         replaced = {}
         for kind, data in self.files.items():
-            place = getattr(self.job.outputs, kind)
+            place = self.job.outputs.place(kind)
             if kind == "metrics" or place is None or (is_file(place) and place.read_bytes() == data):
                 continue
             if is_replaceable(place) and not holds_edited(place):
@@ -147,7 +148,10 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     figures = measured(task, made, svg) if request.measure else None
     report = _write_others(job, task, made, figures, svg, data, sink)
     _say_overtime(report, task)
-    sink.put("metrics", report.to_json().encode())
+    try:
+        _put_exports(job, request, svg, timer, sink)
+    finally:  # they can be made again without a fit, if that is known to be done
+        sink.put("metrics", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
 
 
@@ -179,6 +183,23 @@ def _write_others(
         subject = subject_of(task.source, job.source(), svg.encode(), report)
         sink.put("html_report", page(subject, task.request.settings.threads))
     return report
+
+
+def _put_exports(job: Job, request: Request, svg: str, timer: StageTimer, sink: Sink) -> None:
+    """Write the SVG in the formats of other programs that are wanted."""
+    for path in job.outputs.exports:
+        timer.observer.stage("export", job.name)
+        sink.put(path.suffix[1:].lower(), export_of(path, svg.encode(), job, request, timer.note))
+
+
+def export_of(path: Path, svg: bytes, job: Job, request: Request, note: Callable[[str], None]) -> bytes:
+    """The bytes of an export of a job's SVG; `note` is told what is not in it."""
+    from cubicsplat_cli.export.formats import exported
+
+    made = exported(svg, path.suffix[1:].lower(), str(job.outputs.svg), tolerance=request.dxf_tolerance)
+    for text in made.notes:
+        note(f"{path}: {text}")
+    return made.data
 
 
 def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sink) -> None:

@@ -239,7 +239,7 @@ class FitLoop:
             self.best.consider(loss, before)
         if due:
             self.checkpoint.consider(loss, self.state.curves)
-            self._reallocate(progress)
+            self.reallocate(progress)
         if self.film is not None and self._looks() and self.film.due(level := self._psnr_db()):
             self.film.keep(level, self._scene(self.state.curves))
         self.step += 1
@@ -250,7 +250,7 @@ class FitLoop:
         """Of the picture before the last step."""
         return self.evaluator.psnr_db(self.stepper.loss, self.stepper.image)
 
-    def _reallocate(self, progress: float) -> None:
+    def reallocate(self, progress: float) -> None:
         """Replaces the least important curves by new ones where the error is high."""
         found = as_numpy(self.stepper.importance)
         self.log.inequality = gini(found)

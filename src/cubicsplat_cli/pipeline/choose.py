@@ -41,6 +41,14 @@ class PhotoIsNearer(Exception):
     """A drawing is not worth finishing; the text says why, as `photo_is_nearer` does."""
 
 
+class DrawingIsNearer(Exception):
+    """A fit is not worth finishing."""
+
+    def __init__(self, drawing: Made) -> None:
+        super().__init__()
+        self.drawing = drawing
+
+
 def candidates(task: Task) -> Iterator[Made]:
     """Yield finished results, each to replace the one before. With the style "auto", the result of the style that suits
     the picture comes first. A second one follows if the other style is nearer, or if there is a note on the comparison.
@@ -117,19 +125,69 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
     level = level_db(task, photo.scene, photo.samples)
     if level is None or level >= FAR_DB or photo.interrupted:
         return photo
-    style = Style(ARTWORK, f"{photo.style.reason}, but as a photo it has only {level:.1f} dB")
+    return _nearer_of(task, photo, _drawing_of(task, photo.style, level))
+
+
+def _photo_or_drawing(task: Task, style: Style) -> Made:
+    """The photo of a picture; or its drawing, where an early look at the fit tells that it will end far from the
+    picture, and the drawing is nearer by more than a look may err.
+    """
+    if task.bounded or task.recorder is not None:
+        return replace(_made(task, style), may_be_drawn=not task.bounded)
+    tried: list[Made | Exception | None] = []
+
+    def look(scene: Scene, rise: float) -> None:
+        level = level_db(task, scene, task.request.settings.finish_samples)
+        if level is None or level + rise >= FAR_DB:
+            return
+        drawing = _drawing_of(task, style, level + rise)
+        if isinstance(drawing, Made) and (drawing.interrupted or _is_above(task, drawing, level + rise + MARGIN_DB)):
+            raise DrawingIsNearer(_instead(drawing, level + rise))
+        tried.append(drawing)
+
     try:
-        made = _suiting(task, style)
-        drawn = level_db(task, made.scene, made.samples, made.blur)
+        photo = replace(fitted_photo(task, look), style=style, may_be_drawn=not tried)
+    except DrawingIsNearer as nearer:
+        return nearer.drawing
+    return _nearer_of(task, photo, tried[0]) if tried else photo
+
+
+def _drawing_of(task: Task, style: Style, level: float) -> Made | Exception | None:
+    """The drawing of a picture that as a photo has a level, in dB; the error with which it fails, or None where a quick
+    photo is nearer.
+    """
+    try:
+        return _suiting(task, Style(ARTWORK, f"{style.reason}, but as a photo it has only {level:.1f} dB"))
     except PhotoIsNearer:
-        return photo
+        return None
     except Exception as error:
-        return replace(photo, notes=[*photo.notes, f"the photo stays, since {_failure('artwork', error)}"])
-    if made.interrupted:
-        return _interrupted(photo)
-    if drawn is not None and drawn <= level:
+        return error
+
+
+def _nearer_of(task: Task, photo: Made, drawing: Made | Exception | None) -> Made:
+    """The drawing of a picture if it is nearer than the photo; else the photo, with a note if that is not known."""
+    if isinstance(drawing, Exception):
+        return replace(photo, notes=[*photo.notes, f"the photo stays, since {_failure('artwork', drawing)}"])
+    if drawing is None:
         return photo
-    return replace(made, notes=[*made.notes, f"made as artwork: a photo has only {level:.1f} dB"])
+    if drawing.interrupted:
+        return _interrupted(photo)
+    level = level_db(task, photo.scene, photo.samples)
+    if level is None or not _is_above(task, drawing, level):
+        return photo
+    return _instead(drawing, level)
+
+
+def _is_above(task: Task, made: Made, level: float) -> bool:
+    """Whether a result is nearer to the picture than some dB."""
+    own = level_db(task, made.scene, made.samples, made.blur)
+    return own is None or own > level
+
+
+def _instead(drawing: Made, level: float) -> Made:
+    """A drawing in place of a photo of so many dB, with which it need not be compared again."""
+    notes = [*drawing.notes, f"made as artwork: a photo has only {level:.1f} dB"]
+    return replace(drawing, notes=notes, may_be_photo=False)
 
 
 def _interrupted(made: Made) -> Made:
@@ -153,7 +211,7 @@ def _suiting(task: Task, style: Style) -> Made:
     if style.cells is not None:
         return replace(drawn_cells(task, style.cells), style=style)
     if style.name == PHOTO:
-        return replace(_made(task, style), may_be_drawn=not task.bounded)
+        return _photo_or_drawing(task, style)
     return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ from cubicsplat_cli.metrics import Timing
 from cubicsplat_cli.pipeline.budget import (
     BYTES_PRECISION,
     COMPRESSED,
+    LOOKS,
     SHARED_OPACITY,
     Within,
     guessed_curves,
@@ -26,6 +28,7 @@ from cubicsplat_cli.pipeline.budget import (
     within_level,
 )
 from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.progress import nothing
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
@@ -41,13 +44,17 @@ ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
 
 
-def fitted_photo(task: Task) -> Made:
-    """Curves that blend, fitted to the picture."""
+def fitted_photo(task: Task, on_look: Callable[[Scene, float], None] = nothing) -> Made:
+    """Curves that blend, fitted to the picture.
+
+    on_look: given the curves early in a fit that no bytes or level bound, and by how many dB their level usually rises
+    from there to the end; what it raises ends the fit.
+    """
     request, settings = task.request, _with_curves(task)
     rough, fine = copies_of(task.target, settings)
     # A drawing to begin with is as fine as it is.
     photo = Photo(task, fine if request.init is not None else rough, fine)
-    within = _within(photo, settings)
+    within = _within(photo, settings, on_look)
     fitted = within.fitted
     notes = [] if request.init is None else list(request.init.notes)
     notes += fitted_on(task.target, photo.rough, fine)
@@ -130,14 +137,17 @@ class Photo:
         return leave_one_out_importance(scene, self.fine.target(), weights, settings.finish_samples, settings.threads)
 
 
-def _within(photo: Photo, settings: FitSettings) -> Within:
+def _within(photo: Photo, settings: FitSettings, on_look: Callable[[Scene, float], None]) -> Within:
     """One fit, or those that meet the budget that was asked for."""
     request, target = photo.task.request, photo.fine
     if request.max_bytes is not None:
         return within_bytes(request.max_bytes, _one_opacity(settings, target), _precision(request), photo)
     if request.target_psnr is not None:
         return within_level(request.target_psnr, settings, photo, target.width * target.height)
-    return Within(photo.begin(settings).finish(), [])
+    fitting, (share, rise) = photo.begin(settings), LOOKS[0]
+    if on_look is not nothing and fitting.relax(share):
+        on_look(fitting.scene(), rise)
+    return Within(fitting.finish(), [])
 
 
 def _precision(request: Request) -> int:

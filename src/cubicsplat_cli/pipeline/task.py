@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,18 +19,21 @@ from cubicsplat_cli.evaluate.metrics import seconds_to_measure
 from cubicsplat_cli.files.decode import holds_picture
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.marks import provenance_comment, with_checksum
-from cubicsplat_cli.files.names import SVG_SUFFIXES, is_compressed_name
+from cubicsplat_cli.files.names import COMPRESSED, PLAIN, SVG_SUFFIXES, is_compressed_name
+from cubicsplat_cli.files.paths import EXPORTS, format_of
 from cubicsplat_cli.files.read import packed
 from cubicsplat_cli.files.weights import pixel_weights
 from cubicsplat_cli.files.write import write_atomically
-from cubicsplat_cli.formatting import printable
+from cubicsplat_cli.formatting import did_you_mean, printable
 from cubicsplat_cli.metrics import Qualities, Report
+from cubicsplat_cli.options import listed
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, warnings_to
-from cubicsplat_cli.request import Request
+from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
 
+_log = logging.getLogger("cubicsplat")
 UNDECIDED = Style(PHOTO, "")
 LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
 
@@ -47,18 +51,31 @@ class Result:
     report: Report
     pixels: np.ndarray | None = None
 
-    def save(self, path: str | Path) -> None:
-        """Write the SVG, whole or not at all, to a name that ends in .svg, in .svgz (compressed), or has no suffix.
+    def save(self, path: str | Path, *, dxf_tolerance: float = DXF_TOLERANCE) -> None:
+        """Write the SVG, whole or not at all, to a name that ends in .svg, in .svgz (compressed), or has no suffix; or
+        the same in another format: .pdf, .ps, .eps, .dxf, or .xml (Android's VectorDrawable).
 
-        Raises InputError where the file cannot be written, UsageError for another suffix, and where the file is a
-        raster picture, which an SVG shall not replace.
+        dxf_tolerance: px by which a DXF may be off the outlines. What a format leaves out is logged. Raises InputError
+        where the file cannot be written, EngineError where a package is missing, UsageError for another suffix, and
+        where the file is a raster picture, which an SVG shall not replace.
         """
         path = Path(path)
-        if path.suffix.lower() not in (*SVG_SUFFIXES, ""):
-            raise UsageError(f"{printable(str(path))}: an SVG's name must end in .svg or .svgz; choose another")
+        form = format_of(path)
+        if form is None and path.suffix.lower() not in (*SVG_SUFFIXES, ""):
+            endings = [PLAIN, COMPRESSED, *(f".{name}" for name in EXPORTS)]
+            near = did_you_mean(path.suffix.lower(), endings)
+            raise UsageError(f"{printable(str(path))}: a result's name must end in {listed(endings)}{near}")
         if holds_picture(path):
             raise UsageError(f"{printable(str(path))}: is a picture, which the SVG would replace; choose another name")
-        write_atomically(path, packed(self.svg, compressed=is_compressed_name(path)))
+        if form is None:
+            write_atomically(path, packed(self.svg, compressed=is_compressed_name(path)))
+            return
+        from cubicsplat_cli.export.formats import exported
+
+        made = exported(self.svg.encode(), form, "the SVG", tolerance=dxf_tolerance)
+        for note in made.notes:
+            _log.warning("%s: %s", path, note)
+        write_atomically(path, made.data)
 
 
 @dataclass(frozen=True, eq=False)

@@ -159,13 +159,11 @@ def distance_transform_cdt(pixels: np.ndarray, metric: str) -> np.ndarray:
 
 
 def maximum(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """(n,) the largest of the values with each of the labels in index (n,), all >= 0; 0 where there are none."""
-    return _of_labels(np.maximum, values, labels, index)
-
-
-def minimum(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """(n,) the smallest of the values with each of the labels in index (n,), all >= 0; 0 where there are none."""
-    return _of_labels(np.minimum, values, labels, index)
+    """(n,) the largest of the floats (H, W) with each of the labels in index (n,), all >= 0; 0 where there are none."""
+    count = int(max(labels.max(initial=0), index.max(initial=0))) + 1
+    found = np.full(count, -np.inf, values.dtype)
+    np.maximum.at(found, labels.ravel(), values.ravel())
+    return np.where(np.bincount(labels.ravel(), minlength=count) > 0, found, 0)[index]
 
 
 def center_of_mass(values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> list[tuple[float, float]]:
@@ -215,16 +213,6 @@ def _filtered(operation: int, values: np.ndarray, lines: Iterable[_Line], mode: 
             given = None if weights is None else weights.ctypes.data
             _check(call(operation, kinds[out.dtype], _MODES.index(mode), *shape, before, after, given, out.ctypes.data))
     return out
-
-
-def _of_labels(best: np.ufunc, values: np.ndarray, labels: np.ndarray, index: np.ndarray) -> np.ndarray:
-    if not len(index):
-        return np.zeros(0, values.dtype)
-    labels = labels.ravel()
-    count = int(max(labels.max(initial=0), index.max())) + 1
-    found = np.full(count, -np.inf if best is np.maximum else np.inf, values.dtype)
-    best.at(found, labels, values.ravel())
-    return np.where(np.bincount(labels, minlength=count) > 0, found, 0)[index]
 
 
 def _mask(pixels: np.ndarray) -> np.ndarray:

@@ -130,30 +130,26 @@ def fewest_links(
     return path[:found]
 
 
-@dataclass(frozen=True)
-class Form:
-    """Which values a primitive has. kind: CIRCLE (middle, radius), ELLIPSE (middle, half-axes) or BOX (middle, half
-    sides); rounded: of a box, whether the radius of its corners comes next; turned: whether an angle comes last."""
+def nearest_primitive(
+    points: np.ndarray, weights: np.ndarray, price: float
+) -> tuple[int, np.ndarray, float, float] | None:
+    """The cheapest primitive through a closed loop of points (n, 2): CIRCLE, ELLIPSE or BOX, its values (6,), its cost,
+    nats, and the mean squared residual, in sigmas; None where none comes near.
 
-    kind: int
-    rounded: bool = False
-    turned: bool = False
-
-
-def fitted_values(
-    form: Form, start: np.ndarray, points: np.ndarray, weights: np.ndarray, rounds: int
-) -> tuple[np.ndarray, float]:
-    """The values of the primitive nearest to points (n, 2), by Levenberg's and Marquardt's method from `start` on, and
-    the loss: Huber's, of distances in standard errors, linear beyond 3.
-
-    weights: (n,) 1/px^2. Raises EngineError where the library is missing.
+    The values are the middle, px, the radius of a circle or the half-axes or half sides, the radius of a box's corners
+    and the angle, 0 where there is none. Fitted by Levenberg's and Marquardt's method; the cost is half of Huber's loss
+    of distances in standard errors, linear beyond 3, and the price of each parameter. weights: (n,) 1/px^2, 0 where
+    unknown. Raises EngineError where the library or the memory is missing.
     """
-    values, points, weights = np.array(start, dtype=np.float64), _doubles(points), _doubles(weights)
-    call = library().cs_fit_primitive
-    call.restype = c_double
-    call.argtypes = [*[c_int32] * 5, c_int64, *[c_void_p] * 3]
-    given = (array.ctypes.data for array in (points, weights, values))
-    return values, float(call(form.kind, form.rounded, form.turned, len(values), rounds, len(points), *given))
+    points, weights = _doubles(points), _doubles(weights)
+    form, values, told = np.empty(3, np.int32), np.empty(6), np.empty(2)
+    call = library().cs_nearest_primitive
+    call.argtypes = [c_int64, c_void_p, c_void_p, c_double, *[c_void_p] * 3]
+    out = (array.ctypes.data for array in (form, values, told))
+    found = call(len(points), points.ctypes.data, weights.ctypes.data, price, *out)
+    if found < 0:
+        raise EngineError(_NO_MEMORY)
+    return (int(form[0]), values, float(told[0]), float(told[1])) if found else None
 
 
 def hull_mask(mask: np.ndarray) -> np.ndarray:

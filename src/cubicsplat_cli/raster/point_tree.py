@@ -11,7 +11,8 @@ from cubicsplat_cli.raster.cpu import library
 
 
 class PointTree:
-    """Points (n, 2) sorted for look-ups. Raises EngineError where the library or the memory is missing."""
+    """Points (n, 2) sorted for look-ups. Raises EngineError where the library or the memory is missing, and ValueError
+    for coordinates that are not finite."""
 
     def __init__(self, points: np.ndarray) -> None:
         given = _pairs(points)
@@ -63,4 +64,6 @@ class PointTree:
 
 
 def _pairs(points: np.ndarray) -> np.ndarray:
+    if not np.isfinite(points).all():
+        raise ValueError("a point has a coordinate that is no finite number")
     return np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 2)

@@ -10,12 +10,13 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.svg.values import length, share, transform_matrix, translation
+from cubicsplat_cli.svg.values import Rgba, colour, length, share, transform_matrix, translation
 
 SVG = "{http://www.w3.org/2000/svg}"
 XLINK_HREF = "{http://www.w3.org/1999/xlink}href"
@@ -36,6 +37,9 @@ _EFFECTS = ("clip-path", "mask", "filter")
 _PROPERTIES = (*_INHERITED, "opacity", "display", *_EFFECTS)
 _RULE = re.compile(r"([^{}]+)\{([^{}]*)\}")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+_REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\")]+)['\"]?\s*\)\s*(.*)")
+LEAST_OPACITY = 1.0 / 512.0  # below it nothing shows in 8 bits
+Paint = TypeVar("Paint")
 _SELECTOR = re.compile(r"([\w-]+|\*)?(?:([.#])([\w-]+))?")
 
 
@@ -68,6 +72,20 @@ class StyledShape:
     def path_data(self) -> str:
         """Its outline as path data in its own units. Raises ValueError where a length of it cannot be read."""
         return _path_data(self.name, self.length, self.element.attrib)
+
+    def paint(self, name: str, server: Callable[[str], Paint | None]) -> tuple[Rgba | Paint | None, float]:
+        """The paint of a "fill" or "stroke", None where there is none to be seen, and the opacity it is drawn with.
+
+        server: gives the paint of an id that is referred to, None where it has none. Raises ValueError for a colour
+        or an opacity that cannot be read.
+        """
+        text, current = self.style[name], self.style["color"]
+        match = _REFERENCE.fullmatch(text)
+        paint: Rgba | Paint | None = colour(text, current) if match is None else server(match[1])
+        if paint is None and match is not None and match[2]:
+            paint = colour(match[2], current)
+        opacity = share(self.style[f"{name}-opacity"]) * self.opacity
+        return (paint, opacity) if paint is not None and opacity >= LEAST_OPACITY else (None, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

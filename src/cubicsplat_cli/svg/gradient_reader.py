@@ -1,4 +1,4 @@
-"""Gradients of files of ours: stops, units, transforms, and what one inherits from another."""
+"""Gradients: stops, units, transforms, and what one inherits from another."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _HREF = ("href", "xlink:href")
 _PLACES = {LINEAR: ("x1", "y1", "x2", "y2"), RADIAL: ("cx", "cy", "r")}
 _DEFAULTS = {"x1": "0", "y1": "0", "x2": "100%", "y2": "0", "cx": "50%", "cy": "50%", "r": "50%"}
 _DEEPEST = 16  # gradients that inherit from each other
-_MOST_STOPS = 1000
+MOST_STOPS = 1000
 
 Box = tuple[float, float, float, float]  # left, top, width, height in px
 _log = logging.getLogger("cubicsplat")
@@ -54,8 +54,14 @@ class GradientReader:
                 definition = self._definitions[element.attributes["id"]] = _Definition(element)
                 latest = definition.stops
 
-    def gradient(self, identifier: str, box: Box) -> Gradient:
-        """The gradient of a fill "url(#identifier)" for a shape with a bounding box. Raises ValueError for none."""
+    def __contains__(self, identifier: str) -> bool:
+        return identifier in self._definitions
+
+    def gradient(self, identifier: str, box: Box, to_px: np.ndarray | None = None) -> Gradient:
+        """The gradient of a fill "url(#identifier)" for a shape with a bounding box. Raises ValueError for none.
+
+        to_px: (3, 3) from the shape's units, in which the box is, to those of the result; None: the same.
+        """
         definition = self._definitions.get(identifier)
         if definition is None:
             raise ValueError(f"is filled with #{identifier}, which is no gradient in it")
@@ -82,6 +88,8 @@ class GradientReader:
         if relative:
             left, top, width, height = box
             matrix = np.array([[width, 0.0, left], [0.0, height, top], [0.0, 0.0, 1.0]]) @ matrix
+        if to_px is not None:
+            matrix = to_px @ matrix
         if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:2, :2])) < 1e-12:
             raise ValueError(f"has the gradient #{identifier} flattened to nothing")
         return _linear(places, matrix, stops) if name == LINEAR else _radial(places, matrix, stops)
@@ -112,8 +120,8 @@ class GradientReader:
 
 def _stop(attributes: dict[str, str], before: list[Stop]) -> Stop:
     """The stop of an element; its offset is at least that of the one before it (SVG 1.1, section 13.2.4)."""
-    if len(before) >= _MOST_STOPS:
-        raise ValueError(f"has more than {_MOST_STOPS} stops in a gradient")
+    if len(before) >= MOST_STOPS:
+        raise ValueError(f"has more than {MOST_STOPS} stops in a gradient")
     opacity, offset = share(attributes.get("stop-opacity", "1")), share(attributes.get("offset", "0"))
     ink = (*hex_colour(attributes.get("stop-color", "#000")), round(255.0 * opacity))
     return Stop(max(offset, before[-1].offset if before else 0.0), ink)

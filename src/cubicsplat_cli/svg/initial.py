@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,8 +18,8 @@ from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import counted, one_line, printable
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, reference
-from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, cubic_subpaths
+from cubicsplat_cli.svg.elements import LEAST_OPACITY, StyledShape, StyledTree, local_name, reference
+from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, apart, cubic_subpaths
 from cubicsplat_cli.svg.scene_reader import read_svg
 from cubicsplat_cli.svg.stroke_outlines import stroke_rings
 from cubicsplat_cli.svg.untrusted import check_untrusted
@@ -29,8 +28,6 @@ from cubicsplat_cli.svg.values import Rgba, colour, length, share
 ASPECT_TOLERANCE = 0.01  # sides of canvases are whole pixels
 _SIDE = 1024  # px of the scene's longer side at the least, where rounding that would change its shape
 _MOST_POINTS = 2**23  # of all curves, each with as much room as the longest one needs
-_REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\")]+)['\"]?\s*\)\s*(.*)")
-_LEAST_OPACITY = 1.0 / 512.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +144,8 @@ class _Collected:
 
     def _add_fill(self, lines: list[Subpath], even_odd: bool, paint: Rgba) -> None:
         rings = [ring for ring in (line.ring() for line in lines) if len(ring) > 2 or _area(ring) != 0.0]
-        for group in _apart(rings):
+        # A tracer's compound path is many curves, and a fit moves each.
+        for group in apart(rings):
             self._keep(_oriented(group) if even_odd else group, paint, 0.0)
 
     def _add_stroke(
@@ -170,20 +168,11 @@ class _Collected:
 
     def _paint(self, tree: StyledTree, shape: StyledShape, name: str) -> Rgba | None:
         """Colour and opacity of a fill or stroke, None where there is none to be seen."""
-        text, current = shape.style[name], shape.style["color"]
-        match = _REFERENCE.fullmatch(text)
-        if match is None:
-            paint = colour(text, current)
-        else:
-            paint = self._mean_of(tree, match[1], current)
-            if paint is None and match[2]:
-                paint = colour(match[2], current)
-            elif paint is None:
-                self.left_out["pattern"] += 1
+        paint, opacity = shape.paint(name, lambda identifier: self._mean_of(tree, identifier, shape.style["color"]))
         if paint is None:
             return None
-        opacity = paint[3] * share(shape.style[f"{name}-opacity"]) * shape.opacity
-        return None if opacity < _LEAST_OPACITY else (*paint[:3], opacity)
+        opacity *= paint[3]
+        return None if opacity < LEAST_OPACITY else (*paint[:3], opacity)
 
     def _mean_of(self, tree: StyledTree, identifier: str, current: str) -> Rgba | None:
         """The mean of a gradient's stops, which it may inherit; None where it is none, or has none."""
@@ -195,6 +184,7 @@ class _Collected:
             stops = [child for child in element if local_name(child) == "stop"]
             identifier = reference(element)
         if not stops:
+            self.left_out["pattern"] += 1
             return None
         colours = []
         for stop in stops:
@@ -242,20 +232,6 @@ def _polygon(ring: np.ndarray) -> np.ndarray:
 def _area(ring: np.ndarray) -> float:
     x, y = _polygon(ring).T
     return 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
-
-
-def _apart(rings: list[np.ndarray]) -> list[list[np.ndarray]]:
-    """Rings whose boxes do not meet as curves of their own: a tracer's compound path is many, and a fit moves each."""
-    if len(rings) < 2:
-        return [rings] if rings else []
-    low = np.array([ring.min((0, 1)) for ring in rings])
-    high = np.array([ring.max((0, 1)) for ring in rings])
-    group = np.arange(len(rings))
-    for index in range(len(rings)):
-        meets = ((low <= high[index]) & (high >= low[index])).all(axis=1)
-        joined = np.unique(group[meets])
-        group[np.isin(group, joined)] = joined[0]
-    return [[rings[index] for index in np.flatnonzero(group == number)] for number in np.unique(group)]
 
 
 def _oriented(rings: list[np.ndarray]) -> list[np.ndarray]:

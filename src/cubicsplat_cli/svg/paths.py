@@ -250,6 +250,30 @@ def straight(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return start + (end - start) * np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
 
 
+def halves(cubics: np.ndarray) -> np.ndarray:
+    """(2 n, 4, 2): each of n cubics as two, by de Casteljau's algorithm."""
+    a, b, c, d = cubics.transpose(1, 0, 2)
+    ab, bc, cd = (a + b) / 2.0, (b + c) / 2.0, (c + d) / 2.0
+    abc, bcd = (ab + bc) / 2.0, (bc + cd) / 2.0
+    middle = (abc + bcd) / 2.0
+    parts = np.stack([np.stack([a, ab, abc, middle], 1), np.stack([middle, bcd, cd, d], 1)], 1)
+    return parts.reshape(-1, 4, 2)
+
+
+def apart(rings: list[np.ndarray]) -> list[list[np.ndarray]]:
+    """Rings (M, 4, 2) in groups whose boxes do not meet, so that each group can be filled without the others."""
+    if len(rings) < 2:
+        return [rings] if rings else []
+    low = np.array([ring.min((0, 1)) for ring in rings])
+    high = np.array([ring.max((0, 1)) for ring in rings])
+    group = np.arange(len(rings))
+    for index in range(len(rings)):
+        meets = ((low <= high[index]) & (high >= low[index])).all(axis=1)
+        joined = np.unique(group[meets])
+        group[np.isin(group, joined)] = joined[0]
+    return [[rings[index] for index in np.flatnonzero(group == number)] for number in np.unique(group)]
+
+
 def _cubics(segment: PathSegment) -> list[np.ndarray]:
     start, end = np.array(segment.start), np.array(segment.end)
     if len(segment.handles) == 2:

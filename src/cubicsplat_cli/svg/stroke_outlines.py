@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.svg.paths import Subpath, straight
+from cubicsplat_cli.svg.paths import Subpath, halves, straight
 
 _SHORT = 1e-9
 
@@ -21,22 +21,13 @@ def stroke_rings(line: Subpath, half: float, cap: str, join: str, limit: float) 
 
     cap, join, limit: as in SVG. Each cubic is offset in halves, by its ends and the direction of its handles.
     """
-    cubics = _halves(line.ring() if line.closed else line.cubics)
+    cubics = halves(line.ring() if line.closed else line.cubics)
     back = cubics[::-1, ::-1]
     if line.closed:
         return [_side(cubics, half, join, limit, around=True), _side(back, half, join, limit, around=True)]
     there, again = _side(cubics, half, join, limit, around=False), _side(back, half, join, limit, around=False)
     ends = [_cap(there[-1, 3], again[0, 0], half, cap), _cap(again[-1, 3], there[0, 0], half, cap)]
     return [np.concatenate([there, ends[0], again, ends[1]])]
-
-
-def _halves(cubics: np.ndarray) -> np.ndarray:
-    a, b, c, d = cubics.transpose(1, 0, 2)
-    ab, bc, cd = (a + b) / 2.0, (b + c) / 2.0, (c + d) / 2.0
-    abc, bcd = (ab + bc) / 2.0, (bc + cd) / 2.0
-    middle = (abc + bcd) / 2.0
-    parts = np.stack([np.stack([a, ab, abc, middle], 1), np.stack([middle, bcd, cd, d], 1)], 1)
-    return parts.reshape(-1, 4, 2)
 
 
 def _side(cubics: np.ndarray, half: float, join: str, limit: float, *, around: bool) -> np.ndarray:

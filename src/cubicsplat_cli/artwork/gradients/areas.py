@@ -32,8 +32,7 @@ from cubicsplat_cli.raster.shades import Pixels
 
 LEAST_RANGE = 3.0  # levels, within which an area has one colour
 NEARLY = 8.0  # levels by which a few pixels that make no area of their own may be off
-# Uneven parts of a picture, and gradients sought: a second or two of work at most.
-MOST_PARTS, MOST_TRIES = 1500, 1500
+MOST_PARTS, MOST_TRIES = 1000, 800  # uneven parts of a picture, and gradients sought, some hundredths of a second each
 MOST_HINTS = 3
 DEEPEST, SEEDS, LEAST_SHARE = 2, 3, 0.3
 
@@ -46,16 +45,21 @@ def gradient_areas(
     """The gradients of a picture (H, W, 4), premultiplied levels, the largest first.
 
     None in flat pictures, and in those of more than `most` uneven parts, which are photos or textures. tries: how
-    often a gradient is sought, after which what is left stays as it is, which is logged.
+    often a gradient is sought, after which what is left stays as it is. Where the bounds are not the caller's own, that
+    is logged.
     """
     sizes, boxes, spreads = part_spreads(levels, parts, count)
     uneven = np.flatnonzero((sizes >= LEAST_AREA) & (spreads > LEAST_RANGE))
     if len(uneven) > most:
+        if most == MOST_PARTS:
+            _log.warning("%d areas of uneven colour are too many: they are drawn without gradients", len(uneven))
         return []
     search = _Search([], tries)
     for i in uneven[np.argsort(-sizes[uneven], kind="stable")]:
         work().at()
         _explain(part_of(levels, parts, i + 1, boxes[i]), search, 0)
+    if search.left == 0 and tries == MOST_TRIES:
+        _log.warning("the smallest of %d areas of uneven colour are drawn without gradients", len(uneven))
     return united(levels, parts, boxes, search.found) if search.found else []
 
 

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.frames import first_frames
-from cubicsplat_cli.artwork.gradients.shade import PRICE, SHARE, SIGMA, STOP_PARAMETERS, Ramp, Shade
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, PRICE, SHARE, SIGMA, STOP_PARAMETERS, Ramp, Shade
 from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, scatter
 
 FEW_PIXELS, MOST_PIXELS = 1000, 4000  # looked at to choose and to settle
 MOST_STOPS = 8
 PEAK = 6.0  # px around a middle, where a ramp that rises to it has a tip that looks like an edge
-UNLIKELY = 4.0  # times the least scatter
+UNLIKELY = 4.0  # times as far off those of the same t as along the best geometry: as rough are those to begin with
+SCATTERED = (2.0 * CLOSE) ** 2  # levels^2, the mean of pixels that are twice as far off as what a gradient explains
 NEAR_AXIS = 0.05  # tangent of the angle to an axis
 
 
@@ -22,14 +23,25 @@ def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
 
     hints: gradients that these pixels may have too; a small part of an ellipse says little about its middle.
     """
+    shade = common_shade(pixels, hints, np.inf)
+    assert shade is not None
+    return shade
+
+
+def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED) -> Shade | None:
+    """The same; None where along no likely geometry pixels are off those of the same t by less than `most` levels^2 in
+    the mean, so that no gradient comes near them all."""
     # Some pixels, in an order that is the same each time but follows neither rows nor columns.
     count = len(pixels.x)
     order = np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False)
     few = pixels.some(order[:FEW_PIXELS])
-    best, least = None, np.inf
     frames = first_frames(pixels) + [(hint.frame, True, 5) for hint in hints if hint.radial]
-    for frame, radial, parameters in _likely(frames, few):
-        shade = _settled(_stopped(frame, radial, parameters, few), few)
+    spread = np.array([scatter(frame, radial, few) for frame, radial, _ in frames])
+    if spread.min() > most:
+        return None
+    best, least = None, np.inf
+    for k in np.flatnonzero(spread <= UNLIKELY**2 * spread.min() + SIGMA**2):
+        shade = _settled(_stopped(*frames[k], few), few)
         cost = _cost(shade, few, count)
         if cost < least:
             best, least = shade, cost
@@ -39,12 +51,6 @@ def shade_of(pixels: Pixels, hints: Sequence[Shade] = ()) -> Shade:
         few = pixels.some(order)
         best = _settled(best, few)
     return _reaching(_level(best, few, count), pixels)
-
-
-def _likely(frames: list[tuple[np.ndarray, bool, int]], pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
-    """The geometries along whose t colours scatter hardly more than along that of the best."""
-    spread = np.array([scatter(frame, radial, pixels) for frame, radial, _ in frames])
-    return [frame for frame, own in zip(frames, spread, strict=True) if own <= UNLIKELY * spread.min() + SIGMA**2]
 
 
 def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels) -> Shade:

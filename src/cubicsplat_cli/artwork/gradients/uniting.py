@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Part, Patch, joined, part_of
-from cubicsplat_cli.artwork.gradients.shade import Shade, ShadedArea, alike
-from cubicsplat_cli.artwork.gradients.shades import shade_of
+from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, alike
+from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.shades import Pixels
 
@@ -19,7 +19,7 @@ GAP, CONTACT, SHARP = 4, 8, 24.0
 SAME_RAMP = 2.0  # levels by which two ramps may be off each other, for one to be sought for both
 # Other gradients with which one is sought for an area, those that explain most of it first, and how many of its pixels
 # tell that.
-MOST_UNIONS, LOOKED_AT = 6, 256
+MOST_UNIONS, LOOKED_AT = 6, 128
 
 
 def united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list[ShadedArea]) -> list[ShadedArea]:
@@ -44,26 +44,26 @@ def united(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, found: list
 
 @dataclass
 class _Group:
-    """Parts that share a gradient. near: what is within GAP px of them; low, high: (4,) levels between which the
-    colours of the gradient are."""
+    """Parts that share a gradient. near: what is within GAP px of them."""
 
     shade: Shade
     members: list[Part]
     near: Patch
 
     def __post_init__(self) -> None:
-        self.low, self.high = (end(self.shade.ramp.colours, axis=0) for end in (np.min, np.max))
+        """extended: the gradient, carried on; low, high: (4,) levels between which its colours are; box: (4,) the rows
+        and columns of what is near, from the first one to before the last."""
+        self.extended = self.shade.extended()
+        self.low, self.high = (end(self.extended.ramp.colours, axis=0) for end in (np.min, np.max))
+        rows, columns = self.near.window
+        self.box = rows.start, rows.stop, columns.start, columns.stop
 
 
 def _unite(levels: np.ndarray, area: ShadedArea, groups: list[_Group]) -> None:
     """Adds an area to the group with which it shares a gradient, or as a group of its own."""
     part = Part(levels, area.patch)
     own = _Group(area.shade, [part], area.patch.grown(GAP, levels.shape))
-    some = part.pixels.some(np.linspace(0, len(part) - 1, min(len(part), LOOKED_AT)).astype(int))
-    shares = np.array([(group.shade.extended().explains(some)).mean() for group in groups])
-    order = np.argsort(-shares, kind="stable").tolist()
-    likely = [k for k in order if shares[k] >= ALIKE or _same_ramp(groups[k], own) or _meets(groups[k], own)]
-    for k in likely[:MOST_UNIONS]:
+    for k in _likely(groups, own)[:MOST_UNIONS]:
         group = groups[k]
         one = _one([*group.members, part], [group.shade, area.shade])
         if one is not None:
@@ -72,9 +72,27 @@ def _unite(levels: np.ndarray, area: ShadedArea, groups: list[_Group]) -> None:
     groups.append(own)
 
 
-def _same_ramp(group: _Group, other: _Group) -> bool:
-    apart = np.maximum(group.low - other.high, other.low - group.high).max()
-    return bool(apart <= SAME_RAMP) and alike(group.shade.ramp, other.shade.ramp) <= SAME_RAMP
+def _likely(groups: list[_Group], own: _Group) -> list[int]:
+    """The numbers of groups that may share a gradient with another one of a single part, the likeliest first."""
+    if not groups:
+        return []
+    part = own.members[0]
+    some = part.pixels.some(np.linspace(0, len(part) - 1, min(len(part), LOOKED_AT)).astype(int))
+    low, high = np.array([g.low for g in groups]) - CLOSE, np.array([g.high for g in groups]) + CLOSE
+    within = (some.values >= low[:, None]) & (some.values <= high[:, None])
+    shares = np.zeros(len(groups))
+    for k in np.flatnonzero(within.all(axis=2).mean(axis=1) >= ALIKE):
+        shares[k] = groups[k].extended.explains(some).mean()
+    top, bottom, left, right = np.array([g.box for g in groups]).T
+    touching = (top < own.box[1]) & (bottom > own.box[0]) & (left < own.box[3]) & (right > own.box[2])
+    coloured = ((low <= own.high + CLOSE) & (high >= own.low - CLOSE)).all(axis=1)
+    return [
+        k
+        for k in np.argsort(-shares, kind="stable").tolist()
+        if shares[k] >= ALIKE
+        or (coloured[k] and alike(own.shade.ramp, groups[k].shade.ramp) <= SAME_RAMP)
+        or (touching[k] and _meets(groups[k], own))
+    ]
 
 
 def _meets(group: _Group, other: _Group) -> bool:
@@ -83,7 +101,7 @@ def _meets(group: _Group, other: _Group) -> bool:
     if len(between) < CONTACT:
         return False
     y, x = between.T + 0.5
-    return bool(np.median(other.shade.extended().off(Pixels(x, y, group.shade.extended().at(x, y)))) <= SHARP)
+    return bool(np.median(other.extended.off(Pixels(x, y, group.extended.at(x, y)))) <= SHARP)
 
 
 def _continues(group: _Group, part: Part) -> bool:
@@ -120,8 +138,8 @@ def _continue(levels: np.ndarray, parts: np.ndarray, boxes: np.ndarray, claimed:
 def _one(members: list[Part], hints: list[Shade]) -> Shade | None:
     """The gradient that explains all of these, if there is one."""
     x, y, values = (np.concatenate(arrays) for arrays in zip(*(part.pixels for part in members), strict=True))
-    shade = shade_of(Pixels(x, y, values), hints)
+    shade = common_shade(Pixels(x, y, values), hints)
     # One that needs more stops than any of them only strings them together.
-    if len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
+    if shade is None or len(shade.ramp.knots) > 1 + max(len(hint.ramp.knots) for hint in hints):
         return None
     return shade if all(shade.explains(part.pixels).mean() >= EXPLAINED for part in members) else None

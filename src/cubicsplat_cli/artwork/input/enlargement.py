@@ -34,12 +34,10 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:
     blur = edge_blur(levels)
     if blur is not None and blur < LEAST_BLUR:
         return levels, 1
-    few = _steepest(levels)
-    if _sharp(few):
+    factors = [factor for factor in FACTORS if 8 * factor <= min(levels.shape[:2])]
+    if not factors or _sharp(few := _steepest(levels)):
         return levels, 1
-    for factor in FACTORS:
-        if min(levels.shape[:2]) < 8 * factor:
-            break
+    for factor in factors:
         kernel, off = min(((kernel, _tried(few, factor, kernel)) for kernel in KERNELS), key=lambda found: found[1])
         small = _undone(levels, factor, kernel) if off <= OFF else None
         if small is not None:

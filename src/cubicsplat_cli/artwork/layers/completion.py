@@ -112,18 +112,18 @@ def _visible(contour: Contour, detail: float) -> Outline:
 
 
 def outlines_of(
-    extent: Extent, canvas: tuple[int, int], detail: float, least: int = 0, whole: bool = True, sought: bool = True
+    extent: Extent, canvas: tuple[int, int], detail: float, whole: bool = True, sought: bool = True
 ) -> tuple[Outline, ...]:
     """The fitted outlines of a part of a layer, the outer one first.
 
-    canvas: its height and width, px. Contours of fewer than `least` points, and than FEWEST, become polygons. whole:
-    hidden parts go on as what shows suggests, rather than end as shortly as they may. sought: they do either, rather
-    than run along their contour, a few px beneath what hides them.
+    canvas: its height and width, px. Contours of fewer than FEWEST points become polygons. whole: hidden parts go on as
+    what shows suggests, rather than end as shortly as they may. sought: they do either, rather than run along their
+    contour, a few px beneath what hides them.
     """
     surroundings = _Surroundings(extent, canvas)
 
     def outline(contour: Contour) -> Outline:
-        if len(contour.points) < max(least, FEWEST):
+        if len(contour.points) < FEWEST:
             return few_lines(contour.points if sought else _thinned(contour))
         if not sought:
             return _visible(replace(contour, sigma=_known(contour.sigma)), detail)

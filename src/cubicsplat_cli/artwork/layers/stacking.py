@@ -29,8 +29,8 @@ from cubicsplat_cli.raster.outlines import held_by_hull
 EXPOSED = 0.004
 # Votes: being enclosed outweighs everything, a junction counts at most 1, lying between pieces that are joined less.
 ENCLOSED, JOINED = 1000.0, 0.5
-# Hulls that are tried, those of the largest pieces first, and px of the boxes around them: 400 times 512 x 512.
-MOST_HULLS, MOST_HULL_PIXELS = 400, 105_000_000
+# px of the boxes around hulls that are tried, those of the largest pieces first: 4,000 times 512 x 512, in seconds.
+MOST_HULL_PIXELS = 1_050_000_000
 NO_LOAD = 1e-3  # votes below which nothing stands against coming next
 MOST_WAITING = 8  # how many groups may wait for each other in a row
 
@@ -57,7 +57,7 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
     beneath these, and all others lie in the order of their sizes."""
     clear = regions.inks[:, 3] <= CLEAR
     facts = _Facts(regions, found, clear)
-    group = _merged(facts, MOST_HULLS if joined else 0)
+    group = _merged(facts, MOST_HULL_PIXELS if joined else 0)
     order = _ordered(facts, group)
     rank = np.full(regions.count, -1)
     layers = []
@@ -108,8 +108,9 @@ class _Facts:
 
 
 def _merged(facts: _Facts, budget: int) -> np.ndarray:
-    """(R,) the group of each region, named by its smallest member; -1 for clear regions. budget: hulls to be tried."""
-    regions, pixels = facts.regions, MOST_HULL_PIXELS
+    """(R,) the group of each region, named by its smallest member; -1 for clear regions. budget: px of the boxes around
+    the hulls that are tried."""
+    regions = facts.regions
     group = np.where(facts.clear, -1, np.arange(regions.count))
     for a, b in _candidates(facts):
         p, q = group[a], group[b]
@@ -118,10 +119,9 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
         members = np.nonzero((group == p) | (group == q))[0]
         if _shows_through(facts, a, b):
             group[members] = members.min()
-        elif budget > 0 and pixels > 0:
+        elif budget > 0:
             window = _box_around(facts, members)
-            budget -= 1
-            pixels -= _area(window)
+            budget -= _area(window)
             between = _between(facts, members, window)
             above = None if between is None else np.flatnonzero(np.isin(group, group[between]))
             # What a shape runs beneath is a shape too: no piece of it may lie around one of the members.

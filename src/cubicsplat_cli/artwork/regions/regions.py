@@ -65,15 +65,34 @@ class Regions:
         return np.bincount(self.labels.ravel(), minlength=self.count)
 
 
-def find_regions(
-    levels: np.ndarray,
-    palette: np.ndarray,
-    min_area: float = 0.0,
-    most: int | None = None,
-    known: np.ndarray | None = None,
-) -> Regions:
-    """Regions of a picture (H, W, 4) in levels, in the inks of a palette (P, 4), and those that only thin lines and
-    small details have: with these no more than `most`, where that is not None.
+@dataclass(frozen=True, eq=False)
+class PixelInks:
+    """The ink of every pixel: inks (H, W) int32, indices into a palette (P, 4). parts: (H, W) int32 the connected
+    pixels of one ink, numbered from 0 on; sure: (H, W) bool, pixels that are their ink, or for the most part.
+    """
+
+    palette: np.ndarray
+    inks: np.ndarray
+    parts: np.ndarray
+    sure: np.ndarray
+
+    def regions(self, min_area: float) -> Regions:
+        """The parts as regions; those of less than `min_area` px, and specks, join a neighbour."""
+        labels = _numbered(_without_specks(self.parts, self.sure, max(min_area, 3.0)))
+        ink_of = _majority(labels, self.inks)
+        return Regions(labels, self.palette[ink_of], ink_of)
+
+
+def find_regions(levels: np.ndarray, palette: np.ndarray, known: np.ndarray | None = None) -> Regions:
+    """The regions of a picture, but for specks, by its `pixel_inks`."""
+    return pixel_inks(levels, palette, known=known).regions(0.0)
+
+
+def pixel_inks(
+    levels: np.ndarray, palette: np.ndarray, most: int | None = None, known: np.ndarray | None = None
+) -> PixelInks:
+    """The inks of a picture (H, W, 4) in levels, of a palette (P, 4), and those that only thin lines and small details
+    have: with these no more than `most`, where that is not None.
 
     known: (H, W) int32 the ink of every pixel, where that is known already; the palette then has them all.
     """
@@ -84,12 +103,8 @@ def find_regions(
     else:
         inks, pure = known, np.where(largest(np.abs(levels - palette[known])) <= PURE, known, -1)
     inks = joined_at_corners(inks, levels, palette)
-    labels, _ = components(inks)
-    sure = _sure(levels, palette, labels, inks, pure)
-    labels = _without_specks(labels, sure, max(min_area, 3.0))
-    labels = _numbered(labels)
-    ink_of = _majority(labels, inks)
-    return Regions(labels, palette[ink_of], ink_of)
+    parts, _ = components(inks)
+    return PixelInks(palette, inks, parts, _sure(levels, palette, parts, inks, pure))
 
 
 def _with_inks_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:

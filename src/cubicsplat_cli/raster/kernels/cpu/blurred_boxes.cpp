@@ -1,27 +1,19 @@
-// The field of a soft shadow: what boxes become that are moved, made larger, blurred and let through; and its fit to what
-// is seen of it.
-//
-// The blur of a box with sharp corners is the product of what its rows and its columns have, differences of error
-// functions; what round corners lack is an integral over their height, by Gauss and Legendre's rule, whose every node is
-// such a product too.
+// The shadows of boxes at pixels, and their fit to what is seen of them.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <exception>
-#include <map>
 #include <utility>
 #include <vector>
 
 #include "abi.h"
+#include "blurred_box.h"
 #include "damped.h"
 
-namespace cs {
+namespace cs::shadow {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
-constexpr int kNumbers = 6;  // of a layer: dx, dy, px by which it is larger and rounder, log sigma, log-odds of alpha
-constexpr double kOutlying = 4.0;                       // levels beyond which a pixel counts linearly
-constexpr double kLeastSigma = 0.7, kMostSigma = 40.0;  // px
+constexpr double kOutlying = 4.0;  // levels beyond which a pixel counts linearly
 constexpr int kRounds = 25;
 constexpr double kEnough = 1e-4;  // gain, relative, below which a fit has converged
 // Rounds after which a mean square in levels^2 beyond this is hopeless.
@@ -32,165 +24,6 @@ constexpr double kSteps[kNumbers] = {0.02, 0.02, 0.02, 0.02, 0.005, 0.01};
 constexpr double kFarthest[kNumbers] = {8.0, 8.0, 4.0, 4.0, 0.8, 1.2};
 // What a layer costs for each px^2 by which it is rounder, in levels^2 a pixel: wide shadows say nothing of that.
 constexpr double kRounder = 1e-4;
-// Nodes along the arc of a corner: at least, for each sigma of its radius, and at most.
-constexpr int kNodes = 10, kMostNodes = 160;
-constexpr double kMoreNodes = 3.0;
-constexpr double kBeyond = 6.0;  // sigmas from an edge, where the normal distribution is 0 or 1 but for 1e-9
-
-// A box by its sides, px, whose corners are quarters of ellipses.
-struct Box {
-  double left, top, right, bottom, rx, ry;
-};
-
-// One blurred copy of a box.
-struct Layer {
-  double dx, dy, grown, rounder, sigma, alpha;
-
-  explicit Layer(const double* numbers)
-      : dx(numbers[0]), dy(numbers[1]), grown(numbers[2]), rounder(numbers[3]),
-        sigma(std::clamp(std::exp(numbers[4]), kLeastSigma, kMostSigma)), alpha(1.0 / (1.0 + std::exp(-numbers[5]))) {}
-
-  // Sharp corners do not become round by growing, as those of shadows in CSS do not.
-  Box of(const Box& box) const {
-    const auto radius = [&](double own) { return std::max((own > 0.0 ? own + grown : 0.0) + rounder, 0.0); };
-    const double x = 0.5 * (box.left + box.right) + dx, y = 0.5 * (box.top + box.bottom) + dy;
-    const double half_x = std::max(0.5 * (box.right - box.left) + grown, 0.0);
-    const double half_y = std::max(0.5 * (box.bottom - box.top) + grown, 0.0);
-    return {x - half_x,
-            y - half_y,
-            x + half_x,
-            y + half_y,
-            std::min(radius(box.rx), half_x),
-            std::min(radius(box.ry), half_y)};
-  }
-};
-
-double normal(double z) {
-  if (z < -kBeyond) return 0.0;
-  return z > kBeyond ? 1.0 : 0.5 * std::erfc(-z * std::sqrt(0.5));
-}
-
-// Nodes in -1..1 and weights of Gauss and Legendre's rule.
-struct Rule {
-  std::vector<double> nodes, weights;
-
-  explicit Rule(int count) : nodes(count), weights(count) {
-    for (int i = 0; i < count; i++) {
-      double x = std::cos(kPi * (i + 0.75) / (count + 0.5)), slope = 1.0;
-      for (int round = 0; round < 20; round++) {
-        double last = 1.0, value = x;
-        for (int k = 2; k <= count; k++) {
-          const double next = ((2 * k - 1) * x * value - (k - 1) * last) / k;
-          last = value, value = next;
-        }
-        slope = count * (x * value - last) / (x * x - 1.0);
-        const double step = value / slope;
-        x -= step;
-        if (std::fabs(step) < 1e-15) break;
-      }
-      nodes[i] = x, weights[i] = 2.0 / ((1.0 - x * x) * slope * slope);
-    }
-  }
-};
-
-// What a box with round corners lacks of one with sharp ones, as products of what rows and columns lack at each node along
-// the arc: px by which the side lies farther in there, px above the corner's lowest line, and weight.
-struct Corner {
-  std::vector<double> insets, heights, weights;
-
-  Corner(const Box& box, const Rule& rule) {
-    for (size_t k = 0; k < rule.nodes.size(); k++) {
-      const double turn = 0.25 * kPi * (rule.nodes[k] + 1.0);
-      insets.push_back(box.rx * (1.0 - std::cos(turn))), heights.push_back(box.ry * std::sin(turn));
-      weights.push_back(rule.weights[k] * 0.25 * kPi * box.ry * std::cos(turn));
-    }
-  }
-};
-
-// Along rows: of each place what the sharp box has there, and between which nodes (x 2) corners add something, what.
-struct Rows {
-  std::vector<double> whole, corners;
-  std::vector<int> nodes;
-
-  Rows(const Box& box, double sigma, const Corner& corner, const std::vector<double>& y) : whole(y.size()) {
-    const int count = int(corner.weights.size());
-    corners.resize(y.size() * count), nodes.resize(2 * y.size());
-    for (size_t i = 0; i < y.size(); i++) {
-      whole[i] = normal((y[i] - box.top) / sigma) - normal((y[i] - box.bottom) / sigma);
-      int &first = nodes[2 * i], &last = nodes[2 * i + 1];
-      for (int k = 0; k < count; k++) {
-        double density = 0.0;
-        // At the same distance from both ends the same is missing.
-        for (const double end : {box.top + box.ry - corner.heights[k], box.bottom - box.ry + corner.heights[k]}) {
-          const double z = (y[i] - end) / sigma;
-          if (std::fabs(z) < kBeyond) density += std::exp(-0.5 * z * z);
-        }
-        if (density == 0.0) continue;
-        corners[i * count + k] = -corner.weights[k] / (sigma * std::sqrt(2.0 * kPi)) * density;
-        if (last == 0) first = k;
-        last = k + 1;
-      }
-    }
-  }
-};
-
-// Along columns: the same, what corners add only once it is asked for.
-class Columns {
- public:
-  std::vector<double> whole;
-
-  Columns(const Box& box, double sigma, const Corner& corner, const std::vector<double>& x)
-      : whole(x.size()), box_(box), sigma_(sigma), x_(x), insets_(corner.insets), bent_(x.size()) {
-    for (size_t i = 0; i < x.size(); i++) {
-      whole[i] = normal((x[i] - box.left) / sigma) - normal((x[i] - box.right) / sigma);
-      const double within = std::min(x[i] - box.left, box.right - x[i]);
-      bent_[i] = !insets_.empty() && within > -kBeyond * sigma && within < box.rx + kBeyond * sigma;
-    }
-    corners_.assign(x.size() * insets_.size(), std::nan(""));
-  }
-
-  bool bent(size_t i) const { return bent_[i]; }
-
-  double corner(size_t i, int k) {
-    double& known = corners_[i * insets_.size() + k];
-    if (std::isnan(known)) {
-      const auto share = [&](double edge) { return normal((x_[i] - edge) / sigma_); };
-      known = share(box_.left) - share(box_.left + insets_[k]) + share(box_.right - insets_[k]) - share(box_.right);
-    }
-    return known;
-  }
-
- private:
-  Box box_;
-  double sigma_;
-  const std::vector<double>& x_;
-  std::vector<double> insets_, corners_;
-  std::vector<uint8_t> bent_;
-};
-
-// The blurred coverage of a box at a row and a column.
-double coverage(const Rows& rows, size_t row, Columns& columns, size_t column) {
-  double sum = rows.whole[row] * columns.whole[column];
-  if (!columns.bent(column)) return std::clamp(sum, 0.0, 1.0);
-  const size_t count = rows.corners.size() / rows.whole.size();
-  for (int k = rows.nodes[2 * row]; k < rows.nodes[2 * row + 1]; k++)
-    sum += rows.corners[row * count + k] * columns.corner(column, k);
-  return std::clamp(sum, 0.0, 1.0);
-}
-
-// The rules for corners, each made once.
-class Corners {
- public:
-  // None of a box with sharp corners.
-  Corner of(const Box& box, double sigma) {
-    int count = 0;
-    if (std::min(box.rx, box.ry) > 0.0) count = std::min(kNodes + int(kMoreNodes * box.ry / sigma), kMostNodes);
-    return Corner(box, rules_.try_emplace(count, count).first->second);
-  }
-
- private:
-  std::map<int, Rule> rules_;
-};
 
 // Places along one axis, each once, and which of them each pixel has.
 struct Places {
@@ -326,7 +159,7 @@ class Fit {
                                               kSteps[k];
       }
       const double weight = std::min(1.0, kOutlying / std::max(std::fabs(residual_[i]), 1e-12));
-      out.add(1, weight, derivatives.data(), &residual_[i]);
+      out.add<1>(weight, derivatives.data(), &residual_[i]);
     }
     for (int layer = 0; layer < layers_; layer++) {
       const int k = kNumbers * layer + 3;
@@ -345,13 +178,13 @@ class Fit {
 };
 
 }  // namespace
-}  // namespace cs
+}  // namespace cs::shadow
 
 extern "C" {
 
 // The box (6) of a layer's shadow before it is blurred. numbers: of the layer (6).
 CS_EXPORT void cs_shadow_box(const double* box, const double* numbers, double* out) {
-  const cs::Box found = cs::Layer(numbers).of(*reinterpret_cast<const cs::Box*>(box));
+  const cs::shadow::Box found = cs::shadow::Layer(numbers).of(*reinterpret_cast<const cs::shadow::Box*>(box));
   std::copy(&found.left, &found.left + 6, out);
 }
 
@@ -361,15 +194,16 @@ CS_EXPORT int32_t cs_shadow_window(const double* box, int32_t layers, const doub
   try {
     std::fill(light, light + h * w, 1.0);
     const std::vector<double> ys(y, y + h), xs(x, x + w);
-    cs::Corners corners;
+    cs::shadow::Corners corners;
     for (int k = 0; k < layers; k++) {
-      const cs::Layer layer(numbers + cs::kNumbers * k);
-      const cs::Box own = layer.of(*reinterpret_cast<const cs::Box*>(box));
-      const cs::Corner corner = corners.of(own, layer.sigma);
-      const cs::Rows rows(own, layer.sigma, corner, ys);
-      cs::Columns columns(own, layer.sigma, corner, xs);
+      const cs::shadow::Layer layer(numbers + cs::shadow::kNumbers * k);
+      const cs::shadow::Box own = layer.of(*reinterpret_cast<const cs::shadow::Box*>(box));
+      const cs::shadow::Corner corner = corners.of(own, layer.sigma);
+      const cs::shadow::Rows rows(own, layer.sigma, corner, ys);
+      cs::shadow::Columns columns(own, layer.sigma, corner, xs);
       for (int64_t i = 0; i < h; i++)
-        for (int64_t j = 0; j < w; j++) light[i * w + j] *= 1.0 - layer.alpha * cs::coverage(rows, i, columns, j);
+        for (int64_t j = 0; j < w; j++)
+          light[i * w + j] *= 1.0 - layer.alpha * cs::shadow::coverage(rows, i, columns, j);
     }
   } catch (const std::exception&) {
     return 1;
@@ -383,9 +217,9 @@ CS_EXPORT int32_t cs_shadow_light(int32_t boxes, const double* sides, int64_t n,
                                   const int64_t* columns, const uint8_t* open, int32_t layers, const double* numbers,
                                   double* light) {
   try {
-    cs::Shaded shaded(boxes, sides, n, rows, columns, open);
+    cs::shadow::Shaded shaded(boxes, sides, n, rows, columns, open);
     for (int k = 0; k < layers; k++) {
-      const std::vector<double> own = shaded.light(cs::Layer(numbers + cs::kNumbers * k));
+      const std::vector<double> own = shaded.light(cs::shadow::Layer(numbers + cs::shadow::kNumbers * k));
       for (int64_t i = 0; i < n; i++) light[i] *= own[i];
     }
   } catch (const std::exception&) {
@@ -400,11 +234,12 @@ CS_EXPORT double cs_fit_shadows(int32_t boxes, const double* sides, int64_t n, c
                                 const int64_t* columns, const uint8_t* open, const double* seen, const double* through,
                                 double scale, int32_t layers, double* numbers) {
   try {
-    cs::Shaded shaded(boxes, sides, n, rows, columns, open);
-    cs::Fit fit(shaded, seen, through, scale, {numbers, numbers + cs::kNumbers * layers});
-    const double loss = cs::minimise(fit, fit.begin(), cs::kRounds, cs::kEnough);
-    for (int k = 0; k < cs::kNumbers * layers; k++)
-      numbers[k] = k % cs::kNumbers == 4 ? std::log(cs::Layer(&fit.numbers()[k - 4]).sigma) : fit.numbers()[k];
+    cs::shadow::Shaded shaded(boxes, sides, n, rows, columns, open);
+    cs::shadow::Fit fit(shaded, seen, through, scale, {numbers, numbers + cs::shadow::kNumbers * layers});
+    const double loss = cs::minimise(fit, fit.begin(), cs::shadow::kRounds, cs::shadow::kEnough);
+    for (int k = 0; k < cs::shadow::kNumbers * layers; k++)
+      numbers[k] = k % cs::shadow::kNumbers == 4 ? std::log(cs::shadow::Layer(&fit.numbers()[k - 4]).sigma)
+                                                 : fit.numbers()[k];
     return loss / double(std::max(n, int64_t(1)));
   } catch (const std::exception&) {
     return -1.0;

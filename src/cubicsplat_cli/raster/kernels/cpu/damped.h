@@ -18,8 +18,9 @@ struct NormalEquations {
     gram.assign(size_t(count) * count, 0.0), slope.assign(count, 0.0);
   }
 
-  // Adds `channels` residuals with their derivatives, (variables x channels), and a weight.
-  void add(int channels, double weight, const double* derivatives, const double* residuals) {
+  // Adds some residuals with their derivatives, (variables x channels), and a weight.
+  template <int channels>
+  void add(double weight, const double* derivatives, const double* residuals) {
     for (int p = 0; p < count; p++) {
       const double* own = derivatives + size_t(p) * channels;
       for (int k = 0; k < channels; k++) slope[p] += weight * own[k] * residuals[k];

@@ -1,130 +1,268 @@
-// Circles, ellipses and boxes fitted to points by least squares. What is minimised is in artwork/tracing/primitives.py.
-#include <algorithm>
+// Whole loops that are circles, ellipses or boxes. How they are told is said in artwork/tracing/primitives.py.
+#include <array>
 #include <cmath>
 #include <cstdint>
-#include <utility>
+#include <exception>
+#include <limits>
 #include <vector>
 
 #include "abi.h"
+#include "cubic.h"
+#include "primitives.h"
 
+namespace cs {
 namespace {
 
-constexpr int kMost = 6;         // values of a primitive
-constexpr double kShift = 1e-4;  // px or radians, of the differences that stand for derivatives
-constexpr double kKnee = 3.0;    // standard errors beyond which a distance counts linearly
-constexpr double kRidge = 1e-9;
+constexpr int kRounds = 10;
+constexpr double kWorst = 9.0;  // mean squared residual, in sigmas, above which a primitive is out of the question
+constexpr int64_t kFew = 120;   // points suffice for the first fit
+constexpr int64_t kFewest = 6;
+// Area over the root of the determinant of the second moments: 12 for rectangles, 4 pi for ellipses, less for the rest.
+constexpr double kLeastFullness = 11.7;
+constexpr double kMostHidden = 0.03;  // share of the loop's length above which its area tells nothing
+// px from a sharp corner in which points are biased, and by how much.
+constexpr double kSharpReach = 1.5, kSharpWeight = 1.0 / (0.3 * 0.3);
+constexpr double kFar = 3.0;  // sigmas that no point of a rectangle may be off, near its corners either
+constexpr double kRadii[] = {0.15, 0.3, 0.5, 0.75, 1.0};  // of round corners to begin with, of half of the shorter side
+// px; half of the shortest side, the least radius, and half of the straight part of a rounded box's longer side, below
+// which it is nothing but round corners: a circle has half the parameters.
+constexpr double kThinnest = 0.25, kLeastRadius = 0.5, kLeastSide = 0.25;
+constexpr double kMostBack =
+    0.25;  // share of the way around a primitive's middle that a loop may run against its sense
+constexpr double kLeastTurn = 2.0943951023931953;  // around the middle of a circle or an ellipse: a third of a turn
+constexpr double kQuarter = 0.7853981633974483;    // half a right angle
+constexpr double kFine[2] = {0.03490658503988659, 0.003490658503988659};  // radians: 2 and 0.2 degrees
 
-// values: of a circle its middle and radius; of an ellipse its middle, half-axes and angle; of a box its middle, half
-// sides, the radius of its corners and its angle. Angles and radii may be left out, which are 0 then.
-struct Primitive {
-  enum Kind { circle, ellipse, box };
-  int kind, count;
-  bool rounded, turned;
+Point rotated(Point p, double angle) {
+  const double c = std::cos(angle), s = std::sin(angle);
+  return {p.x * c - p.y * s, p.x * s + p.y * c};
+}
 
-  // The signed distance of every point.
-  void distances(const double* v, int64_t n, const double* points, double* out) const {
-    const double angle = turned ? v[count - 1] : 0.0, cosine = std::cos(angle), sine = std::sin(angle);
-    const double radius = rounded ? std::min({v[4], std::fabs(v[2]), std::fabs(v[3])}) : 0.0;
-    for (int64_t i = 0; i < n; i++) {
-      const double x = points[2 * i] - v[0], y = points[2 * i + 1] - v[1];
-      if (kind == circle) {
-        out[i] = std::hypot(x, y) - v[2];
-        continue;
-      }
-      const double along = x * cosine + y * sine, across = y * cosine - x * sine;
-      out[i] = kind == ellipse ? from_ellipse(along, across, v) : from_box(along, across, v, radius);
+// The box around points that are turned back by an angle: its middle, where it is, and half sides.
+std::array<double, 4> box_around(const std::vector<Point>& points, double angle) {
+  const double c = std::cos(angle), s = std::sin(angle), far = std::numeric_limits<double>::infinity();
+  Point low{far, far}, high{-far, -far};
+  for (const Point& p : points) {
+    const double x = p.x * c + p.y * s, y = p.y * c - p.x * s;
+    low = {std::min(low.x, x), std::min(low.y, y)}, high = {std::max(high.x, x), std::max(high.y, y)};
+  }
+  const Point middle = rotated({0.5 * (low.x + high.x), 0.5 * (low.y + high.y)}, angle);
+  return {middle.x, middle.y, 0.5 * (high.x - low.x), 0.5 * (high.y - low.y)};
+}
+
+// Angle, at most half a right one, of the smallest box around points.
+double box_angle(const std::vector<Point>& points) {
+  double best = 0.0, centre = 0.0, step = 2.0 * kQuarter / 45.0;
+  for (int round = 0; round < 2; round++) {
+    const int from = round ? -10 : -22, to = round ? 10 : 22;
+    double least = std::numeric_limits<double>::infinity();
+    for (int k = from; k <= to; k++) {
+      const double angle = round ? centre + k * kFine[0] / 10.0 : (k + 0.5) * step;
+      const auto box = box_around(points, angle);
+      if (box[2] * box[3] < least) least = box[2] * box[3], best = angle;
     }
+    centre = best;
   }
+  return best;
+}
 
- private:
-  // To first order, exact on the ellipse and on circles.
-  static double from_ellipse(double x, double y, const double* v) {
-    const double a = std::max(std::fabs(v[2]), 1e-3), b = std::max(std::fabs(v[3]), 1e-3);
-    const double f = std::hypot(x / a, y / b), slope = std::hypot(x / (a * a), y / (b * b));
-    return (f - 1.0) * f / std::max(slope, 1e-9);
-  }
+// Of a polygon: its middle, variances along its main axes, the larger first, the angle of the first, and fullness.
+struct Solid {
+  Point middle;
+  double spread[2] = {1.0, 1.0}, turn = 0.0, fullness = 0.0;
 
-  static double from_box(double x, double y, const double* v, double radius) {
-    const double a = std::fabs(x) - v[2] + radius, b = std::fabs(y) - v[3] + radius;
-    return std::hypot(std::max(a, 0.0), std::max(b, 0.0)) + std::min(std::max(a, b), 0.0) - radius;
+  explicit Solid(const std::vector<Point>& points) {
+    const size_t n = points.size();
+    Point origin{0.0, 0.0}, sum{0.0, 0.0};
+    for (const Point& p : points) origin = {origin.x + p.x / double(n), origin.y + p.y / double(n)};
+    double area = 0.0, xx = 0.0, yy = 0.0, xy = 0.0;
+    for (size_t i = 0; i < n; i++) {
+      const Point &p = points[i], &q = points[(i + 1) % n];
+      const Point a{p.x - origin.x, p.y - origin.y}, b{q.x - origin.x, q.y - origin.y};
+      const double cross = a.x * b.y - a.y * b.x;
+      area += 0.5 * cross, sum = {sum.x + (a.x + b.x) * cross, sum.y + (a.y + b.y) * cross};
+      xx += (a.x * a.x + b.x * b.x + a.x * b.x) * cross, yy += (a.y * a.y + b.y * b.y + a.y * b.y) * cross;
+      xy += (a.x * a.y + b.x * b.y + 0.5 * (a.x * b.y + a.y * b.x)) * cross;
+    }
+    middle = origin;
+    if (std::fabs(area) < 1e-6) return;
+    const Point off{sum.x / (6.0 * area), sum.y / (6.0 * area)};
+    middle = {origin.x + off.x, origin.y + off.y};
+    xx = xx / (12.0 * area) - off.x * off.x, yy = yy / (12.0 * area) - off.y * off.y;
+    xy = xy / (12.0 * area) - off.x * off.y;
+    const double half = 0.5 * (xx + yy), root = std::hypot(0.5 * (xx - yy), xy);
+    spread[0] = std::max(half + root, 1e-9), spread[1] = std::max(half - root, 1e-9);
+    turn = 0.5 * std::atan2(2.0 * xy, xx - yy);
+    fullness = std::fabs(area) / std::sqrt(spread[0] * spread[1]);
   }
 };
 
-double loss(const std::vector<double>& rest, const double* weights) {
-  double sum = 0.0;
-  for (size_t i = 0; i < rest.size(); i++) {
-    const double size = std::fabs(rest[i]) * std::sqrt(weights[i]);
-    sum += size <= kKnee ? size * size : kKnee * (2.0 * size - kKnee);
-  }
-  return sum;
-}
+struct Nearest {
+  Primitive shape;
+  std::array<double, kMost> values;
+  double cost, mean;  // nats; mean squared residual in sigmas
+};
 
-// Solves a x = b by elimination, in place of both.
-void solve(int n, double (*a)[kMost], double* x) {
-  for (int k = 0; k < n; k++) {
-    int pivot = k;
-    for (int i = k + 1; i < n; i++)
-      if (std::fabs(a[i][k]) > std::fabs(a[pivot][k])) pivot = i;
-    std::swap(a[k], a[pivot]);
-    std::swap(x[k], x[pivot]);
-    for (int i = k + 1; i < n; i++) {
-      const double factor = a[i][k] / a[k][k];
-      for (int j = k; j < n; j++) a[i][j] -= factor * a[k][j];
-      x[i] -= factor * x[k];
+class Search {
+ public:
+  Search(int64_t count, const double* points, const double* weights, double price) : price_(price), known_(count) {
+    for (int64_t i = 0; i < count; i++) {
+      all_.push_back({points[2 * i], points[2 * i + 1]});
+      known_[i] = weights[i] > 0.0;
+      if (known_[i]) at_.push_back(all_.back()), sure_.push_back(weights[i]);
+    }
+    const int64_t n = int64_t(at_.size());
+    for (int64_t k = 0; k < kFew; k++) {
+      const auto i = int64_t(double(n - 1) * (double(k) / double(kFew - 1)));
+      if (n > 0 && (few_.empty() || few_.back() != i)) few_.push_back(i);
     }
   }
-  for (int i = n - 1; i >= 0; i--) {
-    for (int j = i + 1; j < n; j++) x[i] -= a[i][j] * x[j];
-    x[i] /= a[i][i];
+
+  // The cheapest primitive, null where none comes near.
+  const Nearest* nearest() {
+    const auto n = double(all_.size());
+    if (int64_t(at_.size()) < kFewest) return nullptr;
+    Solid solid(all_);
+    const bool whole = (n - double(at_.size())) / n <= kMostHidden;
+    if (whole && solid.fullness < kLeastFullness) return nullptr;
+    const auto box = box_around(at_, 0.0);
+    if (!whole) {
+      solid.middle = {box[0], box[1]}, solid.turn = 0.0;
+      for (int c = 0; c < 2; c++) solid.spread[c] = 4.0 * box[2 + c] * box[2 + c] / 14.0;
+    }
+    const double tilt = box_angle(at_), x = solid.middle.x, y = solid.middle.y;
+    const double sizes[2] = {2.0 * std::sqrt(solid.spread[0]), 2.0 * std::sqrt(solid.spread[1])};
+    const auto tilted = box_around(at_, tilt);
+    const auto level = [&](double last) { return std::array<double, kMost>{box[0], box[1], box[2], box[3], last}; };
+    attempt({Primitive::circle, false, false}, {x, y, 0.5 * (sizes[0] + sizes[1])});
+    attempt({Primitive::ellipse, false, false}, level(0.0));
+    attempt({Primitive::ellipse, false, true}, {x, y, sizes[0], sizes[1], solid.turn});
+    attempt({Primitive::box, false, false}, level(0.0));
+    attempt({Primitive::box, true, false}, level(first_radius(box, 0.0)));
+    attempt({Primitive::box, false, true}, {tilted[0], tilted[1], tilted[2], tilted[3], tilt});
+    attempt({Primitive::box, true, true},
+            {tilted[0], tilted[1], tilted[2], tilted[3], first_radius(tilted, tilt), tilt});
+    return found_ ? &best_ : nullptr;
   }
-}
+
+ private:
+  double price_;
+  std::vector<uint8_t> known_;
+  std::vector<Point> all_, at_;  // all points, and those that are known
+  std::vector<double> sure_;
+  std::vector<int64_t> few_;
+  bool found_ = false;
+  Nearest best_{{Primitive::circle, false, false}, {}, 0.0, 0.0};
+
+  // The points of `few_` with their weights.
+  void take_few(const std::vector<double>& weights, std::vector<Point>& at, std::vector<double>& own) const {
+    for (const int64_t i : few_) at.push_back(at_[i]), own.push_back(weights[i]);
+  }
+
+  // The radius, of a few, with which a box has its points nearest: what a corner leaves out says nothing of the radius as
+  // long as that is much too small, so least squares would not find it from there.
+  double first_radius(const std::array<double, 4>& box, double angle) const {
+    const Primitive shape{Primitive::box, true, true};
+    std::vector<Point> at;
+    std::vector<double> weights, rest(few_.size());
+    take_few(sure_, at, weights);
+    double least = std::numeric_limits<double>::infinity(), best = 0.0;
+    for (const double share : kRadii) {
+      const double values[] = {box[0], box[1], box[2], box[3], share * std::min(box[2], box[3]), angle};
+      shape.distances(values, int64_t(at.size()), &at[0].x, rest.data());
+      if (const double found = loss(rest, weights.data()); found < least) least = found, best = values[4];
+    }
+    return best;
+  }
+
+  // The weights, with those of points near sharp corners no more than their bias allows.
+  std::vector<double> weights_of(const Primitive& shape, const double* v) const {
+    std::vector<double> out = sure_;
+    if (shape.kind != Primitive::box || shape.rounded) return out;
+    const double c = std::cos(shape.angle(v)), s = std::sin(shape.angle(v));
+    for (size_t i = 0; i < out.size(); i++) {
+      const double dx = at_[i].x - v[0], dy = at_[i].y - v[1];
+      const double x = std::fabs(dx * c + dy * s) - v[2], y = std::fabs(dy * c - dx * s) - v[3];
+      if (x * x + y * y < kSharpReach * kSharpReach) out[i] = std::min(out[i], kSharpWeight);
+    }
+    return out;
+  }
+
+  void attempt(const Primitive& shape, std::array<double, kMost> values) {
+    std::vector<Point> at;
+    std::vector<double> few;
+    take_few(weights_of(shape, values.data()), at, few);
+    const auto first = double(few.size());
+    if (fitted(shape, kRounds, int64_t(at.size()), &at[0].x, few.data(), values.data()) > 2.0 * kWorst * first) return;
+    const std::vector<double> weights = weights_of(shape, values.data());
+    const auto count = int64_t(at_.size());
+    const double misfit = fitted(shape, kRounds, count, &at_[0].x, weights.data(), values.data());
+    const double mean = misfit / double(count);
+    if (!(mean <= kWorst) || !possible(shape, values.data()) || !runs_around(shape, values.data())) return;
+    const double angle = shape.angle(values.data());
+    const int parameters = (shape.kind == Primitive::circle ? 3 : 4) + (shape.radius(values.data()) > 0.0) +
+                           (angle != 0.0);
+    const double cost = 0.5 * misfit + price_ * parameters;
+    if (!found_ || cost < best_.cost) found_ = true, best_ = {shape, values, cost, mean};
+  }
+
+  // Whether values are those of a primitive that may be one.
+  bool possible(const Primitive& shape, const double* v) const {
+    if (shape.kind == Primitive::circle) return true;
+    if (shape.kind == Primitive::ellipse) return v[2] > 0.0 && v[3] > 0.0;
+    const double radius = shape.radius(v);
+    if (std::min(v[2], v[3]) <= kThinnest || (shape.rounded && radius < kLeastRadius)) return false;
+    if (std::max(v[2], v[3]) - radius < kLeastSide) return false;
+    // A round or slanted end of a thin bar is all corner, and hardly a point among those of its sides. What is known no
+    // better than near corners may be a guess at what is hidden.
+    std::vector<double> rest(at_.size());
+    shape.distances(v, int64_t(at_.size()), &at_[0].x, rest.data());
+    for (size_t i = 0; i < rest.size(); i++)
+      if (sure_[i] > kSharpWeight && std::fabs(rest[i]) * std::sqrt(sure_[i]) > kFar) return false;
+    return true;
+  }
+
+  // Whether the known points of a loop run around a primitive as the loop does, rather than there and back along it, and
+  // far enough around a circle or an ellipse for it to be one. The two sides of a thin sliver lie as near to a huge circle
+  // that touches them as to anything, but enclose nothing like it; and so does a short arc of anything lie near to some
+  // circle.
+  bool runs_around(const Primitive& shape, const double* v) const {
+    double onward = 0.0, back = 0.0, area = 0.0;
+    for (size_t i = 0; i < all_.size(); i++) {
+      const size_t next = (i + 1) % all_.size();
+      const Point a{all_[i].x - v[0], all_[i].y - v[1]}, b{all_[next].x - v[0], all_[next].y - v[1]};
+      const double cross = a.x * b.y - a.y * b.x;
+      area += cross;
+      if (!known_[i] || !known_[next]) continue;
+      const double turn = std::atan2(cross, a.x * b.x + a.y * b.y);
+      (turn > 0.0 ? onward : back) += std::fabs(turn);
+    }
+    if (shape.kind != Primitive::box && std::fabs(onward - back) < kLeastTurn) return false;
+    return (area > 0.0 ? back : onward) <= kMostBack * (onward + back);
+  }
+};
 
 }  // namespace
+}  // namespace cs
 
 extern "C" {
 
-// Levenberg's and Marquardt's method with Huber's weights and differences for the derivatives. kind: 0 circle, 1 ellipse,
-// 2 box. values: count, brought up to date; weights: of the squares. Returns the loss.
-CS_EXPORT double cs_fit_primitive(int32_t kind, int32_t rounded, int32_t turned, int32_t count, int32_t rounds,
-                                  int64_t n, const double* points, const double* weights, double* values) {
-  const Primitive shape{kind, count, rounded != 0, turned != 0};
-  std::vector<double> rest(n), trial_rest(n), jacobian(size_t(count) * n);
-  shape.distances(values, n, points, rest.data());
-  double best = loss(rest, weights), damping = 1e-3;
-  for (int round = 0; round < rounds; round++) {
-    double trial[kMost], gram[kMost][kMost] = {}, step[kMost] = {};
-    for (int k = 0; k < count; k++) {
-      std::copy(values, values + count, trial);
-      trial[k] += kShift;
-      double* column = &jacobian[size_t(k) * n];
-      shape.distances(trial, n, points, column);
-      for (int64_t i = 0; i < n; i++) column[i] = (column[i] - rest[i]) / kShift;
-    }
-    for (int64_t i = 0; i < n; i++) {
-      const double size = std::fabs(rest[i]) * std::sqrt(weights[i]);
-      const double weight = weights[i] * std::min(1.0, kKnee / std::max(size, 1e-12));
-      for (int p = 0; p < count; p++) {
-        const double weighted = weight * jacobian[size_t(p) * n + i];
-        step[p] += weighted * rest[i];
-        for (int q = 0; q < count; q++) gram[p][q] += weighted * jacobian[size_t(q) * n + i];
-      }
-    }
-    for (int k = 0; k < count; k++) gram[k][k] += damping * gram[k][k] + kRidge;
-    solve(count, gram, step);
-    for (int k = 0; k < count; k++) trial[k] = values[k] - step[k];
-    shape.distances(trial, n, points, trial_rest.data());
-    const double found = loss(trial_rest, weights);
-    if (found < best) {
-      const double gain = best - found;
-      best = found;
-      std::copy(trial, trial + count, values);
-      rest.swap(trial_rest);
-      damping = std::max(damping / 10.0, 1e-8);
-      if (gain < 1e-3 * best + 1e-2) break;
-    } else {
-      damping *= 10.0;
-    }
+// The cheapest primitive through a closed loop of points (x 2) with weights: see `nearest_primitive` in
+// raster/outlines.py. form: kind, rounded and turned; values: 6; told: cost and mean squared residual. 0 where none comes
+// near, -1 where there is no memory, else 1.
+CS_EXPORT int32_t cs_nearest_primitive(int64_t count, const double* points, const double* weights, double price,
+                                       int32_t* form, double* values, double* told) {
+  try {
+    cs::Search search(count, points, weights, price);
+    const cs::Nearest* found = search.nearest();
+    if (!found) return 0;
+    const double *v = found->values.data(), radius = found->shape.radius(v), angle = found->shape.angle(v);
+    const double out[6] = {v[0], v[1], v[2], v[3], radius, angle};
+    form[0] = found->shape.kind, form[1] = found->shape.rounded, form[2] = found->shape.turned;
+    std::copy(out, out + 6, values), told[0] = found->cost, told[1] = found->mean;
+    return 1;
+  } catch (const std::exception&) {
+    return -1;
   }
-  return best;
 }
 }

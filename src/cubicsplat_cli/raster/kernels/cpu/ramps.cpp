@@ -19,7 +19,7 @@ constexpr double kSame = 1e-9;  // of t, below which knots are one
 struct Bins {
   std::vector<double> middles, means, sizes;
 
-  Bins(const Pixels& pixels, const Frame& frame) {
+  Bins(const Pixels& pixels, const Geometry& frame) {
     std::vector<double> t(pixels.count);
     double low = std::numeric_limits<double>::infinity(), high = -low;
     for (int64_t i = 0; i < pixels.count; i++) {
@@ -104,7 +104,7 @@ extern "C" {
 CS_EXPORT int32_t cs_ramp(int64_t n, const double* x, const double* y, const double* values, const double* frame,
                           int32_t radial, int32_t most, double price, double* knots, double* colours) {
   try {
-    cs::Frame own{{}, radial != 0};
+    cs::Geometry own{{}, radial != 0};
     std::copy(frame, frame + 6, own.map);
     const cs::Bins bins({n, x, y, values}, own);
     double first = bins.middles.front(), last = bins.middles.back();
@@ -129,7 +129,7 @@ CS_EXPORT int32_t cs_ramp(int64_t n, const double* x, const double* y, const dou
 CS_EXPORT double cs_scatter(int64_t n, const double* x, const double* y, const double* values, const double* frame,
                             int32_t radial) {
   try {
-    cs::Frame own{{}, radial != 0};
+    cs::Geometry own{{}, radial != 0};
     std::copy(frame, frame + 6, own.map);
     const cs::Bins bins({n, x, y, values}, own);
     cs::Ramp means{bins.middles, bins.means};

@@ -23,7 +23,7 @@ constexpr double kKnot = 1e-3;    // of the ramp's length, the same
 constexpr double kApart = 1e-6;   // of the ramp's length, between knots
 
 struct Shade {
-  Frame frame;
+  Geometry frame;
   int parameters;  // of the geometry: 2 of a line, 3 of a circle, 5 of an ellipse
   Ramp ramp;
 
@@ -32,8 +32,8 @@ struct Shade {
 
 // A direction turned about the pixels' middle; an ellipse moved, and stretched along x and at 45 degrees, since its scale
 // is the ramp's.
-Frame stepped(const Shade& shade, const double* step, double x, double y) {
-  Frame out = shade.frame;
+Geometry stepped(const Shade& shade, const double* step, double x, double y) {
+  Geometry out = shade.frame;
   const double* m = shade.frame.map;
   if (shade.parameters == 2) {
     const double cosine = std::cos(step[0]), sine = std::sin(step[0]);
@@ -115,7 +115,7 @@ class Fit {
         ramps[p].at(p < geometry ? t[p][i] : t_[i], there);
         for (int k = 0; k < 4; k++) derivatives[4 * p + k] = (there[k] - at_[4 * i + k]) / steps[p];
       }
-      out.add(4, weights_[i], derivatives.data(), residual);
+      out.add<4>(weights_[i], derivatives.data(), residual);
     }
   }
 
@@ -125,7 +125,7 @@ class Fit {
   std::vector<double> at_, t_, next_at_, next_t_, weights_;
   double middle_[2] = {}, extent_;
 
-  void place(const Frame& frame, std::vector<double>& t) const {
+  void place(const Geometry& frame, std::vector<double>& t) const {
     for (int64_t i = 0; i < pixels_.count; i++) t[i] = frame.t(pixels_.x[i], pixels_.y[i]);
   }
 
@@ -206,7 +206,7 @@ CS_EXPORT int32_t cs_shade_colours(int64_t n, const double* x, const double* y, 
                                    const double* frame, int32_t radial, int32_t stops, const double* knots,
                                    double* colours) {
   try {
-    cs::Frame own{{}, radial != 0};
+    cs::Geometry own{{}, radial != 0};
     std::copy(frame, frame + 6, own.map);
     cs::RampEquations equations(stops);
     for (int64_t i = 0; i < n; i++) equations.add(cs::Hat(knots, stops, own.t(x[i], y[i])), 1.0, values + 4 * i);
@@ -221,7 +221,7 @@ CS_EXPORT int32_t cs_shade_colours(int64_t n, const double* x, const double* y, 
 // What a shade has at places (n x 4), levels; where values are given, off them instead.
 CS_EXPORT void cs_shaded(int64_t n, const double* x, const double* y, const double* values, const double* frame,
                          int32_t radial, int32_t stops, const double* knots, const double* colours, double* out) {
-  cs::Frame own{{}, radial != 0};
+  cs::Geometry own{{}, radial != 0};
   std::copy(frame, frame + 6, own.map);
   for (int64_t i = 0; i < n; i++) {
     const cs::Hat hat(knots, stops, own.t(x[i], y[i]));

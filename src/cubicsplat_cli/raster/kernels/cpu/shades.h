@@ -8,6 +8,7 @@
 
 namespace cs {
 
+constexpr int kMany = 16;        // knots, of which the one before a place is sought by halving
 constexpr double kStiff = 1e-6;  // ties knots that hardly a pixel is near to their neighbours, per pixel
 
 // Where pixels are and what they have, premultiplied levels (x 4).
@@ -16,7 +17,7 @@ struct Pixels {
   const double *x, *y, *values;
 };
 
-struct Frame {
+struct Geometry {
   double map[6];  // (2, 3); t is the first coordinate of what it gives, or the length
   bool radial;
 
@@ -33,8 +34,9 @@ struct Hat {
   int after;
   double share;
 
-  Hat(const double* knots, int count, double t)
-      : after(std::clamp(int(std::upper_bound(knots, knots + count, t) - knots), 1, count - 1)) {
+  Hat(const double* knots, int count, double t) : after(1) {
+    if (count > kMany) after = std::clamp(int(std::upper_bound(knots, knots + count, t) - knots), 1, count - 1);
+    while (after < count - 1 && t >= knots[after]) after++;
     const double width = std::max(knots[after] - knots[after - 1], 1e-12);
     share = (std::clamp(t, knots[0], knots[count - 1]) - knots[after - 1]) / width;
   }

@@ -1,0 +1,154 @@
+"""Drawings as VectorDrawable, the XML of Android's icons (API 24 and later for gradients and even-odd fills)."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+
+from cubicsplat_cli.artwork.geometry.steps import suggested_precision
+from cubicsplat_cli.export.shapes import Paint, PaintedShape, PaintedShapes
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient
+from cubicsplat_cli.svg.drawing_paths import PathText
+from cubicsplat_cli.svg.markup import comment_text
+from cubicsplat_cli.svg.paths import Subpath, apart
+
+MOST_CHARACTERS = 32_767  # of one attribute: Android's resource compiler takes no more
+_MOST_SPLIT = 10_000  # subpaths, which are compared in pairs
+_DECIMALS = 6
+_NAME = re.compile(r"[\w-]+")  # anything else might be taken for a reference
+_NAMESPACES = {
+    "xmlns:android": "http://schemas.android.com/apk/res/android", "xmlns:aapt": "http://schemas.android.com/aapt",
+}  # fmt: skip
+Element = ElementTree.Element
+
+
+def vector_drawable(drawing: PaintedShapes, mark: str) -> bytes:
+    """The file, one dp a px. mark: text of its first comment. Counts in `drawing.left_out` what it cannot hold."""
+    width, height = _number(drawing.width), _number(drawing.height)
+    sizes = {"width": f"{width}dp", "height": f"{height}dp", "viewportWidth": width, "viewportHeight": height}
+    root = Element("vector", {**_NAMESPACES, **_named(sizes)})
+    precision = suggested_precision(math.ceil(drawing.width), math.ceil(drawing.height))
+    for shape in (part for whole in drawing.shapes for part in _parts(whole)):
+        drawing.left_out["ellipse of a stroke's gradient"] += _is_elliptical(shape.stroke)
+        elements = [_element(shape, shape.lines, precision)]
+        if elements[0] is None and len(shape.lines) <= _MOST_SPLIT:
+            elements = [_element(shape, lines, precision) for lines in _apart(shape.lines)]
+        root.extend(element for element in elements if element is not None)
+        drawing.left_out[f"path of more than {MOST_CHARACTERS} characters"] += elements.count(None)
+    ElementTree.indent(root, " ")
+    text = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n<!--{comment_text(mark)}-->\n{text}\n'.encode()
+
+
+def _is_elliptical(paint: Paint | None) -> bool:
+    return isinstance(paint, RadialGradient) and abs(paint.rx - paint.ry) > 1e-3 * paint.rx
+
+
+def _parts(shape: PaintedShape) -> list[PaintedShape]:
+    """The shape; its fill and its stroke apart where the fill needs a group, which would bend the stroke."""
+    if shape.stroke is None or not _is_elliptical(shape.fill):
+        return [shape]
+    return [replace(shape, stroke=None), replace(shape, fill=None)]
+
+
+def _apart(lines: list[Subpath]) -> list[list[Subpath]]:
+    """The subpaths in groups that can be paths of their own."""
+    of_cubics = {id(line.cubics): line for line in lines}
+    return [[of_cubics[id(ring)] for ring in group] for group in apart([line.cubics for line in lines])]
+
+
+def _element(shape: PaintedShape, lines: list[Subpath], precision: int) -> Element | None:
+    """A path, in a group where its gradient is elliptical: the group's frame makes it circular. None where its data
+    is too long.
+    """
+    attributes = {"name": shape.name} if _NAME.fullmatch(shape.name) else {}
+    if shape.fill is not None and shape.even_odd:
+        attributes["fillType"] = "evenOdd"
+    if shape.stroke is not None:
+        attributes |= {"strokeWidth": _number(shape.width), "strokeLineCap": shape.cap, "strokeLineJoin": shape.join}
+        attributes["strokeMiterLimit"] = _number(shape.limit)
+    fill = shape.fill
+    frame = None
+    if isinstance(fill, RadialGradient) and _is_elliptical(fill):
+        frame, fill = fill, RadialGradient(0.0, 0.0, fill.rx, fill.rx, 0.0, fill.stops)
+        squeeze = np.vstack([frame.matrix(), [0.0, 0.0, 1.0]]) @ np.diag([1.0 / frame.rx, 1.0 / frame.rx, 1.0])
+        lines = [line.mapped(np.linalg.inv(squeeze)) for line in lines]
+    data = _path_data(lines, precision)
+    if len(data) > MOST_CHARACTERS:
+        return None
+    path = Element("path", {"android:pathData": data, **_named(attributes)})
+    for name, paint in (("fill", fill), ("stroke", shape.stroke)):
+        _add_paint(path, name, paint)
+    if frame is None:
+        return path
+    turn = {"translateX": frame.cx, "translateY": frame.cy, "rotation": math.degrees(frame.angle)}
+    turn["scaleY"] = frame.ry / frame.rx
+    group = Element("group", _named({name: _number(value) for name, value in turn.items()}))
+    group.append(path)
+    return group
+
+
+def _add_paint(path: Element, name: str, paint: Paint | None) -> None:
+    if isinstance(paint, tuple):
+        red, green, blue = (round(255.0 * part) for part in paint[:3])
+        path.set(f"android:{name}Color", f"#{red:02X}{green:02X}{blue:02X}")
+        if paint[3] < 1.0:
+            path.set(f"android:{name}Alpha", _number(paint[3]))
+    elif paint is not None:
+        attribute = ElementTree.SubElement(path, "aapt:attr", {"name": f"android:{name}Color"})
+        attribute.append(_gradient(paint))
+
+
+def _gradient(gradient: Gradient) -> Element:
+    if isinstance(gradient, LinearGradient):
+        places = {"startX": gradient.x1, "startY": gradient.y1, "endX": gradient.x2, "endY": gradient.y2}
+    else:
+        radius = math.sqrt(gradient.rx * gradient.ry)
+        places = {"centerX": gradient.cx, "centerY": gradient.cy, "gradientRadius": radius}
+    kind = "linear" if isinstance(gradient, LinearGradient) else "radial"
+    element = Element("gradient", _named({"type": kind, **{name: _number(value) for name, value in places.items()}}))
+    for stop in gradient.stops:
+        red, green, blue, alpha = stop.ink
+        values = {"offset": _number(stop.offset), "color": f"#{alpha:02X}{red:02X}{green:02X}{blue:02X}"}
+        ElementTree.SubElement(element, "item", _named(values))
+    return element
+
+
+def _path_data(subpaths: list[Subpath], precision: int) -> str:
+    """Path data in steps of 10^-precision px, without arcs, whose short form Android does not read. Once it is too
+    long it ends.
+    """
+    path = PathText(precision)
+    for line in subpaths:
+        cubics, third = line.cubics, np.array([0.0, 1.0, 2.0, 3.0])[:, None] / 3.0
+        lines = cubics[:, :1] + (cubics[:, 3:] - cubics[:, :1]) * third
+        is_line = (np.abs(cubics - lines) < 0.1**precision / 2.0).all(axis=(1, 2)).tolist()
+        steps = np.rint(cubics * 10.0**precision).astype(np.int64).tolist()
+        path.move(tuple(steps[0][0]))
+        mirror = None
+        for straight, points in zip(is_line, steps, strict=True):
+            if len(path.text) > MOST_CHARACTERS:
+                return path.text
+            _, first, second, end = (tuple(point) for point in points)
+            if straight:
+                path.line(end)
+                mirror = None
+            else:
+                path.cubic(first, second, end, mirrored=first == mirror)
+                mirror = (2 * end[0] - second[0], 2 * end[1] - second[1])
+        if line.closed:
+            path.close()
+    return path.text
+
+
+def _named(values: dict[str, str]) -> dict[str, str]:
+    return {f"android:{name}": value for name, value in values.items()}
+
+
+def _number(value: float) -> str:
+    """Decimal text with a digit before the point, as Android's numbers have."""
+    return f"{value:.{_DECIMALS}f}".rstrip("0").rstrip(".")

@@ -1,0 +1,126 @@
+"""An SVG in a format of other programs, and the mark by which its file is known to be of that SVG."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cubicsplat_cli.errors import EngineError, InputError
+from cubicsplat_cli.evaluate.rerender import MAX_RENDER_PIXELS, checked, choose_renderer, drawing_with, refuse_url
+from cubicsplat_cli.files.marks import made_mark, sha256_of
+from cubicsplat_cli.files.paths import is_file, read_ends
+from cubicsplat_cli.progress import warnings_to
+from cubicsplat_cli.request import DXF_TOLERANCE, Request
+from cubicsplat_cli.svg.untrusted import SvgSize
+
+BY_CAIRO = ("pdf", "ps", "eps")
+_POINTS = 0.75  # in a px, as CSS has it
+_PPI = 300.0  # of what PostScript cannot say, cairo's own choice
+_BOX = re.compile(rb"%%BoundingBox: .*")
+_OPACITY = "what is translucent became pixels; PDF keeps it as it is, --set opaque=true makes a photo without it"
+_PIXELS = b"/ImageType"  # with which PostScript begins any picture
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A file for another program. notes: what of the SVG is not in it, a sentence each."""
+
+    data: bytes
+    notes: list[str]
+
+
+def check_packages(formats: Iterable[str]) -> None:
+    """Raise EngineError, with what to install, where the package that makes one of the formats is missing."""
+    for form in formats:
+        if form == "dxf" and importlib.util.find_spec("ezdxf") is None:
+            raise EngineError("DXF needs ezdxf: pip install 'cubicsplat[dxf]'")
+        if form in BY_CAIRO:
+            choose_renderer("cairosvg")
+
+
+def exported(
+    svg: bytes,
+    form: str,
+    source: str,
+    *,
+    tolerance: float = DXF_TOLERANCE,
+    width: float | None = None,
+    height: float | None = None,
+    scale: float = 1.0,
+) -> Exported:
+    """An SVG of any origin, unpacked, in a format.
+
+    form: a name in `files.paths.EXPORTS`. source: the SVG's name for messages. tolerance: px by which a DXF's arcs may
+    be off the outlines. width, height, scale: see `rerender_untrusted`. Raises InputError for what cannot be read or
+    drawn, EngineError where a package is missing, UsageError for a tolerance or scale that makes no sense.
+    """
+    check_packages([form])
+    Request(dxf_tolerance=tolerance)  # which refuses what makes no sense
+    mark = mark_of(svg, form, tolerance)
+    svg, size, drawn = checked(svg, source, width, height, scale)
+    notes: list[str] = []
+    with warnings_to(notes.append):
+        if form in BY_CAIRO:
+            made = _by_cairo(svg, form, drawn, source)
+            return Exported(made.data + f"% {mark}\n".encode(), made.notes)
+        try:
+            data, left_out = _by_shapes(svg, form, size, drawn, mark, tolerance)
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from error
+    return Exported(data, [*notes, *left_out])
+
+
+def _by_shapes(
+    svg: bytes, form: str, size: SvgSize, drawn: SvgSize, mark: str, tolerance: float
+) -> tuple[bytes, list[str]]:
+    from cubicsplat_cli.export.shapes import painted_shapes
+
+    drawing = painted_shapes(svg, size, drawn)
+    if form == "dxf":
+        from cubicsplat_cli.export.dxf import dxf
+
+        return dxf(drawing, mark, tolerance), drawing.notes()
+    from cubicsplat_cli.export.android import vector_drawable
+
+    data = vector_drawable(drawing, mark)
+    return data, drawing.notes()
+
+
+def mark_of(svg: bytes, form: str, tolerance: float) -> str:
+    """The mark of an SVG's file in a format: it says what decides the file."""
+    return made_mark(sha256_of(svg) + (f", tolerance {tolerance:g} px" if form == "dxf" else ""))
+
+
+def is_current(path: Path, svg: bytes, tolerance: float) -> bool:
+    """Whether there is a file at `path` that this version made of the SVG."""
+    return is_file(path) and mark_of(svg, path.suffix[1:].lower(), tolerance).encode() in read_ends(path)
+
+
+def _by_cairo(svg: bytes, form: str, drawn: SvgSize, source: str) -> Exported:
+    """A page of cairosvg's. What PostScript cannot say, cairo makes pixels of: as many as memory may hold."""
+    module, name, _ = choose_renderer("cairosvg")
+    surfaces = importlib.import_module(f"{module.__name__}.surface")
+    width, height = drawn.width * _POINTS, drawn.height * _POINTS
+    ppi = min(_PPI, 72.0 * math.sqrt(MAX_RENDER_PIXELS / 4.0 / (width * height)))
+
+    class Page(getattr(surfaces, f"{form.upper()}Surface")):  # type: ignore[misc]
+        def _create_surface(self, width: float, height: float) -> Any:
+            made = super()._create_surface(width, height)
+            made[0].set_fallback_resolution(ppi, ppi)
+            return made
+
+    with drawing_with(name, source):
+        data = Page.convert(svg, url_fetcher=refuse_url, output_width=drawn.width, output_height=drawn.height)
+    if form == "eps":
+        # cairo says what the drawing covers; whoever places the file wants the page, which ends at a whole point.
+        right, top = math.ceil(width), math.ceil(height)
+        box = f"%%BoundingBox: 0 0 {right} {top}\n%%HiResBoundingBox: 0 {top - height:g} {width:g} {top}"
+        data = _BOX.sub(box.encode(), data, count=1)
+    pixels = form != "pdf" and _PIXELS in data
+    return Exported(data, [f"{form.upper()} has no opacity: {_OPACITY}"] if pixels else [])

@@ -1,0 +1,170 @@
+"""The shapes of any SVG as cubics and paints in px, for formats that know neither style sheets nor transforms."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from xml.etree import ElementTree
+
+import numpy as np
+
+from cubicsplat_cli.artwork.geometry.beziers import points_at
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.formatting import counted, one_line
+from cubicsplat_cli.scene.paint import Gradient
+from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, reference
+from cubicsplat_cli.svg.gradient_reader import LINEAR, MOST_STOPS, RADIAL, Box, GradientReader
+from cubicsplat_cli.svg.own import OwnElement
+from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, cubic_subpaths
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE
+from cubicsplat_cli.svg.untrusted import SvgSize
+from cubicsplat_cli.svg.values import Rgba, colour, length, share
+
+Paint = Rgba | Gradient  # sRGB and opacity in [0, 1]; or a gradient in px, its stops with the shape's opacity
+
+
+@dataclass(frozen=True, eq=False)
+class PaintedShape:
+    """name: its id, or else what it is. lines: its subpaths in px. fill, stroke: None where there is none. width: of
+    the stroke in px. even_odd: the rule of the fill; cap, join, limit: of the stroke, as in SVG.
+    """
+
+    name: str
+    lines: list[Subpath]
+    fill: Paint | None
+    stroke: Paint | None
+    width: float
+    even_odd: bool
+    cap: str
+    join: str
+    limit: float
+
+
+@dataclass
+class PaintedShapes:
+    """The shapes of a drawing of width x height px, the first at the back. left_out: what they lack of the SVG, and how
+    many of each.
+    """
+
+    width: float
+    height: float
+    shapes: list[PaintedShape] = field(default_factory=list)
+    left_out: Counter[str] = field(default_factory=Counter)
+
+    def notes(self) -> list[str]:
+        """A sentence about what is left out, if anything is."""
+        parts = [counted(count, name) for name, count in sorted(self.left_out.items()) if count]
+        return [f"left out: {', '.join(parts)}"] if parts else []
+
+
+def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
+    """The shapes of an SVG that was checked, of its natural size, drawn at another: centred where the shape differs.
+
+    Raises InputError for what cannot be read or has too many segments.
+    """
+    made = PaintedShapes(drawn.width, drawn.height)
+    scale = min(drawn.width / size.width, drawn.height / size.height)
+    to_px = np.diag([scale, scale, 1.0])
+    to_px[:2, 2] = (drawn.width - scale * size.width) / 2.0, (drawn.height - scale * size.height) / 2.0
+    try:
+        tree = StyledTree(ElementTree.fromstring(svg), made.left_out)
+        gradients, segments = _gradients(tree), 0
+        for shape in tree.shapes(size.width, size.height):
+            painted = _painted(shape, to_px @ shape.matrix, gradients, made.left_out)
+            if painted is not None:
+                made.shapes.append(painted)
+                segments += sum(len(line.cubics) for line in painted.lines)
+            if segments > MAX_COMMANDS:
+                raise TooLong(f"has more than {MAX_COMMANDS} segments; simplify it")
+    except (InputError, ValueError, ElementTree.ParseError) as error:
+        raise InputError(one_line(error)) from error
+    return made
+
+
+def _painted(
+    shape: StyledShape, matrix: np.ndarray, gradients: GradientReader, left_out: Counter[str]
+) -> PaintedShape | None:
+    """The shape in px, None where nothing of it is seen. matrix: (3, 3) from its units to px."""
+    try:
+        lines = cubic_subpaths(shape.path_data())
+        if not lines or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:2, :2])) < 1e-12:
+            return None
+        fill, stroke = (_paint(shape, name, lines, matrix, gradients, left_out) for name in ("fill", "stroke"))
+        style = shape.style
+        width = length(style["stroke-width"], shape.view[0]) * math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+        limit = length(style["stroke-miterlimit"], 1.0)
+    except TooLong:
+        raise
+    except (InputError, ValueError):
+        left_out[f"{shape.name} that cannot be read"] += 1
+        return None
+    fill, stroke = (None if shape.name == "line" else fill), (stroke if width > 0.0 else None)
+    if fill is None and stroke is None:
+        return None
+    left_out["dash pattern"] += stroke is not None and style["stroke-dasharray"] not in ("none", "")
+    name = shape.element.get("id") or shape.name
+    cap = style["stroke-linecap"] if style["stroke-linecap"] in ("round", "square") else "butt"
+    join = style["stroke-linejoin"] if style["stroke-linejoin"] in ("round", "bevel") else "miter"
+    placed = [line.mapped(matrix) for line in lines]
+    if max(float(np.abs(line.cubics).max()) for line in placed) > MAX_COORDINATE:
+        left_out[f"{shape.name} beyond {MAX_COORDINATE:.0f} px"] += 1
+        return None
+    return PaintedShape(name, placed, fill, stroke, width, style["fill-rule"] == "evenodd", cap, join, limit)
+
+
+def _paint(
+    shape: StyledShape, name: str, lines: list[Subpath], matrix: np.ndarray, gradients: GradientReader,
+    left_out: Counter[str],
+) -> Paint | None:  # fmt: skip
+    def server(identifier: str) -> Gradient | None:
+        if identifier not in gradients:
+            left_out["pattern"] += 1
+            return None
+        return gradients.gradient(identifier, _box(lines), matrix)
+
+    paint: Paint | None
+    paint, opacity = shape.paint(name, server)
+    if paint is None or isinstance(paint, tuple):
+        return None if paint is None else (*paint[:3], paint[3] * opacity)
+    stops = (replace(stop, ink=(*stop.ink[:3], round(stop.ink[3] * opacity))) for stop in paint.stops)
+    return replace(paint, stops=tuple(stops))
+
+
+def _box(lines: list[Subpath]) -> Box:
+    """Left, top, width and height of what the lines reach, true to a thousandth of each cubic."""
+    points = points_at(np.concatenate([line.cubics for line in lines]), np.linspace(0.0, 1.0, 33)).reshape(-1, 2)
+    (left, top), (width, height) = points.min(axis=0).tolist(), np.ptp(points, axis=0).tolist()
+    return left, top, width, height
+
+
+def _gradients(tree: StyledTree) -> GradientReader:
+    """The gradients of a document of any origin; those without an id, to which nothing refers, are left out."""
+    elements = []
+    for element in tree.root.iter():
+        name = local_name(element)
+        if name not in (LINEAR, RADIAL) or not element.get("id"):
+            continue
+        link = {"href": f"#{reference(element)}"} if reference(element) else {}
+        elements.append(OwnElement(name, {**element.attrib, **link}, 0))
+        stops = [stop for stop in element if local_name(stop) == "stop"]
+        for stop in stops[:MOST_STOPS]:
+            try:
+                elements.append(OwnElement(f"{name}/stop", _stop(tree, stop), 0))
+            except ValueError:
+                tree.left_out["stop that cannot be read"] += 1
+        tree.left_out["stop"] += len(stops[MOST_STOPS:])
+    return GradientReader(elements)
+
+
+def _stop(tree: StyledTree, stop: ElementTree.Element) -> dict[str, str]:
+    """The attributes of a stop as `GradientReader` takes them."""
+    values = tree.declared(stop)
+    rgba = colour(values.get("stop-color", "black"), values.get("color", "black")) or (0.0, 0.0, 0.0, 0.0)
+    red, green, blue = (round(255.0 * channel) for channel in rgba[:3])
+    opacity = rgba[3] * share(values.get("stop-opacity", "1"))
+    return {
+        "offset": repr(share(values.get("offset", "0"))),
+        "stop-color": f"#{red:02x}{green:02x}{blue:02x}",
+        "stop-opacity": repr(opacity),
+    }

@@ -1,0 +1,500 @@
+"""Files for other programs: PDF, PS, EPS, DXF and VectorDrawable, each read back."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+import zlib
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from cli_runs import SHORT
+from conftest import smooth_pixels
+from PIL import Image
+from test_evaluate_untrusted import foreign
+
+import cubicsplat_cli as cubicsplat
+from cubicsplat_cli.artwork.geometry.beziers import points_at
+from cubicsplat_cli.errors import EngineError, InputError, UsageError
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.export.dxf import MM_PER_PX, arcs_along
+from cubicsplat_cli.export.formats import Exported, exported
+from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.files.paths import EXPORTS, is_ours
+from cubicsplat_cli.svg.paths import cubic_subpaths
+
+OF_CAIRO = ("pdf", "ps", "eps")
+ANDROID = "{http://schemas.android.com/apk/res/android}"
+RECTANGLE = '<rect x="8" y="4" width="16" height="12" fill="#ff8800"/>'
+TRANSLUCENT = '<circle cx="20" cy="10" r="6" fill="#0044cc" fill-opacity=".5"/>'
+RADIAL = (
+    '<radialGradient id="e" cx="0" cy="0" r="1" gradientUnits="userSpaceOnUse" gradientTransform="{}">'
+    '<stop offset="0" stop-color="red"/><stop offset="1" stop-color="#00f" stop-opacity=".5"/></radialGradient>'
+)
+# What VectorDrawable can say, on 64 x 48 px.
+RICH = {
+    "opacities": f'<g opacity=".5" transform="rotate(10)">{RECTANGLE}</g>{TRANSLUCENT}',
+    "even-odd": '<path d="M4 4H60V44H4ZM12 12H52V36H12ZM20 18V30H44V18Z" fill-rule="evenodd" fill="teal"/>',
+    "strokes": '<path d="M6 40C20 0 40 0 58 40" fill="none" stroke="purple" stroke-width="5" stroke-linecap="round"/>'
+    '<path d="M30 44H58V30Z" fill="none" stroke="#080" stroke-width="2" stroke-linejoin="bevel" stroke-opacity=".7"/>',
+    "linear": '<linearGradient id="l"><stop stop-color="red"/><stop offset="1" stop-color="yellow"/></linearGradient>'
+    '<path d="M4 4h50v10q-9 20-50 9z" fill="url(#l)" transform="skewX(20)"/>',
+    "radial": RADIAL.format("translate(30 20)scale(20)") + '<rect width="64" height="48" fill="url(#e)"/>',
+    "elliptical": RADIAL.format("translate(30 20)rotate(30)scale(25 9)")
+    + '<ellipse cx="30" cy="22" rx="26" ry="18" fill="url(#e)" stroke="#040" stroke-width="4"/>',
+    "uses": f'<defs><g id="u">{RECTANGLE}</g></defs><use href="#u" x="20" y="9"/><style>.c{{fill:#123}}</style>'
+    '<rect class="c" width="9" height="9" rx="3"/>',
+}
+
+
+def skip_without_ezdxf() -> None:
+    pytest.importorskip("ezdxf", reason="needs ezdxf: pip install 'cubicsplat[test]'")
+
+
+def svg_of(body: str, size: str = 'width="64" height="48" viewBox="0 0 64 48"') -> bytes:
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{body}</svg>'.encode()
+
+
+def made(body: str, form: str, **options: float) -> Exported:
+    return exported(svg_of(body), form, "x.svg", **options)
+
+
+def pdf_content(data: bytes) -> str:
+    """The drawing operators of a PDF: of its page and its groups."""
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL)
+    return "\n".join(zlib.decompress(stream).decode("latin-1") for stream in streams)
+
+
+def psnr(first: np.ndarray, second: np.ndarray) -> float:
+    """Of premultiplied pixels."""
+    over = [a[..., :3].astype(float) * (a[..., 3:] / 255.0) for a in (first, second)]
+    return 10.0 * np.log10(255.0**2 / max(float(((over[0] - over[1]) ** 2).mean()), 1e-9))
+
+
+@pytest.mark.parametrize("form", OF_CAIRO)
+def test_pages_hold_vectors_and_have_the_size_of_the_svg(form):
+    page = made(RECTANGLE + '<circle cx="40" cy="20" r="8" fill="#08f"/>' + RICH["linear"], form)
+    text = pdf_content(page.data) if form == "pdf" else page.data.partition(b"%%Page:")[2].decode("latin-1")
+    assert page.notes == []
+    assert len(re.findall(r"\bf\*?$", text, re.MULTILINE)) == 2, "two flat fills"
+    assert b"/Image" not in page.data and b"ShadingType 2" in page.data
+    assert re.search(r"^6 3 12 9 re f", text, re.MULTILINE), "px are 0.75 pt"
+    if form == "pdf":
+        assert re.search(rb"/MediaBox \[ 0 0 48 36 \]", page.data)
+    elif form == "eps":
+        assert page.data.startswith(b"%!PS-Adobe-3.0 EPSF") and b"\n%%BoundingBox: 0 0 48 36\n" in page.data
+    else:
+        assert re.search(rb"%%DocumentMedia: \S+ 48 36 ", page.data)
+
+
+def test_the_box_of_an_eps_begins_where_its_page_does():
+    data = exported(svg_of(RECTANGLE, 'width="33" height="301"'), "eps", "x.svg").data
+    assert b"\n%%BoundingBox: 0 0 25 226\n%%HiResBoundingBox: 0 0.25 24.75 226\n" in data
+
+
+def test_only_postscript_makes_pixels_of_what_is_translucent_and_says_so():
+    assert not made(RECTANGLE + TRANSLUCENT, "pdf").notes
+    assert re.search(r"/a1 gs|/a\d gs", pdf_content(made(RECTANGLE + TRANSLUCENT, "pdf").data))
+    for form in ("ps", "eps"):
+        page = made(RECTANGLE + TRANSLUCENT, form)
+        assert b"/ImageType 1" in page.data
+        assert [note for note in page.notes if note.startswith(f"{form.upper()} has no opacity: ")] == page.notes != []
+
+
+def test_the_pixels_of_a_large_page_fit_into_memory():
+    data = exported(svg_of(RECTANGLE + TRANSLUCENT, 'width="20000" height="20000"'), "eps", "x.svg").data
+    assert int(re.search(rb"% Fallback Image: .* res=(\d+)[.\d]*ppi", data)[1]) < 50
+
+
+@pytest.mark.parametrize("form", EXPORTS)
+def test_a_drawing_of_nothing_is_an_empty_file_of_its_size(form):
+    if form == "dxf":
+        skip_without_ezdxf()
+    empty = made("", form)
+    assert empty.notes == [] and len(empty.data) > 200
+    if form == "xml":
+        root = ElementTree.fromstring(empty.data)
+        assert (len(root), root.get(f"{ANDROID}viewportWidth"), root.get(f"{ANDROID}height")) == (0, "64", "48dp")
+
+
+# ---- DXF
+
+
+def read_dxf(data: bytes):
+    import ezdxf
+
+    document = ezdxf.read(io.StringIO(data.decode()))
+    assert not document.audit().errors
+    return document
+
+
+def test_a_dxf_has_closed_outlines_in_millimetres_on_layers_by_colour():
+    skip_without_ezdxf()
+    document = read_dxf(made(f'{RECTANGLE}<path d="M2 2V9Q9 20 14 3" fill="#08f" fill-opacity=".4"/>', "dxf").data)
+    first, second = document.modelspace()
+    assert document.units == 4 and document.header["$MEASUREMENT"] == 1
+    assert (first.dxf.layer, second.dxf.layer, first.closed, second.closed) == ("#ff8800", "#0088ff", True, True)
+    assert document.layers.get("#0088ff").rgb == (0, 0x88, 0xFF)
+    corners = {(round(x / MM_PER_PX, 6), round(y / MM_PER_PX, 6)) for x, y in first.get_points("xy")}
+    assert corners == {(8.0, 44.0), (24.0, 44.0), (8.0, 32.0), (24.0, 32.0)}, "y up, on a canvas of 48 px"
+
+
+def test_a_stroke_in_a_dxf_is_its_centre_line_with_its_width():
+    skip_without_ezdxf()
+    body = '<path d="M4 4H60L30 40" fill="none" stroke="red" stroke-width="4"/>'
+    (line,) = read_dxf(made(f'<g transform="scale(.5)">{body}</g>', "dxf").data).modelspace()
+    assert not line.closed and len(line) == 3
+    assert line.dxf.const_width == pytest.approx(2.0 * MM_PER_PX)
+
+
+def test_a_gradient_is_a_layer_of_its_mean_colour():
+    skip_without_ezdxf()
+    (outline,) = read_dxf(made(RICH["linear"], "dxf").data).modelspace()
+    assert outline.dxf.layer == "#ff8000"
+
+
+PATHS = [
+    "M10 20C30 -20 50 60 60 12S5 90 10 20Z",  # inflections
+    "M0 0C80 60 -20 60 60 0Z",  # a loop
+    "M0 0C40 40 40 40 0 0.5Z",  # nearly a cusp
+    "M5 5C5 5 30 9 30 30S5 30 5 5",  # handles of no length
+    "M20 5a15 15 0 0 1 0 30a9 15 40 1 1 0 -30",
+    "M1 1H50V30H1Z",
+]
+
+
+@pytest.mark.parametrize("tolerance", [0.5, 0.02])
+def test_arcs_are_within_the_tolerance_of_the_outline(tolerance):
+    skip_without_ezdxf()
+    from ezdxf.path import make_path
+
+    for data in PATHS:
+        outlines = read_dxf(made(f'<path d="{data}"/>', "dxf", tolerance=tolerance).data).modelspace()
+        (cubics,) = (line.ring() for line in cubic_subpaths(data))
+        (outline,) = ([(p.x, p.y) for p in make_path(each).flattening(1e-4)] for each in outlines)
+        drawn = np.array(outline) / MM_PER_PX * [1.0, -1.0] + [0.0, 48.0]
+        wanted = points_at(cubics, np.linspace(0.0, 1.0, 200)).reshape(-1, 2)
+        assert farthest(wanted, drawn) <= 1.1 * tolerance and farthest(drawn, wanted) <= 1.1 * tolerance + 0.3, data
+
+
+def farthest(points: np.ndarray, line: np.ndarray) -> float:
+    """The largest distance of points from a polyline, both (n, 2)."""
+    start, step = line[:-1], np.diff(line, axis=0)
+    share = ((points[:, None] - start) * step).sum(-1) / np.maximum((step**2).sum(-1), 1e-30)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * step
+    return float(np.hypot(*np.moveaxis(points[:, None] - nearest, -1, 0)).min(axis=1).max())
+
+
+def test_circles_are_arcs_lines_are_lines_and_a_smaller_tolerance_takes_more():
+    (circle,) = cubic_subpaths("M10 0A10 10 0 0 1 -10 0A10 10 0 0 1 10 0Z")
+    vertices = arcs_along(circle.cubics, 0.01)
+    assert len(vertices) == 8 and np.allclose(vertices[:, 2], np.tan(np.pi / 16.0), atol=1e-3)
+    (square,) = cubic_subpaths("M0 0H9V9H0Z")
+    assert arcs_along(square.ring(), 0.01).tolist() == [[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]]
+    (bent,) = cubic_subpaths(PATHS[0])
+    assert len(arcs_along(bent.cubics, 0.001)) > len(arcs_along(bent.cubics, 0.1)) > 6
+
+
+def test_what_would_take_too_many_arcs_is_refused():
+    (bent,) = cubic_subpaths(PATHS[0])
+    with pytest.raises(InputError, match="arcs; give a larger --dxf-tolerance"):
+        arcs_along(bent.cubics, 1e-9, most=99)
+
+
+# ---- VectorDrawable
+
+
+def as_svg(data: bytes) -> bytes:
+    """A VectorDrawable as an SVG, by what Android's documentation says of each attribute."""
+    root = ElementTree.fromstring(data)
+    definitions: list[str] = []
+    sizes = " ".join(f'{name}="{root.get(f"{ANDROID}viewport{name.title()}")}"' for name in ("width", "height"))
+    body = "".join(_element_as_svg(element, definitions) for element in root)
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {sizes}><defs>{"".join(definitions)}</defs>{body}</svg>'.encode()
+
+
+def _element_as_svg(element: ElementTree.Element, definitions: list[str]) -> str:
+    def value(name: str, default: str = "") -> str:
+        return element.get(ANDROID + name, default)
+
+    if element.tag == "group":
+        move = f"translate({value('translateX')} {value('translateY')})rotate({value('rotation')})"
+        inside = "".join(_element_as_svg(child, definitions) for child in element)
+        return f'<g transform="{move}scale({value("scaleX", "1")} {value("scaleY", "1")})">{inside}</g>'
+    paints = {name: value(f"{name}Color", "none") for name in ("fill", "stroke")}
+    for attribute in element:
+        name = attribute.get("name").removeprefix("android:").removesuffix("Color")
+        paints[name] = f"url(#g{len(definitions)})"
+        definitions.append(_gradient_as_svg(attribute[0], f"g{len(definitions)}"))
+    attributes = {
+        "d": value("pathData"), "fill-rule": value("fillType", "nonZero").lower(),
+        "stroke-width": value("strokeWidth", "0"), "stroke-linecap": value("strokeLineCap", "butt"),
+        "stroke-linejoin": value("strokeLineJoin", "miter"), **paints,
+        **{f"{name}-opacity": value(f"{name}Alpha", "1") for name in paints},
+    }  # fmt: skip
+    return ElementTree.tostring(ElementTree.Element("path", attributes), encoding="unicode")
+
+
+def _gradient_as_svg(gradient: ElementTree.Element, name: str) -> str:
+    places = {"startX": "x1", "startY": "y1", "endX": "x2", "endY": "y2", "centerX": "cx", "centerY": "cy"}
+    places["gradientRadius"] = "r"
+    given = {key.removeprefix(ANDROID): text for key, text in gradient.attrib.items()}
+    kind = f"{given['type']}Gradient"
+    said = " ".join(f'{places[key]}="{text}"' for key, text in given.items() if key in places)
+    stops = ""
+    for item in gradient:
+        colour = item.get(f"{ANDROID}color")
+        opacity = int(colour[1:3], 16) / 255
+        stops += f'<stop offset="{item.get(f"{ANDROID}offset")}" stop-color="#{colour[3:]}" stop-opacity="{opacity}"/>'
+    return f'<{kind} id="{name}" gradientUnits="userSpaceOnUse" {said}>{stops}</{kind}>'
+
+
+@pytest.mark.parametrize("name", RICH)
+def test_a_vector_drawable_is_drawn_alike(name):
+    drawable = made(RICH[name], "xml")
+    assert drawable.notes == []
+    svgs = svg_of(RICH[name]), as_svg(drawable.data)
+    expected, found = (rerender(svg, 64, 48, renderer="resvg").pixels for svg in svgs)
+    assert expected[..., 3].max() > 100
+    assert psnr(expected, found) > 44.0
+
+
+def test_too_long_a_path_is_split_where_its_parts_lie_apart_and_else_left_out():
+    teeth = "".join(f"L{i % 60}.{i % 97:02d} {(7 * i) % 40}.{(13 * i) % 89:02d}" for i in range(4000))
+    square = "M70 50h9v9h-9Z"
+    drawable = made(f'<path d="M1 1{teeth}Z{square}M90 50h9v9h-9Z"/>{RECTANGLE}', "xml")
+    paths = [path.get(f"{ANDROID}pathData") for path in ElementTree.fromstring(drawable.data)]
+    assert len(paths) == 3 and max(map(len, paths)) < 100
+    assert drawable.notes == ["left out: 1 path of more than 32767 characters"]
+
+
+def test_what_no_format_of_shapes_holds_is_said():
+    body = '<text x="3" y="20">Hi</text><clipPath id="c"><path d="M0 0h9v9z"/></clipPath><pattern id="p"/>'
+    body += '<path d="M0 0h9v9z" clip-path="url(#c)" stroke="red" stroke-dasharray="3"/>'
+    body += '<path d="M0 0h9v9z" fill="url(#p)"/>'
+    assert made(body, "xml").notes == ["left out: 1 clip-path, 1 dash pattern, 1 pattern, 1 text"]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("form", ["dxf", "xml"])
+def test_what_is_too_far_away_or_cannot_be_read_is_left_out_and_said(form):
+    if form == "dxf":
+        skip_without_ezdxf()
+    stops = '<stop stop-color="nonsense"/><stop offset="1" stop-color="red"/>' + 1000 * '<stop offset="1"/>'
+    body = f'<linearGradient id="g">{stops}</linearGradient><rect width="9" height="9" fill="url(#g)"/>'
+    drawing = made(f'{body}<g transform="scale(1e20)">{RECTANGLE}</g><path d="M1 2C"/>', form)
+    expected = "1 path that cannot be read, 1 rect beyond 4000000 px, 2 stops, 1 stop that cannot be read"
+    assert drawing.notes == [f"left out: {expected}"]
+
+
+@pytest.mark.parametrize("size", [{"width": 128.0}, {"scale": 2.0}, {"width": 128.0, "height": 96.0}])
+def test_sizes_that_are_asked_for(size):
+    skip_without_ezdxf()
+    assert b"/MediaBox [ 0 0 96 72 ]" in made(RECTANGLE, "pdf", **size).data
+    assert b'viewportWidth="128"' in made(RECTANGLE, "xml", **size).data
+    (outline,) = read_dxf(made(RECTANGLE, "dxf", **size).data).modelspace()
+    assert max(x for x, _ in outline.get_points("xy")) == pytest.approx(48.0 * MM_PER_PX)
+
+
+# ---- The command and the library
+
+
+def test_imports_of_the_exports_never_run_back():
+    source = Path(cubicsplat.__file__).parent
+    importers, imported = set(), set()
+    for path in source.rglob("*.py"):
+        names = re.findall(r"from cubicsplat_cli\.(\w+)", path.read_text(encoding="utf-8"))
+        folder = path.relative_to(source).parts[0]
+        importers |= {folder} if "export" in names else set()
+        imported |= set(names) if folder == "export" else set()
+    assert importers == {"export", "pipeline", "jobs", "cli"}
+    assert imported - {"artwork", "errors", "evaluate", "export", "files", "formatting", "scene", "svg"} == {
+        "progress", "request",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("form", EXPORTS)
+def test_hostile_files_are_refused_or_harmless_in_every_format(form, tmp_path, run_cli):
+    if form == "dxf":
+        skip_without_ezdxf()
+    uses = "".join('<g id="a{}">{}</g>'.format(i, 9 * f'<use href="#a{i - 1}"/>') for i in range(1, 9))
+    refused = {
+        "entity": foreign("", '<!DOCTYPE svg [<!ENTITY a "b">]>'),
+        "outside": foreign('<use href="http://localhost/a.svg#a"/>'),
+        "<image>": foreign('<image href="file:///etc/hostname"/>'),
+        "by references": foreign(f'<rect id="a0" width="9" height="9"/>{uses}'),
+        "no SVG": b"GIF89a",
+    }
+    for said, svg in refused.items():
+        (tmp_path / "x.svg").write_bytes(svg)
+        done = run_cli("render", tmp_path / "x.svg", "-o", tmp_path / f"x.{form}")
+        assert (done.returncode, done.stderr.count(b"\n")) == (1, 1), said
+        assert said in done.stderr.decode()
+        assert not (tmp_path / f"x.{form}").exists()
+    (tmp_path / "x.svg").write_bytes(svg_of(f"<script>alert(1)</script>{RECTANGLE}"))
+    assert run_cli("render", tmp_path / "x.svg", "-o", tmp_path / f"x.{form}").returncode == 0
+    assert b"alert" not in (tmp_path / f"x.{form}").read_bytes()
+
+
+def test_render_by_suffix(tmp_path, run_cli):
+    svg = tmp_path / "x.svg"
+    svg.write_bytes(svg_of(RECTANGLE))
+    assert run_cli("render", svg, "-o", tmp_path / "new" / "X.PDF").returncode == 0
+    assert (tmp_path / "new" / "X.PDF").read_bytes().endswith(f", of {sha256_of(svg.read_bytes())}\n".encode())
+    (tmp_path / "x.eps").write_bytes(b"%!PS mine")
+    for arguments, code, said in (
+        ([svg, "-o", tmp_path / "x.eps"], 2, "--force"),
+        ([svg, "-o", tmp_path / "x.pfd"], 2, "did you mean .pdf?"),
+        ([svg, "-o", tmp_path / "y.pdf", "--renderer", "resvg"], 2, "--renderer is of PNGs"),
+        ([svg, "-o", tmp_path / "y.pdf", "--dxf-tolerance", 0], 2, "--dxf-tolerance must be a number from 0.001 to 10"),
+        ([svg, svg.parent, "-o", tmp_path / "y.pdf"], 2, "give a folder"),
+        ([tmp_path / "none.svg", "-o", tmp_path / "y.pdf"], 1, "no such file"),
+    ):
+        done = run_cli("render", *arguments)
+        assert (done.returncode, done.stderr.count(b"\n")) == (code, 1), arguments
+        assert said in done.stderr.decode()
+    assert (tmp_path / "x.eps").read_bytes() == b"%!PS mine"
+    assert run_cli("render", svg, "-o", tmp_path / "x.eps", "--force").returncode == 0
+    assert is_ours(tmp_path / "x.eps")
+
+
+def made_of(path: Path, svg: Path) -> bool:
+    return f", of {sha256_of(svg.read_bytes())}".encode() in path.read_bytes()
+
+
+def test_vectorize_by_suffix_and_also_and_what_a_later_run_makes(photo, tmp_path, run_cli):
+    out = tmp_path / "out"
+    fit = ("vectorize", photo, *SHORT)
+    done = run_cli(*fit, "-o", out / "a.PDF", "--also", "xml,pdf")
+    assert (done.returncode, done.stderr.strip().endswith(b"  a.PDF  a.xml")) == (0, True), done.stderr
+    assert {path.name for path in out.iterdir()} == {"a.svg", "a.png", "a.json", "a.PDF", "a.xml"}
+    svg, drawable = out / "a.svg", out / "a.xml"
+    assert made_of(out / "a.PDF", svg) and made_of(drawable, svg)
+    before = {path: path.stat().st_mtime_ns for path in out.iterdir()}
+    drawable.write_bytes(drawable.read_bytes().replace(sha256_of(svg.read_bytes()).encode(), b"0" * 64))  # a stale one
+    planned = run_cli(*fit, "-o", svg, "--also", "ps, .XML", "--also", "pdf", "--dry-run").stdout.decode()
+    assert planned == f"to do  {photo} -> {drawable}, {out / 'a.ps'}, {out / 'a.pdf'}\n".replace(
+        f"{drawable}, {out / 'a.ps'}", f"{out / 'a.ps'}, {drawable}"
+    )
+    done = run_cli(*fit, "-o", svg, "--also", "ps,xml")
+    assert (done.returncode, b"unchanged" in done.stderr, b"a.ps: PS has no opacity" in done.stderr) == (0, True, True)
+    assert made_of(out / "a.ps", svg) and made_of(drawable, svg)
+    assert {path for path in before if path.stat().st_mtime_ns != before[path]} == {drawable}
+    assert run_cli(*fit, "-o", svg, "--also", "ps,xml", "--dry-run").stdout.startswith(b"unchanged")
+    assert run_cli(*fit, "-o", svg, "--also", "xml", "--seed", 3).returncode == 0
+    assert made_of(drawable, svg) and not made_of(out / "a.ps", svg)
+
+
+def test_a_dxf_of_another_tolerance_is_made_again_without_a_fit(photo, run_cli):
+    skip_without_ezdxf()
+    fit = ("vectorize", photo, *SHORT, "-o", photo.with_suffix(".dxf"))
+    sizes = []
+    for tolerance in (0.05, 0.5, 0.05):
+        done = run_cli(*fit, "--dxf-tolerance", tolerance)
+        assert (done.returncode, b"unchanged" in done.stderr) == (0, bool(sizes)), done.stderr
+        sizes.append(photo.with_suffix(".dxf").stat().st_size)
+    assert sizes[0] == sizes[2] > sizes[1]
+
+
+def test_exports_of_somebody_else_are_kept(photo, run_cli):
+    fit = ("vectorize", photo, *SHORT, "--also", "pdf")
+    foreign_pdf = photo.with_suffix(".pdf")
+    foreign_pdf.write_bytes(b"%PDF-1.4 mine")
+    done = run_cli(*fit)
+    assert (done.returncode, b"was not written by cubicsplat" in done.stderr) == (2, True)
+    assert not photo.with_suffix(".svg").exists(), "found out before the work"
+    assert run_cli("vectorize", photo, *SHORT).returncode == 0
+    for more in ([], ["--dry-run"]):  # although the SVG is finished
+        done = run_cli(*fit, *more)
+        assert (done.returncode, b"was not written by cubicsplat" in done.stderr) == (2, True)
+    assert foreign_pdf.read_bytes() == b"%PDF-1.4 mine"
+    assert run_cli(*fit, "--force").returncode == 0
+    assert is_ours(foreign_pdf)
+
+
+def test_a_page_of_somebody_else_is_kept_although_the_svg_is_finished(photo, run_cli):
+    assert run_cli("vectorize", photo, *SHORT).returncode == 0
+    photo.with_suffix(".html").write_text("<p>mine</p>")
+    assert run_cli("vectorize", photo, *SHORT, "--report").returncode == 2
+    assert photo.with_suffix(".html").read_text() == "<p>mine</p>"
+
+
+def test_svg_only_still_writes_what_was_asked_for(photo, tmp_path, run_cli):
+    assert run_cli("vectorize", photo, *SHORT, "-o", tmp_path / "o" / "a.eps", "--svg-only").returncode == 0
+    assert {path.name for path in (tmp_path / "o").iterdir()} == {"a.svg", "a.eps"}
+
+
+def test_folders_have_exports_beside_each_svg_and_svgz_counts_as_its_text(tmp_path, run_cli):
+    (tmp_path / "in").mkdir()
+    for name in ("a.png", "b.png"):
+        Image.fromarray(smooth_pixels(24, 20)).save(tmp_path / "in" / name)
+    run = ("vectorize", tmp_path / "in", "-o", tmp_path / "out", "--svgz", "--also", "pdf", *SHORT)
+    assert run_cli(*run).returncode == 0
+    assert {path.name for path in (tmp_path / "out").glob("*.pdf")} == {"a.pdf", "b.pdf"}
+    before = (tmp_path / "out" / "a.pdf").stat().st_mtime_ns
+    (tmp_path / "out" / "b.pdf").unlink()
+    assert run_cli(*run).stderr.count(b"unchanged") == 3
+    assert (tmp_path / "out" / "b.pdf").exists() and (tmp_path / "out" / "a.pdf").stat().st_mtime_ns == before
+    assert run_cli("vectorize", tmp_path / "in", "-o", tmp_path / "one.pdf").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--also", "pdf,pfd"], "--also must name pdf, ps, eps, dxf or xml, not 'pfd'; did you mean pdf?"),
+        (
+            ["-o", "x.pfd"],
+            "the output must end in .svg, but -o is x.pfd; other formats are pdf, ps, eps, dxf, xml;",
+        ),
+        (["-o", "-", "--also", "pdf"], "--also needs a file"),
+        (["-o", "x.pdf", "--suffix", "-a"], "--suffix"),
+        (["--dxf-tolerance", "0"], "--dxf-tolerance must be a number from 0.001 to 10, not 0.0"),
+    ],
+)
+def test_wrong_usage(arguments, said, photo, run_cli):
+    done = run_cli("vectorize", photo, *arguments)
+    assert (done.returncode, done.stderr.count(b"\n")) == (2, 1)
+    assert said in done.stderr.decode()
+
+
+def test_a_format_that_cannot_be_written_costs_no_finished_fit(photo, run_cli, package):
+    failing = "class units:\n    MM = 4\ndef new(*_, **__):\n    from cubicsplat_cli.errors import InputError\n"
+    package("ezdxf", f"{failing}    raise InputError('no')\n")
+    done = run_cli("vectorize", photo, *SHORT, "--also", "dxf")
+    assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
+    assert run_cli("vectorize", photo, *SHORT).stderr.count(b"unchanged") == 1
+
+
+def test_a_missing_package_is_said_before_the_work(photo, run_cli, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
+    svg = photo.with_suffix(".svg")
+    for command in (("vectorize", photo, "--also", "dxf"), ("vectorize", photo, "-o", photo.with_suffix(".dxf"))):
+        done = run_cli(*command)
+        assert (done.returncode, done.stderr.decode()) == (
+            1, "cubicsplat: error: DXF needs ezdxf: pip install 'cubicsplat[dxf]'\n",
+        )  # fmt: skip
+        assert not svg.exists()
+    svg.write_bytes(svg_of(RECTANGLE))
+    assert b"pip install" in run_cli("render", svg, "-o", photo.with_suffix(".dxf")).stderr
+
+
+def test_save_by_suffix(photo, tmp_path):
+    skip_without_ezdxf()
+    result = cubicsplat.vectorize(photo, style="photo", curves=12, steps=30)
+    for form in EXPORTS:
+        result.save(tmp_path / f"r.{form}")
+        assert sha256_of(result.svg.encode()).encode() in (tmp_path / f"r.{form}").read_bytes()
+    with pytest.raises(UsageError, match=r"must end in \.svg.*did you mean \.dxf"):
+        result.save(tmp_path / "r.dxxf")
+    with pytest.raises(UsageError, match="dxf_tolerance must be"):
+        result.save(tmp_path / "r.dxf", dxf_tolerance=0.0)
+
+
+def test_without_libcairo_pages_say_how_to_get_it(package):
+    package("cairosvg", "raise OSError('no library called cairo')")
+    with pytest.raises(EngineError, match=r"the renderer cairosvg is not available: .*cairo"):
+        made(RECTANGLE, "pdf")
+    assert made(RECTANGLE, "xml").data

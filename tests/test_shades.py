@@ -1,0 +1,152 @@
+"""Gradients, blends and even parts by the native library, against their definitions in numpy."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.artwork.gradients.areas import gradient_areas
+from cubicsplat_cli.artwork.gradients.flattening import flattened
+from cubicsplat_cli.artwork.gradients.parts import Patch, joined, smooth_parts
+from cubicsplat_cli.raster.paints import (
+    bends_and_steps,
+    blends,
+    nearest_paints,
+    part_spreads,
+    trimmed_range,
+)
+from cubicsplat_cli.raster.shades import (
+    Pixels,
+    best_colours,
+    best_stops,
+    colours_at,
+    colours_off,
+    fitted,
+    scatter,
+    slopes,
+)
+
+KNOTS = np.array([0.2, 0.5, 1.1])
+COLOURS = np.array([[20.0, 30.0, 200.0, 255.0], [220.0, 90.0, 10.0, 255.0], [60.0, 60.0, 60.0, 128.0]])
+ROUND = np.array([[0.02, 0.004, -0.8], [-0.003, 0.03, -0.6]])
+LINE = np.array([[0.015, 0.01, -0.3], [0.0, 0.0, 0.0]])
+
+
+def places(width: int = 40, height: int = 30) -> tuple[np.ndarray, np.ndarray]:
+    y, x = np.mgrid[:height, :width] + 0.5
+    return x.ravel(), y.ravel()
+
+
+def defined(frame: np.ndarray, radial: bool, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(n, 4) by interpolation along t."""
+    first, second = frame @ np.stack([x, y, np.ones_like(x)])
+    t = np.hypot(first, second) if radial else first
+    return np.stack([np.interp(t, KNOTS, COLOURS[:, k]) for k in range(4)], axis=1)
+
+
+@pytest.mark.parametrize(("frame", "radial"), [(LINE, False), (ROUND, True)])
+def test_colours_follow_straight_lines_between_stops(frame, radial):
+    x, y = places()
+    truth = defined(frame, radial, x, y)
+    assert colours_at(frame, radial, KNOTS, COLOURS, x, y) == pytest.approx(truth, abs=1e-9)
+    assert colours_off(frame, radial, KNOTS, COLOURS, Pixels(x, y, truth + 3.0)) == pytest.approx(-3.0)
+
+
+@pytest.mark.parametrize(("frame", "radial"), [(LINE, False), (ROUND, True)])
+def test_stops_are_found_again_in_rounded_pixels(frame, radial):
+    x, y = places(80, 60)
+    pixels = Pixels(x, y, np.rint(defined(frame, radial, x, y)))
+    assert best_colours(frame, radial, KNOTS, pixels) == pytest.approx(COLOURS, abs=0.3)
+    knots, colours = best_stops(frame, radial, pixels, 8, 25.0)
+    inner = np.abs(knots - KNOTS[1]).argmin()
+    assert knots[inner] == pytest.approx(KNOTS[1], abs=0.05)
+    assert np.abs(colours[inner] - COLOURS[1]).max() < 20.0
+    assert scatter(frame, radial, pixels) < 10.0 < scatter(frame[:, [1, 0, 2]], radial, pixels)
+
+
+def test_a_fit_goes_back_to_an_ellipse_that_was_moved():
+    x, y = places(80, 60)
+    pixels = Pixels(x, y, defined(ROUND, True, x, y))
+    began = ROUND + np.array([[0.0001, -0.0001, 0.006], [0.0001, 0.0001, -0.004]])
+    frame, knots, colours = fitted(began, 5, KNOTS + np.array([0.0, 0.005, 0.0]), COLOURS, pixels)
+    assert np.abs(colours_off(frame, True, knots, colours, pixels)).max() < 0.5
+    middle = np.linalg.solve(frame[:, :2], -frame[:, 2])
+    assert middle == pytest.approx(np.linalg.solve(ROUND[:, :2], -ROUND[:, 2]), abs=0.1)
+
+
+def test_slopes_of_blocks_are_those_of_planes():
+    x, y = places(20, 15)
+    plane = np.stack([2.0 * x, 3.0 * y, x - y, np.full_like(x, 255.0)], axis=1)
+    middles, changes = slopes(Pixels(x, y, plane), 5, 5)
+    assert middles == pytest.approx(np.stack([x, y], axis=1).reshape(3, 5, 4, 5, 2).mean(axis=(1, 3)).reshape(-1, 2))
+    weight = 5.0 * np.sqrt(2.0)  # the root of 25 px, and of the spread 2 of five neighbouring places
+    assert changes / weight == pytest.approx(np.repeat([[[2, 0], [0, 3], [1, -1], [0, 0]]], 12, axis=0), abs=1e-9)
+
+
+def test_bends_and_spreads_of_parts():
+    levels = np.random.default_rng(1).uniform(0, 255, (9, 12, 4)).astype(np.float32)
+    around = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    bends, steps = np.zeros((9, 12)), np.zeros((9, 12))
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        after, before = (around[1 + s * dy :, 1 + s * dx :][:9, :12] for s in (1, -1))
+        bends = np.maximum(bends, np.abs(after - 2.0 * levels + before).max(axis=2))
+        steps = np.maximum(steps, np.abs(after - before).max(axis=2))
+    found = bends_and_steps(levels)
+    assert found[0] == pytest.approx(bends, abs=1e-3) and found[1] == pytest.approx(steps, abs=1e-3)
+    parts = np.zeros((9, 12), dtype=np.int32)
+    parts[2:5, 3:9], parts[7:, :2] = 1, 2
+    sizes, boxes, spreads = part_spreads(levels, parts, 2)
+    assert sizes.tolist() == [18, 4] and boxes.tolist() == [[2, 4, 3, 8], [7, 8, 0, 1]]
+    assert spreads == pytest.approx([np.ptp(levels[parts == k], axis=0).max() for k in (1, 2)])
+    values = levels.reshape(-1, 4)
+    low, high = np.percentile(values, (2, 98), axis=0, method="nearest")
+    assert trimmed_range(values, 0.02) == pytest.approx((high - low).max(), abs=8.0)
+
+
+def test_an_edge_pixel_is_a_blend_of_the_paints_beside_it():
+    paint = np.full((5, 7), -1, dtype=np.int32)
+    paint[:, :3], paint[:, 4:] = 0, 5
+    paints, spots = nearest_paints(paint, np.array([2 * 7 + 3]), 3, 4)
+    assert paints.tolist() == [[0, 5, -1, -1]] and spots[0, :2].tolist() == [2 * 7 + 2, 2 * 7 + 4]
+    rng = np.random.default_rng(0)
+    colours, others = rng.uniform(0, 255, (2, 50, 3, 4))
+    share = rng.uniform(0, 1, 50)[:, None]
+    values = colours[:, 1] + share * (colours[:, 0] - colours[:, 1]) + rng.normal(size=(50, 4))
+    flat, left = blends(values, np.repeat([[3, 1, 2]], 50, axis=0), colours, others, False)
+    for i in range(50):
+        costs = []
+        for a, b in combinations_with_replacement(range(3), 2):
+            span = colours[i, a] - colours[i, b]
+            own = np.clip((values[i] - colours[i, b]) @ span / max(span @ span, 1e-9), 0, 1)
+            rest = values[i] - colours[i, b] - own * span
+            costs.append((np.abs(rest).max() + 1.5 * (a + b), np.abs(rest).max(), a, b, own, rest))
+        _, gap, a, b, own, rest = min(costs, key=lambda c: c[0])
+        assert left[i] == pytest.approx(gap)
+        assert flat[i] == pytest.approx(others[i, b] + own * (others[i, a] - others[i, b]) + rest)
+
+
+def test_patches_meet_and_join():
+    one, other = Patch(2, 3, np.ones((4, 5), bool)), Patch(4, 6, np.ones((6, 2), bool))
+    assert sorted(map(tuple, one.meets(other).tolist())) == [(4, 6), (4, 7), (5, 6), (5, 7)]
+    assert len(one.meets(Patch(20, 20, np.ones((2, 2), bool)))) == 0
+    both = joined([one, other])
+    assert (both.top, both.left, both.mask.shape, both.size) == (2, 3, (8, 5), 28)
+    assert one.grown(2, (30, 30)).window == (slice(0, 8), slice(1, 10)) and one.grown(2, (30, 30)).size == 72
+
+
+def test_more_than_a_hundred_gradients_are_found():
+    cell, count = 14, 11
+    levels = np.zeros((count * cell, count * cell, 4), dtype=np.float32)
+    levels[..., 3] = 255.0
+    along = np.arange(10) * 9.0
+    for k in range(count * count):
+        top, left = 2 + k // count * cell, 2 + k % count * cell
+        tile = levels[top : top + 10, left : left + 10]
+        tile[..., k % 3] = 60.0 + (along if k % 2 else along[:, None])
+        tile[..., (k + 1) % 3] = 5.0 * (k % 40)
+    parts, number = smooth_parts(levels)
+    assert number >= count * count
+    assert len(flattened(levels).gradients) > 100
+    assert gradient_areas(levels, parts, number, most=100) == []
