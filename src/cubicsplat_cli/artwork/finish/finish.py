@@ -24,7 +24,8 @@ ROUNDS = 14
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
 PIXEL_SIGMA, FREE = 0.02, 0.5
 HUBER = 0.15  # residuals beyond count linearly: they are details that no shape draws
-ENOUGH = 2e-3  # relative gain of a round below which it is finished, and of an outline's step below which that rests
+# Relative gain of a round below which it is finished, and of an outline's step below which that rests.
+ENOUGH, RESTS = 2e-3, 2e-4
 CHANCE = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
 # Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
 START, RELAXED, HOPELESS = 1e-3, 5e-3, 1e3
@@ -289,7 +290,7 @@ def _stepped(
     following = list(outlines)
     for k, size in zip(models, sizes, strict=True):
         own = slice(starts[k], starts[k] + size)
-        moving[k] = -found.values[own] @ found.gradient[own] > ENOUGH * misfits[k]
+        moving[k] = -found.values[own] @ found.gradient[own] > RESTS * misfits[k]
         if moving[k]:
             following[k] = outlines[k].moved(found.values[own] * min(1.0, LONGEST / moves[k]))
     for k in free:
