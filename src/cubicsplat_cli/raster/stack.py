@@ -128,11 +128,12 @@ class Unknowns:
 @dataclass(frozen=True)
 class Step:
     """values: (variables,) of a damped Gauss-Newton step; gradient: (variables,) of half of the cost; moves:
-    (outlines,) px that the control points of each move at most."""
+    (outlines,) px that the control points of each move at most; misfits: (outlines,) of the pixels that they cross."""
 
     values: np.ndarray
     gradient: np.ndarray
     moves: np.ndarray
+    misfits: np.ndarray
 
 
 class DrawnStack:
@@ -197,8 +198,9 @@ class DrawnStack:
         _library().cs_stack_changed(before._handle, self._handle, group.ctypes.data, least, found.ctypes.data)
         return found
 
-    def step(self, unknowns: Unknowns) -> Step:
-        """The damped Gauss-Newton step of some variables, all others as they are."""
+    def step(self, unknowns: Unknowns, chance: float = 0.0) -> Step:
+        """The damped Gauss-Newton step of some variables, all others as they are. chance: what is added to the misfit
+        of each pixel that an outline crosses."""
         parts = unknowns.jacobians
         ends = np.cumsum([0, *(part.starts[-1] for part in parts)])
         row = np.concatenate([[0], *(part.starts[1:] + end for part, end in zip(parts, ends, strict=False))])
@@ -206,14 +208,14 @@ class DrawnStack:
         value = np.concatenate([part.values for part in parts])
         first, count, start = (_numbers(each) for each in (unknowns.first, unknowns.count, unknowns.start))
         variables, outlines = len(unknowns.damping), len(first)
-        found = Step(np.empty(variables), np.empty(variables), np.empty(outlines))
+        found = Step(np.empty(variables), np.empty(variables), np.empty(outlines), np.empty(outlines))
         given = _Unknowns(
             outlines, variables, first.ctypes.data, count.ctypes.data, start.ctypes.data, row.ctypes.data,
             column.ctypes.data, _at(value, np.float64, value.shape),
             _at(unknowns.damping, np.float64, (variables,)), unknowns.keep,
         )  # fmt: skip
-        out = (array.ctypes.data for array in (found.values, found.gradient, found.moves))
-        _check(_library().cs_stack_step(self._handle, given, *out))
+        out = (array.ctypes.data for array in (found.values, found.gradient, found.moves, found.misfits))
+        _check(_library().cs_stack_step(self._handle, given, chance, *out))
         return found
 
 
@@ -244,5 +246,5 @@ def _library() -> ctypes.CDLL:
     lib.cs_stack_growth.argtypes = [*[c_void_p] * 4, c_int64, c_int32, c_int32, c_void_p]
     lib.cs_stack_changed.restype = None
     lib.cs_stack_changed.argtypes = [*[c_void_p] * 3, c_double, c_void_p]
-    lib.cs_stack_step.argtypes = [c_void_p, POINTER(_Unknowns), *[c_void_p] * 3]
+    lib.cs_stack_step.argtypes = [c_void_p, POINTER(_Unknowns), c_double, *[c_void_p] * 4]
     return lib

@@ -24,15 +24,15 @@ ROUNDS = 14
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
 PIXEL_SIGMA, FREE = 0.02, 0.5
 HUBER = 0.15  # residuals beyond count linearly: they are details that no shape draws
-ENOUGH = 2e-3  # relative gain of a round below which it is finished
+# Relative gain of a round below which it is finished, and of an outline's step below which that rests.
+ENOUGH, RESTS = 2e-3, 2e-4
+CHANCE = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
 # Damping of outlines at the start, beyond which a step has just failed, and from which none will help.
 START, RELAXED, HOPELESS = 1e-3, 5e-3, 1e3
 TAKEN_BACK, SAME = 3, 1e-12  # times that outlines are taken back after a step, for a misfit that has grown by more
 BLUR_REACH = 3.0  # standard deviations of a blur, beyond which nothing is left of it
 LONGEST = 1.5  # px that a control point moves at most in a step
-# Px of a step below which an outline is left as it is, and the change of the picture, of full scale, at one of its
-# pixels from which it is looked at again: an eighth of what 8 bits tell.
-AT_REST, NOTICED = 5e-4, 5e-4
+NOTICED = 0.5 / 255.0  # change of the picture, at a pixel of an outline that rests, from which it is looked at again
 # Weight of the squared share of the background that shows: 1/255 counts as much as what a pixel is off by chance.
 LEAK_WEIGHT = 100.0
 WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so that opacity counts over white as well
@@ -164,7 +164,7 @@ def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]
 def settle(state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True) -> State:
     """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter.
 
-    Outlines that hardly move rest, until the picture beneath them changes.
+    Outlines whose steps gain hardly anything rest, until the picture beneath them changes.
     """
     damping, awake = np.full(len(state.outlines), START), np.ones(len(state.outlines), dtype=bool)
     for _ in range(rounds):
@@ -281,18 +281,20 @@ def _stepped(
             [outlines[k].jacobian for k in free],
             np.repeat(damping[models], sizes),
             (PIXEL_SIGMA / FREE) ** 2,
-        )
+        ),
+        CHANCE,
     )
     moves = np.zeros(len(outlines))
     np.maximum.at(moves, families[free], found.moves)
+    misfits = np.bincount(families[free], found.misfits, len(outlines))
     following = list(outlines)
     for k, size in zip(models, sizes, strict=True):
-        if moves[k] > AT_REST:
-            own = found.values[starts[k] : starts[k] + size]
-            following[k] = outlines[k].moved(own * min(1.0, LONGEST / moves[k]))
+        own = slice(starts[k], starts[k] + size)
+        moving[k] = -found.values[own] @ found.gradient[own] > RESTS * misfits[k]
+        if moving[k]:
+            following[k] = outlines[k].moved(found.values[own] * min(1.0, LONGEST / moves[k]))
     for k in free:
-        moving[k] = moves[families[k]] > AT_REST
         copy = outlines[k]
-        if isinstance(copy, CopyFreedom) and moving[k]:
-            following[k] = copy.following(following[copy.source])
+        if isinstance(copy, CopyFreedom) and moving[copy.source]:
+            following[k], moving[k] = copy.following(following[copy.source]), True
     return with_outlines(state.layers, iter(following)), moving

@@ -99,10 +99,9 @@ def without_specks(ring: Ring) -> Ring:
     and than SMOOTH_SPECK px where they go on smoothly.
     """
     while ring.pieces > 3:
-        lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
-        limit = np.where(ring.smooth | np.roll(ring.smooth, -1), SMOOTH_SPECK, SPECK)
-        i = int((lengths / limit).argmin())
-        if lengths[i] >= limit[i]:
+        share = _speck_lengths(ring.cubics, ring.smooth)
+        i = int(share.argmin())
+        if share[i] >= 1.0:
             break
         j = (i + 1) % ring.pieces
         anchors, controls, smooth = ring.anchors.copy(), ring.controls.copy(), ring.smooth.copy()
@@ -114,6 +113,13 @@ def without_specks(ring: Ring) -> Ring:
         rest = np.arange(ring.pieces) != i
         ring = Ring(anchors[rest], controls[rest], ring.lines[rest], smooth[rest])
     return ring
+
+
+def _speck_lengths(cubics: np.ndarray, smooth: np.ndarray) -> np.ndarray:
+    """(S,) the lengths of the pieces (S, 4, 2) of a ring, of the least that they may have."""
+    way = cubics[:, 1:] - cubics[:, :-1]
+    lengths = np.sqrt((way * way).sum(axis=2)).sum(axis=1)
+    return np.asarray(lengths / np.where(smooth | np.append(smooth[1:], smooth[:1]), SMOOTH_SPECK, SPECK))
 
 
 class RingFreedom:
@@ -132,6 +138,8 @@ class RingFreedom:
         return RingFreedom(self._variables.moved(np.append(step, 0.0)), self.held, self.origin)
 
     def trimmed(self) -> RingFreedom:
+        if (_speck_lengths(self.cubics, self.pieces.smooth) >= 1.0).all():
+            return self
         ring = self._ring()
         shorter = ring if self.origin is not None else without_specks(ring)
         return self if shorter is ring else RingFreedom(ring_pieces(shorter, self.held), self.held)

@@ -51,11 +51,14 @@ class Pieces:
     @cached_property
     def cubics(self) -> np.ndarray:
         """(S, 4, 2) control points, not to be written to; those of a line lie at its thirds."""
-        count = len(self.lines)
-        a, b = self.anchors[:count], self.anchors[self.ends]
-        first = np.where(self.lines[:, None], a + (b - a) / 3.0, a + self.outgoing[:count])
-        second = np.where(self.lines[:, None], b - (b - a) / 3.0, b + self.incoming[self.ends])
-        found = np.stack([a, first, second, b], axis=1)
+        count, ends = len(self.lines), self.ends
+        found = np.empty((count, 4, 2))
+        a, b = self.anchors[:count], self.anchors[ends]
+        third = (b - a) / 3.0
+        lines = self.lines[:, None]
+        found[:, 0], found[:, 3] = a, b
+        found[:, 1] = a + np.where(lines, third, self.outgoing[:count])
+        found[:, 2] = b + np.where(lines, -third, self.incoming[ends])
         found.flags.writeable = False
         return found
 

@@ -18,15 +18,6 @@ double cost(const CsPicture& picture, Address at, int64_t pixel, bool leaks) {
   return tile.misfit[at.place] + picture.goal.leak_weight * shown * shown;
 }
 
-// Calls `call(pixel, address)` for the pixels that a piece crosses, some of them twice.
-template <class Call>
-void each_pixel(const CsPicture& picture, int32_t piece, Call call) {
-  const auto next = std::upper_bound(picture.starts.begin(), picture.starts.end(), piece);
-  const int64_t layer = next - picture.starts.begin() - 1, own = piece - picture.starts[layer];
-  const Trace& trace = *picture.layers[layer];
-  for (int64_t n = trace.starts[own]; n < trace.starts[own + 1]; n++) call(trace.pixel[n], trace.address[n]);
-}
-
 // The pieces of each group, one group after the other, and where those of each begin.
 struct Groups {
   std::vector<int32_t> pieces;

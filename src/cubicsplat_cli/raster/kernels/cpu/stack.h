@@ -79,7 +79,9 @@ CS_EXPORT int32_t cs_stack_growth(const CsPicture* before, const CsPicture* afte
 CS_EXPORT void cs_stack_changed(const CsPicture* before, const CsPicture* after, const int32_t* group, double least,
                                 uint8_t* changed);
 
-// The damped Gauss-Newton step of some variables, the gradient of half of the cost, and by how many px at most each
-// outline's control points move. Returns 0, or 1 where there is no memory.
-CS_EXPORT int32_t cs_stack_step(const CsPicture*, const CsUnknowns*, double* step, double* gradient, double* moves);
+// The damped Gauss-Newton step of some variables, the gradient of half of the cost, by how many px at most each outline's
+// control points move, and the misfit of the pixels that it crosses, with `chance` for each. Returns 0, or 1 where there
+// is no memory.
+CS_EXPORT int32_t cs_stack_step(const CsPicture*, const CsUnknowns*, double chance, double* step, double* gradient,
+                                double* moves, double* misfits);
 }

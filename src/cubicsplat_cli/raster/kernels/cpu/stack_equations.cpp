@@ -283,14 +283,18 @@ class Equations {
 
 extern "C" {
 
-int32_t cs_stack_step(const CsPicture* picture, const CsUnknowns* unknowns, double* step, double* gradient,
-                      double* moves) {
+int32_t cs_stack_step(const CsPicture* picture, const CsUnknowns* unknowns, double chance, double* step,
+                      double* gradient, double* moves, double* misfits) {
   try {
     if (!cs::stack::Equations(*picture, *unknowns).solve(step, gradient))
       std::fill(step, step + unknowns->variables, 0.0);
     int64_t row = 0;
     for (int32_t k = 0; k < unknowns->outlines; k++) {
-      moves[k] = 0.0;
+      moves[k] = misfits[k] = 0.0;
+      for (int32_t piece = unknowns->first[k]; piece < unknowns->first[k] + unknowns->count[k]; piece++)
+        cs::stack::each_pixel(*picture, piece, [&](int32_t, cs::stack::Address at) {
+          misfits[k] += picture->tiles[at.tile]->misfit[at.place] + chance;
+        });
       for (const int64_t end = row + 8 * int64_t(unknowns->count[k]); row < end; row++) {
         double sum = 0.0;
         for (int64_t n = unknowns->rows[row]; n < unknowns->rows[row + 1]; n++)

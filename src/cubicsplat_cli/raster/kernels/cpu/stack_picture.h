@@ -2,6 +2,7 @@
 // share the rest of both.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -58,6 +59,15 @@ struct CsPicture {
 };
 
 namespace cs::stack {
+
+// Calls `call(pixel, address)` for the pixels that a piece crosses, some of them twice.
+template <class Call>
+void each_pixel(const CsPicture& picture, int32_t piece, Call call) {
+  const auto next = std::upper_bound(picture.starts.begin(), picture.starts.end(), piece);
+  const int64_t layer = next - picture.starts.begin() - 1, own = piece - picture.starts[layer];
+  const Trace& trace = *picture.layers[layer];
+  for (int64_t n = trace.starts[own]; n < trace.starts[own + 1]; n++) call(trace.pixel[n], trace.address[n]);
+}
 
 // By how much the sharp picture changes with the coverage at each crossing of some layers (x 4), layer by layer.
 std::vector<std::vector<double>> slopes(const CsPicture& picture, const std::vector<uint8_t>& wanted);
