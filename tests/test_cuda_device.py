@@ -15,7 +15,7 @@ from scenes import PAPER, random_scene, random_target
 
 from cubicsplat_cli.errors import DeviceError, EngineError
 from cubicsplat_cli.photo.loop import FitLoop
-from cubicsplat_cli.raster import draw, engines, operator, render_scene
+from cubicsplat_cli.raster import engines, operator, render_scene
 from cubicsplat_cli.raster.cuda import compile as cuda_compile
 from cubicsplat_cli.raster.cuda import driver as cuda_driver
 from cubicsplat_cli.raster.cuda import engine as cuda
@@ -126,10 +126,10 @@ def test_what_doctor_is_told():
     def without():
         raise EngineError("this torch has no CUDA")
 
-    found = draw.describe(without)
+    found = engines.describe(without)
     assert found["cpu"]["used"]
     assert found["cuda"] == {"available": False, "reason": "this torch has no CUDA", "used": False}
-    found = draw.describe(lambda: open_cuda("emulated"))
+    found = engines.describe(lambda: open_cuda("emulated"))
     assert found["cuda"] == {"available": True, "name": "cuda", "gpu": "emulated", "used": True}
     assert not found["cpu"]["used"]
 
