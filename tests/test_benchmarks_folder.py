@@ -39,12 +39,13 @@ def python(text: str, seconds: float = 60.0, gigabytes: float = 8.0):
 
 def test_a_process_is_measured():
     output, found = python(
-        "x = bytearray(200_000_000)\nwhile __import__('time').process_time() < 0.2: pass\nprint('hi')"
+        # More than this process itself may have: a child begins with its parent's peak.
+        "x = bytearray(700_000_000)\nwhile __import__('time').process_time() < 0.2: pass\nprint('hi')"
     )
     assert output == "hi\n"
     assert "error" not in found
     assert 0.15 <= found["cpu_seconds"] < 10 and found["cpu_seconds"] < found["seconds"] + 0.1
-    assert 0.2 < found["peak_gb"] < 0.4
+    assert 0.7 < found["peak_gb"] < 0.9
 
 
 def test_a_process_that_fails_has_a_reason_and_limits_hold():
