@@ -90,7 +90,8 @@ def test_kill_9_of_the_command_loses_nothing(clean, tmp_path, run_cli):
     assert code == -signal.SIGKILL
     assert workers
     wait_until(lambda: all(gone(worker) for worker in workers), 60)
-    left = contents(results)
+    # The kill may have come in the middle of writing a file, whose own place is not touched by then.
+    left = {name: data for name, data in contents(results).items() if not name.endswith(".tmp")}
     assert set(left) < set(wanted), "some work must be left for this test to mean anything"
     for name, data in left.items():
         assert data == wanted[name], f"{name} is half-written"
