@@ -228,9 +228,11 @@ def test_a_gpu_that_is_asked_for_and_missing_fails_also_for_drawings(run_cli, tm
     assert not (tmp_path / "flat.svg").exists()
 
 
-def test_a_web_address_is_no_file(run_cli):
+def test_a_web_address_is_no_file_and_makes_no_folder(tmp_path, run_cli, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     done = run_cli("vectorize", "https://example.org/a.png")
     assert done.returncode == 1 and b"no such file; download it first" in done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_is_in_the_way_of_an_output_is_said(photo, tmp_path, run_cli):

@@ -13,6 +13,7 @@ from cubicsplat_cli.files.paths import (
     head_of,
     is_file,
     is_replaceable,
+    is_there,
     read_ends,
     same_file,
 )
@@ -30,6 +31,8 @@ def prepare(job: Job, *, force: bool) -> None:
     that were edited since, are only replaced with `force`, and the input never.
     """
     check_may_write(job, force=force)
+    if job.path is not None and not is_there(job.path):
+        return  # reading it will say so; until then no folder is made for what will not be
     make_folders(job)
     check_outputs(job.outputs.files(), force=force)
 
