@@ -20,7 +20,7 @@ from cubicsplat_cli.artwork.layers.ways import HiddenLoop, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import UsageError
-from cubicsplat_cli.raster.unmix import holes_of
+from cubicsplat_cli.raster.ndimage import holes_of
 
 FINE = 8
 

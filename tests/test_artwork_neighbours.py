@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cubicsplat_cli.artwork.regions.neighbours import enclosures, on_the_border, touching
-from cubicsplat_cli.raster.unmix import components, holes_of
+from cubicsplat_cli.raster.ndimage import holes_of
+from cubicsplat_cli.raster.unmix import components
 
 
 def _by_masks(labels: np.ndarray) -> dict[int, set[int]]:

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import (
     LineBlends,
     are_lines,
@@ -14,7 +15,6 @@ from cubicsplat_cli.raster.unmix import (
     blend_with,
     components,
     distance_to_blends,
-    holes_of,
     inks_of_lines,
     joined_inks,
     near_inks,
@@ -159,5 +159,5 @@ def test_holes_are_what_no_way_along_pixels_leaves() -> None:
     mask = np.ones((6, 6), bool)
     mask[1, 1] = mask[2, 2] = False  # each of them enclosed, since they only touch at a corner
     mask[4, 4:] = False
-    holes = holes_of(mask)
-    assert np.argwhere(holes).tolist() == [[1, 1], [2, 2]] and not holes_of(np.ones((2, 3), bool)).any()
+    holes = ndimage.holes_of(mask)
+    assert np.argwhere(holes).tolist() == [[1, 1], [2, 2]] and not ndimage.holes_of(np.ones((2, 3), bool)).any()

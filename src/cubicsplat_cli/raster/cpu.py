@@ -92,6 +92,35 @@ def library() -> ctypes.CDLL:
     return lib
 
 
+def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> Any:
+    """What a function of the library returns.
+
+    given: contiguous arrays, which it takes as pointers; ints and bools, which it takes as int64, and floats, as
+    double; None, a null pointer; and objects of ctypes. result: c_int32, which is 0 but on failure; c_int64 or
+    c_double, below 0 on failure; or None. Raises EngineError where the library is missing, or on failure, which is
+    memory that is missing for the `work`.
+    """
+    call = getattr(library(), name)
+    call.restype = result
+    found = call(*map(_in_c, given))
+    if result is not None and (found < 0 or (result is c_int32 and found)):
+        raise EngineError(f"there is no memory for the {work} of the drawing; make the picture smaller")
+    return found
+
+
+def _in_c(given: Any) -> Any:
+    if isinstance(given, np.ndarray):
+        return c_void_p(given.ctypes.data)
+    if isinstance(given, float):
+        return c_double(given)
+    return c_int64(int(given)) if isinstance(given, (int, np.integer)) else given
+
+
+def doubles(array: Any) -> np.ndarray:
+    """An array as the library takes it: contiguous, of float64; itself where it is."""
+    return np.ascontiguousarray(array, np.float64)
+
+
 def instruction_sets() -> list[str]:
     """Instruction sets that this build holds and this machine can run, best first."""
     return library().cs_isa_names().decode().split(",")

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
-from ctypes import byref, c_double, c_int32, c_int64, c_void_p
+from ctypes import byref, c_double, c_int64
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import islice
-from typing import TypeVar
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import doubles, native
 
-_T = TypeVar("_T", int, float)
+_native = partial(native, "outlines")
 Outline = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -23,9 +20,9 @@ def newton_steps(cubics: np.ndarray, points: np.ndarray, u: np.ndarray) -> np.nd
 
     Raises EngineError where the library is missing.
     """
-    cubics, points, u = _plain(cubics), _plain(points), _plain(u)
+    u = doubles(u)
     out = np.empty_like(u)
-    _library().cs_nearer(*u.shape, *(array.ctypes.data for array in (cubics, points, u, out)))
+    _native("cs_nearer", *u.shape, doubles(cubics), doubles(points), u, out, result=None)
     return out
 
 
@@ -70,11 +67,11 @@ def divided_run(
     the memory is missing.
     """
     count, cost = len(weights), c_double()
-    given = [_plain(array) for array in (*fits, weights, *ends)]
+    given = [doubles(array) for array in (*fits, weights, *ends)]
     found = Division._room(count + 2)
-    arrays = [array.ctypes.data for array in (*given, *found._arrays())]
-    pieces = _library().cs_divide(count, *arrays[: len(given)], price, *arrays[len(given) :], byref(cost))
-    return found._first(_checked(int(pieces))), cost.value
+    out = *found._arrays(), byref(cost)
+    pieces = _native("cs_divide", count, *given, float(price), *out, result=c_int64)
+    return found._first(pieces), cost.value
 
 
 def laid_out(
@@ -92,15 +89,11 @@ def laid_out(
     """
     count, start = len(points), c_int64()
     index, position, turn, sure = corners
-    given = [_plain(points), _plain(weights)]
-    at = [np.ascontiguousarray(index, np.int64), _plain(position), _plain(turn), np.ascontiguousarray(sure, bool)]
+    at = [np.ascontiguousarray(index, np.int64), doubles(position), doubles(turn), np.ascontiguousarray(sure, bool)]
+    given = count, doubles(points), doubles(weights), len(index), *at, float(price)
     kept, chosen, found = np.empty(len(index), bool), np.empty(count), Division._room(2 * count + 2)
-    arrays = (array.ctypes.data for array in (*given, *at))
-    out = (array.ctypes.data for array in (chosen, *found._arrays()))
-    pieces = _library().cs_lay_out(
-        count, *islice(arrays, 2), len(index), *arrays, price, kept.ctypes.data, byref(start), *out
-    )
-    return found._first(_checked(int(pieces))), kept, start.value, chosen
+    pieces = _native("cs_lay_out", *given, kept, byref(start), chosen, *found._arrays(), result=c_int64)
+    return found._first(pieces), kept, start.value, chosen
 
 
 @dataclass(frozen=True)
@@ -114,15 +107,13 @@ class Joints:
     level: np.ndarray
     tied: np.ndarray
 
-    def _given(self) -> list[np.ndarray]:
+    def _given(self) -> list[Any]:
         flags = [np.ascontiguousarray(array, bool) for array in (self.lines, self.smooth, self.level)]
-        return [*flags, np.ascontiguousarray(self.tied, np.int64)]
+        return [len(self.smooth), len(self.lines), *flags, np.ascontiguousarray(self.tied, np.int64)]
 
     def variables(self) -> int:
         """How many variables move the outline. Raises EngineError where the library or the memory is missing."""
-        given = self._given()
-        total = _library().cs_count_variables(len(self.smooth), len(self.lines), *(a.ctypes.data for a in given))
-        return _checked(int(total))
+        return int(_native("cs_count_variables", *self._given(), result=c_int64))
 
 
 def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> Outline:
@@ -132,8 +123,7 @@ def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> Outline
     library or the memory is missing.
     """
     parts = [np.array(part, dtype=np.float64, order="C") for part in outline]
-    arrays = (a.ctypes.data for a in (*joints._given(), _plain(step), *parts))
-    _checked(-_library().cs_move_outline(len(joints.smooth), len(joints.lines), *arrays))
+    _native("cs_move_outline", *joints._given(), doubles(step), *parts)
     return parts[0], parts[1], parts[2]
 
 
@@ -144,9 +134,8 @@ def outline_jacobian(joints: Joints, outline: Outline) -> tuple[np.ndarray, np.n
     """
     rows = 8 * len(joints.lines)
     values, columns, starts = np.empty(8 * rows), np.empty(8 * rows, np.int32), np.empty(rows + 1, np.int32)
-    parts = (_plain(part) for part in outline)
-    arrays = [a.ctypes.data for a in (*joints._given(), *parts, starts, columns, values)]
-    count = _checked(int(_library().cs_outline_jacobian(len(joints.smooth), len(joints.lines), *arrays)))
+    given = *joints._given(), *map(doubles, outline)
+    count = _native("cs_outline_jacobian", *given, starts, columns, values, result=c_int64)
     return values[:count].copy(), columns[:count].copy(), starts
 
 
@@ -165,37 +154,8 @@ def refined(
     turned into one direction first. weights: (n,) 1/px^2. feet: piece (n,) and parameter (n,) to start from. Raises
     EngineError where the library or the memory is missing.
     """
-    given = joints._given()
     parts = tuple(np.array(part, dtype=np.float64, order="C") for part in outline)
-    points, weights = _plain(points), _plain(weights)
     piece, u = np.array(feet[0], dtype=np.int64), np.array(feet[1], dtype=np.float64)
-    arrays = (a.ctypes.data for a in (*given, *parts))
-    places = (a.ctypes.data for a in (points, weights, piece, u))
-    chi = _library().cs_refine(len(joints.smooth), len(joints.lines), *arrays, len(u), *places, rounds)
-    return (parts[0], parts[1], parts[2]), (piece, u), _checked(float(chi))
-
-
-def _checked(result: _T) -> _T:
-    if result < 0:
-        raise EngineError("there is no memory for the outlines of the drawing; make the picture smaller")
-    return result
-
-
-def _plain(array: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(array, dtype=np.float64)
-
-
-@lru_cache(maxsize=1)
-def _library() -> ctypes.CDLL:
-    lib = library()
-    lib.cs_nearer.restype = None
-    lib.cs_divide.restype = lib.cs_lay_out.restype = c_int64
-    lib.cs_count_variables.restype, lib.cs_refine.restype = c_int64, c_double
-    lib.cs_count_variables.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
-    lib.cs_move_outline.argtypes, lib.cs_outline_jacobian.restype = [c_int64, c_int64, *[c_void_p] * 8], c_int64
-    lib.cs_outline_jacobian.argtypes = [c_int64, c_int64, *[c_void_p] * 10]
-    lib.cs_refine.argtypes = [c_int64, c_int64, *[c_void_p] * 7, c_int64, *[c_void_p] * 4, c_int32]
-    lib.cs_nearer.argtypes = [c_int64, c_int64, *[c_void_p] * 4]
-    lib.cs_divide.argtypes = [c_int64, *[c_void_p] * 8, c_double, *[c_void_p] * 7]
-    lib.cs_lay_out.argtypes = [c_int64, *[c_void_p] * 2, c_int64, *[c_void_p] * 4, c_double, *[c_void_p] * 9]
-    return lib
+    places = len(u), doubles(points), doubles(weights), piece, u
+    chi = _native("cs_refine", *joints._given(), *parts, *places, rounds, result=c_double)
+    return (parts[0], parts[1], parts[2]), (piece, u), float(chi)

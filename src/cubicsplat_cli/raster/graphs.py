@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from ctypes import c_int64, c_void_p
+from ctypes import c_int64
 
 import numpy as np
 
-from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import native
 
 
 def linked_groups(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
@@ -30,9 +29,4 @@ def _groups(name: str, count: int, first: np.ndarray, second: np.ndarray) -> tup
     if len(ends[0]) != len(ends[1]) or any(len(each) and not 0 <= each.min() <= each.max() < count for each in ends):
         raise ValueError(f"links lead from and to things 0 to {count - 1}")
     found = np.empty(count, np.int32)
-    call = getattr(library(), name)
-    call.restype, call.argtypes = c_int64, [c_int64, c_int64, *[c_void_p] * 3]
-    groups = int(call(count, len(ends[0]), ends[0].ctypes.data, ends[1].ctypes.data, found.ctypes.data))
-    if groups < 0:
-        raise EngineError("there is no memory for the parts of the drawing; make the picture smaller")
-    return groups, found
+    return native("parts", name, count, len(ends[0]), *ends, found, result=c_int64), found

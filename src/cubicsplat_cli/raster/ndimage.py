@@ -7,16 +7,16 @@ It takes half a second to import scipy.ndimage, as long as a small drawing takes
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from ctypes import c_int32, c_int64, c_void_p
-from functools import cache
+from collections.abc import Iterable, Sequence
+from ctypes import c_int64
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import doubles, native
 
+_native = partial(native, "filters")
 _Line: TypeAlias = "tuple[int, int, int, np.ndarray | None]"  # an axis, the neighbours before and after, and weights
 # The numbers that kernels/cpu/line_filters.cpp has for them.
 _SMALLEST, _LARGEST, _MEAN, _SUM = range(4)
@@ -80,11 +80,8 @@ def label(pixels: np.ndarray, structure: np.ndarray | None = None) -> tuple[np.n
     """
     mask = _mask(pixels)
     found = np.empty(mask.shape, np.int32)
-    call = _function("cs_label", c_int64, c_int64, c_void_p, c_int32, c_void_p, result=c_int64)
     diagonally = structure is not None and bool(structure[0, 0])
-    count = int(call(*mask.shape, mask.ctypes.data, diagonally, found.ctypes.data))
-    _check(count < 0)
-    return found, count
+    return found, _native("cs_label", *mask.shape, mask, diagonally, found, result=c_int64)
 
 
 def find_objects(labels: np.ndarray, max_label: int = 0) -> list[Any]:
@@ -92,8 +89,7 @@ def find_objects(labels: np.ndarray, max_label: int = 0) -> list[Any]:
     slices of its rows and columns, None where there are none."""
     labels = np.ascontiguousarray(labels, dtype=np.int64 if labels.dtype == np.int64 else np.int32)
     boxes = np.empty((max_label or max(0, int(labels.max(initial=0))), 4), np.int64)
-    call = _function("cs_boxes", c_int64, c_int64, c_void_p, c_int32, c_int64, c_void_p, result=None)
-    call(*labels.shape, labels.ctypes.data, labels.dtype == np.int64, len(boxes), boxes.ctypes.data)
+    _native("cs_boxes", *labels.shape, labels, labels.dtype == np.int64, len(boxes), boxes, result=None)
     return [(slice(y, bottom), slice(x, right)) if bottom else None for y, x, bottom, right in boxes.tolist()]
 
 
@@ -130,17 +126,25 @@ def binary_propagation(pixels: np.ndarray, structure: np.ndarray | None, mask: n
 
 
 def binary_fill_holes(pixels: np.ndarray) -> np.ndarray:
-    """What is not 0 in (H, W), bool, and what it encloses, pixels touching along edges."""
-    parts, _ = label(np.pad(~_mask(pixels), 1, constant_values=True))
-    return parts[1:-1, 1:-1] != 1
+    """What is not 0 in (H, W), bool, and what it encloses; see holes_of."""
+    mask = _mask(pixels)
+    return mask | holes_of(mask)
+
+
+def holes_of(mask: np.ndarray) -> np.ndarray:
+    """(H, W) bool: what a mask's pixels enclose without being it, connected along the sides of pixels. Of scipy's
+    functions the nearest is binary_fill_holes, which has the mask in it."""
+    mask = np.ascontiguousarray(mask, bool)
+    holes = np.empty_like(mask)
+    _native("cs_holes", mask, *mask.shape, holes)
+    return holes
 
 
 def distance_transform_edt(pixels: np.ndarray) -> np.ndarray:
     """How far each pixel (H, W) is from the nearest that is 0, px; inf where none is."""
     mask = _mask(pixels)
     found = np.empty(mask.shape)
-    call = _function("cs_distances", c_int64, c_int64, c_void_p, c_void_p)
-    _check(call(*mask.shape, mask.ctypes.data, found.ctypes.data))
+    _native("cs_distances", *mask.shape, mask, found)
     return found
 
 
@@ -153,8 +157,7 @@ def distance_transform_cdt(pixels: np.ndarray, metric: str) -> np.ndarray:
         raise ValueError(f"there is no metric {metric!r}, but 'chessboard'")
     mask = _mask(pixels)
     found = np.empty(mask.shape, np.int32)
-    call = _function("cs_chessboard", c_int64, c_int64, c_void_p, c_void_p, result=None)
-    call(*mask.shape, mask.ctypes.data, found.ctypes.data)
+    _native("cs_chessboard", *mask.shape, mask, found, result=None)
     return found
 
 
@@ -196,7 +199,7 @@ def _line(size: int, axis: int) -> _Line:
 
 
 def _weighted(weights: np.ndarray, axis: int) -> _Line:
-    return axis, len(weights) // 2, (len(weights) - 1) // 2, np.ascontiguousarray(weights, dtype=np.float64)
+    return axis, len(weights) // 2, (len(weights) - 1) // 2, doubles(weights)
 
 
 def _filtered(operation: int, values: np.ndarray, lines: Iterable[_Line], mode: str) -> np.ndarray:
@@ -206,12 +209,11 @@ def _filtered(operation: int, values: np.ndarray, lines: Iterable[_Line], mode: 
         raise TypeError(f"there is no such filter of {out.dtype}, but of {', '.join(str(each) for each in kinds)}")
     if mode not in _MODES:
         raise ValueError(f"there is no mode {mode!r}, but {', '.join(_MODES)}")
-    call = _function("cs_filter_lines", *[c_int32] * 3, *[c_int64] * 5, *[c_void_p] * 2)
     for axis, before, after, weights in lines:
         if out.size and (before or after or weights is not None):
             shape = math.prod(out.shape[:axis]), out.shape[axis], math.prod(out.shape[axis:][1:])
-            given = None if weights is None else weights.ctypes.data
-            _check(call(operation, kinds[out.dtype], _MODES.index(mode), *shape, before, after, given, out.ctypes.data))
+            given = operation, kinds[out.dtype], _MODES.index(mode), *shape, before, after, weights
+            _native("cs_filter_lines", *given, out)
     return out
 
 
@@ -234,20 +236,5 @@ def _dilated(
     out, structure = np.empty_like(mask), np.ascontiguousarray(structure)
     where = None if where is None else _mask(where)
     high, wide = (side // 2 for side in structure.shape)
-    call = _function("cs_dilate", *[c_int64] * 2, c_void_p, *[c_int64] * 2, *[c_void_p] * 2, c_int64, c_int32, c_void_p)
-    within = None if where is None else where.ctypes.data
-    at = (structure.ctypes.data, within, iterations, border, out.ctypes.data)
-    _check(call(*mask.shape, mask.ctypes.data, high, wide, *at))
+    _native("cs_dilate", *mask.shape, mask, high, wide, structure, where, iterations, border, out)
     return out
-
-
-@cache
-def _function(name: str, *kinds: Any, result: Any = c_int32) -> Callable[..., Any]:
-    call = getattr(library(), name)
-    call.argtypes, call.restype = kinds, result
-    return call
-
-
-def _check(failed: int) -> None:
-    if failed:
-        raise EngineError("there is no memory for the filters of the drawing; make the picture smaller")

@@ -6,10 +6,13 @@ All raise EngineError where the library or the memory is missing.
 from __future__ import annotations
 
 from ctypes import c_int64
+from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.unmix import native
+from cubicsplat_cli.raster.cpu import native
+
+_native = partial(native, "regions")
 
 
 def edge_variances(
@@ -24,7 +27,7 @@ def edge_variances(
     levels, luma = (np.ascontiguousarray(each, np.float32) for each in (levels, luma))
     out = np.empty(2 * most)
     limits = (float(even), float(contrast), float(off))
-    return out[: native("cs_edge_widths", levels, luma, *luma.shape, most, *limits, out, result=c_int64)].copy()
+    return out[: _native("cs_edge_widths", levels, luma, *luma.shape, most, *limits, out, result=c_int64)].copy()
 
 
 def planes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -33,7 +36,7 @@ def planes(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """
     values = np.ascontiguousarray(values, np.float32)
     means, slopes = np.empty_like(values), np.empty(values.shape[:2], np.float32)
-    native("cs_planes", values, *values.shape, size, means, slopes)
+    _native("cs_planes", values, *values.shape, size, means, slopes)
     return means, slopes
 
 
@@ -43,7 +46,7 @@ def second_differences(levels: np.ndarray) -> np.ndarray:
     """
     levels = np.ascontiguousarray(levels, np.float32)
     out = np.empty(levels.shape[:2], np.float32)
-    native("cs_second_differences", levels, *levels.shape[:2], out, result=None)
+    _native("cs_second_differences", levels, *levels.shape[:2], out, result=None)
     return out
 
 
@@ -53,4 +56,4 @@ def distinct(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     keys = np.ascontiguousarray(keys, np.uint64)
     numbers, first = np.empty(keys.shape, np.int64), np.empty(keys.size, np.int64)
-    return first[: native("cs_distinct", keys.size, keys, numbers, first, result=c_int64)].copy(), numbers
+    return first[: _native("cs_distinct", keys.size, keys, numbers, first, result=c_int64)].copy(), numbers

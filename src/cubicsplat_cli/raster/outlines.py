@@ -4,16 +4,16 @@ points, by the native library."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from ctypes import byref, c_double, c_int32, c_int64, c_void_p
+from ctypes import byref, c_int64, c_void_p
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import doubles, native
 
+_native = partial(native, "outlines")
 CIRCLE, ELLIPSE, BOX = 0, 1, 2
-_NO_MEMORY = "there is no memory for the outlines of the drawing; make the picture smaller"
 _ROOM = 64  # cracks beyond those around a mask's box
 
 
@@ -24,15 +24,10 @@ def traced(mask: np.ndarray) -> list[np.ndarray]:
     Raises EngineError where the library or the memory is missing.
     """
     mask = np.ascontiguousarray(mask, dtype=bool)
-    call = library().cs_trace
-    call.restype = c_int64
-    call.argtypes = [c_void_p, *[c_int64] * 3, *[c_void_p] * 3]
     room, count = 4 * sum(mask.shape) + _ROOM, c_int64(0)
     while True:
         cracks, ends = np.empty((room, 3), np.int64), np.empty(room, np.int64)
-        loops = call(mask.ctypes.data, *mask.shape, room, cracks.ctypes.data, ends.ctypes.data, byref(count))
-        if loops < 0:
-            raise EngineError(_NO_MEMORY)
+        loops = _native("cs_trace", mask, *mask.shape, room, cracks, ends, byref(count), result=c_int64)
         if count.value <= room:
             return np.split(cracks[: count.value], ends[: loops - 1]) if loops else []
         room = count.value
@@ -42,11 +37,8 @@ def kept_points(points: np.ndarray, tolerance: float) -> np.ndarray:
     """(n,) bool: the points (n, 2) of a chain, n >= 1, between which no other is more than `tolerance` off the straight
     line, the first and the last among them. Raises EngineError where the library or the memory is missing.
     """
-    points, kept = _doubles(points), np.zeros(len(points), dtype=bool)
-    call = library().cs_fewer_points
-    call.argtypes = [c_int64, c_void_p, c_double, c_void_p]
-    if call(len(points), points.ctypes.data, tolerance, kept.ctypes.data):
-        raise EngineError(_NO_MEMORY)
+    kept = np.zeros(len(points), dtype=bool)
+    _native("cs_fewer_points", len(points), doubles(points), float(tolerance), kept)
     return kept
 
 
@@ -55,14 +47,9 @@ def corners_of(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.
     positions (C, 2), px, and turns (C,), radians, in (-pi, pi). weights: (n,) 1/px^2, 0 where unknown. Raises
     EngineError where the library or the memory is missing.
     """
-    points, weights, count = _doubles(points), _doubles(weights), len(points)
+    count = len(points)
     out = np.empty(count, np.int64), np.empty((count, 2)), np.empty(count)
-    call = library().cs_corners
-    call.restype = c_int64
-    call.argtypes = [c_int64, *[c_void_p] * 5]
-    found = call(count, *(array.ctypes.data for array in (points, weights, *out)))
-    if found < 0:
-        raise EngineError(_NO_MEMORY)
+    found = _native("cs_corners", count, doubles(points), doubles(weights), *out, result=c_int64)
     return out[0][:found], out[1][:found], out[2][:found]
 
 
@@ -76,14 +63,11 @@ def parabolas(
     shortest on, and up to which mean squared residual, in squared sigmas, each is believed; the longest one is taken
     before the first that is not. Raises EngineError where the library is missing.
     """
-    arrays = [_doubles(a) for a in (points, weights, along)]
+    chain = len(points), doubles(points), doubles(weights), doubles(along)
     halves, most = np.array([half for half, _ in kinds], np.int64), np.array([limit for _, limit in kinds], np.float64)
     n = len(points)
     found = np.empty((n, 3, 2)), np.empty((n, 2)), np.empty(n, np.int64)
-    call = library().cs_parabolas
-    call.restype = None
-    call.argtypes = [c_int64, *[c_void_p] * 3, c_int64, *[c_void_p] * 5]
-    call(n, *(a.ctypes.data for a in arrays), len(kinds), *(a.ctypes.data for a in (halves, most, *found)))
+    _native("cs_parabolas", *chain, len(kinds), halves, most, *found, result=None)
     return found
 
 
@@ -116,18 +100,9 @@ def fewest_links(
     top, left, *canvas = hiding.box
     box = np.array([top, left, *hiding.mask.shape, *canvas], np.int64)
     masks = [np.ascontiguousarray(mask, bool) for mask in (hiding.mask, hiding.hidden, hiding.allowed)]
-    given = [_doubles(a) for a in (nodes, place, before, after, hiding.ends)]
-    call = library().cs_fewest_links
-    call.restype = c_int64
-    call.argtypes = [
-        c_int64, c_void_p, c_void_p, c_int64, c_void_p, c_int64, *[c_void_p] * 6, c_double, c_double, c_void_p
-    ]  # fmt: skip
-    at, masked = [a.ctypes.data for a in given], [a.ctypes.data for a in (box, *masks)]
-    steps = count, *at[:2], len(before), at[2], len(after), at[3]
-    found = call(*steps, *masked, at[4], hiding.near, hiding.at_end, path.ctypes.data)
-    if found < 0:
-        raise EngineError(_NO_MEMORY)
-    return path[:found]
+    links = count, doubles(nodes), doubles(place), len(before), doubles(before), len(after), doubles(after)
+    reach = doubles(hiding.ends), float(hiding.near), float(hiding.at_end)
+    return path[: _native("cs_fewest_links", *links, box, *masks, *reach, path, result=c_int64)]
 
 
 def nearest_primitive(
@@ -141,14 +116,9 @@ def nearest_primitive(
     of distances in standard errors, linear beyond 3, and the price of each parameter. weights: (n,) 1/px^2, 0 where
     unknown. Raises EngineError where the library or the memory is missing.
     """
-    points, weights = _doubles(points), _doubles(weights)
     form, values, told = np.empty(3, np.int32), np.empty(6), np.empty(2)
-    call = library().cs_nearest_primitive
-    call.argtypes = [c_int64, c_void_p, c_void_p, c_double, *[c_void_p] * 3]
-    out = (array.ctypes.data for array in (form, values, told))
-    found = call(len(points), points.ctypes.data, weights.ctypes.data, price, *out)
-    if found < 0:
-        raise EngineError(_NO_MEMORY)
+    given = len(points), doubles(points), doubles(weights), float(price)
+    found = _native("cs_nearest_primitive", *given, form, values, told, result=c_int64)
     return (int(form[0]), values, float(told[0]), float(told[1])) if found else None
 
 
@@ -158,10 +128,7 @@ def hull_mask(mask: np.ndarray) -> np.ndarray:
     """
     mask = np.ascontiguousarray(mask, bool)
     out = np.empty_like(mask)
-    call = library().cs_hull
-    call.argtypes = [c_void_p, c_int32, c_int32, c_void_p]
-    if call(mask.ctypes.data, *mask.shape, out.ctypes.data):
-        raise EngineError(_NO_MEMORY)
+    _native("cs_hull", mask, *mask.shape, out)
     return out
 
 
@@ -172,11 +139,8 @@ def held_by_hull(labels: np.ndarray, window: tuple[slice, slice], own: np.ndarra
     """
     view, own = labels[window], np.ascontiguousarray(own, bool)
     held, inner = np.zeros(len(own), np.int64), np.zeros(len(own), np.int64)
-    call = library().cs_hull_holds
-    call.argtypes = [c_void_p, c_int64, c_int32, c_int32, *[c_void_p] * 3]
-    given = (array.ctypes.data for array in (own, held, inner))
-    if call(view.ctypes.data, labels.shape[1], *view.shape, *given):
-        raise EngineError(_NO_MEMORY)
+    rows = c_void_p(view.ctypes.data)  # of the whole array, so that they are apart
+    _native("cs_hull_holds", rows, labels.shape[1], *view.shape, own, held, inner)
     return held, inner
 
 
@@ -187,11 +151,9 @@ def end_heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> np.ndarr
     points: (n, 2) px from the end on, n >= 1, of which those within `reach` px are looked at; sigma: (n,) their
     standard errors, px. Raises EngineError where the library is missing.
     """
-    points, sigma, out = _doubles(points), _doubles(sigma), np.empty(7)
-    call = library().cs_heading
-    call.argtypes = [c_int64, c_void_p, c_void_p, c_double, c_void_p]
-    known = call(len(points), points.ctypes.data, sigma.ctypes.data, reach, out.ctypes.data)
-    return out if known else None
+    out = np.empty(7)
+    given = len(points), doubles(points), doubles(sigma), float(reach)
+    return out if _native("cs_heading", *given, out, result=c_int64) else None
 
 
 def turns(
@@ -212,20 +174,8 @@ def turns(
     """
     points, sigma, index = outline
     integers = [np.ascontiguousarray(array, np.int64) for array in (beside, index, behind)]
-    points, sigma, tried = _doubles(points), _doubles(sigma), np.array(reaches, np.float64)
     turn, error = np.empty(len(behind)), np.empty(len(behind))
-    call = library().cs_turns
-    call.argtypes = [
-        c_int64, c_void_p, c_int64, *[c_void_p] * 3, c_int64, c_void_p, c_int64, c_void_p, c_double, c_double,
-        c_void_p, c_void_p,
-    ]  # fmt: skip
-    at = [array.ctypes.data for array in integers]
-    loop = len(beside), at[0], len(index), at[1], points.ctypes.data, sigma.ctypes.data
-    tries = len(tried), tried.ctypes.data, smooth, least
-    if call(*loop, len(behind), at[2], *tries, turn.ctypes.data, error.ctypes.data):
-        raise EngineError(_NO_MEMORY)
+    loop = len(beside), integers[0], len(index), integers[1], doubles(points), doubles(sigma)
+    tries = len(reaches), doubles(reaches), float(smooth), float(least)
+    _native("cs_turns", *loop, len(behind), integers[2], *tries, turn, error)
     return turn, error
-
-
-def _doubles(array: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(array, dtype=np.float64)

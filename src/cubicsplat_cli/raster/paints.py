@@ -5,14 +5,14 @@ Pictures are (H, W, 4), premultiplied levels. Functions raise EngineError where 
 
 from __future__ import annotations
 
-import ctypes
-from ctypes import c_double, c_int32, c_int64, c_void_p
-from functools import lru_cache
+from ctypes import c_double
+from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import doubles, native
+
+_native = partial(native, "gradients")
 
 
 def bends_and_steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -21,8 +21,7 @@ def bends_and_steps(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     levels = np.ascontiguousarray(levels, dtype=np.float32)
     height, width = levels.shape[:2]
     bends, steps = (np.empty((height, width), np.float32) for _ in range(2))
-    call = _library().cs_bends
-    _checked(call(height, width, levels.ctypes.data, bends.ctypes.data, steps.ctypes.data))
+    _native("cs_bends", height, width, levels, bends, steps)
     return bends, steps
 
 
@@ -32,18 +31,14 @@ def part_spreads(levels: np.ndarray, parts: np.ndarray, count: int) -> tuple[np.
     levels = np.ascontiguousarray(levels, dtype=np.float32)
     parts = np.ascontiguousarray(parts, dtype=np.int32)
     sizes, boxes, spreads = np.empty(count, np.int64), np.empty((count, 4), np.int64), np.empty(count, np.float32)
-    found = (a.ctypes.data for a in (sizes, boxes, spreads))
-    _library().cs_part_spreads(*parts.shape, levels.ctypes.data, parts.ctypes.data, count, *found)
+    _native("cs_part_spreads", *parts.shape, levels, parts, count, sizes, boxes, spreads, result=None)
     return sizes, boxes, spreads
 
 
 def trimmed_range(values: np.ndarray, share: float) -> float:
     """Levels, to a sixteenth, between which all of values (n, 4), n >= 1, lie but a share at either end, of the widest
     channel."""
-    values = np.ascontiguousarray(values, dtype=np.float64)
-    found = float(_library().cs_trimmed_range(len(values), values.ctypes.data, share))
-    _checked(found < 0)
-    return found
+    return float(_native("cs_trimmed_range", len(values), doubles(values), float(share), result=c_double))
 
 
 def nearest_paints(paint: np.ndarray, pixels: np.ndarray, reach: int, slots: int) -> tuple[np.ndarray, np.ndarray]:
@@ -51,8 +46,7 @@ def nearest_paints(paint: np.ndarray, pixels: np.ndarray, reach: int, slots: int
     `reach` px to all sides: (n, slots) int32, -1 where there are fewer, and the pixels (n, slots) where they are."""
     paint, pixels = np.ascontiguousarray(paint, dtype=np.int32), np.ascontiguousarray(pixels, dtype=np.int64)
     found, places = np.empty((len(pixels), slots), np.int32), np.empty((len(pixels), slots), np.int64)
-    given = paint.ctypes.data, reach, len(pixels), pixels.ctypes.data, slots
-    _checked(_library().cs_nearest_paints(*paint.shape, *given, found.ctypes.data, places.ctypes.data))
+    _native("cs_near", paint, *paint.shape, len(pixels), pixels, reach, slots, found, places)
     return found, places
 
 
@@ -62,28 +56,8 @@ def blends(
     """Values (n, 4) as blends of two of their paints (n, slots), or where `three` of three, by least squares: what they
     are (n, 4) with other colours in the paints' place, and the levels (n,) that no blend explains, infinite where there
     are no paints. paints: nearest first, which are preferred, -1 for none; colours, others: (n, slots, 4)."""
-    values, colours, others = (np.ascontiguousarray(a, dtype=np.float64) for a in (values, colours, others))
+    values, colours, others = doubles(values), doubles(colours), doubles(others)
     paints = np.ascontiguousarray(paints, dtype=np.int32)
     flat, left = np.empty_like(values), np.empty(len(values))
-    given = (a.ctypes.data for a in (values, paints, colours, others))
-    _library().cs_blends(*paints.shape, *given, three, flat.ctypes.data, left.ctypes.data)
+    _native("cs_blends", *paints.shape, values, paints, colours, others, three, flat, left, result=None)
     return flat, left
-
-
-def _checked(failed: bool) -> None:
-    if failed:
-        raise EngineError("there is no memory for the gradients of the drawing; make the picture smaller")
-
-
-@lru_cache(maxsize=1)
-def _library() -> ctypes.CDLL:
-    lib = library()
-    lib.cs_bends.argtypes = [c_int64, c_int64, *[c_void_p] * 3]
-    lib.cs_part_spreads.restype = lib.cs_blends.restype = None
-    lib.cs_part_spreads.argtypes = [c_int64, c_int64, c_void_p, c_void_p, c_int64, *[c_void_p] * 3]
-    lib.cs_trimmed_range.argtypes, lib.cs_trimmed_range.restype = [c_int64, c_void_p, c_double], c_double
-    lib.cs_nearest_paints.argtypes = [
-        *[c_int64] * 2, c_void_p, c_int64, c_int64, c_void_p, c_int32, c_void_p, c_void_p,
-    ]  # fmt: skip
-    lib.cs_blends.argtypes = [c_int64, c_int32, *[c_void_p] * 4, c_int32, *[c_void_p] * 2]
-    return lib

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from ctypes import c_int64, c_void_p
+from ctypes import c_int64
+from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import doubles, native
+
+_native = partial(native, "points")
 
 
 class PointTree:
@@ -17,9 +19,7 @@ class PointTree:
     def __init__(self, points: np.ndarray) -> None:
         given = _pairs(points)
         order, self._axes = np.empty(len(given), np.int64), np.zeros(len(given), np.uint8)
-        call = library().cs_tree
-        call.restype, call.argtypes = None, [c_int64, *[c_void_p] * 3]
-        call(len(given), given.ctypes.data, order.ctypes.data, self._axes.ctypes.data)
+        _native("cs_tree", len(given), given, order, self._axes, result=None)
         self._points, self._order = given[order], order
 
     def query(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -27,9 +27,7 @@ class PointTree:
         any points inf and -1."""
         places = _pairs(places)
         squares, indices = np.empty(len(places)), np.empty(len(places), np.int64)
-        call = library().cs_nearest
-        call.restype, call.argtypes = None, [c_int64, *[c_void_p] * 3, c_int64, *[c_void_p] * 3]
-        call(*self._pointers(), len(places), places.ctypes.data, squares.ctypes.data, indices.ctypes.data)
+        _native("cs_nearest", *self._sorted(), len(places), places, squares, indices, result=None)
         return np.sqrt(squares), indices
 
     def query_ball_point(self, places: np.ndarray, reach: float | np.ndarray) -> list[np.ndarray]:
@@ -44,26 +42,21 @@ class PointTree:
         return np.stack([first, found], axis=1)[found > first]
 
     def _within(self, places: np.ndarray, reach: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        reaches = np.ascontiguousarray(np.broadcast_to(reach, len(places)), dtype=np.float64)
+        reaches = doubles(np.broadcast_to(reach, len(places)))
         ends, room = np.empty(len(places), np.int64), 16 * len(places)
-        call = library().cs_within
-        call.restype = c_int64
-        call.argtypes = [c_int64, *[c_void_p] * 3, c_int64, *[c_void_p] * 2, c_int64, *[c_void_p] * 2]
         while True:
             found = np.empty(room, np.int64)
-            given = (places.ctypes.data, reaches.ctypes.data, room, ends.ctypes.data, found.ctypes.data)
-            count = call(*self._pointers(), len(places), *given)
-            if count < 0:
-                raise EngineError("there is no memory for the points of the drawing; make the picture smaller")
+            given = (len(places), places, reaches, room, ends, found)
+            count = _native("cs_within", *self._sorted(), *given, result=c_int64)
             if count <= room:
                 return found[:count], ends
             room = count
 
-    def _pointers(self) -> tuple[int, ...]:
-        return len(self._points), *(each.ctypes.data for each in (self._points, self._order, self._axes))
+    def _sorted(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        return len(self._points), self._points, self._order, self._axes
 
 
 def _pairs(points: np.ndarray) -> np.ndarray:
     if not np.isfinite(points).all():
         raise ValueError("a point has a coordinate that is no finite number")
-    return np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 2)
+    return doubles(points).reshape(-1, 2)

@@ -6,15 +6,15 @@ EngineError where the library or the memory is missing.
 
 from __future__ import annotations
 
-from ctypes import c_double, c_int32, c_int64, c_void_p
+from ctypes import c_int64
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import doubles, native
 
+_native = partial(native, "regions")
 SLOTS = 4  # colours that are looked at near a pixel
 
 
@@ -24,7 +24,7 @@ def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
     """
     values = np.ascontiguousarray(values, np.float32)
     out = np.empty(values.shape[:2], np.float32)
-    native("cs_spread", values, *values.shape, rows, columns, out)
+    _native("cs_spread", values, *values.shape, rows, columns, out)
     return out
 
 
@@ -34,7 +34,7 @@ def nearest_inks(values: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, n
     """
     values, palette = (np.ascontiguousarray(each, np.float32) for each in (values, palette))
     index, gap = np.empty(values.shape[:-1], np.int32), np.empty(values.shape[:-1], np.float32)
-    native("cs_nearest_inks", index.size, values, len(palette), palette, index, gap, result=None)
+    _native("cs_nearest_inks", index.size, values, len(palette), palette, index, gap, result=None)
     return index, gap
 
 
@@ -42,9 +42,9 @@ def near_inks(inks: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int) -> np.
     """(n, SLOTS) int32 the different inks >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px away along
     rows and columns; -1 where there are fewer.
     """
-    inks, y, x = _int32(inks), _whole(y), _whole(x)
-    near = np.empty((len(y), SLOTS), np.int32)
-    native("cs_near", inks, *inks.shape, len(y), y, x, reach, SLOTS, near)
+    inks, pixels = _int32(inks), _whole(y * inks.shape[1] + x)
+    near = np.empty((len(pixels), SLOTS), np.int32)
+    _native("cs_near", inks, *inks.shape, len(pixels), pixels, reach, SLOTS, near, None)
     return near
 
 
@@ -54,9 +54,9 @@ def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tup
 
     Inks farther away must explain clearly better than nearer ones.
     """
-    values, palette, near = np.ascontiguousarray(values, np.float32), _doubles(palette), _int32(near)
+    values, palette, near = np.ascontiguousarray(values, np.float32), doubles(palette), _int32(near)
     winner, residual = np.empty(len(values), np.int32), np.empty(len(values))
-    native("cs_unmix", len(values), values, palette, near.shape[1], near, winner, residual, result=None)
+    _native("cs_unmix", len(values), values, palette, near.shape[1], near, winner, residual, result=None)
     return winner, residual
 
 
@@ -64,9 +64,9 @@ def residual_of_three(values: np.ndarray, palette: np.ndarray, near: np.ndarray)
     """(n,) levels that values (n, 4) are off the nearest blend of three of the inks near them (n, SLOTS) int32, or of
     two that explain them about as well; infinity where there are fewer inks.
     """
-    values, palette, near = np.ascontiguousarray(values, np.float32), _doubles(palette), _int32(near)
+    values, palette, near = np.ascontiguousarray(values, np.float32), doubles(palette), _int32(near)
     residual = np.empty(len(values))
-    native("cs_unmix_three", len(values), values, palette, near.shape[1], near, residual, result=None)
+    _native("cs_unmix_three", len(values), values, palette, near.shape[1], near, residual, result=None)
     return residual
 
 
@@ -76,11 +76,11 @@ def blend_with(
     """The share (n,) of an ink in values that are its blends with one or both of two others, and the residual (n,) in
     levels. Each of the four is (n, 4), or (4,) for all; two inks are taken where they explain about as well as three.
     """
-    given = [_doubles(each) for each in (values, ink, first, second)]
+    given = [doubles(each) for each in (values, ink, first, second)]
     count = max((len(each) for each in given if each.ndim == 2), default=1)
     share, residual = np.empty(count), np.empty(count)
     steps = [part for each in given for part in (each, 4 * (each.ndim - 1))]
-    native("cs_blend_with", count, *steps, share, residual, result=None)
+    _native("cs_blend_with", count, *steps, share, residual, result=None)
     return share, residual
 
 
@@ -98,11 +98,11 @@ def inks_of_lines(
     costs: levels beyond which a residual costs no more, those that an ink costs that has no share, and those that it
     costs for each ink before it in the palette.
     """
-    values, palette = np.ascontiguousarray(values, np.float32), _doubles(palette)
-    (y, x), (first, second) = (_whole(each) for each in place), (_doubles(each) for each in beside)
+    values, palette = np.ascontiguousarray(values, np.float32), doubles(palette)
+    (y, x), (first, second) = (_whole(each) for each in place), (doubles(each) for each in beside)
     ink, share, residual = np.empty(len(values), np.int64), np.empty(len(values)), np.empty(len(values))
     found = (window, *costs, ink, share, residual)
-    native("cs_line_inks", len(values), values, y, x, len(palette), palette, first, second, *found)
+    _native("cs_line_inks", len(values), values, y, x, len(palette), palette, first, second, *found)
     return ink, share, residual
 
 
@@ -110,9 +110,9 @@ def distance_to_blends(values: np.ndarray, inks: np.ndarray, first: int = 0) -> 
     """(n,) the Euclidean distance of values (n, 4) to the nearest blend of two inks of (P, 4), one of them from `first`
     on; infinite where there is none.
     """
-    values, inks = np.ascontiguousarray(values, np.float32), _doubles(inks)
+    values, inks = np.ascontiguousarray(values, np.float32), doubles(inks)
     square = np.empty(len(values))
-    native("cs_off_blends", len(values), values, len(inks), inks, first, square, result=None)
+    _native("cs_off_blends", len(values), values, len(inks), inks, first, square, result=None)
     return np.sqrt(square)
 
 
@@ -127,7 +127,7 @@ def part_inks(levels: np.ndarray, owner: np.ndarray, even: float, side: float) -
     room = int(np.count_nonzero(owner))
     inks, sizes = np.empty((room, 4)), np.empty(room)
     parts = int(owner.max(initial=0))
-    count = native("cs_part_inks", owner.size, levels, owner, parts, float(even), side, inks, sizes, result=c_int64)
+    count = _native("cs_part_inks", owner.size, levels, owner, parts, float(even), side, inks, sizes, result=c_int64)
     return inks[:count].copy(), sizes[:count].copy()
 
 
@@ -135,9 +135,9 @@ def joined_inks(inks: np.ndarray, weights: np.ndarray, same: float, most: int) -
     """At most so many of the inks (P, 4), and their weights: in the given order each joins the nearest one before it
     that is within `same` levels, or is kept.
     """
-    inks, weights = _doubles(inks), np.array(weights, np.float64)
+    inks, weights = doubles(inks), np.array(weights, np.float64)
     kept = np.empty(min(len(inks), most), np.int64)
-    count = native("cs_join_inks", len(inks), inks, weights, same, most, kept, result=c_int64)
+    count = _native("cs_join_inks", len(inks), inks, weights, same, most, kept, result=c_int64)
     return inks[kept[:count]], weights[kept[:count]]
 
 
@@ -164,11 +164,11 @@ def are_lines(
     inks: (P, 4) those of lines and grounds.
     """
     levels, thin = np.ascontiguousarray(levels, np.float32), np.ascontiguousarray(thin, bool)
-    (colours, sizes), inks = (_doubles(each) for each in small), _doubles(inks)
+    (colours, sizes), inks = (doubles(each) for each in small), doubles(inks)
     lines = np.zeros(len(colours), bool)
     numbers = (rule.one, rule.ground, rule.between, rule.off, *rule.shares, rule.more)
     sizes_of = (len(colours), colours, sizes, len(inks), inks, *(float(number) for number in numbers))
-    native("cs_are_lines", levels, *thin.shape, thin, *sizes_of, lines)
+    _native("cs_are_lines", levels, *thin.shape, thin, *sizes_of, lines)
     return lines
 
 
@@ -178,37 +178,7 @@ def components(values: np.ndarray) -> tuple[np.ndarray, int]:
     """
     values = _int32(values)
     labels = np.empty_like(values)
-    return labels, native("cs_components", values, *values.shape, labels, result=c_int64)
-
-
-def holes_of(mask: np.ndarray) -> np.ndarray:
-    """(h, w) bool: what a mask's pixels enclose without being it, connected along the sides of pixels."""
-    mask = np.ascontiguousarray(mask, bool)
-    holes = np.empty_like(mask)
-    native("cs_holes", mask, *mask.shape, holes)
-    return holes
-
-
-def native(name: str, *given: Any, result: type | None = c_int32) -> int:
-    """What a function of the library returns for arrays, which it takes as pointers, and numbers. EngineError where
-    that says that there is no memory.
-    """
-    call = getattr(library(), name)
-    call.restype = result
-    found = call(*(_in_c(each) for each in given))
-    if result is not None and (found < 0 or (result is c_int32 and found)):
-        raise EngineError("there is no memory for the regions of the drawing; make the picture smaller")
-    return found or 0
-
-
-def _in_c(given: Any) -> Any:
-    if isinstance(given, np.ndarray):
-        return c_void_p(given.ctypes.data)
-    return c_double(given) if isinstance(given, float) else c_int64(given)
-
-
-def _doubles(array: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(array, np.float64)
+    return labels, _native("cs_components", values, *values.shape, labels, result=c_int64)
 
 
 def _int32(array: np.ndarray) -> np.ndarray:

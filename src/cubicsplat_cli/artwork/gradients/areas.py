@@ -117,7 +117,7 @@ def _with_rests(part: Part, off: np.ndarray) -> Patch:
 def _filled(part: Part, area: ShadedArea) -> ShadedArea:
     """The area with its holes that its gradient explains too: bands of it that were taken for another ink."""
     patch = area.patch
-    holes = replace(patch, mask=ndimage.binary_fill_holes(patch.mask) & ~patch.mask)
+    holes = replace(patch, mask=ndimage.holes_of(patch.mask))
     own = part.patch.at(*holes.places())
     if not own.any():
         return area

@@ -106,7 +106,7 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition) -> Shaded
     mask[near.mask] = off <= (JPEG_NEAR if condition.jpeg else NEAR) * condition.noise + NEAR_LEVELS
     labels, _ = ndimage.label(mask, PLUS)
     mask = np.isin(labels, np.unique(labels[wide.mask]))
-    inner = Patch(wide.top, wide.left, ndimage.binary_fill_holes(mask) & ~mask)
+    inner = Patch(wide.top, wide.left, ndimage.holes_of(mask))
     holes, count = ndimage.label(inner.mask, PLUS)
     worst = np.zeros(count + 1)
     np.maximum.at(worst, holes[inner.mask], off_extended(area.shade, levels, inner))

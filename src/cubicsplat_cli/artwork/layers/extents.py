@@ -16,7 +16,6 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import hull_mask
-from cubicsplat_cli.raster.unmix import holes_of
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
@@ -124,7 +123,7 @@ def _extent(
     contours = []
     for loop in sorted(trace(part), key=lambda loop: -loop.area):
         contours.append(_contour(loop, shown, top, left, found))
-    return Extent(place, top, left, shown & part, shown | above, holes_of(part), tuple(contours))
+    return Extent(place, top, left, shown & part, shown | above, ndimage.holes_of(part), tuple(contours))
 
 
 def _contour(loop: CrackLoop, shown: np.ndarray, top: int, left: int, found: EdgePositions) -> Contour:

@@ -189,7 +189,7 @@ CS_EXPORT void cs_shadow_box(const double* box, const double* numbers, double* o
 }
 
 // What the layers (6 each) of a box let through at rows y (h) and columns x (w), (h x w). Returns 0, or 1 without memory.
-CS_EXPORT int32_t cs_shadow_window(const double* box, int32_t layers, const double* numbers, int64_t h, const double* y,
+CS_EXPORT int32_t cs_shadow_window(const double* box, int64_t layers, const double* numbers, int64_t h, const double* y,
                                    int64_t w, const double* x, double* light) {
   try {
     std::fill(light, light + h * w, 1.0);
@@ -213,8 +213,8 @@ CS_EXPORT int32_t cs_shadow_window(const double* box, int32_t layers, const doub
 
 // The same of some boxes (6 each) that have the same layers, at the middles of n pixels. open: (boxes x n). light (n): what
 // is left of it.
-CS_EXPORT int32_t cs_shadow_light(int32_t boxes, const double* sides, int64_t n, const int64_t* rows,
-                                  const int64_t* columns, const uint8_t* open, int32_t layers, const double* numbers,
+CS_EXPORT int32_t cs_shadow_light(int64_t boxes, const double* sides, int64_t n, const int64_t* rows,
+                                  const int64_t* columns, const uint8_t* open, int64_t layers, const double* numbers,
                                   double* light) {
   try {
     cs::shadow::Shaded shaded(boxes, sides, n, rows, columns, open);
@@ -230,9 +230,9 @@ CS_EXPORT int32_t cs_shadow_light(int32_t boxes, const double* sides, int64_t n,
 
 // Brings the numbers of layers (6 each) as near to what is seen (n), of which others let so much through (n), as they come,
 // outliers counting linearly. scale: levels of a whole shade. Returns the mean square left, levels^2; below 0 without memory.
-CS_EXPORT double cs_fit_shadows(int32_t boxes, const double* sides, int64_t n, const int64_t* rows,
+CS_EXPORT double cs_fit_shadows(int64_t boxes, const double* sides, int64_t n, const int64_t* rows,
                                 const int64_t* columns, const uint8_t* open, const double* seen, const double* through,
-                                double scale, int32_t layers, double* numbers) {
+                                double scale, int64_t layers, double* numbers) {
   try {
     cs::shadow::Shaded shaded(boxes, sides, n, rows, columns, open);
     cs::shadow::Fit fit(shaded, seen, through, scale, {numbers, numbers + cs::shadow::kNumbers * layers});

@@ -22,10 +22,10 @@ extern "C" {
 
 // out: height x width, the coverage of a window, its corner at (left, top), by closed outlines of pieces (x 8), of which
 // some are lines. 1 where there is no memory, else 0.
-CS_EXPORT int32_t cs_coverage(int64_t pieces, const double* cubics, const uint8_t* lines, int32_t left, int32_t top,
-                              int32_t width, int32_t height, double* out) {
+CS_EXPORT int32_t cs_coverage(int64_t pieces, const double* cubics, const uint8_t* lines, int64_t left, int64_t top,
+                              int64_t width, int64_t height, double* out) {
   try {
-    cs::stack::Window window{left, top, width, height, {}};
+    cs::stack::Window window{int(left), int(top), int(width), int(height), {}};
     cs::stack::trace(pieces, cubics, lines, window);
     window.finish(out);
   } catch (const std::exception&) {

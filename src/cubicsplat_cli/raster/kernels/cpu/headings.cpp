@@ -54,7 +54,7 @@ extern "C" {
 
 // out: place (2), unit tangent (2), its standard error, bend and misfit of the end of an outline of points (x 2) from there
 // on: see `Heading`. Returns whether it is known.
-CS_EXPORT int32_t cs_heading(int64_t count, const double* points, const double* sigma, double reach, double* out) {
+CS_EXPORT int64_t cs_heading(int64_t count, const double* points, const double* sigma, double reach, double* out) {
   cs::Heading found;
   if (!cs::heading(count, points, sigma, reach, found)) return 0;
   const double values[7] = {found.at.x,  found.at.y, found.tangent.x, found.tangent.y,

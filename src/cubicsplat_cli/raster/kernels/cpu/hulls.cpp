@@ -63,9 +63,9 @@ std::vector<uint8_t> hull_of(int height, int width, const Own& own) {
 extern "C" {
 
 // out: height x width, the pixels that lie by half or more in the hull of a mask. 1 where there is no memory, else 0.
-CS_EXPORT int32_t cs_hull(const uint8_t* mask, int32_t height, int32_t width, uint8_t* out) {
+CS_EXPORT int32_t cs_hull(const uint8_t* mask, int64_t height, int64_t width, uint8_t* out) {
   try {
-    const auto found = cs::stack::hull_of(height, width,
+    const auto found = cs::stack::hull_of(int(height), int(width),
                                           [&](int y, int x) { return mask[int64_t(y) * width + x] != 0; });
     std::copy(found.begin(), found.end(), out);
   } catch (const std::exception&) {
@@ -77,11 +77,11 @@ CS_EXPORT int32_t cs_hull(const uint8_t* mask, int32_t height, int32_t width, ui
 // Of a window of labels, its rows `stride` apart: of how many pixels of each label, that is none of those marked as own,
 // the hull of the own ones holds half or more, and how many of them have no neighbour along rows and columns beyond the
 // hull or the window. 1 where there is no memory, else 0.
-CS_EXPORT int32_t cs_hull_holds(const int32_t* labels, int64_t stride, int32_t height, int32_t width,
+CS_EXPORT int32_t cs_hull_holds(const int32_t* labels, int64_t stride, int64_t height, int64_t width,
                                 const uint8_t* own, int64_t* held, int64_t* inner) {
   try {
     const auto is_own = [&](int y, int x) { return own[labels[y * stride + x]] != 0; };
-    const auto hull = cs::stack::hull_of(height, width, is_own);
+    const auto hull = cs::stack::hull_of(int(height), int(width), is_own);
     const auto in = [&](int y, int x) {
       return y >= 0 && x >= 0 && y < height && x < width && hull[size_t(y) * width + x] != 0;
     };

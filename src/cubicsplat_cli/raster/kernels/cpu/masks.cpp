@@ -137,7 +137,7 @@ using namespace cs;
 
 extern "C" {
 // Numbers the parts of a mask from 1 on, in the order of their first pixels. Returns how many, or -1 without memory.
-CS_EXPORT int64_t cs_label(int64_t height, int64_t width, const uint8_t* mask, int32_t diagonally, int32_t* out) try {
+CS_EXPORT int64_t cs_label(int64_t height, int64_t width, const uint8_t* mask, int64_t diagonally, int32_t* out) try {
   Groups groups;
   const std::vector<Run> runs = runs_of(height, width, mask, diagonally ? 1 : 0, groups);
   std::vector<int32_t> numbers;
@@ -150,7 +150,7 @@ CS_EXPORT int64_t cs_label(int64_t height, int64_t width, const uint8_t* mask, i
   return -1;
 }
 
-CS_EXPORT void cs_boxes(int64_t height, int64_t width, const void* labels, int32_t large, int64_t count, int64_t* out) {
+CS_EXPORT void cs_boxes(int64_t height, int64_t width, const void* labels, int64_t large, int64_t count, int64_t* out) {
   std::fill(out, out + 4 * count, int64_t(0));
   if (large)
     boxes(height, width, static_cast<const int64_t*>(labels), count, out);
@@ -160,7 +160,7 @@ CS_EXPORT void cs_boxes(int64_t height, int64_t width, const void* labels, int32
 
 // rounds: how often; mask: what alone may change, or null. Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_dilate(int64_t height, int64_t width, const uint8_t* in, int64_t high, int64_t wide,
-                            const uint8_t* structure, const uint8_t* mask, int64_t rounds, int32_t border,
+                            const uint8_t* structure, const uint8_t* mask, int64_t rounds, int64_t border,
                             uint8_t* out) try {
   Padded from(height, width, high, wide, uint8_t(border)), to = from;
   for (int64_t y = 0; y < height; y++) std::copy(in + y * width, in + (y + 1) * width, from.at(y, 0));

@@ -265,13 +265,13 @@ CS_EXPORT int64_t cs_outline_jacobian(int64_t anchors, int64_t pieces, const uin
 CS_EXPORT double cs_refine(int64_t anchors, int64_t pieces, const uint8_t* lines, const uint8_t* smooth,
                            const uint8_t* level, const int64_t* tied, double* at, double* incoming, double* outgoing,
                            int64_t count, const double* points, const double* weights, int64_t* piece, double* u,
-                           int32_t rounds) {
+                           int64_t rounds) {
   using namespace cs;
   try {
     const Joints joints(anchors, pieces, lines, smooth, level, tied);
     Outline outline(anchors, at, incoming, outgoing);
     Feet feet{{piece, piece + count}, {u, u + count}, std::vector<double>(count), std::vector<double>(2 * count)};
-    const double chi = refine(joints, smooth, {count, points, weights}, rounds, outline, feet);
+    const double chi = refine(joints, smooth, {count, points, weights}, int(rounds), outline, feet);
     outline.write(at, incoming, outgoing);
     std::copy(feet.piece.begin(), feet.piece.end(), piece), std::copy(feet.u.begin(), feet.u.end(), u);
     return chi;

@@ -100,9 +100,9 @@ Ramp with_a_knot(const Bins& bins, const Ramp& ramp) {
 extern "C" {
 
 // The stops along the t of a frame (2, 3) with the shortest description, at most `most`: price, levels^2, is what one is
-// worth. knots (most), colours (most x 4): filled in. Returns how many, 0 without memory.
-CS_EXPORT int32_t cs_ramp(int64_t n, const double* x, const double* y, const double* values, const double* frame,
-                          int32_t radial, int32_t most, double price, double* knots, double* colours) {
+// worth. knots (most), colours (most x 4): filled in. Returns how many, -1 without memory.
+CS_EXPORT int64_t cs_ramp(int64_t n, const double* x, const double* y, const double* values, const double* frame,
+                          int64_t radial, int64_t most, double price, double* knots, double* colours) {
   try {
     cs::Geometry own{{}, radial != 0};
     std::copy(frame, frame + 6, own.map);
@@ -121,13 +121,13 @@ CS_EXPORT int32_t cs_ramp(int64_t n, const double* x, const double* y, const dou
     std::copy(best.colours.begin(), best.colours.end(), colours);
     return best.count();
   } catch (const std::exception&) {
-    return 0;
+    return -1;
   }
 }
 
 // The mean square, levels^2, by which pixels differ from those that have about the same t; below 0 without memory.
 CS_EXPORT double cs_scatter(int64_t n, const double* x, const double* y, const double* values, const double* frame,
-                            int32_t radial) {
+                            int64_t radial) {
   try {
     cs::Geometry own{{}, radial != 0};
     std::copy(frame, frame + 6, own.map);

@@ -6,52 +6,36 @@
 #include <vector>
 
 #include "abi.h"
-
-namespace cs {
-namespace {
-
-int32_t root_of(std::vector<int32_t>& parent, int32_t i) {
-  while (parent[i] != i) i = parent[i] = parent[parent[i]];
-  return i;
-}
-
-}  // namespace
-}  // namespace cs
+#include "groups.h"
 
 extern "C" {
 
 // The parts of equal values >= -1, connected along the sides of pixels (height x width), numbered by their values and then
 // their first pixels. Returns how many there are; -1 where there is no memory.
 CS_EXPORT int64_t cs_components(const int32_t* values, int64_t height, int64_t width, int32_t* labels) {
-  using namespace cs;
   try {
-    std::vector<int32_t> parent, value;
+    cs::Groups groups;
+    std::vector<int32_t> value, numbers;  // of what a group is made of; of each such thing that of its group
     for (int64_t y = 0; y < height; y++)
       for (int64_t x = 0; x < width; x++) {
         const int64_t i = y * width + x;
         const bool left = x > 0 && values[i] == values[i - 1], above = y > 0 && values[i] == values[i - width];
-        if (left) {
-          labels[i] = labels[i - 1];
-          if (!above) continue;
-          // The smaller one stays, so that parts keep the order of their first pixels.
-          const int32_t a = root_of(parent, labels[i - 1]), b = root_of(parent, labels[i - width]);
-          parent[std::max(a, b)] = std::min(a, b);
-        } else if (above) {
-          labels[i] = labels[i - width];
+        if (left || above) {
+          labels[i] = labels[left ? i - 1 : i - width];
+          if (left && above) groups.join(labels[i], labels[i - width]);
         } else {
-          labels[i] = int32_t(parent.size());
-          parent.push_back(labels[i]), value.push_back(values[i]);
+          labels[i] = int32_t(groups.added());
+          value.push_back(values[i]);
         }
       }
-    std::vector<int32_t> roots;
-    for (int32_t k = 0; k < int32_t(parent.size()); k++)
-      if (parent[k] == k) roots.push_back(k);
-    std::stable_sort(roots.begin(), roots.end(), [&](int32_t a, int32_t b) { return value[a] < value[b]; });
-    std::vector<int32_t> number(parent.size());
-    for (size_t n = 0; n < roots.size(); n++) number[roots[n]] = int32_t(n);
-    for (size_t k = 0; k < parent.size(); k++) number[k] = number[root_of(parent, int32_t(k))];
-    for (int64_t i = 0; i < height * width; i++) labels[i] = number[labels[i]];
-    return int64_t(roots.size());
+    const int64_t count = groups.numbered(numbers);
+    std::vector<int32_t> own(count), order(count), place(count);
+    for (size_t k = numbers.size(); k-- > 0;) own[numbers[k]] = value[k];
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](int32_t a, int32_t b) { return own[a] < own[b]; });
+    for (int64_t n = 0; n < count; n++) place[order[n]] = int32_t(n);
+    for (int64_t i = 0; i < height * width; i++) labels[i] = place[numbers[labels[i]]];
+    return count;
   } catch (const std::exception&) {
     return -1;
   }
@@ -60,6 +44,7 @@ CS_EXPORT int64_t cs_components(const int32_t* values, int64_t height, int64_t w
 // What a mask (height x width) encloses without being it, connected along the sides of pixels. Returns 1 where there is no
 // memory.
 CS_EXPORT int32_t cs_holes(const uint8_t* mask, int64_t height, int64_t width, uint8_t* holes) {
+  if (!height || !width) return 0;
   try {
     for (int64_t i = 0; i < height * width; i++) holes[i] = !mask[i];
     std::vector<int64_t> left;

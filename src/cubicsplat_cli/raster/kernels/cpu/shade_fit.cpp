@@ -185,9 +185,9 @@ extern "C" {
 // Brings a shade nearer to pixels: frame (2, 3), stops knots and colours (x 4) are changed in place. parameters: of the
 // geometry, 2, 3 or 5. Returns 0, or 1 without memory.
 CS_EXPORT int32_t cs_fit_shade(int64_t n, const double* x, const double* y, const double* values, double* frame,
-                               int32_t parameters, int32_t stops, double* knots, double* colours) {
+                               int64_t parameters, int64_t stops, double* knots, double* colours) {
   try {
-    cs::Shade shade{{{}, parameters != 2}, parameters, {{knots, knots + stops}, {colours, colours + 4 * stops}}};
+    cs::Shade shade{{{}, parameters != 2}, int(parameters), {{knots, knots + stops}, {colours, colours + 4 * stops}}};
     std::copy(frame, frame + 6, shade.frame.map);
     cs::Fit fit({n, x, y, values}, std::move(shade));
     cs::minimise(fit, fit.begin(), cs::kRounds, cs::kEnough);
@@ -203,13 +203,13 @@ CS_EXPORT int32_t cs_fit_shade(int64_t n, const double* x, const double* y, cons
 
 // The best colours (stops x 4) of given stops.
 CS_EXPORT int32_t cs_shade_colours(int64_t n, const double* x, const double* y, const double* values,
-                                   const double* frame, int32_t radial, int32_t stops, const double* knots,
+                                   const double* frame, int64_t radial, int64_t stops, const double* knots,
                                    double* colours) {
   try {
     cs::Geometry own{{}, radial != 0};
     std::copy(frame, frame + 6, own.map);
-    cs::RampEquations equations(stops);
-    for (int64_t i = 0; i < n; i++) equations.add(cs::Hat(knots, stops, own.t(x[i], y[i])), 1.0, values + 4 * i);
+    cs::RampEquations equations{int(stops)};
+    for (int64_t i = 0; i < n; i++) equations.add(cs::Hat(knots, int(stops), own.t(x[i], y[i])), 1.0, values + 4 * i);
     const std::vector<double> found = equations.colours();
     std::copy(found.begin(), found.end(), colours);
   } catch (const std::exception&) {
@@ -220,11 +220,11 @@ CS_EXPORT int32_t cs_shade_colours(int64_t n, const double* x, const double* y, 
 
 // What a shade has at places (n x 4), levels; where values are given, off them instead.
 CS_EXPORT void cs_shaded(int64_t n, const double* x, const double* y, const double* values, const double* frame,
-                         int32_t radial, int32_t stops, const double* knots, const double* colours, double* out) {
+                         int64_t radial, int64_t stops, const double* knots, const double* colours, double* out) {
   cs::Geometry own{{}, radial != 0};
   std::copy(frame, frame + 6, own.map);
   for (int64_t i = 0; i < n; i++) {
-    const cs::Hat hat(knots, stops, own.t(x[i], y[i]));
+    const cs::Hat hat(knots, int(stops), own.t(x[i], y[i]));
     const double *before = colours + 4 * (hat.after - 1), *after = before + 4;
     for (int k = 0; k < 4; k++) {
       const double at = before[k] + hat.share * (after[k] - before[k]);

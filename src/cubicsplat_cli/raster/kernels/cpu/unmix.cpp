@@ -9,47 +9,13 @@
 #include <vector>
 
 #include "abi.h"
+#include "colours.h"
 
 namespace cs {
 namespace {
 
-constexpr double kTiny = 1e-9;
-constexpr double kFarther = 1.5;  // levels by which a blend must be better for each place its colours are farther away
-constexpr double kSimpler = 2.0;  // levels by which a blend of three colours must be better than one of two
+constexpr double kSimpler = 2.0;       // levels by which a blend of three colours must be better than one of two
 constexpr double kDeterminate = 1e-3;  // squared sine between the edges of three colours' triangle that tells shares
-
-struct Colour {
-  double of[4];
-  Colour operator-(const Colour& other) const {
-    Colour out;
-    for (int c = 0; c < 4; c++) out.of[c] = of[c] - other.of[c];
-    return out;
-  }
-  double dot(const Colour& other) const {
-    return of[0] * other.of[0] + of[1] * other.of[1] + of[2] * other.of[2] + of[3] * other.of[3];
-  }
-  // The largest channel of this less a times one and b times another.
-  double off(double a, const Colour& one, double b = 0.0, const Colour& other = {}) const {
-    double most = 0.0;
-    for (int c = 0; c < 4; c++) most = std::max(most, std::fabs(of[c] - a * one.of[c] - b * other.of[c]));
-    return most;
-  }
-};
-
-template <class Number>
-Colour colour(const Number* at) {
-  return {{double(at[0]), double(at[1]), double(at[2]), double(at[3])}};
-}
-
-struct Blend {
-  double share, residual;
-};
-
-// A value as a blend of a colour with another one, relative to the latter.
-Blend between(const Colour& value, const Colour& span) {
-  const double share = std::min(std::max(value.dot(span) / std::max(span.dot(span), kTiny), 0.0), 1.0);
-  return {share, value.off(share, span)};
-}
 
 // A value as a blend of an ink with one or both of two others.
 Blend among(const Colour& value, const Colour& ink, const Colour& first, const Colour& second) {
@@ -185,10 +151,11 @@ CS_EXPORT void cs_nearest_inks(int64_t count, const float* values, int64_t inks,
   }
 }
 
-// The different numbers >= 0, at most `slots`, nearest to n pixels of a map (height x width) within `reach` px; -1 where
-// there are fewer. Returns 1 where there is no memory, else 0.
-CS_EXPORT int32_t cs_near(const int32_t* map, int64_t height, int64_t width, int64_t count, const int64_t* y,
-                          const int64_t* x, int64_t reach, int64_t slots, int32_t* near) {
+// The different numbers >= 0 of a map (height x width), at most `slots`, nearest to n of its pixels within `reach` px to
+// all sides, -1 where there are fewer; and, unless null, the pixels (n x slots) where they are. Returns 1 where there is no
+// memory, else 0.
+CS_EXPORT int32_t cs_near(const int32_t* map, int64_t height, int64_t width, int64_t count, const int64_t* pixels,
+                          int64_t reach, int64_t slots, int32_t* near, int64_t* places) {
   struct Step {
     int64_t square, y, x;
   };
@@ -200,11 +167,13 @@ CS_EXPORT int32_t cs_near(const int32_t* map, int64_t height, int64_t width, int
     for (int64_t i = 0; i < count; i++) {
       int32_t* own = near + slots * i;
       int64_t used = 0;
+      if (places) std::fill(places + slots * i, places + slots * (i + 1), pixels[i]);
       for (const Step& step : steps) {
-        const int64_t row = y[i] + step.y, column = x[i] + step.x;
+        const int64_t row = pixels[i] / width + step.y, column = pixels[i] % width + step.x;
         if (row < 0 || column < 0 || row >= height || column >= width) continue;
         const int32_t found = map[row * width + column];
         if (found < 0 || std::find(own, own + used, found) != own + used) continue;
+        if (places) places[slots * i + used] = row * width + column;
         own[used++] = found;
         if (used == slots) break;
       }
