@@ -17,7 +17,7 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.intake import Intake, as_levels, taken_in
 from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
-from cubicsplat_cli.artwork.layers.completion import outlines_of, polygons_of
+from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of
 from cubicsplat_cli.artwork.layers.extents import SHEET
 from cubicsplat_cli.artwork.limits import MOST_DETAILED, MOST_POLISHED, blocks_of, enlarged, few_enough
 from cubicsplat_cli.artwork.names import shape_name
@@ -193,9 +193,10 @@ def _traced(
     completed, sought = settings.completion == ON, len(parts) <= MOST_POLISHED
     fitted: list[tuple[Outline, ...]] = []
     with work().stoppable():
-        for part in parts:
+        work().at("fitting outlines", 0.25)
+        for outlines in outlines_of_all([part.extent for part in parts], canvas, settings.detail, completed, sought):
+            fitted.append(outlines)
             work().at("fitting outlines", 0.25 + 0.25 * len(fitted) / len(parts))
-            fitted.append(outlines_of(part.extent, canvas, settings.detail, completed, sought))
     shapes = [_shape(part, outlines, canvas, flat) for part, outlines in zip(parts, fitted, strict=False)]
     return (*shapes, *_polygons(parts[len(fitted) :], canvas, flat))
 

@@ -19,6 +19,7 @@ from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg import write_drawing
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
@@ -76,7 +77,8 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
     from cubicsplat_cli.artwork.vectorize import draw, prepared
 
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
-    with under_way(Work(task.on_progress, time.perf_counter() + task.seconds_to_make())) as work:
+    deadline, threads = time.perf_counter() + task.seconds_to_make(), task.request.settings.threads or cpu_count()
+    with under_way(Work(task.on_progress, deadline, threads)) as work:
         target = task.target.target()
         intake = prepared(target)
         blur = intake.scale * math.hypot(intake.condition.blur, ENLARGED if intake.times > 1 else 0.0)

@@ -83,6 +83,12 @@ def laid_out(
     """The cheapest division of a closed loop into lines and cubics: which of its corners pay (C,), from which point on
     the pieces follow each other, and the weights (n,) 1/px^2 without the points next to corners, which see both flanks.
 
+    Every corner but a sure one that turns little, or has another near, is kept only if that is cheaper than doing
+    without, and so are those in a row along a rounding. The runs between the corners, or the whole loop where none is
+    left, are divided by dynamic programming: nodes are laid along a run, denser where it bends, each pair of them gets
+    the best line and the best cubic with the tangents measured there, and the cheapest path through the nodes is the
+    division. The price of a piece is half of chi^2 plus the price of a parameter times their number.
+
     points: (n, 2) px; weights: (n,) 1/px^2, 0 where points tell nothing. corners: indices (C,) of the points after
     them, ascending, positions (C, 2) px, turns (C,) radians, and (C,) bool, which are sure. price: of a parameter,
     nats. Raises EngineError where the library or the memory is missing.
