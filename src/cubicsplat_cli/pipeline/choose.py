@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -14,22 +15,20 @@ from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
-from cubicsplat_cli.pipeline.photo import PhotoFit, fitted_photo
+from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
 
-# Px of the longer side: of the copy that is fitted, and of the one on which both are judged, where fine lines count.
-SIDE, JUDGED_SIDE = 192, 1024
+JUDGED_SIDE = 1024  # px of the longer side of the copy on which both are judged, where fine lines count
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
-STEPS = 300
 BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
-SKETCH_DB = 2.0  # that fitted outlines are better than polygons
+SKETCH_DB, DRAFT_DB = 2.0, 1.0  # by which the drawing is better than its polygons, and than its outlines alone
 
 
 # What makes each style. A further one needs a line here, a name in `request.STYLES`, and its file in this package.
@@ -198,7 +197,7 @@ def _suiting(task: Task, style: Style) -> Made:
         return replace(drawn_cells(task, style.cells), style=style)
     if style.name == PHOTO:
         return _photo_or_drawing(task, style)
-    return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
+    return replace(drawn_outlines(task, lambda made, fitted: check_worth_finishing(task, made, fitted)), style=style)
 
 
 def _failure(style: str, error: Exception) -> str:
@@ -225,9 +224,12 @@ def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -
     return psnr_db(judged, layer, threads)
 
 
-def check_worth_finishing(task: Task, sketch: Made) -> None:
-    """Raises PhotoIsNearer where not even fitted outlines would bring a drawing near enough, and what a fit raises."""
-    reason = photo_is_nearer(task, sketch, MARGIN_DB + SKETCH_DB)
+def check_worth_finishing(task: Task, made: Made, fitted: bool) -> None:
+    """Raises PhotoIsNearer where not even the rest of the work would bring a drawing near enough.
+
+    fitted: whether its outlines have been fitted to the picture. Raises also what a fit raises.
+    """
+    reason = photo_is_nearer(task, made, MARGIN_DB + (DRAFT_DB if fitted else SKETCH_DB))
     if reason is not None:
         raise PhotoIsNearer(reason)
 
@@ -240,15 +242,12 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
     drawn = level_db(task, made.scene, made.samples, made.blur)
     if drawn is None or drawn >= ENOUGH_DB:
         return None
-    from cubicsplat_cli.photo import fit  # which most drawings do not come to
-
     size = len(made.write(task.title, task.comment()).encode())
     curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), task.request.settings.curves or MOST))
-    quick = fit(resize_picture(task.target, SIDE).target(), task.settings().with_(curves=curves, steps=STEPS))
-    if quick.interrupted:
-        raise KeyboardInterrupt
-    fitted = level_db(task, quick.scene, made.samples)
-    if fitted is not None and fitted <= drawn + margin_db:
+    if curves not in task.quick_photos:
+        task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: level_db(task, scene, made.samples))
+    fitted = task.quick_photos[curves].beyond(drawn + margin_db)
+    if fitted is None:
         return None
-    near = "is identical" if fitted is None else f"has {fitted:.1f} dB"
+    near = "is identical" if math.isinf(fitted) else f"has {fitted:.1f} dB"
     return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 from cubicsplat_cli.errors import UsageError
@@ -28,6 +29,10 @@ from cubicsplat_cli.svg import write_svg
 # which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/lab/cpu.md.
 ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
+# Px of the longer side of the copy of a quick fit, and its steps; at which shares of these before the finish its level
+# is looked at, and by how many dB it rises from there to the end at most, as it does for airbrush: by half for photos.
+QUICK_SIDE, QUICK_STEPS = 192, 300
+QUICK_LOOKS = ((0.15, 11.0), (0.4, 6.0), (0.65, 3.0), (1.0, 0.0))
 
 
 def fitted_photo(task: Task) -> Made:
@@ -53,6 +58,38 @@ class PhotoFit:
     def finished(self) -> Made:
         """The result of the whole fit."""
         return _made_of(self._photo, Within(self._fitting.finish(), []))
+
+
+class QuickPhoto:
+    """A fit of so many curves in few steps to a small copy of a picture, done as far as its level matters.
+
+    level_of: the level of a scene, dB; None where it is the picture.
+    """
+
+    def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float | None]) -> None:
+        self._level_of, self._looks, self._most = level_of, list(QUICK_LOOKS), math.inf
+        from cubicsplat_cli.photo.fitting import Fitting  # which most drawings do not come to
+
+        small = resize_picture(task.target, QUICK_SIDE).target()
+        self._fitting = Fitting(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))
+
+    def beyond(self, least: float) -> float | None:
+        """Its level, dB, infinite where it is the picture; None where that is `least` or less, which may be plain long
+        before its end. Raises what a fit raises, and KeyboardInterrupt.
+        """
+        while self._looks and self._most > least:
+            share, rise = self._looks.pop(0)
+            scene = self._fitting.scene() if rise and self._fitting.relax(share) else self._end()
+            level = self._level_of(scene)
+            self._most = math.inf if level is None else level + rise
+        return self._most if self._most > least else None
+
+    def _end(self) -> Scene:
+        self._looks.clear()
+        fitted = self._fitting.finish()
+        if fitted.interrupted:
+            raise KeyboardInterrupt
+        return fitted.scene
 
 
 def _begun(task: Task) -> tuple[Photo, FitSettings]:

@@ -121,7 +121,8 @@ class Task:
     """One picture, and what is asked of it.
 
     source: the picture as it came; picture: over the ground asked for; target: what is fitted, that or a smaller copy.
-    recorder: keeps the scenes of a photo's fit. logged: the warnings of the work so far.
+    recorder: keeps the scenes of a photo's fit. logged: the warnings of the work so far. quick_photos: quick fits
+    to the picture that were begun, by their number of curves.
     """
 
     source: Picture
@@ -133,6 +134,7 @@ class Task:
     recorder: FrameRecorder | None
     title: str
     logged: list[str] = field(default_factory=list)
+    quick_photos: dict[int, Any] = field(default_factory=dict)
 
     @property
     def bounded(self) -> bool:

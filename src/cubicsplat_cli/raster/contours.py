@@ -60,7 +60,7 @@ def fitted_contours(
     given = ends, doubles(points), doubles(weights), np.ascontiguousarray(known, bool), doubles(prices)
     out = form, values, pieces, anchors, controls, lines, smooth
     bad = native("outlines", "cs_fit_contours", loops, *given, astray, work().threads, *out, result=c_int64)
-    places = 2 * (np.concatenate([[0], ends[:-1]]) + np.arange(loops)) if loops else []
+    places = (2 * (np.concatenate([[0], ends])[:-1] + np.arange(loops))).tolist()
     found = []
     for k, (place, count) in enumerate(zip(places, np.maximum(pieces, 0).tolist(), strict=True)):
         own = slice(place, place + count)

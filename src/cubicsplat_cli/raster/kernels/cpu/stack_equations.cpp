@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <exception>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -15,6 +16,9 @@
 
 namespace cs::stack {
 namespace {
+
+constexpr int32_t kMostAtOnce = 4000;  // variables: beyond, a factor of all takes longer than a dozen of its parts
+constexpr double kEnough = 1e-3;       // of the residual of a step, which is right to first order at best
 
 using Block = std::array<double, 64>;
 
@@ -69,7 +73,7 @@ class Equations {
     place(x, y, shares);
     std::copy(gradient_.begin(), gradient_.end(), gradient);
     for (double& value : gradient_) value = -value;
-    const bool solved = sparse::solve(entries, sparse::Dissection(x, y, entries).order, gradient_);
+    const bool solved = unknowns_.variables <= kMostAtOnce ? solved_at_once(entries, x, y) : iterated(entries, x, y);
     std::copy(gradient_.begin(), gradient_.end(), step);
     return solved;
   }
@@ -88,6 +92,25 @@ class Equations {
   std::vector<Crossing> crossings_;
   std::vector<double> gradient_, overlap_;
   std::vector<std::vector<double>> slopes_;
+
+  bool solved_at_once(const std::vector<sparse::Entry>& entries, const std::vector<double>& x,
+                      const std::vector<double>& y) {
+    const sparse::Factor factor(entries, sparse::Dissection(x, y, entries).order);
+    if (factor.positive()) factor.solve(gradient_);
+    return factor.positive();
+  }
+
+  // Outlines share little with each other, so a dozen steps suffice, each of which solves for all outlines alone.
+  bool iterated(const std::vector<sparse::Entry>& entries, const std::vector<double>& x, const std::vector<double>& y) {
+    std::vector<int32_t> outline(unknowns_.variables, 0);
+    for (int32_t k = 0; k < unknowns_.outlines; k++) outline[unknowns_.start[k]] = unknowns_.start[k];
+    std::partial_sum(outline.begin(), outline.end(), outline.begin(),
+                     [](int32_t a, int32_t b) { return std::max(a, b); });
+    std::vector<sparse::Entry> own;
+    for (const sparse::Entry& e : entries)
+      if (outline[e.row] == outline[e.column]) own.push_back(e);
+    return sparse::iterate(entries, {own, sparse::Dissection(x, y, own).order}, kEnough, gradient_);
+  }
 
   void collect() {
     std::vector<uint8_t> wanted(picture_.layers.size(), 0);
