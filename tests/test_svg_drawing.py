@@ -28,7 +28,7 @@ from cubicsplat_cli.evaluate import agreement_db, rerender
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg
-from cubicsplat_cli.svg.drawing_paths import grid_ring
+from cubicsplat_cli.svg.drawing_paths import grid_rings
 from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.own import own_elements
@@ -191,7 +191,7 @@ def smooth_ring(seed: int, joints: int) -> Ring:
 @given(st.integers(0, 10_000), st.integers(2, 9), st.integers(1, 3))
 def test_the_path_says_what_the_grid_says(seed, joints, precision):
     ring = smooth_ring(seed, joints)
-    grid = grid_ring(ring, precision)
+    grid = grid_rings([ring], precision)[0]
     found = path_segments(path_of(ring, precision=precision))[:-1]
     unit = 10.0**-precision
     assert len(found) == grid.pieces
@@ -205,7 +205,7 @@ def test_the_path_says_what_the_grid_says(seed, joints, precision):
 @given(st.integers(0, 10_000), st.integers(2, 9))
 def test_rounding_keeps_joints_smooth(seed, joints):
     ring = smooth_ring(seed, joints)
-    grid = grid_ring(ring, 2)
+    grid = grid_rings([ring], 2)[0]
     rounded = np.rint(100 * np.stack([np.roll(ring.controls[:, 1], 1, axis=0), ring.controls[:, 0]], axis=1))
     kept = np.stack([np.roll(grid.controls[:, 1], 1, axis=0), grid.controls[:, 0]], axis=1)
     turns = [np.abs(_turn(controls - grid.anchors[:, None])) for controls in (rounded, kept)]

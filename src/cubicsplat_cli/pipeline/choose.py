@@ -25,6 +25,7 @@ JUDGED_SIDE = 1024  # px of the longer side of the copy on which both are judged
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
+LEAST_BYTES = 5.0  # of a line or cubic in a file
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
@@ -209,6 +210,15 @@ def _failure(style: str, error: Exception) -> str:
     return f"{style} failed ({type(error).__name__}: {one_line(error)}); this is a bug, please report it"
 
 
+def _curves_of(task: Task, made: Made) -> int:
+    """The curves of a photo that takes as many bytes as a drawing; those of large drawings are not counted."""
+    most = task.request.settings.curves or MOST
+    if made.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
+        return most
+    size = len(made.write(task.title, task.comment()).encode())
+    return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
+
+
 def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
     """PSNR of a scene against what is fitted, at most JUDGED_SIDE px; None where they are alike, or there is no scene.
 
@@ -242,8 +252,7 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
     drawn = level_db(task, made.scene, made.samples, made.blur)
     if drawn is None or drawn >= ENOUGH_DB:
         return None
-    size = len(made.write(task.title, task.comment()).encode())
-    curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), task.request.settings.curves or MOST))
+    curves = _curves_of(task, made)
     if curves not in task.quick_photos:
         task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: level_db(task, scene, made.samples))
     fitted = task.quick_photos[curves].beyond(drawn + margin_db)

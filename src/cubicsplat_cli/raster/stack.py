@@ -169,6 +169,14 @@ class DrawnStack:
         _library().cs_stack_picture(self._handle, image.ctypes.data, misfit.ctypes.data)
         return image, misfit
 
+    def uppermost(self, rows: slice, columns: slice, least: float) -> np.ndarray:
+        """(h, w) int32 the uppermost layer that covers so much, more than nothing, of each pixel of a window of the
+        canvas; -1 for none."""
+        out = np.empty((rows.stop - rows.start, columns.stop - columns.start), np.int32)
+        box = columns.start, rows.start, *out.shape[::-1]
+        _library().cs_stack_uppermost(self._handle, *box, least, out.ctypes.data)
+        return out
+
     @cached_property
     def crossings(self) -> CoverageJacobian:
         """The pixels that the pieces cross, and how these change with them: as exact areas do in any case."""
@@ -241,6 +249,8 @@ def _library() -> ctypes.CDLL:
     lib.cs_stack_draw.restype, lib.cs_stack_draw.argtypes = c_void_p, [POINTER(_Goal), POINTER(_Stack), c_void_p]
     lib.cs_stack_free.restype, lib.cs_stack_free.argtypes = None, [c_void_p]
     lib.cs_stack_picture.restype, lib.cs_stack_picture.argtypes = None, [c_void_p] * 3
+    lib.cs_stack_uppermost.restype = None
+    lib.cs_stack_uppermost.argtypes = [c_void_p, *[c_int64] * 4, c_double, c_void_p]
     lib.cs_stack_cost.restype, lib.cs_stack_cost.argtypes = c_double, [c_void_p]
     lib.cs_stack_crossings.restype, lib.cs_stack_crossings.argtypes = c_int64, [c_void_p, POINTER(_Crossings)]
     lib.cs_stack_growth.argtypes = [*[c_void_p] * 4, c_int64, c_int32, c_int32, c_void_p]

@@ -35,7 +35,7 @@ from cubicsplat_cli.svg.drawing_paths import (
     add_rounded,
     add_stroke,
     form_of,
-    grid_ring,
+    grid_rings,
 )
 from cubicsplat_cli.svg.markup import (
     GradientElements,
@@ -122,8 +122,18 @@ class _GridRings:
         self.exact = exact
         self._precision = precision
         self._cache: dict[tuple[int, bool], tuple[Ring, Ring]] = {}
+        given = {
+            (id(outline), index == 0): outline
+            for shape in shapes
+            if shape.stroke is None
+            for index, outline in enumerate(shape.outlines)
+            if isinstance(outline, Ring)
+        }
+        turned = [_turned_to(ring, clockwise) for (_, clockwise), ring in given.items()]
+        for (key, ring), grid in zip(given.items(), grid_rings(turned, precision, exact), strict=True):
+            self._cache[key] = ring, grid
         forms = Counter(
-            form_of(self.of(outline, index == 0))
+            form_of(self._cache[id(outline), index == 0][1])
             for shape in shapes
             if shape.stroke is None
             for index, outline in enumerate(shape.outlines)
@@ -135,10 +145,13 @@ class _GridRings:
         """One of them, as seen clockwise or not."""
         cached = self._cache.get((id(ring), clockwise))
         if cached is None:
-            turned = ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
-            cached = ring, grid_ring(turned, self._precision, self.exact)
+            cached = ring, grid_rings([_turned_to(ring, clockwise)], self._precision, self.exact)[0]
             self._cache[id(ring), clockwise] = cached
         return cached[1]
+
+
+def _turned_to(ring: Ring, clockwise: bool) -> Ring:
+    return ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
 
 
 def _element(group: Sequence[Shape], precision: int, rings: _GridRings) -> ElementTree.Element | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from xml.etree import ElementTree
 
 from cubicsplat_cli.scene.paint import Gradient, Ink, LinearGradient
@@ -16,6 +17,7 @@ _NOT_ID = re.compile(r"[^A-Za-z0-9_.]+")
 _DECIMALS = 3  # of offsets and opacities
 
 
+@lru_cache(1 << 16)  # most numbers of a path are small and come again
 def format_number(value: int, precision: int) -> str:
     """`value` * 10^-precision as short decimal text: no leading zero, no trailing zeros, no exponent.
 

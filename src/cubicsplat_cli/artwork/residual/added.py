@@ -114,7 +114,7 @@ class _Trials:
 
     def _ways(self, found: list[Area]) -> list[list[_Way]]:
         """The ways to explain each area, the first ones of all areas tried together, and so on."""
-        canvas = Canvas(self.drawing)
+        canvas = Canvas(self.drawing, self.before.stack)
         proposed: list[list[list[Placed]]] = []
         for area in found:
             work().at()

@@ -22,6 +22,7 @@ from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, Picture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.stack import DrawnStack
 from cubicsplat_cli.raster.unmix import blend_with
 
 DOT = 4  # px of a shape, below which it becomes a circle
@@ -43,31 +44,19 @@ class Placed:
 
 
 class Canvas:
-    """Which shapes of a drawing show where."""
+    """Which shapes of a drawing show where. stack: they, as drawn."""
 
-    def __init__(self, drawing: Drawing) -> None:
+    def __init__(self, drawing: Drawing, stack: DrawnStack) -> None:
         self.size = drawing.height, drawing.width
         self.inks = np.array([_premultiplied(shape.ink) for shape in drawing.shapes])
         self.palette = np.unique(self.inks, axis=0)
-        self._painted = [Outlined.of(shape) for shape in drawing.shapes]
-        self._lows = np.array([each.low for each in self._painted])
-        self._highs = np.array([each.high for each in self._painted])
+        self._stack = stack
 
     def owners(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         """(h, w) the number of the uppermost shape that covers half or more of each pixel of a window, and that of the
         uppermost one that shows in it; -1 for none.
         """
-        out = np.full((2, rows.stop - rows.start, columns.stop - columns.start), -1)
-        corner, far = np.array([columns.start, rows.start]), np.array([columns.stop, rows.stop])
-        for k in np.flatnonzero(((self._lows < far) & (self._highs > corner)).all(axis=1)).tolist():
-            each = self._painted[k]
-            x0, y0 = np.maximum(each.low, corner).tolist()
-            x1, y1 = np.minimum(each.high, far).tolist()
-            cover = each.coverage(slice(y0, y1), slice(x0, x1))
-            view = out[:, y0 - rows.start : y1 - rows.start, x0 - columns.start : x1 - columns.start]
-            view[0][cover >= HALF] = k
-            view[1][cover >= SHOWS] = k
-        return out[0], out[1]
+        return self._stack.uppermost(rows, columns, HALF), self._stack.uppermost(rows, columns, SHOWS)
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,23 @@ void cs_stack_picture(const CsPicture* picture, double* image, double* misfit) {
     }
 }
 
+void cs_stack_uppermost(const CsPicture* picture, int64_t left, int64_t top, int64_t width, int64_t height,
+                        double least, int32_t* out) {
+  std::fill(out, out + width * height, -1);
+  const int64_t right = left + width, bottom = top + height;
+  for (size_t k = 0; k < picture->layers.size(); k++) {
+    const cs::stack::Trace& trace = *picture->layers[k];
+    if (trace.left >= right || trace.right <= left) continue;
+    for (int64_t row = std::max<int64_t>(top, trace.top); row < std::min<int64_t>(bottom, trace.bottom); row++) {
+      const cs::stack::Span* end = trace.spans.data() + trace.rows[row - trace.top + 1];
+      for (const cs::stack::Span* s = trace.spans.data() + trace.rows[row - trace.top]; s < end; s++)
+        if (s->covered >= least && s->first < right && s->last > left)
+          std::fill(out + (row - top) * width + std::max<int64_t>(s->first - left, 0),
+                    out + (row - top) * width + std::min<int64_t>(s->last - left, width), int32_t(k));
+    }
+  }
+}
+
 double cs_stack_cost(const CsPicture* picture) {
   double sum = 0.0;
   for (const auto& tile : picture->tiles) sum += tile->cost;

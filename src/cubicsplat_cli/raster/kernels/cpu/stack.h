@@ -61,6 +61,11 @@ CS_EXPORT void cs_stack_free(CsPicture*);
 // image: H x W x 4, blurred where the goal is, and misfit: H x W, written.
 CS_EXPORT void cs_stack_picture(const CsPicture*, double* image, double* misfit);
 
+// out: height x width, the uppermost layer that covers so much, more than nothing, of each pixel of a window with its corner
+// at (left, top), on the canvas; -1 for none.
+CS_EXPORT void cs_stack_uppermost(const CsPicture*, int64_t left, int64_t top, int64_t width, int64_t height,
+                                  double least, int32_t* out);
+
 // The sum of the misfit, and of what shows of the background where it may not.
 CS_EXPORT double cs_stack_cost(const CsPicture*);
 
