@@ -32,6 +32,7 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture
 from cubicsplat_cli.pipeline import photo as photo_style
 from cubicsplat_cli.pipeline.artwork import SAMPLES, drawn_outlines
+from cubicsplat_cli.pipeline.photo import QuickPhoto
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import COMMAND_BEGAN, FrameRecorder, Observer, Progress, StageTimer, Work
 from cubicsplat_cli.request import Request
@@ -182,10 +183,42 @@ def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(take
 def test_the_sketch_of_a_blurred_picture_is_compared_blurred(monkeypatch):
     monkeypatch.setattr(drawing, "MANY", 0)
     blurred = Image.fromarray(disc()).filter(ImageFilter.GaussianBlur(2.0))
-    sketches = []
-    made = drawn_outlines(task_of(as_picture(np.asarray(blurred)), Request(), StageTimer()), sketches.append)
+    drafts = []
+    task = task_of(as_picture(np.asarray(blurred)), Request(), StageTimer())
+    made = drawn_outlines(task, lambda draft, fitted: drafts.append((draft.blur, fitted)))
     assert made.blur > 0.5
-    assert [sketch.blur for sketch in sketches] == [made.blur]
+    assert drafts == [(made.blur, False), (made.blur, True)]
+
+
+@pytest.mark.parametrize("level", [0.0, 60.0])
+def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, monkeypatch):
+    shares = []
+    relax = FitLoop.relax
+    monkeypatch.setattr(FitLoop, "relax", lambda loop, share=1.0: shares.append(share) or relax(loop, share))
+    task = task_of(as_picture(blotches()), Request(FitSettings(threads=1)), StageTimer())
+    quick = QuickPhoto(task, 4, lambda scene: choose.level_db(task, scene, 48))
+    found = quick.beyond(level)
+    # At 60 dB it is plain at the first look that four curves will not get there; then nothing more is done.
+    assert (found is None) == (level == 60.0)
+    assert shares == ([0.15] if level == 60.0 else [0.15, 0.4, 0.65])
+    assert quick.beyond(level) == found
+    assert len(shares) == (1 if level == 60.0 else 3)
+
+
+def test_a_drawing_far_below_a_quick_photo_is_given_up_before_its_details(monkeypatch, taken_for):
+    taken_for("artwork", "flat")
+    monkeypatch.setattr(drawing, "MANY", 0)
+    asked = []
+
+    def nearer(_task, _made, margin_db=0.0):
+        asked.append(margin_db)
+        return "it is" if len(asked) == 2 else None
+
+    monkeypatch.setattr(choose, "photo_is_nearer", nearer)
+    monkeypatch.setattr(drawing, "with_added", fails)
+    (only,) = candidates(task_of(as_picture(disc()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer()))
+    assert (only.style.name, only.style.reason) == ("photo", "flat, but it is")
+    assert asked[0] > asked[1] > choose.MARGIN_DB
 
 
 def fails(*_) -> None:

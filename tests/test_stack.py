@@ -48,6 +48,47 @@ def test_the_picture_is_composed_of_exact_coverages():
     assert np.abs(image_of(stack_of(), goal_of()) - expected).max() < 1e-6
 
 
+def test_the_uppermost_layer_of_a_pixel_is_the_last_that_covers_enough():
+    shares = [coverage(ring.cubics, ring.lines, 0, 0, HEIGHT, WIDTH) for ring in map(fine_ring, OUTLINES)]
+    rows, columns = slice(3, 36), slice(5, 47)
+    for least in (0.1, 0.5):
+        expected = np.full((HEIGHT, WIDTH), -1)
+        for k, share in enumerate(shares):
+            expected[share >= least] = k
+        found = DrawnStack(stack_of(), goal_of()).uppermost(rows, columns, least)
+        assert (found == expected[rows, columns]).all() and set(np.unique(found)) >= {0, 1, 2}
+
+
+def test_a_step_of_very_many_variables_is_that_of_few():
+    side = 12
+    drawing = Rectangle(3.2, 3.3, 6.4, 5.7)
+    aim = Rectangle(3.0, 3.5, 6.5, 5.5)
+
+    def step_of(across, down):
+        """The step of squares side by side on a canvas, of which one is moved by 8 variables."""
+        shift = side * np.stack(np.meshgrid(np.arange(across), np.arange(down)), axis=-1).reshape(-1, 1, 1, 2)
+        count = len(shift)
+
+        def stack_at(box):
+            cubics = (fine_ring(box).cubics + shift).reshape(-1, 4, 2)
+            ends = 4 * np.arange(1, count + 1, dtype=np.int32)
+            inks = np.tile(INKS[:1], (count, 1))
+            return StackPieces(ends, cubics, np.ones(4 * count, dtype=bool), np.ones(4 * count), inks)
+
+        empty = Goal(np.zeros((down * side, across * side, 4)), (1.0, 1.0, 1.0, 1.5), 10.0)
+        goal = replace(empty, target=image_of(stack_at(aim), empty))
+        one = control_points(stack_of((drawing,)))
+        points = SparseRows(one.starts, one.columns, one.values, 8)
+        first, damping = 4 * np.arange(count), np.zeros(8 * count)
+        unknowns = Unknowns(first, np.full(count, 4), 2 * first, [points] * count, damping, 0.01)
+        return DrawnStack(stack_at(drawing), goal).step(unknowns).values.reshape(count, 8)
+
+    exact = step_of(1, 1)
+    assert np.abs(exact).max() > 0.1
+    # 4,800 variables: solved square by square, again and again.
+    assert step_of(30, 20) == pytest.approx(np.repeat(exact, 600, axis=0), abs=1e-3)
+
+
 def test_a_grid_samples_each_pixel_at_its_middles():
     circle = Circle(20.3, 19.6, 12.7)
     y, x = (np.mgrid[0 : HEIGHT * 4, 0 : WIDTH * 4] + 0.5) / 4
