@@ -210,15 +210,15 @@ def test_a_drawing_far_below_a_quick_photo_is_given_up_before_its_details(monkey
     monkeypatch.setattr(drawing, "MANY", 0)
     asked = []
 
-    def nearer(_task, _made, margin_db=0.0):
-        asked.append(margin_db)
+    def nearer(_task, _made, rise_db=0.0, _fall=1.0):
+        asked.append(rise_db)
         return "it is" if len(asked) == 2 else None
 
     monkeypatch.setattr(choose, "photo_is_nearer", nearer)
     monkeypatch.setattr(drawing, "with_added", fails)
     (only,) = candidates(task_of(as_picture(disc()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer()))
     assert (only.style.name, only.style.reason) == ("photo", "flat, but it is")
-    assert asked[0] > asked[1] > choose.MARGIN_DB
+    assert asked[0] > asked[1] > 0.0
 
 
 def fails(*_) -> None:

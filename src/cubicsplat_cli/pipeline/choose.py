@@ -30,6 +30,9 @@ FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, 
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
 SKETCH_DB, DRAFT_DB = 2.0, 1.0  # by which the drawing is better than its polygons, and than its outlines alone
+# Mean squared error that polygons have and fitted outlines do not, of full scale: they are 0.3 px off at the edges, on
+# which a tenth of the pixels lie.
+SKETCH_ERROR = 0.01
 
 
 # What makes each style. A further one needs a line here, a name in `request.STYLES`, and its file in this package.
@@ -239,23 +242,26 @@ def check_worth_finishing(task: Task, made: Made, fitted: bool) -> None:
 
     fitted: whether its outlines have been fitted to the picture. Raises also what a fit raises.
     """
-    reason = photo_is_nearer(task, made, MARGIN_DB + (DRAFT_DB if fitted else SKETCH_DB))
+    reason = photo_is_nearer(task, made, DRAFT_DB if fitted else SKETCH_DB, 1.0 if fitted else SKETCH_ERROR)
     if reason is not None:
         raise PhotoIsNearer(reason)
 
 
-def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str | None:
-    """Why the photo style suits the picture better than its drawing does, by so many dB; None where it does not.
+def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 1.0) -> str | None:
+    """Why the photo style suits the picture better than its drawing does; None where it does not.
 
-    Raises what a fit raises, and KeyboardInterrupt.
+    rise_db, fall: by how many dB the level of the drawing may still rise, and its mean squared error fall, of full
+    scale. Raises what a fit raises, and KeyboardInterrupt.
     """
     drawn = level_db(task, made.scene, made.samples, made.blur)
     if drawn is None or drawn >= ENOUGH_DB:
         return None
+    rest = 10.0 ** (-0.1 * drawn) - fall
+    rise_db = min(rise_db, -10.0 * math.log10(rest) - drawn) if rest > 0.0 else rise_db
     curves = _curves_of(task, made)
     if curves not in task.quick_photos:
         task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: level_db(task, scene, made.samples))
-    fitted = task.quick_photos[curves].beyond(drawn + margin_db)
+    fitted = task.quick_photos[curves].beyond(drawn + rise_db + MARGIN_DB)
     if fitted is None:
         return None
     near = "is identical" if math.isinf(fitted) else f"has {fitted:.1f} dB"

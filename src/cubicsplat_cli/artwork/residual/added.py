@@ -53,7 +53,7 @@ def with_added(
         added = trials.best()
         if added is trials.drawing or (most is not None and len(added.shapes) > most):
             break
-        after = _Trials(added, goal, picture, detail, trials.before)
+        after = _Trials(added, goal, picture, detail, trials)
         if len(after.found) >= len(trials.found):
             break  # such as the colour fringes of text for an LCD: shapes do not explain what is there
         trials = after
@@ -84,14 +84,18 @@ class _Way:
 
 
 class _Trials:
-    """New shapes tried in a drawing, whose own stay as they are."""
+    """New shapes tried in a drawing, whose own stay as they are. previous: in one with most of its shapes, or None."""
+
+    still: list[Layer]
+    before: State
 
     def __init__(
-        self, drawing: Drawing, goal: Goal, picture: Picture, detail: float, previous: State | None = None
+        self, drawing: Drawing, goal: Goal, picture: Picture, detail: float, previous: _Trials | None = None
     ) -> None:
         self.drawing, self.goal, self.picture, self.detail = drawing, goal, picture, detail
-        self.still = [self._still(shape) for shape in drawing.shapes]
-        self.before = State.of(self.still, goal, previous)
+        known = {id(layer.shape): layer for layer in previous.still} if previous is not None else {}
+        self.still = [known.get(id(shape)) or self._still(shape) for shape in drawing.shapes]
+        self.before = State.of(self.still, goal, previous.before if previous is not None else None)
         self.size = self.before.image.shape[:2]
         self.painted = self.before.image @ _back(goal)
         self.found = areas(picture, self.painted)
