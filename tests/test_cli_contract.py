@@ -34,7 +34,7 @@ except ImportError:  # Windows
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-COMMANDS = dict(typer.main.get_command(app_module.app).commands)
+COMMANDS = dict(typer.main.get_command(app_module.application(*app_module.COMMANDS)).commands)
 COMMANDS |= {f"bench {name}": command for name, command in COMMANDS.pop("bench").commands.items()}
 HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "svgwrite", "PIL", "scipy")
 # What only scans, enlargements, blurred pictures, strokes and photos need; any part of scipy takes 0.2 s to import.
@@ -245,10 +245,10 @@ def test_commands_are_described_within_80_columns(arguments, count, run_cli, mon
 
 
 def main_with(monkeypatch, error: BaseException) -> None:
-    def fail(**_: object) -> None:
+    def fail(_: object) -> None:
         raise error
 
-    monkeypatch.setattr(app_module, "app", fail)
+    monkeypatch.setattr(app_module, "run_command", fail)
     __main__.main()
 
 
