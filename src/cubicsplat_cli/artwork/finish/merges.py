@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, with_outlines
+from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, trimmed, with_outlines
 from cubicsplat_cli.artwork.finish.freedom import ON_BORDER, Held, freedom_of
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.geometry.beziers import bernstein, points_at
@@ -55,15 +55,20 @@ def with_merges(state: State, goal: Goal, held: Held, detail: float, error: floa
     ]
     if not any(plans):
         return state
-    trial = settle(_with(state, plans, held), goal, ROUNDS, trim=False)
-    plans = _paying(state, trial, plans, detail, error)
-    if not any(plans):
-        return state
-    trial = settle(_with(state, plans, held), goal, ROUNDS)
     changed = np.array([bool(plan) for plan in plans])
+    trial = settle(_with(state, plans, held), goal, ROUNDS, trim=False, changed=changed)
+    paying = _paying(state, trial, plans, detail, error)
+    if not any(paying):
+        return state
+    differ = np.array([len(fewer) < len(plan) for fewer, plan in zip(paying, plans, strict=True)])
+    if differ.any():
+        fewer = kept(trial.layers, _with(state, paying, held).layers, ~differ)
+        trial = settle(trial.with_layers(fewer), goal, ROUNDS, changed=differ)
+    changed = np.array([bool(plan) for plan in paying])
+    trial = trimmed(trial, changed)
     refused = shorter(state, trial, changed, detail, error)
     if refused.any():
-        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2)
+        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2, changed=refused)
     return trial
 
 
