@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import sys
 from ctypes import POINTER, c_char, c_char_p, c_double, c_float, c_int32, c_int64, c_void_p
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +106,7 @@ def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> 
     return found
 
 
-@lru_cache(maxsize=None)
+@cache
 def _function(name: str, result: type | None) -> Any:
     function = library()[name]
     function.restype = result
@@ -116,12 +116,12 @@ def _function(name: str, result: type | None) -> Any:
 def memory_of(array: np.ndarray) -> Any:
     """The values of an array that is contiguous by rows, as an object of ctypes that keeps them alive."""
     # Five times faster than `array.ctypes`, which can be had of what may not be written to.
-    return _Memory.from_buffer(array) if array.flags.writeable else c_void_p(array.ctypes.data)
+    return _Memory.from_buffer(array.data) if array.flags.writeable else c_void_p(array.ctypes.data)
 
 
 def address_of(array: np.ndarray) -> int:
     """Where the values of an array lie that is contiguous by rows."""
-    return ctypes.addressof(_Memory.from_buffer(array)) if array.flags.writeable else int(array.ctypes.data)
+    return ctypes.addressof(_Memory.from_buffer(array.data)) if array.flags.writeable else int(array.ctypes.data)
 
 
 def _in_c(given: Any) -> Any:

@@ -96,6 +96,31 @@ def laid_out(
     return found._first(pieces), kept, start.value, chosen
 
 
+def found_merges(
+    ring: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    samples: tuple[np.ndarray, np.ndarray, np.ndarray],
+    judged: tuple[float, float, float],
+    runs: tuple[int, int, int],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The runs of pieces of a ring for which a line, or else a cubic, may stand: numbers (m, 4), the first piece, how
+    many there are, whether it is a line, and the parameters saved; its control points (m, 4, 2); and the nats (m,)
+    expected to be saved, which are more than none.
+
+    ring: the pieces (S, 4, 2), and (S,) bool whether each is a line, starts smoothly, starts at a place that stays, and
+    shows. samples: points along it (n, 2) px, weights (n,), and where those of each piece end (S,). judged: nats a
+    parameter, the share of half of chi^2 that counts against a run, and the least cosine of the angle between the
+    directions at its ends. runs: the longest where it shows, and where it does not; the fewest pieces of a ring. Raises
+    EngineError where the library or the memory is missing.
+    """
+    pieces, most = len(ring[0]), len(ring[0]) * runs[1]
+    numbers, cubics, nets = np.empty((most, 4), np.int64), np.empty((most, 4, 2)), np.empty(most)
+    flags = [np.ascontiguousarray(each, bool) for each in ring[1:]]
+    points, weights, ends = samples
+    given = np.ascontiguousarray(ends, np.int64), doubles(points), doubles(weights), *judged, np.array(runs, np.int64)
+    count = _native("cs_find_merges", pieces, doubles(ring[0]), *flags, *given, numbers, nets, cubics, result=c_int64)
+    return numbers[:count], cubics[:count], nets[:count]
+
+
 @dataclass(frozen=True)
 class Joints:
     """What an outline of A anchors and S pieces (A when closed, else A - 1) keeps while it is fitted. lines: (S,) bool.

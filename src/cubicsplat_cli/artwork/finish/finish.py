@@ -218,7 +218,7 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
 
 
 def trimmed(state: State, moved: np.ndarray) -> State:
-    """The state without pieces that have become too short to matter, of outlines (outlines,) bool that may have moved."""
+    """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
     outlines = [o.trimmed() if moves else o for o, moves in zip(state.outlines, moved.tolist(), strict=True)]
     if all(a is b for a, b in zip(state.outlines, outlines, strict=True)):
         return state
