@@ -18,6 +18,8 @@ MAX_MESSAGE = 1000
 # Objects that are made between two collections. Imports make most objects, and these stay: at the usual 700 it takes a
 # tenth of the start to look through them again and again.
 NEW_OBJECTS = 50_000
+# Threads of numpy's products of matrices: ours have a few columns, and idle threads take time from others.
+BLAS_THREADS = "1"
 EXIT_USAGE, EXIT_INTERRUPTED = 2, 130
 
 
@@ -32,6 +34,7 @@ def run(program: Callable[[list[str]], int | None]) -> NoReturn:
     Our errors become one line on stderr; bugs keep their traceback.
     """
     gc.set_threshold(NEW_OBJECTS)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", BLAS_THREADS)
     began = COMMAND_BEGAN.set(time.perf_counter())
     try:
         _open_streams()

@@ -152,6 +152,16 @@ def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> Outline
     return parts[0], parts[1], parts[2]
 
 
+def outline_cubics(lines: np.ndarray, outline: Outline) -> np.ndarray:
+    """(S, 4, 2) the control points of an outline of S pieces, some of them lines (S,) bool, whose control points lie at
+    their thirds. outline: as for `moved_outline`. Raises EngineError where the library is missing.
+    """
+    out = np.empty((len(lines), 4, 2))
+    flags = np.ascontiguousarray(lines, bool)
+    _native("cs_outline_cubics", len(outline[0]), len(lines), flags, *map(doubles, outline), out, result=None)
+    return out
+
+
 def outline_jacobian(joints: Joints, outline: Outline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How the 8 coordinates of the control points of each piece move with the variables: the values, columns and row
     starts of a sparse matrix. outline: as for `moved_outline`. Raises EngineError where the library or the memory is

@@ -227,14 +227,14 @@ def trimmed(state: State, moved: np.ndarray) -> State:
 
 def with_outlines(layers: list[Layer], outlines: Iterator[Freedom]) -> list[Layer]:
     """The layers with other outlines."""
-    return [replace(layer, outlines=[next(outlines) for _ in layer.outlines]) for layer in layers]
+    return [Layer(each.shape, each.ink, [next(outlines) for _ in each.outlines], each.signs) for each in layers]
 
 
 def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
     """The new layers, with the old outlines where the new ones are worse."""
     refused = iter(worse.tolist())
     return [
-        replace(b, outlines=[x if next(refused) else y for x, y in zip(a.outlines, b.outlines, strict=True)])
+        Layer(b.shape, b.ink, [x if next(refused) else y for x, y in zip(a.outlines, b.outlines, strict=True)], b.signs)
         for a, b in zip(old, new, strict=True)
     ]
 

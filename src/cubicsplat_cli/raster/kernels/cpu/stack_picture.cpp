@@ -45,6 +45,12 @@ std::shared_ptr<const Trace> traced(const CsStack& s, int first, int last, const
   trace->cubics.assign(s.cubics + 8 * int64_t(first), s.cubics + 8 * int64_t(last));
   trace->signs.assign(s.signs + first, s.signs + last), trace->lines.assign(s.lines + first, s.lines + last);
   Window w = window_of(picture.goal, trace->cubics);
+  // Room for about what is crossed; where outlines reach beyond the canvas it is too much.
+  double length = 0.0;
+  for (size_t n = 2; n < trace->cubics.size(); n++)
+    if (n % 8 > 1) length += std::fabs(trace->cubics[n] - trace->cubics[n - 2]);
+  const size_t room = size_t(std::min(length, 1e6)) + 2 * trace->lines.size();
+  trace->pixel.reserve(room), trace->t.reserve(room), trace->change.reserve(8 * room), w.steps.reserve(4 * room);
   Crossings crossings(*trace, picture.goal.width, picture.goal.height);
   Tracer tracer(w, crossings, picture.goal.grid);
   for (int64_t n = 0; n < trace->pieces(); n++)
