@@ -116,6 +116,16 @@ def test_outlines_that_rest_are_looked_at_again_when_the_picture_beneath_them_ch
     assert (disc.cx, disc.cy, disc.r) == pytest.approx((24.0, 20.0, 9.0), abs=3e-3)
 
 
+def test_only_what_has_changed_is_fitted_until_the_picture_beneath_the_rest_changes():
+    shapes = [(Circle(15.0, 20.0, 8.0), RED), (Circle(45.0, 20.0, 8.0), BLUE)]
+    target = picture(shapes, 40, 60)
+    off = tuple(Shape(ink, (replace(each, cx=each.cx + 0.4),), "") for each, ink in shapes)
+    state = begin(Drawing(60, 40, off), goal_of(target))
+    left, right = settle(state, state.goal, changed=np.array([True, False])).outlines
+    assert left.outline().cx == pytest.approx(15.0, abs=0.01)
+    assert right is state.outlines[1]
+
+
 def test_the_finish_of_a_jpeg_trusts_luma_more_than_chroma():
     ground, disc, space = Rectangle(0.0, 0.0, 48.0, 48.0), Circle(24.2, 23.7, 14.3), seen_as(Condition(1.0, jpeg=True))
     target = picture([(ground, YELLOW), (disc, BLUE)], 48, 48) @ space

@@ -272,7 +272,7 @@ def test_the_command_asks_for_the_same_again(request_, monkeypatch):
     words = shlex.split(command(report))
     assert words[:3] == ["cubicsplat", "vectorize", "a 'b.png"]
     with pytest.raises(SystemExit):
-        app.app(words[1:], standalone_mode=False)
+        app.run_command(words[1:])
     assert asked[0].digest() == request_.digest()
 
 

@@ -32,8 +32,6 @@ from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.placing import with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.strokes.find import with_strokes
-from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.scene.paint import mean_ink
@@ -151,6 +149,9 @@ def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_draft: O
             min_area = settings.min_area / intake.scale**2
             drawing = with_added(drawing, goal, condition, settings.detail, min_area, settings.curves)
         if strokes:
+            from cubicsplat_cli.artwork.strokes.find import with_strokes
+            from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
+
             work().at("finding strokes", 0.97)
             drawing = with_strokes(drawing, settings.detail, error / 255.0)
             drawing = fitted_strokes(drawing, goal) if few else drawing

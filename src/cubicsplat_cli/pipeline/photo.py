@@ -23,7 +23,6 @@ from cubicsplat_cli.pipeline.budget import (
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
-from cubicsplat_cli.svg import write_svg
 
 # The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
 # which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/lab/cpu.md.
@@ -101,6 +100,8 @@ def _begun(task: Task) -> tuple[Photo, FitSettings]:
 
 
 def _made_of(photo: Photo, within: Within) -> Made:
+    from cubicsplat_cli.svg import write_svg
+
     task, fitted, request = photo.task, within.fitted, photo.task.request
     notes = [] if request.init is None else list(request.init.notes)
     notes += fitted_on(task.target, photo.rough, photo.fine)

@@ -31,7 +31,6 @@ from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, warning
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg import write_svg
 
 _log = logging.getLogger("cubicsplat")
 UNDECIDED = Style(PHOTO, "")
@@ -162,6 +161,8 @@ class Task:
     def text(self, scene: Scene, precision: int) -> str:
         """The SVG of a photo's curves, at the picture's size."""
         sized = scaled_scene(scene, *self.picture.size)
+        from cubicsplat_cli.svg import write_svg
+
         return with_checksum(write_svg(sized, precision=precision, title=self.title, comment=self.comment()))
 
     def seconds_left(self) -> float:

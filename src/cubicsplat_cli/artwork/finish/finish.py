@@ -161,17 +161,21 @@ def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]
     return [_layer(shape, held, goal.space) for shape in drawing.shapes]
 
 
-def settle(state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True) -> State:
+def settle(
+    state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True, changed: np.ndarray | None = None
+) -> State:
     """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter.
 
-    Outlines whose steps gain hardly anything rest, until the picture beneath them changes.
+    Outlines whose steps gain hardly anything rest, until the picture beneath them changes. changed: (outlines,) bool,
+    those that do not rest at first; by default all.
     """
-    damping, awake = np.full(len(state.outlines), START), np.ones(len(state.outlines), dtype=bool)
+    damping = np.full(len(state.outlines), START)
+    awake = np.ones(len(state.outlines), dtype=bool) if changed is None else changed
     for _ in range(rounds):
         work().at()
         following, awake = _improved(state, damping, awake)
         gain = state.value - following.value
-        state = _trimmed(following, awake) if trim else following
+        state = trimmed(following, awake) if trim else following
         retried = awake & (damping > RELAXED) & (damping < HOPELESS)
         if not awake.any() or (gain < ENOUGH * state.value and not retried.any()):
             break
@@ -213,24 +217,24 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
     return trial, moving | noticed
 
 
-def _trimmed(state: State, awake: np.ndarray) -> State:
-    """The state without pieces that have become too short to matter, of outlines that may have moved."""
-    trimmed = [o.trimmed() if moves else o for o, moves in zip(state.outlines, awake.tolist(), strict=True)]
-    if all(a is b for a, b in zip(state.outlines, trimmed, strict=True)):
+def trimmed(state: State, moved: np.ndarray) -> State:
+    """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
+    outlines = [o.trimmed() if moves else o for o, moves in zip(state.outlines, moved.tolist(), strict=True)]
+    if all(a is b for a, b in zip(state.outlines, outlines, strict=True)):
         return state
-    return state.with_layers(with_outlines(state.layers, iter(trimmed)))
+    return state.with_layers(with_outlines(state.layers, iter(outlines)))
 
 
 def with_outlines(layers: list[Layer], outlines: Iterator[Freedom]) -> list[Layer]:
     """The layers with other outlines."""
-    return [replace(layer, outlines=[next(outlines) for _ in layer.outlines]) for layer in layers]
+    return [Layer(each.shape, each.ink, [next(outlines) for _ in each.outlines], each.signs) for each in layers]
 
 
 def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
     """The new layers, with the old outlines where the new ones are worse."""
     refused = iter(worse.tolist())
     return [
-        replace(b, outlines=[x if next(refused) else y for x, y in zip(a.outlines, b.outlines, strict=True)])
+        Layer(b.shape, b.ink, [x if next(refused) else y for x, y in zip(a.outlines, b.outlines, strict=True)], b.signs)
         for a, b in zip(old, new, strict=True)
     ]
 

@@ -190,16 +190,14 @@ def _bent(outgoing: np.ndarray, incoming: np.ndarray) -> np.ndarray:
 def tied_coordinates(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """(A, 2) the variable of each coordinate: one for both ends of a level or upright line, -1 where fixed."""
     tied = np.arange(anchors.size).reshape(anchors.shape)
-    for i in np.flatnonzero(lines):
-        j = (i + 1) % len(anchors)
-        for c in np.flatnonzero(np.abs(anchors[j] - anchors[i]) < FINEST_TURN):
-            tied[tied == tied[j, c]] = tied[i, c]
+    level = np.abs(np.roll(anchors, -1, axis=0) - anchors) < FINEST_TURN
+    for i, c in np.argwhere(level & lines[:, None]).tolist():
+        tied[tied == tied[(i + 1) % len(anchors), c]] = tied[i, c]
     # What is tied to the border is on it.
-    tied[np.isin(tied, tied[fixed])] = -1
-    free = tied >= 0
-    _, numbers = np.unique(tied[free], return_inverse=True)
-    tied[free] = numbers.reshape(-1)
-    return tied
+    held, used = np.zeros((2, anchors.size), dtype=bool)
+    held[tied[fixed]] = True
+    used[tied[~held[tied]]] = True
+    return np.where(held[tied], -1, (np.cumsum(used) - 1)[tied])
 
 
 class Still:

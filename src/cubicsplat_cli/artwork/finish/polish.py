@@ -12,7 +12,7 @@ from cubicsplat_cli.raster.stack import Goal
 
 # Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
 PASSES, CROWDED, FULL = 3, 400, 1500
-TRIAL_ROUNDS = 6
+TRIAL_ROUNDS, LAST_ROUNDS = 6, 2
 # Pieces beyond which they are settled in fewer rounds still, and not at all.
 MANY, FEWEST_ROUNDS, MOST = 20_000, 3, 100_000
 MERGES = 3  # passes, of a picture that is blurred and not crowded
@@ -45,6 +45,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
             if following is state:
                 break
             state = following
+        state = settle(state, goal, LAST_ROUNDS)
     return drawn(drawing, state)
 
 
@@ -59,8 +60,8 @@ def _moved(state: State, goal: Goal, held: Held, detail: float, error: float) ->
     layers, changed = with_moves(state, held, detail, error)
     if not changed.any():
         return state
-    trial = settle(state.with_layers(layers), goal, TRIAL_ROUNDS)
+    trial = settle(state.with_layers(layers), goal, TRIAL_ROUNDS, changed=changed)
     refused = shorter(state, trial, changed, detail, error)
     if refused.any():
-        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2)
+        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2, changed=refused)
     return trial if not refused[changed].all() else state

@@ -156,7 +156,8 @@ def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: floa
     these do together, first the copies that do, and then all that are left."""
     if not tied:
         return state
-    trial = settle(_with(state, tied), goal, ROUNDS, trim=False)
+    changed = np.isin(np.arange(len(state.outlines)), list(tied))
+    trial = settle(_with(state, tied), goal, ROUNDS, trim=False, changed=changed)
     # What has been a copy before stays one of whatever its model becomes.
     new = [isinstance(tied.get(k), CopyFreedom) and _variables(old) > 0 for k, old in enumerate(state.outlines)]
     copies = np.array(new)
@@ -166,7 +167,7 @@ def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: floa
         if able is copies:
             refused &= saved < 0.0
         if refused.any():
-            trial = settle(_back(trial, state, refused), goal, AFTER_REFUSALS, trim=False)
+            trial = settle(_back(trial, state, refused), goal, AFTER_REFUSALS, trim=False, changed=refused)
             tied = {k: freedom for k, freedom in tied.items() if not refused[k]}
     return trial
 

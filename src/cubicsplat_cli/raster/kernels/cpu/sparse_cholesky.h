@@ -15,9 +15,29 @@
 namespace cs::sparse {
 
 struct Entry {
-  int32_t row, column;  // in either triangle; those given more than once are summed
+  int32_t row, column;  // in either triangle
   double value;
 };
+
+// The same entries, of `count` variables, in one triangle and each only once.
+inline std::vector<Entry> summed(const std::vector<Entry>& entries, int32_t count) {
+  std::vector<int64_t> ends(size_t(count) + 1, 0);
+  for (const Entry& e : entries) ends[std::min(e.row, e.column) + 1]++;
+  std::partial_sum(ends.begin(), ends.end(), ends.begin());
+  std::vector<std::pair<int32_t, double>> sorted(entries.size());  // column and value, by row
+  for (const Entry& e : entries) sorted[ends[std::min(e.row, e.column)]++] = {std::max(e.row, e.column), e.value};
+  std::vector<Entry> out;
+  out.reserve(entries.size() / 2);
+  std::vector<int64_t> place(count, -1);  // of each column in the last row that has it
+  int64_t n = 0;
+  for (int32_t row = 0; row < count; row++)
+    for (const int64_t first = int64_t(out.size()); n < ends[row]; n++) {
+      const auto [column, value] = sorted[n];
+      if (place[column] < first) place[column] = int64_t(out.size()), out.push_back({row, column, 0.0});
+      out[place[column]].value += value;
+    }
+  return out;
+}
 
 class Dissection {
  public:

@@ -37,8 +37,12 @@ struct Groups {
 class Growth {
  public:
   Growth(const CsPicture& before, const CsPicture& after, int32_t spread, bool leaks)
-      : before_(before), after_(after), spread_(spread), leaks_(leaks),
-        counted_(size_t(before.goal.width) * before.goal.height, -1) {}
+      : before_(before), after_(after), spread_(spread), leaks_(leaks), first_(before.tiles.size(), -1) {
+    int64_t pixels = 0;
+    for (size_t n = 0; n < first_.size(); n++)
+      if (before.tiles[n] != after.tiles[n]) first_[n] = pixels, pixels += kTile * kTile;
+    counted_.assign(pixels, -1);
+  }
 
   void add(const CsPicture& picture, int32_t piece, int32_t group, double& sum) {
     const int width = picture.goal.width, height = picture.goal.height;
@@ -55,11 +59,14 @@ class Growth {
   const CsPicture &before_, &after_;
   int32_t spread_;
   bool leaks_;
+  std::vector<int64_t> first_;    // of the pixels of each tile that differs, among all of them; -1 for the others
   std::vector<int32_t> counted_;  // the group that has counted a pixel last
 
   void count(int32_t pixel, Address at, int32_t group, double& sum) {
-    if (before_.tiles[at.tile] == after_.tiles[at.tile] || counted_[pixel] == group) return;
-    counted_[pixel] = group;
+    if (first_[at.tile] < 0) return;
+    int32_t& counted = counted_[first_[at.tile] + at.place];
+    if (counted == group) return;
+    counted = group;
     sum += cost(after_, at, pixel, leaks_) - cost(before_, at, pixel, leaks_);
   }
 };

@@ -22,19 +22,20 @@ Window window_of(const CsGoal& goal, const std::vector<double>& cubics) {
   return {left, top, std::max(right - left, 0), std::max(bottom - top, 0), {}};
 }
 
-// Sorts the crossings of a trace by the tile that they are in.
+// Sorts the crossings of a trace by the tile that they are in: runs of them, since neighbours mostly share theirs.
 void sort_by_tile(Trace& trace, const CsPicture& picture) {
   const int64_t count = int64_t(trace.pixel.size());
-  std::vector<std::pair<int32_t, int64_t>> keys(count);
+  std::vector<std::pair<int32_t, int64_t>> runs;  // the tile and the first crossing
+  trace.address.reserve(count), trace.by_tile.reserve(count);
   for (int64_t n = 0; n < count; n++) {
     trace.address.push_back(picture.at(trace.pixel[n] % picture.goal.width, trace.pixel[n] / picture.goal.width));
-    keys[n] = {trace.address[n].tile, n};
+    if (n == 0 || trace.address[n].tile != trace.address[n - 1].tile) runs.push_back({trace.address[n].tile, n});
   }
-  std::sort(keys.begin(), keys.end());
-  for (int64_t k = 0; k < count; k++) {
-    if (k == 0 || keys[k].first != keys[k - 1].first)
-      trace.tiles.push_back(keys[k].first), trace.tile_starts.push_back(k);
-    trace.by_tile.push_back(keys[k].second);
+  std::sort(runs.begin(), runs.end());
+  for (const auto& [tile, first] : runs) {
+    if (trace.tiles.empty() || trace.tiles.back() != tile)
+      trace.tiles.push_back(tile), trace.tile_starts.push_back(int64_t(trace.by_tile.size()));
+    for (int64_t n = first; n < count && trace.address[n].tile == tile; n++) trace.by_tile.push_back(n);
   }
   trace.tile_starts.push_back(count);
 }
@@ -44,6 +45,12 @@ std::shared_ptr<const Trace> traced(const CsStack& s, int first, int last, const
   trace->cubics.assign(s.cubics + 8 * int64_t(first), s.cubics + 8 * int64_t(last));
   trace->signs.assign(s.signs + first, s.signs + last), trace->lines.assign(s.lines + first, s.lines + last);
   Window w = window_of(picture.goal, trace->cubics);
+  // Room for about what is crossed; where outlines reach beyond the canvas it is too much.
+  double length = 0.0;
+  for (size_t n = 2; n < trace->cubics.size(); n++)
+    if (n % 8 > 1) length += std::fabs(trace->cubics[n] - trace->cubics[n - 2]);
+  const size_t room = size_t(std::min(length, 1e6)) + 2 * trace->lines.size();
+  trace->pixel.reserve(room), trace->t.reserve(room), trace->change.reserve(8 * room), w.steps.reserve(4 * room);
   Crossings crossings(*trace, picture.goal.width, picture.goal.height);
   Tracer tracer(w, crossings, picture.goal.grid);
   for (int64_t n = 0; n < trace->pieces(); n++)
