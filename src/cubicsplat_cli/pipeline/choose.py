@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from cubicsplat_cli.artwork.plain import only_ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
-from cubicsplat_cli.evaluate.images import of_scene, of_values
-from cubicsplat_cli.evaluate.metrics import psnr_db
-from cubicsplat_cli.files.load import resize_picture
+from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_scene, of_values
+from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
+from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
@@ -29,6 +31,7 @@ BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
+COARSE = 4  # px of a window that people see as one tone, from twice as far away as they see pixels
 SKETCH_DB = 2.0  # that fitted outlines are better than polygons
 
 
@@ -122,15 +125,15 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
 
 
 def _photo_or_drawing(task: Task, style: Style) -> Made:
-    """The photo of a picture; or its drawing, where an early look at the fit tells that it will end far from the
-    picture, and the drawing is nearer by more than a look may err.
+    """The photo of a picture; or its drawing, where the style is doubtful or an early look at the fit tells that it
+    will end far from the picture, and the drawing is nearer by more than a look may err.
     """
     if task.bounded or task.recorder is not None:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
     fit = PhotoFit(task)
     scene, rise = fit.early() or (None, 0.0)
     level = level_db(task, scene, task.request.settings.finish_samples)
-    if level is None or level + rise >= FAR_DB:
+    if level is None or (level + rise >= FAR_DB and not style.doubtful):
         return replace(fit.finished(), style=style, may_be_drawn=True)
     drawing = _drawing_of(task, style, level + rise)
     if isinstance(drawing, Made) and (drawing.interrupted or _is_above(task, drawing, level + rise + MARGIN_DB)):
@@ -139,11 +142,17 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
 
 
 def _drawing_of(task: Task, style: Style, level: float) -> Made | Exception | None:
-    """The drawing of a picture that as a photo has a level, in dB; the error with which it fails, or None where a quick
-    photo is nearer.
+    """The drawing of a picture that as a photo has a level, in dB; the error with which it fails, or None where not
+    even fitted outlines would bring its sketch as near.
     """
+
+    def check(sketch: Made) -> None:
+        if not _is_above(task, sketch, level - SKETCH_DB):
+            raise PhotoIsNearer(f"it has {level:.1f} dB")
+
     try:
-        return _suiting(task, Style(ARTWORK, f"{style.reason}, but as a photo it has only {level:.1f} dB"))
+        drawing = drawn_outlines(task, check)
+        return replace(drawing, style=Style(ARTWORK, f"{style.reason}, but as a photo it has only {level:.1f} dB"))
     except PhotoIsNearer:
         return None
     except Exception as error:
@@ -217,12 +226,38 @@ def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -
     """
     if scene is None:
         return None
-    judged, threads = resize_picture(task.target, JUDGED_SIDE), task.request.settings.threads
-    layer = of_scene(scene, judged.width, judged.height, samples, threads)
+    judged, layer = _judged(task, scene, samples, blur)
+    return psnr_db(judged, layer, task.request.settings.threads)
+
+
+def _judged(task: Task, scene: Scene, samples: int, blur: float) -> tuple[Picture, ImageSource]:
+    """What is fitted, at most JUDGED_SIDE px, and a scene of that size; see `level_db`."""
+    judged = resize_picture(task.target, JUDGED_SIDE)
+    layer = of_scene(scene, judged.width, judged.height, samples, task.request.settings.threads)
     if blur:
         sigma = blur * judged.width / task.target.width
         layer = of_values(ndimage.gaussian_filter(layer.rows(0, judged.height), (sigma, sigma, 0.0), mode="nearest"))
-    return psnr_db(judged, layer, threads)
+    return judged, layer
+
+
+def seen_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
+    """The mean of `level_db` and the PSNR of tones, the means of windows of COARSE px: edges that are a little off hide
+    neither shading that is missing nor what drifts from tone to tone.
+    """
+    fine = level_db(task, scene, samples, blur)
+    if fine is None or scene is None:
+        return None
+    judged, layer = _judged(task, scene, samples, blur)
+    off = np.subtract(*map(_over_black_and_white, (of_picture(judged), layer)))
+    tones = np.square(ndimage.uniform_filter(off, (COARSE, COARSE, 1))).mean(axis=(0, 1))
+    return 0.5 * (fine + decibels(max(float(tones[:3].mean()), float(tones[3:].mean()), 1e-12)))
+
+
+def _over_black_and_white(source: ImageSource) -> np.ndarray:
+    """(H, W, 6) the colours of a picture over black, then over white."""
+    values = source.rows(0, source.height)
+    alpha = values[..., 3:] if source.transparent else np.ones_like(values[..., :1])
+    return np.concatenate([values[..., :3], values[..., :3] + 1.0 - alpha], axis=2)
 
 
 def check_worth_finishing(task: Task, sketch: Made) -> None:
@@ -237,8 +272,8 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
 
     Raises what a fit raises, and KeyboardInterrupt.
     """
-    drawn = level_db(task, made.scene, made.samples, made.blur)
-    if drawn is None or drawn >= ENOUGH_DB:
+    level = level_db(task, made.scene, made.samples, made.blur)
+    if level is None or level >= ENOUGH_DB:
         return None
     from cubicsplat_cli.photo import fit  # which most drawings do not come to
 
@@ -247,8 +282,8 @@ def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str
     quick = fit(resize_picture(task.target, SIDE).target(), task.settings().with_(curves=curves, steps=STEPS))
     if quick.interrupted:
         raise KeyboardInterrupt
-    fitted = level_db(task, quick.scene, made.samples)
-    if fitted is not None and fitted <= drawn + margin_db:
+    drawn, fitted = seen_db(task, made.scene, made.samples, made.blur), seen_db(task, quick.scene, made.samples)
+    if drawn is None or (fitted is not None and fitted <= drawn + margin_db):
         return None
     near = "is identical" if fitted is None else f"has {fitted:.1f} dB"
-    return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB"
+    return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB, as pixels and as tones"
