@@ -31,7 +31,7 @@ BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
-COARSE = 4  # px of a window that people see as one tone, from twice as far away as they see pixels
+COARSE = 8  # px of a window whose mean people see as one tone, as they see a JPEG's blocks
 SKETCH_DB = 2.0  # that fitted outlines are better than polygons
 
 
@@ -241,7 +241,7 @@ def _judged(task: Task, scene: Scene, samples: int, blur: float) -> tuple[Pictur
 
 
 def seen_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
-    """The mean of `level_db` and the PSNR of tones, the means of windows of COARSE px: edges that are a little off hide
+    """The mean of `level_db` and the PSNR of tones, the means of squares of COARSE px: edges that are a little off hide
     neither shading that is missing nor what drifts from tone to tone.
     """
     fine = level_db(task, scene, samples, blur)
