@@ -23,6 +23,7 @@ from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
 from cubicsplat_cli.artwork.input.palette import noisy_inks
 from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
+from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.hidden_inks import overshoots
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
@@ -348,3 +349,53 @@ def test_what_sharpening_makes_beside_an_edge_is_no_ink():
     palette = np.array([[0.0, 0.0, 0.0, 0.0], [190.0, 25.0, 49.0, 255.0]])
     assert overshoots(np.array([204.0, 27.0, 53.0, 255.0]), palette)
     assert not overshoots(np.array([190.0, 90.0, 49.0, 255.0]), palette)
+
+
+def _text(filtered: tuple[int, ...] | None, order: int, ink=(20, 60, 160), ground=(243, 243, 243)) -> np.ndarray:
+    """(40, 96, 4) levels: rings, bars and strokes of some px, smoothed by whole pixels, or for an LCD's subpixels by a
+    filter of some taps, of which red or blue is the first.
+    """
+    y, x = (np.mgrid[0 : 40 * 4, 0 : 96 * 12] + 0.5) / np.array([4.0, 12.0])[:, None, None]
+    drawn = np.zeros(x.shape, dtype=bool)
+    for k in range(7):
+        middle = 9.3 + 12.37 * k
+        drawn |= np.abs(np.hypot(x - middle, y - 11.0) - 4.1) < 0.7
+        drawn |= (np.abs(x - middle - 0.3 * (y - 28.0)) < 0.8) & (np.abs(y - 28.0) < 5.2)
+    thirds = drawn.reshape(40, 4, 96 * 3, 4).mean(axis=(1, 3))
+    if filtered is None:
+        shares = np.repeat(thirds.reshape(40, 96, 3).mean(axis=2, keepdims=True), 3, axis=2)
+    else:
+        taps = np.array(filtered) / sum(filtered)
+        shares = np.stack([np.convolve(row, taps, "same") for row in thirds]).reshape(40, 96, 3)[:, :, ::order]
+    colours = np.array(ground) + shares * (np.array(ink) - np.array(ground))
+    return np.dstack([np.rint(colours), np.full((40, 96), 255.0)]).astype(np.float32)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("taps", [(1, 1, 1), (8, 77, 86, 77, 8), (1, 2, 3, 2, 1)])
+def test_text_for_an_lcd_becomes_text_for_whole_pixels(taps, order):
+    plain = _text(None, 1)
+    came = _text(taps, order)
+    found = without_subpixels(came)
+    assert np.abs(found - plain).mean() < 0.15 * np.abs(came - plain).mean()
+    # All of its colours lie on the line between ink and ground.
+    share = (243.0 - found[..., 0]) / (243.0 - 20.0)
+    assert np.abs(found[..., :3] - (243.0 + share[..., None] * (np.array([20, 60, 160]) - 243.0))).max() <= 2.0
+
+
+def test_a_picture_without_text_for_an_lcd_stays_as_it_is():
+    red, blue, plain = _text(None, 1, (200, 20, 20)), _text(None, 1, (20, 20, 200)), _text(None, 1)
+    sides = np.where(np.arange(96)[None, :, None] % 12 < 6, red, blue)  # letters of two colours
+    photo = np.random.default_rng(0).uniform(0.0, 255.0, plain.shape).astype(np.float32)
+    photo[..., 3] = 255.0
+    grey = _text((1, 2, 3, 2, 1), 1, (0, 0, 0), (255, 255, 255))
+    grey[..., :3] = grey[..., 1:2]
+    for levels in (plain, sides, photo, grey):
+        assert without_subpixels(levels) is levels
+
+
+def test_text_for_an_lcd_is_drawn_in_its_ink():
+    intake = taken_in(_text((8, 77, 86, 77, 8), 1) / 255.0)
+    assert any("LCD" in note for note in intake.notes)
+    drawing = draw(_text((8, 77, 86, 77, 8), 1) / 255.0)
+    assert len(drawing.inks) == 2

@@ -32,6 +32,19 @@ def test_the_samples_get_their_styles(name, style):
     assert choose_style(load_picture(SAMPLES / name).target()).name == style
 
 
+def test_a_drawing_whose_colours_are_a_little_off_is_doubtful_and_a_photo_is_not():
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[0:240, 0:320]
+    pixels = np.full((240, 320, 3), 230.0)
+    for _ in range(30):
+        left, top, radius = rng.uniform((0, 0, 10), (320, 240, 40))
+        pixels[np.hypot(x - left, y - top) < radius] = rng.integers(20, 230, 3)
+    pixels += rng.integers(-2, 3, pixels.shape)
+    drawn = choose_style(pixels.astype(np.float32) / 255)
+    assert drawn.name == "artwork" or drawn.doubtful, drawn.reason
+    assert not choose_style(load_picture(SAMPLES / "chelsea.png").target()).doubtful
+
+
 @pytest.mark.slow
 def test_a_photo_of_much_darkness_is_a_photo():
     moon = np.repeat(data.moon()[..., None], 3, axis=2).astype(np.float32) / 255

@@ -18,6 +18,9 @@ from PIL import Image, ImageFilter
 
 from cubicsplat_cli import UsageError, vectorize
 from cubicsplat_cli.artwork import vectorize as drawing
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle
+from cubicsplat_cli.artwork.scene import scene_of
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.style import Style
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.evaluate import metrics as measuring
@@ -178,6 +181,39 @@ def test_a_photo_far_from_its_picture_gives_way_to_a_drawing_that_is_nearer(take
     assert "measured, but as a photo it has only" in second.style.reason
     few = replace(small_text(), request=Request(FitSettings(curves=12, steps=20, threads=1)))
     assert len(list(candidates(few))) == 1
+
+
+@pytest.mark.parametrize(
+    ("doubtful", "sketch_db", "made"), [(True, 2.0, "artwork"), (True, -100.0, "photo"), (False, 2.0, "photo")]
+)
+def test_where_the_style_is_doubtful_a_drawing_is_tried(doubtful, sketch_db, made, monkeypatch):
+    monkeypatch.setattr(choose, "choose_style", lambda _target: Style("photo", "measured", doubtful=doubtful))
+    monkeypatch.setattr(choose, "FAR_DB", 0.0)
+    monkeypatch.setattr(choose, "SKETCH_DB", sketch_db)
+    monkeypatch.setattr(drawing, "MANY", 0)
+    (only,) = candidates(task_of(as_picture(flat_picture()), Request(FitSettings(steps=20, threads=1)), StageTimer()))
+    assert only.style.name == made
+
+
+def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
+    def stripes(edges: np.ndarray, levels: list[int]) -> Scene:
+        shapes = [
+            Shape((level, level, level, 255), (Rectangle(x, 0.0, 64.0 - x, 64.0),), "stripe")
+            for x, level in zip(edges.tolist(), levels, strict=True)
+        ]
+        return scene_of(Drawing(64, 64, tuple(shapes)))
+
+    places = np.arange(64)
+    lines, ramp = np.where(places % 4 < 2, 40, 220), np.rint(60.0 + 2.0 * (places + 0.5))
+    moved = stripes(np.maximum(np.arange(0.0, 64.0, 2.0) + 0.2 * (np.arange(32) > 0), 0.0), [40, 220] * 16)
+    bands = stripes(np.array([0.0, 32.0]), [92, 156])
+    levels = []
+    for row, scene in ((lines, moved), (ramp, bands)):
+        pixels = np.repeat(np.repeat(row.astype(np.uint8)[None, :, None], 64, axis=0), 3, axis=2)
+        task = task_of(as_picture(pixels), Request(FitSettings(threads=1)), StageTimer())
+        levels.append((choose.level_db(task, scene, 1), choose.seen_db(task, scene, 1)))
+    (edges, edges_seen), (tones, tones_seen) = levels
+    assert edges < tones - 2.0 and edges_seen > tones_seen + 2.0
 
 
 def test_the_sketch_of_a_blurred_picture_is_compared_blurred(monkeypatch):

@@ -21,6 +21,10 @@ FLAT_LEVELS = 3.0  # of 255
 MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by straight lines either
 COUNTED_INKS = 64
 LEAST_SHADED = 0.75  # share of the pixels in flat inks and gradients, for a picture of many colours to be a drawing
+# Levels of difference that people hardly see, by which a JPEG's pixels may be off; and how wide colours are then. Share
+# of the pixels in common colours for a picture to be a drawing perhaps: 0.58 and 0.70 in two illustrations, photos that
+# have little texture at most 0.28.
+UNSEEN, COLOUR, LEAST_DOUBTFUL = 6.0, 8, 0.5
 _TRIES, _SIDE = 16, 600  # gradients sought, and about how many px of the longer side looked at for that
 # Px of the blocks looked at for paper; what these have of the lightest ones' light; by which tints, in shares of the
 # light, may differ; and share of the blocks that are such, where ink covers the others.
@@ -31,11 +35,14 @@ _MOST_PIXELS = 2**20  # looked at
 
 @dataclass(frozen=True)
 class Style:
-    """The style that suits a picture, and the measurement that says so. cells: of pixel art, None of all else."""
+    """The style that suits a picture, and the measurement that says so. cells: of pixel art, None of all else.
+    doubtful: whether the other style may suit it as well.
+    """
 
     name: str
     reason: str
     cells: Cells | None = None
+    doubtful: bool = False
 
 
 def choose_style(target: np.ndarray) -> Style:
@@ -54,11 +61,19 @@ def choose_style(target: np.ndarray) -> Style:
     if _like_paper(levels) and _scanned(target):
         return Style(ARTWORK, f"{reason}, but it is ink on a scan's paper")
     # In a steep gradient no pixel is flat, but colours change by straight lines.
-    if _texture((_spread(levels) > FLAT_LEVELS) & ~_straight(levels), drawn) > MOST_TEXTURE:
+    spread, straight = _spread(levels), _straight(levels)
+    if _texture((spread > FLAT_LEVELS) & ~straight, drawn) <= MOST_TEXTURE:
+        shaded = _shaded(levels, drawn)
+        reason = f"{reason}, {100 * shaded:.0f} % in inks and gradients"
+        if shaded >= LEAST_SHADED:
+            return _unless_soft(levels, drawn, reason)
+    if _texture((spread > UNSEEN) & ~straight, drawn) > MOST_TEXTURE:
         return Style(PHOTO, reason)
-    shaded = _shaded(levels, drawn)
-    reason = f"{reason}, {100 * shaded:.0f} % in inks and gradients"
-    return _unless_soft(levels, drawn, reason) if shaded >= LEAST_SHADED else Style(PHOTO, reason)
+    alike = _in_few_colours(levels, drawn, UNSEEN)
+    if (alike & drawn).sum() < LEAST_DOUBTFUL * drawn.sum():
+        return Style(PHOTO, reason)
+    suits = _unless_soft(levels, drawn, reason)
+    return suits if suits.name == PHOTO else Style(PHOTO, reason, doubtful=True)
 
 
 def _drawn(levels: np.ndarray) -> tuple[bool, str]:
@@ -153,9 +168,16 @@ def _shaded(levels: np.ndarray, drawn: np.ndarray) -> float:
 
     step = 1 + max(levels.shape[:2]) // _SIDE
     levels, drawn = levels[::step, ::step], drawn[::step, ::step]
-    code = levels.astype(np.int64) @ (256 ** np.arange(levels.shape[2]))
-    colours, counts = np.unique(code[drawn], return_counts=True)
-    explained = np.isin(code, colours[np.argsort(-counts, kind="stable")[:COUNTED_INKS]])
-    explained &= _spread(levels) <= FLAT_LEVELS
+    explained = _in_few_colours(levels, drawn, FLAT_LEVELS, 1)
     explained |= in_gradients(levels, _TRIES)
     return float((explained & drawn).sum() / drawn.sum())
+
+
+def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: int = COLOUR) -> np.ndarray:
+    """(H, W) bool: pixels of a picture that are in one of the commonest colours, each so many levels wide, and differ
+    from those around them by at most `flat` levels.
+    """
+    code = (levels // width).astype(np.int64) @ (256 ** np.arange(levels.shape[2]))
+    colours, counts = np.unique(code[drawn], return_counts=True)
+    commonest = colours[np.argsort(-counts, kind="stable")[:COUNTED_INKS]]
+    return np.isin(code, commonest) & (_spread(levels) <= flat)

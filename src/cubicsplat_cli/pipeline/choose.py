@@ -6,12 +6,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from cubicsplat_cli.artwork.plain import only_ink
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
-from cubicsplat_cli.evaluate.images import of_scene, of_values
-from cubicsplat_cli.evaluate.metrics import psnr_db
-from cubicsplat_cli.files.load import resize_picture
+from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_scene, of_values
+from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
+from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
@@ -29,6 +31,7 @@ LEAST_BYTES = 5.0  # of a line or cubic in a file
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
+COARSE = 8  # px of a window whose mean people see as one tone, as they see a JPEG's blocks
 SKETCH_DB, DRAFT_DB = 2.0, 1.0  # by which the drawing is better than its polygons, and than its outlines alone
 # Mean squared error that polygons have and fitted outlines do not, of full scale: they are 0.3 px off at the edges, on
 # which a tenth of the pixels lie.
@@ -125,15 +128,15 @@ def _nearer_drawing(task: Task, photo: Made) -> Made:
 
 
 def _photo_or_drawing(task: Task, style: Style) -> Made:
-    """The photo of a picture; or its drawing, where an early look at the fit tells that it will end far from the
-    picture, and the drawing is nearer by more than a look may err.
+    """The photo of a picture; or its drawing, where the style is doubtful or an early look at the fit tells that it
+    will end far from the picture, and the drawing is nearer by more than a look may err.
     """
     if task.bounded or task.recorder is not None:
         return replace(_made(task, style), may_be_drawn=not task.bounded)
     fit = PhotoFit(task)
     scene, rise = fit.early() or (None, 0.0)
     level = level_db(task, scene, task.request.settings.finish_samples)
-    if level is None or level + rise >= FAR_DB:
+    if level is None or (level + rise >= FAR_DB and not style.doubtful):
         return replace(fit.finished(), style=style, may_be_drawn=True)
     drawing = _drawing_of(task, style, level + rise)
     if isinstance(drawing, Made) and (drawing.interrupted or _is_above(task, drawing, level + rise + MARGIN_DB)):
@@ -142,11 +145,17 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
 
 
 def _drawing_of(task: Task, style: Style, level: float) -> Made | Exception | None:
-    """The drawing of a picture that as a photo has a level, in dB; the error with which it fails, or None where a quick
-    photo is nearer.
+    """The drawing of a picture that as a photo has a level, in dB; the error with which it fails, or None where not
+    even the rest of the work would bring it as near.
     """
+
+    def check(made: Made, fitted: bool) -> None:
+        if not _is_above(task, made, level - (DRAFT_DB if fitted else SKETCH_DB)):
+            raise PhotoIsNearer(f"it has {level:.1f} dB")
+
     try:
-        return _suiting(task, Style(ARTWORK, f"{style.reason}, but as a photo it has only {level:.1f} dB"))
+        drawing = drawn_outlines(task, check)
+        return replace(drawing, style=Style(ARTWORK, f"{style.reason}, but as a photo it has only {level:.1f} dB"))
     except PhotoIsNearer:
         return None
     except Exception as error:
@@ -229,12 +238,38 @@ def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -
     """
     if scene is None:
         return None
-    judged, threads = resize_picture(task.target, JUDGED_SIDE), task.request.settings.threads
-    layer = of_scene(scene, judged.width, judged.height, samples, threads)
+    judged, layer = _judged(task, scene, samples, blur)
+    return psnr_db(judged, layer, task.request.settings.threads)
+
+
+def _judged(task: Task, scene: Scene, samples: int, blur: float) -> tuple[Picture, ImageSource]:
+    """What is fitted, at most JUDGED_SIDE px, and a scene of that size; see `level_db`."""
+    judged = resize_picture(task.target, JUDGED_SIDE)
+    layer = of_scene(scene, judged.width, judged.height, samples, task.request.settings.threads)
     if blur:
         sigma = blur * judged.width / task.target.width
         layer = of_values(ndimage.gaussian_filter(layer.rows(0, judged.height), (sigma, sigma, 0.0), mode="nearest"))
-    return psnr_db(judged, layer, threads)
+    return judged, layer
+
+
+def seen_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
+    """The mean of `level_db` and the PSNR of tones, the means of squares of COARSE px: edges that are a little off hide
+    neither shading that is missing nor what drifts from tone to tone.
+    """
+    fine = level_db(task, scene, samples, blur)
+    if fine is None or scene is None:
+        return None
+    judged, layer = _judged(task, scene, samples, blur)
+    off = np.subtract(*map(_over_black_and_white, (of_picture(judged), layer)))
+    tones = np.square(ndimage.uniform_filter(off, (COARSE, COARSE, 1))).mean(axis=(0, 1))
+    return 0.5 * (fine + decibels(max(float(tones[:3].mean()), float(tones[3:].mean()), 1e-12)))
+
+
+def _over_black_and_white(source: ImageSource) -> np.ndarray:
+    """(H, W, 6) the colours of a picture over black, then over white."""
+    values = source.rows(0, source.height)
+    alpha = values[..., 3:] if source.transparent else np.ones_like(values[..., :1])
+    return np.concatenate([values[..., :3], values[..., :3] + 1.0 - alpha], axis=2)
 
 
 def check_worth_finishing(task: Task, made: Made, fitted: bool) -> None:
@@ -253,16 +288,18 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
     rise_db, fall: by how many dB the level of the drawing may still rise, and its mean squared error fall, of full
     scale. Raises what a fit raises, and KeyboardInterrupt.
     """
-    drawn = level_db(task, made.scene, made.samples, made.blur)
-    if drawn is None or drawn >= ENOUGH_DB:
+    level = level_db(task, made.scene, made.samples, made.blur)
+    if level is None or level >= ENOUGH_DB:
         return None
+    drawn = seen_db(task, made.scene, made.samples, made.blur)
+    assert drawn is not None  # as its level is not
     rest = 10.0 ** (-0.1 * drawn) - fall
     rise_db = min(rise_db, -10.0 * math.log10(rest) - drawn) if rest > 0.0 else rise_db
     curves = _curves_of(task, made)
     if curves not in task.quick_photos:
-        task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: level_db(task, scene, made.samples))
+        task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: seen_db(task, scene, made.samples))
     fitted = task.quick_photos[curves].beyond(drawn + rise_db + MARGIN_DB)
     if fitted is None:
         return None
     near = "is identical" if math.isinf(fitted) else f"has {fitted:.1f} dB"
-    return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB"
+    return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB, as pixels and as tones"

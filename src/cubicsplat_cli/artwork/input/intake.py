@@ -13,6 +13,7 @@ from cubicsplat_cli.artwork.input.enlargement import before_enlargement
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
+from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.limits import reduced, reduction
 from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
 
@@ -23,7 +24,7 @@ class Intake:
     drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
     scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
     flat: levels without gradients, where they had to be found to tell the condition; lifted: without their soft
-    shadow, where that was.
+    shadow, where that was. of_lcd: whether text was smoothed for an LCD's subpixels.
     """
 
     levels: np.ndarray
@@ -36,11 +37,14 @@ class Intake:
     pens: Pens | None = None
     flat: Flattened | None = None
     lifted: Lifted | None = None
+    of_lcd: bool = False
 
     @property
     def notes(self) -> list[str]:
         """Notes for the user, a sentence each."""
         found = [f"drawn as it was before it was made {self.times} times as large"] if self.times > 1 else []
+        if self.of_lcd:
+            found.append("text drawn without the colour fringes that it has for LCDs")
         if self.scanned:
             found.append("drawn as ink on white paper under even light")
         if not self.condition.clean:
@@ -52,7 +56,14 @@ def taken_in(target: np.ndarray) -> Intake:
     """A picture prepared for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]."""
     height, width = target.shape[:2]
     factor = reduction(height, width)
-    levels = reduced(as_levels(target), factor)
+    came = as_levels(target)
+    levels = without_subpixels(came)
+    intake = _taken_in(reduced(levels, factor), factor, width, height)
+    return intake if levels is came else replace(intake, of_lcd=True)
+
+
+def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> Intake:
+    """The same of levels (H, W, 4), of which the picture has so many times as many each way."""
     condition, times = condition_of(levels), 1
     scan = scan_of(levels)
     if scan is not None:

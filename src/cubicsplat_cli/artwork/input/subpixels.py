@@ -1,0 +1,182 @@
+"""Text that was smoothed for the subpixels of an LCD, as it is when it is smoothed by whole pixels.
+
+Such text has three samples a pixel: red a third of a pixel to the left of green and blue as far to the right of it, or
+the other way round, each the weighted mean of a few subpixels. Read in that order they are one row of coverages, three
+times as fine as the picture. The filter is undone, and the mean of three subpixels is what a pixel covers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import spread
+
+SQUARE = np.ones((3, 3), dtype=bool)
+PLACES = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixel
+# What the filters of all programs have in common, and the widest one, five taps. Colour fringes that no other filter
+# leaves say which it was.
+NARROW, WIDE = np.array([1.0, 1.0, 1.0]) / 3.0, np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
+ROUNDING = 1.0  # levels, the root of the mean square, which 8-bit values are off at most
+EXPLAINED = 0.5  # share of the squares of a part's colour fringes that offset channels explain, in text
+# Px by which red and blue seem to be offset, since the difference of two pixels is less than the slope between them.
+LEAST_OFFSET, MOST_OFFSET = 1.0 / 6.0, 2.0 / 3.0
+ALIKE = 0.1  # share by which the contrast of two parts in one ink may differ
+WEAK = 0.3  # share of the strongest channel's contrast, below which one does not tell how strong an ink is
+ROUNDS = 40  # of Landweber's iteration
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """What lies on an even ground of one colour. at: (n,) the pixels of all parts, numbered by rows; own: (n,) int, the
+    part of each; off: (n, 3) levels by which they differ from the ground; grounds: (k, 3) levels.
+    """
+
+    at: np.ndarray
+    own: np.ndarray
+    off: np.ndarray
+    grounds: np.ndarray
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """(k,) the sums of values (n,) in each part."""
+        return np.bincount(self.own, values, len(self.grounds))
+
+    def only(self, chosen: np.ndarray) -> _Parts:
+        """The parts chosen, (k,) bool; the others lose their pixels."""
+        own = chosen[self.own]
+        return _Parts(self.at[own], self.own[own], self.off[own], self.grounds)
+
+
+def without_subpixels(levels: np.ndarray) -> np.ndarray:
+    """A picture (H, W, 4) in levels with such text smoothed by whole pixels; the same array where it has none."""
+    colours = levels[..., :3]
+    if (levels[..., 3] < 255.0).any() or (colours == colours[..., :1]).all():
+        return levels
+    parts = _parts(colours)
+    if parts is None:
+        return levels
+    totals = np.stack([parts.sums(off) for off in parts.off.T], axis=1)
+    offset = _offset(parts, totals, colours.shape[:2])
+    order = np.sign(offset @ (totals**2).sum(axis=1) ** 0.5)
+    chosen = offset * order > 0.0
+    if not chosen.any():
+        return levels
+    text = parts.only(chosen)
+    inks = _inks(text, totals, chosen)
+    share = _shares(text, inks, order, colours.shape[:2])
+    out = levels.copy()
+    values = text.grounds[text.own] + share[:, None] * inks[text.own]
+    out.reshape(-1, 4)[text.at, :3] = np.clip(np.rint(values), 0.0, 255.0)
+    return out
+
+
+def _parts(colours: np.ndarray) -> _Parts | None:
+    """The parts of a picture (H, W, 3) around which it has one colour; None where there are none."""
+    even = ndimage.binary_dilation(spread(colours, 3, 3) == 0.0, SQUARE)
+    labels, count = ndimage.label(~even, SQUARE)
+    beside = np.where(even, ndimage.maximum_filter(labels, 3), 0).ravel()
+    around = np.flatnonzero(beside)
+    if not len(around):
+        return None
+    around = around[np.argsort(beside[around], kind="stable")]
+    number, first = np.unique(beside[around], return_index=True)
+    ring = colours.reshape(-1, 3)[around].astype(float)
+    low, high = np.minimum.reduceat(ring, first), np.maximum.reduceat(ring, first)
+    one = (low == high).all(axis=1)
+    grounds = np.full((count + 1, 3), np.nan)
+    grounds[number[one]] = low[one]
+    at = np.flatnonzero(labels)
+    at = at[~np.isnan(grounds[labels.ravel()[at], 0])]
+    own = labels.ravel()[at]
+    return _Parts(at, own, colours.reshape(-1, 3)[at] - grounds[own], grounds) if len(at) else None
+
+
+def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(k,) px by which blue lies to the right of green in each part, and red to the left of it, if that explains the
+    colours of its edges; else 0.
+
+    totals: (k, 3) the sums of what they are off, which is the contrast of their ink times what they cover.
+    """
+    square = np.maximum((totals**2).sum(axis=1), 1e-9)
+    contrast = totals[parts.own]
+    share = (parts.off * contrast).sum(axis=1) / square[parts.own]
+    fringe = parts.off - share[:, None] * contrast
+    row = np.zeros((size[0], size[1] + 2))
+    inner = parts.at + 2 * (parts.at // size[1]) + 1
+    row.ravel()[inner] = share
+    slope = 0.5 * (row.ravel()[inner + 1] - row.ravel()[inner - 1])
+    lean = totals * (PLACES - (totals**2 @ PLACES / square)[:, None])
+    moved = lean[parts.own] * slope[:, None]
+    both = parts.sums((fringe * moved).sum(axis=1))
+    least = 1e-9
+    of_moved = np.maximum(parts.sums((moved**2).sum(axis=1)), least)
+    of_fringe = np.maximum(parts.sums((fringe**2).sum(axis=1)), least)
+    offset = both / of_moved
+    seen = of_fringe > 3.0 * ROUNDING**2 * parts.sums(np.ones(len(parts.at)))
+    explained = both**2 > EXPLAINED * of_moved * of_fringe
+    likely = (np.abs(offset) > LEAST_OFFSET) & (np.abs(offset) < MOST_OFFSET)
+    return np.where(seen & explained & likely, offset, 0.0)
+
+
+def _inks(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """(k, 3) levels by which the ink of each part differs from its ground: the same in parts of about one colour, and
+    as strong as the strongest sample of these.
+    """
+    strongest = np.maximum(np.abs(totals).max(axis=1, keepdims=True), 1e-9)
+    contrast = totals / strongest
+    own = contrast[text.own]
+    peaks = np.zeros(len(totals))
+    telling = np.where(np.abs(own) > WEAK, text.off / np.where(own == 0.0, 1.0, own), 0.0)
+    np.maximum.at(peaks, text.own, telling.max(axis=1))
+    inks, left = np.zeros(totals.shape), np.flatnonzero(chosen)
+    left = left[np.argsort(-strongest[left, 0], kind="stable")]
+    while len(left):
+        first = left[0]
+        along = (contrast[left] @ contrast[first]) / (contrast[first] @ contrast[first])
+        off = np.abs(contrast[left] - along[:, None] * contrast[first]).max(axis=1)
+        same = (text.grounds[left] == text.grounds[first]).all(axis=1) & (off <= ALIKE)
+        inks[left[same]] = contrast[first] * peaks[left[same]].max()
+        left = left[~same]
+    return inks
+
+
+def _shares(text: _Parts, inks: np.ndarray, order: float, size: tuple[int, int]) -> np.ndarray:
+    """(n,) what the ink covers of the pixels of the text. order: of their subpixels, 1 for red first, -1 for blue."""
+    canvas = np.zeros((*size, 3))
+    contrast = inks[text.own]
+    canvas.reshape(-1, 3)[text.at] = text.off / np.where(contrast == 0.0, 1.0, contrast)
+    weight = np.zeros((*size, 3))
+    weight.reshape(-1, 3)[text.at] = np.abs(contrast)
+    # Two pixels without ink keep the rows of one part apart from the next.
+    near = np.zeros(size, dtype=bool)
+    near.ravel()[text.at] = True
+    near = ndimage.binary_dilation(near, np.ones((1, 5), dtype=bool))
+    step = 1 if order > 0.0 else -1
+    samples, strength = canvas[near][:, ::step].ravel(), weight[near][:, ::step].ravel()
+    covers = _coverage(samples, strength, WIDE)
+    if not _explains(covers, samples, strength, WIDE):
+        covers = _coverage(samples, strength, NARROW)
+    share = np.zeros(size)
+    share[near] = covers.reshape(-1, 3).mean(axis=1)
+    return share.ravel()[text.at]
+
+
+def _coverage(samples: np.ndarray, strength: np.ndarray, taps: np.ndarray) -> np.ndarray:
+    """(n,) coverages of subpixels in [0, 1] that a filter makes to samples (n,): Landweber's iteration with bounds.
+
+    strength: (n,) levels of contrast in each sample.
+    """
+    weight = (strength / max(float(strength.max()), 1e-9)) ** 2
+    covers = np.clip(samples, 0.0, 1.0)
+    for _ in range(ROUNDS):
+        left = weight * (samples - np.convolve(covers, taps, "same"))
+        covers = np.clip(covers + np.convolve(left, taps, "same"), 0.0, 1.0)
+    return covers
+
+
+def _explains(covers: np.ndarray, samples: np.ndarray, strength: np.ndarray, taps: np.ndarray) -> bool:
+    """Whether coverages, filtered, are the samples but for rounding."""
+    left = strength * (samples - np.convolve(covers, taps, "same"))
+    return bool((left**2).mean() <= ROUNDING**2)
