@@ -84,7 +84,7 @@ def test_the_help_of_vectorize_fits_into_two_screens(columns, run_cli, monkeypat
     # A group of its own is for those who cut, print or animate; of its six options one takes two lines.
     structure = lines.index("Structure:")
     end = lines.index("", structure)
-    assert len([line for line in lines[structure:end] if re.match(r"\s+-", line)]) == 6 and end - structure == 8
+    assert len([line for line in lines[structure:end] if re.match(r"\s+-", line)]) == 6 and end - structure <= 8
     assert len(lines) <= 80 + 9
     assert len([line for line in lines if re.match(r"\s+-", line)]) <= 45 + 6
 

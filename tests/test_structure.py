@@ -16,9 +16,11 @@ from test_artwork_cutout import INKS, SIZE, Circle, Ellipse, Rectangle, blob, dr
 import cubicsplat_cli as cubicsplat
 from cubicsplat_cli import UsageError
 from cubicsplat_cli.artwork import structure
+from cubicsplat_cli.artwork.geometry.stroke import Stroke, line_chain
 from cubicsplat_cli.artwork.planar.cutout import cut_out
 from cubicsplat_cli.artwork.planar.overlap import overlapping
-from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.evaluate.rerender import rerender, rerender_untrusted
 from cubicsplat_cli.jobs.plan import plan
 from cubicsplat_cli.options import length_text, parse_width
@@ -105,6 +107,16 @@ def test_random_drawings_in_groups_are_the_same_picture():
         ):
             assert (pixels(text(grouped)) == pixels(text(drawing))).all()
             assert sorted(shape.name for shape in grouped.shapes) == sorted(shape.name for shape in drawing.shapes)
+
+
+def test_strokes_and_fills_of_a_colour_are_in_one_group():
+    lines = [Stroke(line_chain(np.array([[10.0, y], [90.0, y + 5.0]])), 4.0) for y in (10.0, 60.0)]
+    strokes = [Shape(RED, outlines_of_stroke(line), f"line {i}", stroke=line) for i, line in enumerate(lines)]
+    fills = drawing_of(GROUND, Circle(50, 35, 8), Circle(30, 85, 8), inks=[GREEN, BLUE, RED]).shapes
+    drawing = Drawing(SIZE, SIZE, (fills[0], strokes[0], fills[1], strokes[1], fills[2]))
+    grouped = structure.grouped_by_colour(drawing)
+    assert (pixels(text(grouped)) == pixels(text(drawing))).all()
+    assert [name for name in groups_of(text(grouped)) if name] == ["color-008000", "color-ff0000", "color-0000ff"]
 
 
 def test_a_cutout_has_one_group_a_colour():
@@ -433,6 +445,7 @@ def test_what_makes_no_sense_is_one_clear_line(options, said):
     ("arguments", "said"),
     [
         (["-o", "-", "--layers", "x"], "--layers needs an SVG of which they are made"),
+        (["--layers", __file__], "is a file; give a folder"),
         (["--ground", "whit"], "--ground must be keep, remove"),
         (["--width", "far"], "--width must be a length such as 80mm"),
         (["--layers", "x", "--style", "photo"], "--layers is for artwork, not for photos"),

@@ -23,7 +23,7 @@ Paint = Ink | Gradient
 
 
 def paint_of(shape: Shape) -> Paint:
-    """What a shape is painted with."""
+    """The ink or gradient of a shape."""
     return shape.gradient or shape.ink
 
 
@@ -97,13 +97,13 @@ def _in_groups(drawing: Drawing, keys: Sequence[Hashable], names: Sequence[str])
     A shape goes back to a group of its key unless a shape that touches it is in a later one; a cutout's go to the
     first, since none of them touch but along edges. names: of the groups, by shape; further ones of a name get numbers.
     """
-    boxes = _boxes(drawing.shapes)
+    boxes = _boxes(drawing.shapes).T.copy()
     groups: list[list[int]] = []
     of_key: dict[Hashable, list[int]] = {}
     group_of = np.zeros(len(keys), dtype=np.int64)
     for index, key in enumerate(keys):
-        near = () if drawing.abutting else group_of[:index][_near(boxes[:index], boxes[index])]
-        lowest = max(near, default=0)
+        near = group_of[:index][_near(boxes[:, :index], boxes[:, index])]
+        lowest = 0 if drawing.abutting else int(near.max(initial=0))
         group = next((number for number in of_key.setdefault(key, []) if number >= lowest), len(groups))
         if group == len(groups):
             groups.append([])
@@ -130,9 +130,10 @@ def _boxes(shapes: Sequence[Shape]) -> np.ndarray:
 
 
 def _near(boxes: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """(n,) bool: which boxes are nearer to a box than the margin."""
+    """(n,) bool: which boxes (4, n) are nearer to a box (4,) than the margin."""
+    left, top, right, bottom = boxes
     low, high = box[:2] - _MARGIN, box[2:] + _MARGIN
-    return np.asarray(((boxes[:, :2] < high) & (boxes[:, 2:] > low)).all(axis=1))
+    return np.asarray((left < high[0]) & (right > low[0]) & (top < high[1]) & (bottom > low[1]))
 
 
 def _holders(drawing: Drawing, ground: Paint | None) -> list[int]:
@@ -148,12 +149,18 @@ def _holders(drawing: Drawing, ground: Paint | None) -> list[int]:
     if ground is not None:
         areas[0] = 0.0
     holder = list(range(len(shapes)))
-    for index in np.argsort(-areas, kind="stable").tolist():
-        middle = (boxes[index, :2] + boxes[index, 2:]) / 2.0
-        around = ((boxes[:, :2] <= middle) & (boxes[:, 2:] >= middle)).all(axis=1) & (areas > areas[index])
+    order = np.argsort(-areas, kind="stable")
+    left, top, right, bottom = boxes[order].T.copy()
+    for place, index in enumerate(order.tolist()):
+        if areas[index] == 0.0:
+            break
+        x, y = (left[place] + right[place]) / 2.0, (top[place] + bottom[place]) / 2.0
+        larger = slice(place)
+        around = (left[larger] <= x) & (right[larger] >= x) & (top[larger] <= y) & (bottom[larger] >= y)
         points = outer[index][:: max(1, len(outer[index]) // _SAMPLES)]
-        for other in np.flatnonzero(around)[np.argsort(areas[around], kind="stable")].tolist():
-            if areas[index] > 0.0 and _share_within(points, outer[other]) >= 0.5:
+        # The smallest that holds it first.
+        for other in order[np.flatnonzero(around)[::-1]].tolist():
+            if _share_within(points, outer[other]) >= 0.5:
                 holder[index] = holder[other]
                 break
     return holder

@@ -112,8 +112,11 @@ def _with_others(made: JobPlan, output: str | None, request: Request) -> JobPlan
 def _with_layers(jobs: list[Job], folder: Path) -> list[Job]:
     """The jobs with their layers in a folder, in those below it that the pictures have below theirs.
 
-    Raises UsageError where an SVG goes to standard output, or where two would have layers of one name.
+    Raises UsageError where the folder is a file, where an SVG goes to standard output, or where two would have layers
+    of one name.
     """
+    if is_there(folder) and not is_folder(folder):
+        raise UsageError(f"--layers {folder} is a file; give a folder")
     made = []
     claimed: dict[str, Job] = {}
     for job in jobs:
