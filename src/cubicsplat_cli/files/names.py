@@ -59,7 +59,8 @@ class Outputs:
     def place(self, kind: str) -> Path | None:
         """The file of a kind: a member, a format of other programs, or LAYER and the name of a layer."""
         if kind.startswith(LAYER):
-            return None if self.layers is None else self.layer(kind.removeprefix(LAYER))
+            name = f"-{kind.removeprefix(LAYER)}{PLAIN}"
+            return None if self.layers is None else self.layers.with_name(self.layers.name + name)
         exports = {format_of(path): path for path in self.exports}
         return exports[kind] if kind in exports else getattr(self, kind)
 
@@ -68,11 +69,6 @@ class Outputs:
         have = {format_of(path) for path in self.exports}
         more = [self.svg.with_suffix(f".{form}") for form in formats if self.svg and form not in have]
         return replace(self, exports=(*self.exports, *more))
-
-    def layer(self, name: str) -> Path:
-        """The file of a layer."""
-        assert self.layers is not None
-        return self.layers.with_name(f"{self.layers.name}-{name}{PLAIN}")
 
     def layers_there(self) -> list[Path]:
         """Files that are there and have the name of a layer of this picture, in order."""

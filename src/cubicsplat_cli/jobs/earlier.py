@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
@@ -96,8 +97,11 @@ def forget(job: Job) -> None:
         path.unlink(missing_ok=True)
 
 
-def forget_layers(job: Job, kept: set[Path]) -> None:
-    """Remove the layers of an earlier run, in colours that the picture no longer has; edited ones stay."""
+def forget_layers(job: Job, kinds: Iterable[str]) -> None:
+    """Remove layers of an earlier run that are not of these kinds, as the picture's colours no longer are; edited ones
+    stay.
+    """
+    kept = {job.outputs.place(kind) for kind in kinds}
     for path in job.outputs.layers_there():
         if path not in kept and is_replaceable(path) and not holds_edited(path):
             path.unlink(missing_ok=True)

@@ -153,8 +153,8 @@ def _lacking_layers(job: Job) -> dict[Path, bytes]:
 
     svg = read_file(job.outputs.svg)
     mark = made_mark(sha256_of(svg)).encode()
-    found = layers_of(job, svg).items()
-    return {path: data for path, data in found if not (is_file(path) and mark in read_head(path))}
+    found = [(job.outputs.place(kind), data) for kind, data in layers_of(svg).items()]
+    return {path: data for path, data in found if path and not (is_file(path) and mark in read_head(path))}
 
 
 def with_others(outcome: Outcome, request: Request, observer: Observer) -> Outcome:

@@ -92,7 +92,7 @@ class FileSink:
                 write_atomically(path, data)
                 self.written.append(path)
             if kind == "metrics":
-                forget_layers(self.job, {path for name in self.files if (path := self.job.outputs.place(name))})
+                forget_layers(self.job, self.files)
 
     def _replaced(self) -> dict[Path, bytes]:
         """The files of this run in whose places lie others of ours by now, or none; an edited one stays as it is."""
@@ -193,18 +193,16 @@ def _put_exports(job: Job, request: Request, svg: str, timer: StageTimer, sink: 
         timer.observer.stage("export", job.name)
         sink.put(path.suffix[1:].lower(), export_of(path, svg.encode(), job, request, timer.note))
     if job.outputs.layers is not None:
-        from cubicsplat_cli.export.layers import layers
-
         timer.observer.stage("export", job.name)
-        for name, text in layers(svg).items():
-            sink.put(LAYER + name, text.encode())
+        for kind, data in layers_of(svg.encode()).items():
+            sink.put(kind, data)
 
 
-def layers_of(job: Job, svg: bytes) -> dict[Path, bytes]:
-    """The files of the layers of a job's SVG."""
+def layers_of(svg: bytes) -> dict[str, bytes]:
+    """The files of the layers of an SVG by their kinds."""
     from cubicsplat_cli.export.layers import layers
 
-    return {job.outputs.layer(name): text.encode() for name, text in layers(svg).items()}
+    return {LAYER + name: text.encode() for name, text in layers(svg).items()}
 
 
 def export_of(path: Path, svg: bytes, job: Job, request: Request, note: Callable[[str], None]) -> bytes:
