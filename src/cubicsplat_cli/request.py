@@ -15,10 +15,17 @@ from cubicsplat_cli.options import (
     COMMON,
     DRAWINGS,
     FILES,
+    KEEP,
     PHOTOS,
+    STRUCTURE,
+    UNITS,
     Focus,
+    length_of,
+    length_text,
     parse_bytes,
     parse_focus,
+    parse_ground,
+    parse_width,
     renamed,
     setting,
     settings_of,
@@ -35,6 +42,9 @@ PHOTO_PRECISION = 2
 # drawing may be cut seven times as large.
 DXF_TOLERANCE = 0.05
 _OF_FILES: dict[str, Any] = {"group": FILES, "decides": False}
+# Shapes in groups: not at all, those of one colour, or a shape with what lies on it.
+GROUPINGS = NONE, COLOR, OBJECT = "none", "color", "object"
+_OF_DRAWINGS: dict[str, Any] = {"group": STRUCTURE, "of_drawings": True}
 _SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000, "optional": True}
 
 
@@ -44,7 +54,7 @@ class Request:
 
     settings: of a photo; artwork: of a drawing. masks: a folder that holds a mask for each picture's name. also:
     formats (`files.paths.EXPORTS`) in which the SVG is written too. The style "auto" is "photo" or "artwork" if any
-    option is given that implies it (`of_photos`, `of_artwork`).
+    option is given that implies it (`of_photos`, `of_artwork`); layers and an overlap imply cutouts.
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -83,6 +93,23 @@ class Request:
     target_psnr: float | None = setting(
         None, "number", "As few curves as reach this PSNR.", least=1, most=60, metavar="DB", optional=True, group=PHOTOS
     )
+    group_by: str = setting(NONE, "choice", "Put shapes in groups by this.", choices=GROUPINGS, **_OF_DRAWINGS)
+    layers: Path | None = setting(
+        None, "text", "Also an SVG of each colour, with register marks.", metavar="DIR", parse=Path, decides=False,
+        **_OF_DRAWINGS,
+    )  # fmt: skip
+    overlap: float | None = setting(
+        None, "number", "Cutouts grow beneath their neighbours.", least=0.1, most=1000, metavar="PX", optional=True,
+        **_OF_DRAWINGS,
+    )  # fmt: skip
+    ground: str = setting(
+        KEEP, "text", "keep, remove or a colour.", metavar="WHAT", parse=parse_ground,
+        **_OF_DRAWINGS,
+    )  # fmt: skip
+    units: str = setting("px", "choice", "Units of width and height.", choices=tuple(UNITS), group=STRUCTURE)
+    width: str | None = setting(
+        None, "text", "Width of the SVG, such as 80mm or 3in.", metavar="LENGTH", parse=parse_width, group=STRUCTURE
+    )
     png: bool = setting(True, "flag", "Also write the SVG as a rendered PNG.", **_OF_FILES)
     metrics: bool = setting(True, "flag", "Write no OUT.json.", option="json", only_off=True, hidden=True, **_OF_FILES)
     measure: bool = setting(True, "flag", "Render and measure the SVG; else no PNG either.", **_OF_FILES)
@@ -120,7 +147,10 @@ class Request:
             raise UsageError(f"is for artwork, --{other} for photos; give one of them", self.of_artwork()[0])
         if self.artwork.stacking == CUTOUT and self.strokes:
             option = "--strokes" if self.artwork.strokes else "--mode open"
-            raise UsageError(f"cutout has shapes only; leave out {option}, which is for strokes", "stacking")
+            asked = next((name for name in ("layers", "overlap") if getattr(self, name) is not None), "")
+            said = "is of cutouts, which have" if asked else "cutout has"
+            raise UsageError(f"{said} shapes only; leave out {option}, which is for strokes", asked or "stacking")
+        self._check_structure()
         if self.freeze and self.init is None:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
         budgets = [name for name in ("max_bytes", "target_psnr") if getattr(self, name) is not None]
@@ -134,6 +164,22 @@ class Request:
             raise UsageError(f"must be the end of a file's name, not {self.suffix!r}", "suffix")
         if self.force and self.skip_existing:
             raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
+
+    def _check_structure(self) -> None:
+        if self.layers is not None and self.group_by == OBJECT:
+            raise UsageError("has a file for each colour; leave out --group-by object", "layers")
+        if self.overlap is not None and self.group_by == OBJECT:
+            raise UsageError("is drawn colour by colour; leave out --group-by object", "overlap")
+        if self.style == "pixel" and self.group_by == OBJECT:
+            raise UsageError("object is of shapes, but pixel art has one path a colour; use color", "group_by")
+        unit = "" if self.width is None else length_of(self.width)[1]
+        if unit and self.units not in ("px", unit):
+            raise UsageError(f"{self.width} says its own unit; leave out --units {self.units}", "width")
+
+    def size_text(self, width: int, height: int) -> tuple[str, str]:
+        """Width and height, with their unit, of the SVG of a picture of so many px."""
+        number, unit = (width * UNITS[self.units], "") if self.width is None else length_of(self.width)
+        return length_text(number, unit or self.units), length_text(number * height / width, unit or self.units)
 
     @property
     def strokes(self) -> bool:
@@ -155,7 +201,8 @@ class Request:
             each.name
             for holder in (self, self.settings, self.artwork)
             for each, spec in settings_of(type(holder))
-            if spec.group == group and getattr(holder, each.name) != each.default
+            if (spec.group == group or (spec.of_drawings and group == DRAWINGS))
+            and getattr(holder, each.name) != each.default
         ]
 
     def with_threads(self, threads: int | None) -> Request:
@@ -206,6 +253,8 @@ def request_of(options: Mapping[str, Any]) -> Request:
     for each, spec in settings_of(Request):
         if spec.parse is not None and each.name in given:
             given[each.name] = spec.parse(given[each.name])
+    if given.get("layers") is not None or given.get("overlap") is not None:
+        artwork["stacking"] = CUTOUT
     # Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
     if "max_bytes" in given and fit.get("mode", "closed") == "closed":
         fit.setdefault("segments", 2)

@@ -101,6 +101,37 @@ class Mosaic:
         )
 
 
+def with_ground(cells: Cells, colour: tuple[int, int, int] | None) -> tuple[Cells, bool]:
+    """The cells with their ground in another colour, 8-bit sRGB, or transparent (None), and whether they have one: the
+    opaque colour of most cells along the picture's edge. What is transparent already takes the colour too.
+    """
+    edge = np.concatenate([cells.numbers[[0, -1]].ravel(), cells.numbers[1:-1, [0, -1]].ravel()])
+    counts = np.bincount(edge, minlength=len(cells.colours))
+    ground = int(counts.argmax())
+    found = bool(2 * counts[ground] > len(edge) and cells.colours[ground, 3] >= OPAQUE)
+    colours = cells.colours.copy()
+    if colour is not None:
+        colours[cells.colours[:, 3] == 0.0] = (*colour, OPAQUE)
+    if found:
+        colours[ground] = (0.0, 0.0, 0.0, 0.0) if colour is None else (*colour, OPAQUE)
+    return replace(cells, colours=colours), found
+
+
+def finer(cells: Cells, reach: float) -> Cells:
+    """The cells cut into nine each, of which the outer ones are `reach` px wide, a third of a cell at most: by so much
+    a mosaic that is not abutting reaches beneath what lies on it.
+    """
+    x, y = (_cut(ends, reach) for ends in (cells.x, cells.y))
+    return replace(cells, numbers=cells.numbers.repeat(3, axis=0).repeat(3, axis=1), x=x, y=y)
+
+
+def _cut(ends: np.ndarray, reach: float) -> np.ndarray:
+    """(3 n + 1,) the ends of n cells, with two more in each."""
+    low, high = ends[:-1], ends[1:]
+    lap = np.minimum(reach, (high - low) / 3.0)
+    return np.append(np.stack([low, low + lap, high - lap], axis=1).ravel(), ends[-1])
+
+
 def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> Mosaic:
     """The drawing of cells on a canvas of width x height px, the colour of most cells at the back. abutting: nothing
     lies beneath anything else.

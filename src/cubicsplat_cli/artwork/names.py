@@ -20,6 +20,11 @@ def shape_name(ink: Ink, outlines: tuple[Outline, ...], width: int, height: int)
     return colour_name(ink)
 
 
+def colour_group(ink: Ink) -> str:
+    """The name of a group of one colour, `color-ff8800`, with two more digits where it is translucent."""
+    return "color-{:02x}{:02x}{:02x}".format(*ink[:3]) + ("" if ink[3] == 255 else f"{ink[3]:02x}")
+
+
 def colour_name(ink: Ink) -> str:
     """The plain name of a colour: black, white, grey, brown, pink or a hue."""
     hue, lightness, saturation = colorsys.rgb_to_hls(*(v / 255.0 for v in ink[:3]))

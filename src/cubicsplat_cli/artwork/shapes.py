@@ -19,7 +19,8 @@ class Shape:
 
     ink: sRGB and opacity, 8 bits each, not premultiplied; of a gradient about its mean. outlines: first the outer one,
     then its holes, which may run either way: whoever draws them turns them round (`oriented`). name: what an editor's
-    list of layers shows. gradient: in px of the drawing, or None. stroke: whose outlines these are, or None.
+    list of layers shows. gradient: in px of the drawing, or None. stroke: whose outlines these are, or None. group: the
+    name of the group in the file that it is in, empty for none.
     """
 
     ink: Ink
@@ -27,6 +28,7 @@ class Shape:
     name: str
     gradient: Gradient | None = None
     stroke: Stroke | None = None
+    group: str = ""
 
     def oriented(self) -> tuple[Ring, ...]:
         """The rings, the outer one clockwise as seen, holes the other way: the nonzero rule leaves holes empty."""
@@ -39,7 +41,8 @@ class Shape:
 class Drawing:
     """Shapes back to front on a canvas of width x height px; what no shape covers is transparent.
 
-    abutting: none overlaps another, and shapes that touch share their edges to the last digit.
+    abutting: none overlaps another, but for what was made to reach beneath those drawn later, and shapes that touch
+    share their edges to the last digit.
     """
 
     width: int

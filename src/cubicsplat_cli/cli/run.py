@@ -125,7 +125,10 @@ class BatchRun:
             if outcome.report.interrupted and self.plan.pictures == 1:
                 step = outcome.report.timing.steps
                 self.reporter.note(f"interrupted{f' at step {step}' if step else ''}: the best SVG so far is written")
-            also = "".join(f"  {path.name}" for path in outcome.job.outputs.exports)
+            outputs = outcome.job.outputs
+            also = "".join(f"  {path.name}" for path in outputs.exports)
+            if outputs.layers is not None:
+                also += f"  {counted(len(outputs.layers_there()), 'layer')} in {outputs.layers.parent}"
             self.reporter.summary(summary_line(outcome.report, outcome.status) + also)
         elif outcome.status == UNCHANGED:
             self.reporter.summary(f"{outcome.job.outputs.svg}  unchanged")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
@@ -42,10 +43,11 @@ def check_may_write(job: Job, *, force: bool) -> None:
     for path in job.outputs.files():
         if job.path is not None and same_file(path, job.path):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
-    check_ownership(job.outputs.files(), force=force)
+    layers = job.outputs.layers_there()
+    check_ownership([*job.outputs.files(), *layers], force=force)
     if force:
         return
-    for path in edited(job):
+    for path in [*edited(job), *filter(holds_edited, layers)]:
         raise UsageError(f"{path} was edited since it was made; --force replaces it, -o chooses another output")
 
 
@@ -93,6 +95,16 @@ def forget(job: Job) -> None:
     path = _report_of(job)
     if path is not None and is_replaceable(path):
         path.unlink(missing_ok=True)
+
+
+def forget_layers(job: Job, kinds: Iterable[str]) -> None:
+    """Remove layers of an earlier run that are not of these kinds, as the picture's colours no longer are; edited ones
+    stay.
+    """
+    kept = {job.outputs.place(kind) for kind in kinds}
+    for path in job.outputs.layers_there():
+        if path not in kept and is_replaceable(path) and not holds_edited(path):
+            path.unlink(missing_ok=True)
 
 
 def _report_of(job: Job) -> Path | None:

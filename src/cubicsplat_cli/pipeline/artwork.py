@@ -15,12 +15,14 @@ from cubicsplat_cli.artwork.plain import plain_drawing
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style
+from cubicsplat_cli.options import KEEP, REMOVE
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way
-from cubicsplat_cli.request import Request
+from cubicsplat_cli.request import COLOR, OBJECT, Request
 from cubicsplat_cli.scene.paint import Ink
 from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg import write_drawing
+from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
 ENLARGED = 0.41  # standard deviation in px, before it, of what linear interpolation spreads: a triangle 2 px wide
@@ -50,20 +52,31 @@ def drawn_pixels(task: Task) -> Made:
 
 def drawn_cells(task: Task, cells: Cells) -> Made:
     """The cells of a picture, exactly, in no more colours than are asked for."""
-    from cubicsplat_cli.artwork.mosaic import mosaic
+    from cubicsplat_cli.artwork.mosaic import finer, mosaic, with_ground
     from cubicsplat_cli.svg import write_mosaic
 
     request = task.request
     chosen, most = request.artwork, [n for n in (request.artwork.colors, request.settings.curves) if n is not None]
     cells = cells.limited(min(most, default=None)).in_palette(chosen.palette)
-    drawing = mosaic(cells, *task.picture.size, abutting=chosen.stacking == CUTOUT)
+    notes = cells.notes
+    if request.group_by == OBJECT:
+        notes.append("--group-by object is of shapes, but pixel art has one path a colour")
+    if request.ground != KEEP:
+        cells, found = with_ground(cells, None if request.ground == REMOVE else hex_colour(request.ground))
+        notes += _ground_notes(request, found)
+    if request.overlap is not None:
+        cells = finer(cells, request.overlap * task.target.width / task.picture.width)
+    abutting = chosen.stacking == CUTOUT and request.overlap is None
+    drawing = mosaic(cells, *task.picture.size, abutting=abutting)
     facts = _facts(len(drawing.layers), drawing.corners, drawing.inks)
     return Made(
         drawing.scene(),
-        lambda title, comment: write_mosaic(drawing, precision=request.precision, title=title, comment=comment),
+        lambda title, comment: write_mosaic(
+            drawing, precision=request.precision, title=title, comment=comment, grouped=request.group_by == COLOR
+        ),
         1,
         len(drawing.layers),
-        notes=cells.notes,
+        notes=notes,
         facts=facts,
     )
 
@@ -88,14 +101,9 @@ def drawn_outlines(task: Task, on_draft: Callable[[Made, bool], None] = nothing)
             on_draft(replace(_drawn(scaled_drawing(draft, *task.picture.size), task.request), blur=blur), fitted)
 
         drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_draft=tell)
-    drawing = scaled_drawing(drawing, *task.picture.size)
-    if chosen.stacking == CUTOUT:
-        from cubicsplat_cli.artwork.planar.cutout import cut_out
-
-        precision = task.request.precision
-        drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
+    drawing, notes = _structured(scaled_drawing(drawing, *task.picture.size), task.request)
     made = _drawn(drawing, task.request)
-    notes = list(intake.notes)
+    notes = [*intake.notes, *notes]
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     facts = {**made.facts, "interrupted": work.interrupted}
@@ -114,7 +122,43 @@ def plain(ink: Ink, task: Task) -> Made:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
         ink = nearest_in(request.artwork.palette, ink)
-    return replace(_drawn(plain_drawing(ink, *task.picture.size), request), style=style)
+    drawing, notes = _structured(plain_drawing(ink, *task.picture.size), request)
+    return replace(_drawn(drawing, request), style=style, notes=notes)
+
+
+def _structured(drawing: Drawing, request: Request) -> tuple[Drawing, list[str]]:
+    """The drawing with the ground, cut, in the order and in the groups that are asked for, and notes."""
+    from cubicsplat_cli.artwork import structure
+
+    ground, notes = structure.ground_of(drawing), []
+    ink = None if request.ground in (KEEP, REMOVE) else (*hex_colour(request.ground), 255)
+    if ink is not None and ground is None:
+        drawing, ground = structure.on_ground(drawing, ink), ink
+    if request.group_by == OBJECT:
+        drawing = structure.grouped_by_object(drawing, ground)
+    precision = suggested_precision(drawing.width, drawing.height) if request.precision is None else request.precision
+    if request.artwork.stacking == CUTOUT:
+        from cubicsplat_cli.artwork.planar.cutout import cut_out
+
+        drawing = cut_out(drawing, precision)
+    if request.ground != KEEP:
+        notes = _ground_notes(request, ground is not None)
+        drawing = drawing if ground is None else structure.with_ground(drawing, ground, ink)
+    if request.overlap is not None:
+        from cubicsplat_cli.artwork.planar.overlap import overlapping
+
+        drawing = structure.by_lightness(drawing)
+        drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)
+    if request.group_by == COLOR:
+        drawing = structure.grouped_by_colour(drawing)
+    return drawing, notes
+
+
+def _ground_notes(request: Request, found: bool) -> list[str]:
+    """What the user should know of the ground that was to be removed or painted."""
+    if not found and request.ground == REMOVE:
+        return ["there is no ground to remove: nothing fills the picture behind all else"]
+    return ["the figures compare the drawing with the picture as it was, on its own ground"]
 
 
 def _drawn(drawing: Drawing, request: Request) -> Made:

@@ -23,6 +23,7 @@ from cubicsplat_cli.metrics import (
     Timing,
     gap_db,
 )
+from cubicsplat_cli.options import KEEP
 from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
 from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
@@ -100,7 +101,8 @@ def measured(task: Task, made: Made, svg: str) -> Measured:
 
 def _may_be_nearer(task: Task, made: Made) -> bool:
     """Whether the result should be as near as possible: no option asks for few curves or colours."""
-    as_it_is = made.style.name == PHOTO or (task.request.artwork.free_inks and not made.of_scan)
+    own_colours = task.request.artwork.free_inks and task.request.ground == KEEP
+    as_it_is = made.style.name == PHOTO or (own_colours and not made.of_scan)
     return as_it_is and not task.bounded
 
 

@@ -20,16 +20,17 @@ from cubicsplat_cli.svg.drawing_paths import rounded_of
 from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
+from cubicsplat_cli.svg.scene_writer import CURVES_ID
 from cubicsplat_cli.svg.values import hex_colour, number
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
 _REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\"()]+?)['\"]?\s*\)")
 _CAPS, _JOINS = (BUTT, ROUND, SQUARE), (MITER, ROUND, BEVEL)
 _LENGTHS = {
-    "svg/circle": ("cx", "cy", "r"),
-    "svg/ellipse": ("cx", "cy", "rx", "ry"),
-    "svg/rect": ("x", "y", "width", "height", "rx"),
-    "svg/path": (),
+    "circle": ("cx", "cy", "r"),
+    "ellipse": ("cx", "cy", "rx", "ry"),
+    "rect": ("x", "y", "width", "height", "rx"),
+    "path": (),
 }
 AnyPath = TypeVar("AnyPath", bound=Path)
 # A joint that turns by less is meant to be smooth.
@@ -37,12 +38,23 @@ _SMOOTH = math.radians(0.5)
 
 
 def holds_drawing(elements: Sequence[OwnElement]) -> bool:
-    """Whether a document has shapes right below its root, as artwork has, and no group of curves.
+    """Whether a document has shapes right below its root or in groups of a name alone, as artwork has, and no group of
+    curves.
 
     The first element that can tell decides; a `rect` may be the background of either.
     """
-    places = [each.place for each in elements if each.place == "svg/g" or each.place in _LENGTHS]
+    places = [
+        each.place for each in elements if (each.place == "svg/g" and not _names_a_group(each)) or _is_shape(each)
+    ]
     return next((place for place in places if place != "svg/rect"), places[0] if places else "svg/g") != "svg/g"
+
+
+def _names_a_group(element: OwnElement) -> bool:
+    return set(element.attributes) == {"id"} and element.attributes["id"] != CURVES_ID
+
+
+def _is_shape(element: OwnElement) -> bool:
+    return element.name in _LENGTHS
 
 
 def read_drawing(text: str | bytes) -> Drawing:
@@ -56,9 +68,9 @@ def drawing_of(elements: Sequence[OwnElement]) -> Drawing:
     gradients = GradientReader(elements)
     shapes: list[Shape] = []
     for element in elements:
-        if element.place == "svg/g":
+        if element.place == "svg/g" and not _names_a_group(element):
             raise element.refused("has an unexpected <g> element")
-        if element.place in _LENGTHS:
+        if _is_shape(element):
             try:
                 shapes += _strokes(element) if element.attributes.get("fill") == "none" else _fills(element, gradients)
             except ValueError as error:
@@ -125,7 +137,7 @@ def _coordinate(text: str) -> float:
 
 
 def _primitive(element: OwnElement) -> Circle | Ellipse | Rectangle:
-    lengths = [_coordinate(element.attributes.get(name, "0")) for name in _LENGTHS[element.place]]
+    lengths = [_coordinate(element.attributes.get(name, "0")) for name in _LENGTHS[element.name]]
     if min(lengths[2:4]) <= 0.0 or lengths[-1] < 0.0:
         raise ValueError(f"has a <{element.name}> without extent")
     if element.name == "circle":

@@ -25,7 +25,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, Chain, Stroke
 from cubicsplat_cli.artwork.mosaic import CellLayer, Mosaic
-from cubicsplat_cli.artwork.names import colour_name
+from cubicsplat_cli.artwork.names import colour_group, colour_name
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.svg.compound import compounds
 from cubicsplat_cli.svg.drawing_paths import (
@@ -54,7 +54,7 @@ _ANGLE_DECIMALS = 3  # degrees
 
 def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:
     """The SVG text of artwork: its shapes in order, the first at the back, nothing else in it; see `compounds`. Of
-    shapes that abut each is a path of its own.
+    shapes that abut each is a path of its own. Shapes in a row that are in one group are in one `<g>`.
 
     precision: decimals of the coordinates in px, 0..6; by default `suggested_precision`. title: any text, shown by
     viewers. comment: one line for an XML comment; the command line knows its own files by it. A shape that is smaller
@@ -68,11 +68,20 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     gradients = GradientElements(names, precision)
     groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
     rings = _GridRings(drawing.shapes, precision, drawing.abutting)
+    held: tuple[str, ElementTree.Element] = ("", root)
     for group in groups:
         element = _element(group, precision, rings)
-        if element is not None:
-            root.extend(_finished(element, group[0], names, gradients, precision))
+        if element is None:
+            continue
+        if group[0].group != held[0]:
+            held = group[0].group, _group(root, group[0].group, names)
+        held[1].extend(_finished(element, group[0], names, gradients, precision))
     return document(root)
+
+
+def _group(root: ElementTree.Element, name: str, names: Identifiers) -> ElementTree.Element:
+    """A new group of a name; the root for no name."""
+    return ElementTree.SubElement(root, "g", {"id": names.unique(name)}) if name else root
 
 
 def drawn_elements(svg: str) -> int:
@@ -257,8 +266,10 @@ def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, cloc
     path.close()
 
 
-def write_mosaic(mosaic: Mosaic, *, precision: int | None = None, title: str, comment: str) -> str:
-    """The SVG text of a mosaic; arguments and errors as of `write_drawing`."""
+def write_mosaic(
+    mosaic: Mosaic, *, precision: int | None = None, title: str, comment: str, grouped: bool = False
+) -> str:
+    """The SVG text of a mosaic; arguments and errors as of `write_drawing`. grouped: each colour is in a group."""
     if precision is None:
         precision = suggested_precision(mosaic.width, mosaic.height)
     check_precision(precision)
@@ -266,8 +277,9 @@ def write_mosaic(mosaic: Mosaic, *, precision: int | None = None, title: str, co
     for layer in mosaic.layers:
         data = _layer_path(layer, precision)
         if data:
+            held = _group(root, colour_group(layer.ink) if grouped else "", names)
             name = names.unique(_layer_name(layer, mosaic))
-            root.append(ElementTree.Element("path", {"id": name, "d": data, **paint(layer.ink)}))
+            held.append(ElementTree.Element("path", {"id": name, "d": data, **paint(layer.ink)}))
     return document(root)
 
 

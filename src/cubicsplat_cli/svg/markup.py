@@ -83,11 +83,22 @@ def empty_document(width: int, height: int, title: str, comment: str) -> Element
     return root
 
 
+_SIDE = re.compile(r'(?<= )(width|height)="[^"]*"')
+
+
+def with_lengths(svg: str, width: str, height: str) -> str:
+    """A document that says another width and height in its root; its viewBox stays."""
+    sides = {"width": width, "height": height}
+    end = svg.index(">", svg.index("<svg"))
+    return _SIDE.sub(lambda side: f'{side[1]}="{sides[side[1]]}"', svg[:end]) + svg[end:]
+
+
 def document(root: ElementTree.Element) -> str:
-    """The text of a document, with an element of the root on each line."""
-    root.text = "\n"
-    for child in root:
-        child.tail = "\n"
+    """The text of a document, with an element of the root or of a group on each line."""
+    for parent in (root, *root.iterfind("g")):
+        parent.text = "\n"
+        for child in parent:
+            child.tail = "\n"
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{in_short(ElementTree.tostring(root, encoding="unicode"))}\n'
 
 

@@ -88,7 +88,7 @@ class _SceneReader:
             self._add_group(element)
         elif place == "svg/g/path" and self.mode is not None:
             self._add_path(element, self.mode)
-        elif place.startswith("svg/") and place.count("/") == 1 and element.name not in ("title", "defs"):
+        elif place.startswith("svg/g/") or (place.count("/") == 1 and element.name not in ("title", "defs")):
             raise ValueError(f"has an unexpected <{element.name}> element")
 
     def _add_background(self, element: OwnElement) -> None:

@@ -24,7 +24,7 @@ def visible_regions(faces: Faces, inks: np.ndarray) -> tuple[np.ndarray, np.ndar
     lengths = np.hypot(*steps.T) / GRID
     areas = faces.areas / GRID**2
     for _ in range(PASSES):
-        region = _connected(_classes(shown, inks), left, right)
+        region = connected(_classes(shown, inks), left, right)
         size = np.bincount(region, areas)
         apart = region[left] != region[right]
         around = np.bincount(region[left[apart]], lengths[apart], len(size))
@@ -33,7 +33,7 @@ def visible_regions(faces: Faces, inks: np.ndarray) -> tuple[np.ndarray, np.ndar
         if not slivers.any():
             break
         _absorbed(shown, region, slivers, (left, right, lengths))
-    region = _connected(_classes(shown, inks), left, right)
+    region = connected(_classes(shown, inks), left, right)
     return region, _shapes(shown, region, areas)
 
 
@@ -41,7 +41,8 @@ def _classes(shown: np.ndarray, inks: np.ndarray) -> np.ndarray:
     return np.where(shown >= 0, np.append(inks, 0)[shown], NOTHING)
 
 
-def _connected(classes: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+def connected(classes: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(F,) numbers of the groups of faces of one class that touch along edges. left, right: (E,) the faces of each."""
     same = classes[left] == classes[right]
     return linked_groups(len(classes), left[same], right[same])[1].astype(np.int64)
 
