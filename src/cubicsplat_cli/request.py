@@ -17,13 +17,14 @@ from cubicsplat_cli.options import (
     FILES,
     PHOTOS,
     Focus,
+    GzipBytes,
     parse_bytes,
     parse_focus,
     renamed,
     setting,
     settings_of,
 )  # fmt: skip
-from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode
+from cubicsplat_cli.settings import ANY, MAX_PIXELS, PRECISION, FitSettings, Mode
 
 if TYPE_CHECKING:
     from cubicsplat_cli.files.weights import Mask
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 STYLES = ("auto", "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
+TINY_BYTES = 4000  # after gzip, below which the coordinates of a photo are whole numbers of a coarse grid
+TINY_STEPS = 600  # of a fit whose polygons will lie on such a grid
 # px by which a DXF may be off the outlines: 13 micrometres at 96 px an inch. Cutters repeat to about 100, so that the
 # drawing may be cut seven times as large.
 DXF_TOLERANCE = 0.05
@@ -74,7 +77,7 @@ class Request:
     max_bytes: int | None = setting(
         None,
         "count",
-        "As many curves as fit into so much, such as 20k.",
+        "As much as fits: 20k, or 400gz after gzip.",
         least=1,
         optional=True,
         group=PHOTOS,
@@ -123,17 +126,35 @@ class Request:
             raise UsageError(f"cutout has shapes only; leave out {option}, which is for strokes", "stacking")
         if self.freeze and self.init is None:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
+        if self.init is not None and self.settings.shapes != ANY:
+            raise UsageError("are for new curves, not for those of a drawing; leave out --init", "shapes")
         budgets = [name for name in ("max_bytes", "target_psnr") if getattr(self, name) is not None]
         if len(budgets) > 1:
             raise UsageError("and --target-psnr are two budgets; give one of them", "max_bytes")
         if budgets and (self.freeze or self.init is not None or self.settings.curves is not None):
             raise UsageError("finds the number of curves itself; leave out --curves, --init and --freeze", budgets[0])
+        if self.tiny:
+            self._check_tiny()
         if self.animation is not None and self.animation.suffix.lower() not in MOVING:
             raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
         if set(self.suffix) & set("/\\\0"):
             raise UsageError(f"must be the end of a file's name, not {self.suffix!r}", "suffix")
         if self.force and self.skip_existing:
             raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
+
+    def _check_tiny(self) -> None:
+        """Raise UsageError for what polygons on a coarse grid cannot be."""
+        fit = self.settings
+        wrong = {
+            "mode": fit.mode is Mode.OPEN, "fill": fit.fill != "flat", "precision": self.precision is not None,
+            "shapes": fit.shapes in ("ellipse", "rectangle"), "loss": fit.loss != "l2",
+        }  # fmt: skip
+        for name in (name for name, is_wrong in wrong.items() if is_wrong):
+            raise UsageError(
+                f"does not go with --max-bytes below {TINY_BYTES // 1000}kgz, which writes polygons on a coarse grid; "
+                "leave it out, or allow more bytes",
+                name,
+            )
 
     @property
     def strokes(self) -> bool:
@@ -157,6 +178,16 @@ class Request:
             for each, spec in settings_of(type(holder))
             if spec.group == group and getattr(holder, each.name) != each.default
         ]
+
+    @property
+    def counts_compressed(self) -> bool:
+        """Whether `max_bytes` are those of the compressed file."""
+        return self.compress or isinstance(self.max_bytes, GzipBytes)
+
+    @property
+    def tiny(self) -> bool:
+        """Whether a photo becomes polygons on a coarse grid, in a file without all that it does not need."""
+        return isinstance(self.max_bytes, GzipBytes) and self.max_bytes < TINY_BYTES
 
     def with_threads(self, threads: int | None) -> Request:
         """The same with so many threads; None: as asked for."""
@@ -182,6 +213,8 @@ class Request:
 def _plain(value: Any) -> Any:
     if isinstance(value, Focus):
         return [float(each) for each in astuple(value)]
+    if isinstance(value, GzipBytes):
+        return f"{value:d}gz"
     # A mask or a drawing.
     return {"name": value.name, "sha256": value.sha256} if hasattr(value, "sha256") else value
 
@@ -208,7 +241,10 @@ def request_of(options: Mapping[str, Any]) -> Request:
             given[each.name] = spec.parse(given[each.name])
     # Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
     if "max_bytes" in given and fit.get("mode", "closed") == "closed":
-        fit.setdefault("segments", 2)
+        if isinstance(given["max_bytes"], GzipBytes) and given["max_bytes"] < TINY_BYTES:
+            _prefer_polygons(fit)
+        elif fit.get("shapes", ANY) == ANY:
+            fit.setdefault("segments", 2)
     settings, drawing = FitSettings.from_preset(**fit), ArtworkSettings(**artwork)
     if "weights" in given:
         from cubicsplat_cli.files.weights import load_mask
@@ -220,3 +256,12 @@ def request_of(options: Mapping[str, Any]) -> Request:
         svg = getattr(given["init"], "svg", None)
         given["init"] = load_initial_drawing(given["init"] if svg is None else svg.encode(), settings.mode)
     return Request(settings, drawing, **given)
+
+
+def _prefer_polygons(fit: dict[str, Any]) -> None:
+    """Makes a fit one of polygons for a coarse grid, of 4 vertices at first, unless other options say what it is."""
+    if fit.get("shapes", ANY) == ANY and fit.get("fill", "flat") == "flat":
+        fit["shapes"] = "polygon"
+    if fit.get("preset", "standard") == "standard":
+        fit.setdefault("steps", TINY_STEPS)
+    fit.setdefault("segments", 4)
