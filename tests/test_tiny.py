@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import re
 from contextlib import closing
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.options import GzipBytes, parse_bytes
 from cubicsplat_cli.pipeline.tiny import Search
+from cubicsplat_cli.pipeline.vectorize import dominant_colors
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import request_of
@@ -183,3 +185,44 @@ def test_its_json_knows_a_file_without_a_comment(hills_file, run_cli):
 def test_a_file_that_fits_in_nothing_says_what_it_needs(hills):
     with pytest.raises(InputError, match="not even one polygon"):
         vectorize(hills, max_bytes="60gz", **SHORT)
+
+
+def test_a_data_uri_holds_the_same_drawing(placeholder):
+    uri = placeholder.data_uri()
+    assert uri.startswith("data:image/svg+xml,%3Csvg xmlns='http://www.w3.org/2000/svg'")
+    assert not set('"#<>\n') & set(uri)
+    assert len(uri) < 1.2 * len(placeholder.svg)
+    text = unquote(uri.partition(",")[2])
+    assert text.replace("'", '"') == placeholder.svg
+
+
+def test_a_title_comes_through_a_data_uri():
+    from cubicsplat_cli.svg.markup import data_uri
+
+    svg = '<?xml version="1.0"?>\n<svg a="1">\n<title>50 % "Käse" & \'more\'</title>\n<p b="it\'s"/></svg>\n'
+    text = unquote(data_uri(svg).partition(",")[2])
+    assert text == "<svg a='1'><title>50 % \"Käse\" & 'more'</title><p b=\"it's\"/></svg>"
+
+
+def test_data_uris_go_to_standard_output(hills_file, run_cli):
+    command = ("vectorize", hills_file, "--steps", 20, "--threads", 1, "--max-bytes", "300gz", "--data-uri", "-q")
+    printed = run_cli(*command, "-o", "-").stdout
+    assert printed.startswith(b"data:image/svg+xml,%3Csvg") and printed.count(b"\n") == 1
+    assert run_cli(*command).stdout == printed == run_cli(*command).stdout, "made, and found unchanged"
+    svg = hills_file.with_suffix(".svg").read_text()
+    assert unquote(printed.decode().strip().partition(",")[2]).replace("'", '"') == svg
+    for wrong in ("--json", "--svgz"):
+        assert run_cli(*command, wrong).returncode == 2
+
+
+def test_the_json_names_the_dominant_colours(hills, placeholder):
+    colors = placeholder.report.colors
+    assert 3 <= len(colors) <= 5
+    assert [c["share"] for c in colors] == sorted((c["share"] for c in colors), reverse=True)
+    assert sum(c["share"] for c in colors) == pytest.approx(1.0, abs=0.01)
+    pixels = hills.reshape(-1, 3).astype(float)
+    for color in colors:
+        assert np.abs(pixels - list(bytes.fromhex(color["hex"][1:]))).max(1).min() < 16
+    flat = np.full((8, 8, 3), (255, 0, 17), np.uint8)
+    assert dominant_colors(as_picture(flat)) == [{"hex": "#ff0011", "share": 1.0}]
+    assert dominant_colors(as_picture(np.zeros((4, 4, 4), np.uint8))) == []

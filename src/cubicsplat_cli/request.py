@@ -99,6 +99,7 @@ class Request:
     )  # fmt: skip
     suffix: str = setting("", "text", "Add this to the names of the results.", metavar="TEXT", **_OF_FILES)
     skip_existing: bool = setting(False, "flag", "Skip pictures that have any SVG already.", hidden=True, **_OF_FILES)
+    data_uri: bool = setting(False, "flag", "Print the SVG as a data: URI on stdout.", **_OF_FILES)
     compress: bool = setting(False, "flag", "Write the SVG compressed, as OUT.svgz.", option="svgz", **_OF_FILES)
 
     def __post_init__(self) -> None:
@@ -139,6 +140,8 @@ class Request:
             raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
         if set(self.suffix) & set("/\\\0"):
             raise UsageError(f"must be the end of a file's name, not {self.suffix!r}", "suffix")
+        if self.data_uri and self.compress:
+            raise UsageError("--svgz is for files; a data: URI holds text, so leave one of them out", "data_uri")
         if self.force and self.skip_existing:
             raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
 

@@ -12,7 +12,7 @@ from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
 from cubicsplat_cli.files.paths import is_file, is_replaceable
-from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.files.read import packed, unpacked
 from cubicsplat_cli.files.write import STDOUT, write_stdout
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.jobs.earlier import forget, holds_edited, is_finished
@@ -144,7 +144,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
         if job.outputs.svg is not None:
             sink.put("svg", data)
     if job.outputs.svg is None:  # what went to standard output could not be replaced
-        sink.put("svg", data)
+        sink.put("svg", uri_line(data) if request.data_uri else data)
     figures = measured(task, made, svg) if request.measure else None
     report = _write_others(job, task, made, figures, svg, data, sink)
     _say_overtime(report, task)
@@ -153,6 +153,13 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     finally:  # they can be made again without a fit, if that is known to be done
         sink.put("metrics", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
+
+
+def uri_line(svg: bytes) -> bytes:
+    """What `--data-uri` prints of an SVG."""
+    from cubicsplat_cli.svg.markup import data_uri
+
+    return data_uri(unpacked(svg, "the SVG").decode()).encode() + b"\n"
 
 
 def _write_others(

@@ -32,6 +32,7 @@ from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg.markup import data_uri
 
 _log = logging.getLogger("cubicsplat")
 UNDECIDED = Style(PHOTO, "")
@@ -50,6 +51,10 @@ class Result:
     scene: Scene | None
     report: Report
     pixels: np.ndarray | None = None
+
+    def data_uri(self) -> str:
+        """The SVG as a `data:image/svg+xml,...` URI, for use between double quotes."""
+        return data_uri(self.svg)
 
     def save(self, path: str | Path, *, dxf_tolerance: float = DXF_TOLERANCE) -> None:
         """Write the SVG, whole or not at all, to a name that ends in .svg, in .svgz (compressed), or has no suffix; or
