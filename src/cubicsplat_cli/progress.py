@@ -140,7 +140,7 @@ COMMAND_BEGAN: ContextVar[float | None] = ContextVar("COMMAND_BEGAN", default=No
 
 
 def command_began() -> float:
-    """When the command that this process is began, by `time.perf_counter`; now where it is none."""
+    """The time at which this process's command began, by `time.perf_counter`; now where it is none."""
     began = COMMAND_BEGAN.get()
     return time.perf_counter() if began is None else began
 

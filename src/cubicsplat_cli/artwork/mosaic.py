@@ -72,7 +72,7 @@ class Mosaic:
 
     @property
     def corners(self) -> int:
-        """How many corners all loops have, which is how many lines."""
+        """The number of corners, and so of lines, of all loops."""
         return sum(len(layer.loops[0]) for layer in self.layers)
 
     @property

@@ -1,4 +1,4 @@
-"""What is drawn of a flat picture: its inks, regions, layers and contours, down to the parts that become shapes."""
+"""The plan of a drawing: the picture's inks, regions, layers and contours, down to the parts that become shapes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Plan:
 def planned(
     picture: FlatPicture, settings: ArtworkSettings, factor: int, error: float, standing: np.ndarray | None
 ) -> Plan:
-    """What is drawn of a picture: at most settings.curves parts.
+    """The plan of a picture's drawing: at most settings.curves parts.
 
     factor: by which the drawing is enlarged at last. error: in levels, of pixels on edges beyond that of a clean
     picture. standing: (G, 4) inks that stand for gradients, of which no translucent shape makes others; None where no

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def huber(sizes: np.ndarray, knee: float) -> np.ndarray:
-    """What residuals of such sizes >= 0 count, of the same shape: size^2 up to the knee, linear beyond."""
+    """Huber's loss of residuals >= 0, of the same shape: size^2 up to the knee, linear beyond."""
     return np.where(sizes <= knee, sizes * sizes, knee * (2.0 * sizes - knee))
 
 

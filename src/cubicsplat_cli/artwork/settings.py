@@ -1,4 +1,4 @@
-"""What the user chooses of the artwork style. Imports nothing heavy, since the command line is built from it."""
+"""The user's choices for the artwork style. Imports nothing heavy, since the command line is built from it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ON, OFF = "on", "off"
 
 @dataclass(frozen=True)
 class ArtworkSettings:
-    """How a flat picture is drawn. Raises UsageError on values that make no sense.
+    """Settings of the drawing of a flat picture. Raises UsageError on values that make no sense.
 
     colors: at most so many inks, 1..256, or None for as many as the picture has. palette: the inks to use, each
     8-bit sRGB or a colour's name, or text with commas between names; empty for the picture's own. min_area: px^2,

@@ -59,7 +59,7 @@ class Drawing:
 
     @property
     def segments(self) -> int:
-        """How many lines and cubics the outlines have, primitives counted as their rings."""
+        """The number of lines and cubics of the outlines, primitives counted as their rings."""
         return sum(
             len(pieces_of(line)[1])
             for shape in self.shapes
@@ -68,7 +68,7 @@ class Drawing:
 
     @property
     def coordinates(self) -> int:
-        """How many numbers an artist would write for the outlines."""
+        """The number of numbers that an artist would write for the outlines."""
         return sum(
             line.coordinates
             for shape in self.shapes

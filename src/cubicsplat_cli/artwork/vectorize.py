@@ -43,7 +43,7 @@ SKETCH = 160  # px of the longer side, of what is drawn in well under a second
 
 
 def prepared(target: np.ndarray) -> Intake:
-    """What is drawn of a picture, as `draw` takes it; where the work under way is stopped, a small copy."""
+    """A picture prepared for `draw`; where the work under way is stopped, a small copy."""
     intake = None
     with work().stoppable():
         work().at("looking at the picture")

@@ -62,7 +62,8 @@ app.add_typer(bench, name="bench")
 
 
 def meant(arguments: list[str]) -> list[str]:
-    """What was meant: `help` or nothing is --help. A picture, a folder or an option of vectorize needs no command."""
+    """The arguments as they were meant: `help` or nothing is --help. A picture, a folder or an option of vectorize
+    needs no command."""
     if not arguments:
         return ["--help"]
     first = arguments[0]

@@ -1,4 +1,4 @@
-"""What is at a path: a file, a folder, an SVG; whether cubicsplat wrote it and may replace it. Imports nothing heavy.
+"""Kinds of paths: a file, a folder, an SVG; whether cubicsplat wrote it and may replace it. Imports nothing heavy.
 
 A path that cannot be looked at (no permission, a name too long, a null byte) is no folder and no file; whoever uses it
 finds out why, and says so.

@@ -56,7 +56,7 @@ def _markup(svg: bytes) -> str:
 
 
 def _scene(svg: bytes) -> tuple[str, Scene | None, list[str]]:
-    """What its elements are called, the scene, and for each of its curves, front to back, the element it belongs to;
+    """Names of its elements, the scene, and for each of its curves, front to back, the element it belongs to;
     InputError for foreign files.
     """
     elements = own_elements(svg)

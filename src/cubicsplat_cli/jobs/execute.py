@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ExecutionOptions:
-    """How jobs are carried out. workers: pictures at once (None: one, or what the cluster can take). cluster:
+    """Settings of carrying out jobs. workers: pictures at once (None: one, or what the cluster can take). cluster:
     its address, None for this machine. inline: in this process, where there is one picture.
     """
 

@@ -1,4 +1,4 @@
-"""What exact pictures say of a fit's curves: how good they are, and what each of them contributes."""
+"""Measures a fit's curves by exact pictures: their error, and the contribution of each."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Evaluator:
         return order[(importance <= db_ratio(IDLE_DB) - 1.0) & (np.maximum(importance, 0.0).cumsum() <= allowed)]
 
     def cost_of_crisp_edges(self, curves: FitCurves, samples: int) -> str:
-        """What a file loses against soft edges, drawn with so many edges per cubic, in a sentence."""
+        """A sentence on the loss of a file against soft edges, drawn with so many edges per cubic."""
         soft, crisp = (
             psnr(self.engine.gradients(curves.for_engine(), raster, target=self.objective.goal)[0], self.values)
             for raster in (RasterSettings("relaxed", 1.0, samples), self.exact)

@@ -36,7 +36,7 @@ class LinearFills(CurveArrays):
         )
 
     def gradients(self, middles: Array) -> Gradients:
-        """What the engine draws, for curves with these middles (N, 2) px."""
+        """The gradients that the engine draws, for curves with these middles (N, 2) px."""
         xp, n, device = namespace(middles), len(middles), middles.device
         places = middles[:, None] + self.ends
         colours = sigmoid(self.stop_logits)
@@ -108,7 +108,7 @@ def middles_of(points: Array, ring_ends: Array | None) -> Array:
 
 
 def adan(gradient: Array, moments: Array, ages: Array, rates: Rates) -> Array:
-    """What Adan takes from (N, V) parameters, before the rate; the moments (N, V, 4) go on."""
+    """Adan's step for (N, V) parameters, before the rate; updates the moments (N, V, 4)."""
     xp, (keep1, keep2, keep3) = namespace(gradient), rates.keep
     mean, change, square, previous = (moments[..., k] for k in range(4))
     age = xp.astype(ages, gradient.dtype)[:, None]

@@ -22,7 +22,7 @@ _NEXT_TO_NOTHING = 1e-30
 
 
 class Regulariser:
-    """What a recipe penalises beside the error of a picture. size: its width and height, px. joins: of all curves."""
+    """The penalties of a recipe beside the error of a picture. size: its width and height, px. joins: of all curves."""
 
     def __init__(self, recipe: Recipe, mode: Mode, size: tuple[int, int], joins: int) -> None:
         self.recipe, self.mode, self.size, self.joins = recipe, mode, size, joins

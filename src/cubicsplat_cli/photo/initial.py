@@ -1,4 +1,4 @@
-"""What a fit begins with: its background, new curves (small discs or short strokes), and a drawing if one is given."""
+"""The start of a fit: its background, new curves (small discs or short strokes), and a drawing if one is given."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a fit is given beside its picture and its settings, what it returns, and what it notes on the way."""
+"""Inputs of a fit beside picture and settings, its result, and its notes on the way."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class FitInputs:
 
     @property
     def frozen_curves(self) -> int:
-        """How many of the last curves of the fit never change."""
+        """The number of curves, the last of the fit, that never change."""
         return self.start.curves if self.start is not None and self.frozen else 0
 
 

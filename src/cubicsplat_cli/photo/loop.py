@@ -171,7 +171,7 @@ class FitLoop:
         return scene
 
     def scene(self) -> Scene:
-        """What the curves are now."""
+        """The curves as they are now."""
         return self._scene(self.state.curves)
 
     def importance(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a fit minimises: penalties of the pixels' errors, by the engine, and MS-SSIM, by autograd."""
+"""The objective of a fit: penalties of the pixels' errors, by the engine, and MS-SSIM, by autograd."""
 
 from __future__ import annotations
 

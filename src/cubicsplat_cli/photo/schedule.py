@@ -1,4 +1,4 @@
-"""What a fit does at which step: edge width, step sizes, reallocations, and the exact finish.
+"""The schedule of a fit by steps: edge width, step sizes, reallocations, and the exact finish.
 
 Nearly all is a function of the progress in [0, 1]: the share of the steps or, under a time limit, of the time.
 """

@@ -1,4 +1,4 @@
-"""Where a fit gets new curves: all over the picture at its start, and later where the error is high.
+"""Places of new curves: all over the picture at the start of a fit, later at high errors.
 
 There they are ellipses over connected patches in which the fit errs in one way. LIVE (Ma et al., CVPR 2022) starts its
 paths at connected components of the error; here the patch around a drawn pixel is described by the moments of its
@@ -84,7 +84,7 @@ def spread_of(weights: Array | None) -> float:
 
 
 def error_density(image: Array, target: Array, blur: int, power: float, weights: Array | None = None) -> Array:
-    """Where new curves are wanted: the squared error, weighted, blurred by a box of `blur` px, to a power; (H, W)."""
+    """The density of new curves: the squared error, weighted, blurred by a box of `blur` px, to a power; (H, W)."""
     difference = image - target
     difference *= difference
     error = sum(difference[..., channel] for channel in range(target.shape[2]))  # a sum over an axis takes longer

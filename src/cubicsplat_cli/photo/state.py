@@ -39,7 +39,7 @@ class FitCurves(EngineScene):
         return middles_of(self.points, self.ring_ends)
 
     def for_engine(self) -> EngineScene:
-        """What an engine draws: these arrays, not copies, and the gradients of the fills as they are now."""
+        """The scene that an engine draws: these arrays, not copies, and the fills' present gradients."""
         return self if self.fills is None else replace(self, gradients=self.fills.gradients(self.middles()))
 
     def scene(self, *, opaque: bool) -> Scene:

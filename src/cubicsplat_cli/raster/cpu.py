@@ -93,7 +93,7 @@ def library() -> ctypes.CDLL:
 
 
 def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> Any:
-    """What a function of the library returns.
+    """The result of a function of the library.
 
     given: contiguous arrays, which it takes as pointers; ints and bools, which it takes as int64, and floats, as
     double; None, a null pointer; and objects of ctypes. result: c_int32, which is 0 but on failure; c_int64 or

@@ -98,9 +98,10 @@ def laid_out(
 
 @dataclass(frozen=True)
 class Joints:
-    """What an outline of A anchors and S pieces (A when closed, else A - 1) keeps while it is fitted. lines: (S,) bool.
-    smooth: (A,) bool, whether feet pass from piece to piece there, and handles lie in line. level: (A,) bool, smooth
-    ones whose direction stays. tied: (A, 2) int, the variable of each coordinate of an anchor, -1 for none."""
+    """The constraints that an outline of A anchors and S pieces (A when closed, else A - 1) keeps while it is fitted.
+    lines: (S,) bool. smooth: (A,) bool, whether feet pass from piece to piece there, and handles lie in line. level:
+    (A,) bool, smooth ones whose direction stays. tied: (A, 2) int, the variable of each coordinate of an anchor, -1 for
+    none."""
 
     lines: np.ndarray
     smooth: np.ndarray
@@ -112,7 +113,8 @@ class Joints:
         return [len(self.smooth), len(self.lines), *flags, np.ascontiguousarray(self.tied, np.int64)]
 
     def variables(self) -> int:
-        """How many variables move the outline. Raises EngineError where the library or the memory is missing."""
+        """The number of variables that move the outline. Raises EngineError where the library or the memory is
+        missing."""
         return int(_native("cs_count_variables", *self._given(), result=c_int64))
 
 
@@ -128,7 +130,7 @@ def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> Outline
 
 
 def outline_jacobian(joints: Joints, outline: Outline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How the 8 coordinates of the control points of each piece move with the variables: the values, columns and row
+    """The Jacobian of the 8 coordinates of each piece's control points by the variables: the values, columns and row
     starts of a sparse matrix. outline: as for `moved_outline`. Raises EngineError where the library or the memory is
     missing.
     """

@@ -1,4 +1,4 @@
-"""What every engine takes, does and gives: the same methods on the CPU and in CUDA."""
+"""The interface of every engine: the same methods on the CPU and in CUDA."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class EngineScene(Scene):
         return _shapes(self.curves, self.points_per_curve, self.most_rings, self.most_stops, picture)
 
     def addresses(self, pointer: Pointer, arrays: dict[str, Array], prefix: str = "") -> dict[str, int | None]:
-        """Where the values of arrays are, whose names are those of `shapes`; messages put a prefix before them."""
+        """The addresses of arrays, whose names are those of `shapes`; messages put a prefix before them."""
         shapes = self.shapes()
         return {
             name: pointer(array, prefix + name, shapes[name], "int32" if name in INTEGERS else "float32")
@@ -140,7 +140,8 @@ class Backward:
 
 @dataclass
 class Training:
-    """What training steps learn from, how, and what else they write or add. Made once for a fit and changed in place.
+    """The inputs of training steps, their rates, and what else they write or add. Made once for a fit and changed in
+    place.
 
     target (H, W, C): the picture; penalty: what its pixels' errors cost. Filled where given: image (H, W, C) and, of
     importance_kind ("visibility" or "loo"), importance (N,). Read where given: weights (H, W), at least 0, factors of
@@ -198,7 +199,7 @@ class Engine(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """What the user should know of the engine, as plain values."""
+        """The engine's properties for the user, as plain values."""
 
     def guarded(self) -> AbstractContextManager[Any]:
         """Within, what torch says of a failing device is an EngineError: around reads of what a step returned."""

@@ -1,4 +1,4 @@
-"""Which engine runs, the CPU's or CUDA's; pictures of finished scenes, and the importance of their curves."""
+"""Choice of the engine, the CPU's or CUDA's; pictures of finished scenes, and the importance of their curves."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _lock = threading.Lock()
 
 
 class Gpus:
-    """What `open_engine` asks about GPUs, and gets an engine from."""
+    """The GPUs as `open_engine` sees them; makes engines."""
 
     def usable(self) -> bool:
         """Whether there is one for torch."""
@@ -155,7 +155,8 @@ def leave_one_out_importance(
 
 
 def describe(cuda: Callable[[], Engine] = cuda_engine) -> dict[str, Any]:
-    """Which engines this installation can run, and why not: for `cubicsplat doctor`. cuda: opens CUDA's."""
+    """The engines that this installation can run, and why others do not: for `cubicsplat doctor`. cuda: opens
+    CUDA's."""
     engines = {"cpu": _describe(CpuEngine), "cuda": _describe(cuda)}
     if engines["cpu"]["available"]:
         engines["cpu"]["instruction_sets"] = instruction_sets()

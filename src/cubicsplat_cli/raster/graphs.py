@@ -10,8 +10,8 @@ from cubicsplat_cli.raster.cpu import native
 
 
 def linked_groups(count: int, first: np.ndarray, second: np.ndarray) -> tuple[int, np.ndarray]:
-    """How many groups links make of `count` things, and the number (count,) int32 of each thing's group: in the order
-    of their first things.
+    """The number of groups that links make of `count` things, and the number (count,) int32 of each thing's group: in
+    the order of their first things.
 
     first, second: (k,) the things that links join, from 0 on. Raises ValueError for others, and EngineError where the
     library or the memory is missing.

@@ -96,15 +96,15 @@ def find_objects(labels: np.ndarray, max_label: int = 0) -> list[Any]:
 def binary_dilation(
     pixels: np.ndarray, structure: np.ndarray | None = None, iterations: int = 1, mask: np.ndarray | None = None
 ) -> np.ndarray:
-    """What is not 0 in (H, W), bool, with the neighbours in a structure (h, w) of odd sides, by default those along
-    edges; `iterations` times. mask: which pixels may change."""
+    """(H, W) bool: pixels that are not 0, with their neighbours in a structure (h, w) of odd sides, by default those
+    along edges; `iterations` times. mask: which pixels may change."""
     return _dilated(_mask(pixels), _structure(structure)[::-1, ::-1], iterations, mask, False)
 
 
 def binary_erosion(
     pixels: np.ndarray, structure: np.ndarray | None = None, iterations: int = 1, *, border_value: int = 0
 ) -> np.ndarray:
-    """What is not 0 in (H, W), bool, where all neighbours in a structure are not either; see binary_dilation.
+    """(H, W) bool: pixels that are not 0, and whose neighbours in a structure are not either; see binary_dilation.
 
     border_value: what lies beyond the picture.
     """
@@ -112,12 +112,12 @@ def binary_erosion(
 
 
 def binary_opening(pixels: np.ndarray, structure: np.ndarray | None = None) -> np.ndarray:
-    """What is not 0 in (H, W), bool, as far as structures lie within it; see binary_dilation."""
+    """(H, W) bool: pixels that are not 0, as far as structures lie within them; see binary_dilation."""
     return binary_dilation(binary_erosion(pixels, structure), structure)
 
 
 def binary_propagation(pixels: np.ndarray, structure: np.ndarray | None, mask: np.ndarray) -> np.ndarray:
-    """What is not 0 in (H, W), bool, with what is linked to it through a mask; structure: see label."""
+    """(H, W) bool: pixels that are not 0, with those linked to them through a mask; structure: see label."""
     pixels = _mask(pixels)
     parts, count = label(pixels | mask, structure)
     linked = np.zeros(count + 1, dtype=bool)
@@ -126,7 +126,7 @@ def binary_propagation(pixels: np.ndarray, structure: np.ndarray | None, mask: n
 
 
 def binary_fill_holes(pixels: np.ndarray) -> np.ndarray:
-    """What is not 0 in (H, W), bool, and what it encloses; see holes_of."""
+    """(H, W) bool: pixels that are not 0, and those that they enclose; see holes_of."""
     mask = _mask(pixels)
     return mask | holes_of(mask)
 
@@ -141,7 +141,7 @@ def holes_of(mask: np.ndarray) -> np.ndarray:
 
 
 def distance_transform_edt(pixels: np.ndarray) -> np.ndarray:
-    """How far each pixel (H, W) is from the nearest that is 0, px; inf where none is."""
+    """(H, W) px: the distance of each pixel to the nearest that is 0; inf where none is."""
     mask = _mask(pixels)
     found = np.empty(mask.shape)
     _native("cs_distances", *mask.shape, mask, found)

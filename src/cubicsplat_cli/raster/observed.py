@@ -1,4 +1,4 @@
-"""What a picture tells of how it came to be, by the native library: its colours, edges, and how its colours change.
+"""Measurements of a picture by the native library: its colours, its edges, and how its colours change.
 
 All raise EngineError where the library or the memory is missing.
 """

@@ -52,7 +52,7 @@ def _inputs(scene: Scene, settings: RasterSettings) -> list[Any]:
 
 
 def _given(*inputs: Any) -> tuple[EngineScene, RasterSettings]:
-    """What the operators were given, as the engines take it."""
+    """The operators' inputs, as the engines take them."""
     tensors = dict(zip(_TENSORS, map(_plain, inputs), strict=False))
     (closed, width, height), background, (exact, samples, subdivide), (edge_width, tolerance) = inputs[len(_TENSORS) :]
     fills = {name.partition(".")[2]: t for name, t in tensors.items() if "." in name}

@@ -73,9 +73,9 @@ def parabolas(
 
 @dataclass(frozen=True)
 class Hiding:
-    """Where lines may run: masks (h, w) bool of a window. box: its top and left, px, and height and width of the
-    canvas, beyond which all is as on its border; elsewhere beyond the window no line may run. mask: everywhere; hidden,
-    allowed: within near px, and within at_end px, of one of the two ends (2, 2), px."""
+    """The area in which lines may run: masks (h, w) bool of a window. box: its top and left, px, and height and width
+    of the canvas, beyond which all is as on its border; elsewhere beyond the window no line may run. mask: everywhere;
+    hidden, allowed: within near px, and within at_end px, of one of the two ends (2, 2), px."""
 
     box: tuple[int, int, int, int]
     mask: np.ndarray

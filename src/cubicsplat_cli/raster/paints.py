@@ -1,4 +1,4 @@
-"""Where the colours of a picture change evenly, and which paints its edges blend, by the native library.
+"""Areas of evenly changing colours, and the paints that edges blend, by the native library.
 
 Pictures are (H, W, 4), premultiplied levels. Functions raise EngineError where the library or the memory is missing.
 """

@@ -1,4 +1,4 @@
-"""Which of many points in the plane lie near a place, natively: scipy.spatial takes a third of a second to import."""
+"""The points near a place, natively: scipy.spatial takes a third of a second to import."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def winding(vertices: Polyline, at: Tensor) -> Tensor:
 
 
 def _crossings(a: Tensor, b: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-    """Where edges a to b (E, 2) cross the lines y (..., 1).
+    """The x at which edges a to b (E, 2) cross the lines y (..., 1).
 
     Returns x (..., E), infinite where there is no crossing, and the direction: +1 down, -1 up, 0 none.
     """
@@ -410,7 +410,7 @@ def importance(
     weights: Tensor | None = None,
     penalty: Penalty = SQUARED,
 ) -> Tensor:
-    """How much each primitive matters, (N,) float64; no gradient.
+    """The importance of each primitive, (N,) float64; no gradient.
 
     weights (H, W): factors of the pixels. "visibility": sum over the pixels of T alpha, px^2. "loo" (leave one out):
     how much `image_loss` against target (H, W, C) would rise without the primitive; negative when it does harm. The

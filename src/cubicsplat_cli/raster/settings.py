@@ -1,4 +1,4 @@
-"""What a render needs to know beside the scene, and what the error of its picture costs."""
+"""Settings of a render beside the scene, and the penalty of its picture's error."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FLATNESS = 0.02
 
 
 class Penalty(NamedTuple):
-    """What an error e of one channel costs: squares e^2 + robust m (2 |e| - m), where m = min(|e|, knee).
+    """The penalty of an error e of one channel: squares e^2 + robust m (2 |e| - m), where m = min(|e|, knee).
 
     The second part is e^2 up to the knee and a straight line of slope 2 knee from there on: a Huber loss, and with a
     tiny knee the absolute error. All are at least 0.
@@ -37,7 +37,7 @@ SQUARED = Penalty()
 
 
 def penalty_of(error: Array, penalty: Penalty) -> Array:
-    """What each error costs; see `Penalty`."""
+    """The penalty of each error; see `Penalty`."""
     xp = namespace(error)
     size = xp.abs(error)
     bent = xp.clip(size, max=penalty.knee)
@@ -70,7 +70,7 @@ def image_loss(image: Array, target: Array, weights: Array | None = None, penalt
 
 @dataclass(frozen=True)
 class RasterSettings:
-    """How coverage is computed.
+    """Settings of the coverage.
 
     coverage: "relaxed" (smooth edge of width `edge_width`) or "exact" (area coverage; its derivative is that of the
     relaxed edge). edge_width: px, > 0, the reciprocal of the coverage's slope at the outline. samples: edges per

@@ -49,11 +49,12 @@ class _Unknowns(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Goal:
-    """What a stack is compared with. target: (H, W, 4); channels: the weights of the four; bound: of a pixel's weighted
-    residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel; taps: (reach + 1,)
-    weights along a row or column, from the middle on, of what blurs the stack's picture before it is compared; space:
-    (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which inks are too. leak_weight: of the
-    squared share of the background that shows `inside` the target; a blur spreads that, so it counts without one."""
+    """The target of a stack and its error model. target: (H, W, 4); channels: the weights of the four; bound: of a
+    pixel's weighted residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel;
+    taps: (reach + 1,) weights along a row or column, from the middle on, of what blurs the stack's picture before it is
+    compared; space: (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which inks are too.
+    leak_weight: of the squared share of the background that shows `inside` the target; a blur spreads that, so it
+    counts without one."""
 
     target: np.ndarray
     channels: Sequence[float]
@@ -224,7 +225,7 @@ def _numbers(values: Sequence[int] | np.ndarray) -> np.ndarray:
 
 
 def _at(array: np.ndarray, kind: type, shape: tuple[int, ...]) -> int:
-    """Where an array lies, which must be contiguous, of this type and shape."""
+    """The address of an array, which must be contiguous, of this type and shape."""
     if array.dtype != kind or array.shape != shape or not array.flags.c_contiguous:
         raise EngineError(f"expected a contiguous {np.dtype(kind)} array {shape}, not {array.dtype} {array.shape}")
     return int(array.ctypes.data)

@@ -143,7 +143,7 @@ def joined_inks(inks: np.ndarray, weights: np.ndarray, same: float, most: int) -
 
 @dataclass(frozen=True)
 class LineBlends:
-    """What a line makes of pixels. one: levels that are one colour; ground: and of a ground. between: share of the
+    """The pixels that a line blends. one: levels that are one colour; ground: and of a ground. between: share of the
     squares that lie amid the ground. off: levels by which a blend is off the line between two inks; shares: the least
     and the most of the line's ink. more: times as many px as the blend has, that the line's ink has in thin lines.
     """

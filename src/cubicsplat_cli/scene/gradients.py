@@ -22,7 +22,7 @@ LEAST_LENGTH = 1e-6
 
 @dataclass
 class Gradients(CurveArrays):
-    """How N curves are filled where one colour is not enough, with room for S stops each.
+    """The gradient fills of N curves, with room for S stops each.
 
     kinds: (N,) int32, `FLAT` (the curve has its one colour, and nothing else here is read), `LINEAR` or `RADIAL`.
     frames: (N, 2, 3), an affine map from px, as (x, y, 1), to the gradient's own plane. The place t on the way from the

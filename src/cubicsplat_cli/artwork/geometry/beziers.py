@@ -9,7 +9,7 @@ import numpy as np
 
 
 def bernstein(u: np.ndarray) -> np.ndarray:
-    """What the control points of a cubic count for at u (...): (..., 4), the Bernstein polynomials of degree 3."""
+    """The Bernstein polynomials of degree 3 at u (...): (..., 4), the weights of a cubic's control points."""
     v = 1.0 - u
     return np.stack([v * v * v, 3.0 * v * v * u, 3.0 * v * u * u, u * u * u], axis=-1)
 

@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, R
 
 @dataclass(frozen=True)
 class RigidTransform:
-    """How an outline becomes another one: x and y times `signs`, 1 or -1 each, turned about the origin by `angle`, and
+    """A rigid transform of an outline: x and y times `signs`, 1 or -1 each, turned about the origin by `angle`, and
     then shifted by px."""
 
     signs: tuple[float, float]

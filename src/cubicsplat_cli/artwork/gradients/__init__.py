@@ -1,1 +1,1 @@
-"""Where colours change evenly: which gradient they follow, and the picture with flat inks in their place."""
+"""Areas of evenly changing colour: the gradient that each follows, and the picture with flat inks in their place."""

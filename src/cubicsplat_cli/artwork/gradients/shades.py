@@ -1,4 +1,4 @@
-"""Which gradient, linear or radial, the pixels of an area follow: the one with the shortest description."""
+"""The gradient, linear or radial, that the pixels of an area follow: the one with the shortest description."""
 
 from __future__ import annotations
 

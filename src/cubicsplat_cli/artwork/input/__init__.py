@@ -1,1 +1,1 @@
-"""What came between a drawing and its picture: noise, JPEG, blur and enlargement are found, and drawn through."""
+"""Degradations between a drawing and its picture: noise, JPEG, blur and enlargement are found and undone."""

@@ -66,7 +66,7 @@ class Cells:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know of it, a sentence each."""
+        """Notes for the user, a sentence each."""
         rows, columns = self.numbers.shape
         found = [f"drawn as the {columns} x {rows} pixels that it is made of"] if self.side > 1 else []
         if self.merged:

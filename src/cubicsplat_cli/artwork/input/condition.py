@@ -1,4 +1,4 @@
-"""What a picture has gone through since it was drawn, as far as it tells.
+"""The degradation of a picture since it was drawn, measured from its pixels.
 
 Pictures are (H, W, 4) float32 premultiplied RGBA in levels of 0..255.
 """
@@ -86,7 +86,7 @@ class Condition:
         return math.hypot(self.edge_error, BLUR_ERROR * self.blur)
 
     def words(self) -> str:
-        """What is worth telling of it, as part of a sentence; empty where it is clean."""
+        """The degradation in words, as part of a sentence; empty where it is clean."""
         parts = [f"a blur of {self.blur:.1f} px"] if self.blur else []
         if self.jpeg:
             parts.append(f"compression artefacts of {self.noise:.1f} levels")

@@ -1,4 +1,4 @@
-"""How pixels a few px apart differ in a small picture: by noise or across an edge, as in drawings, or by any amount.
+"""Differences of pixels a few px apart in a small picture: noise or edges in drawings, any amount in photos.
 
 In pictures of a few px hardly anything is even, and noise and JPEG leave nothing as it was. But past the blends on an
 edge there are two inks: a drawing's differences are those of noise, or they are large and of any size. A photo's

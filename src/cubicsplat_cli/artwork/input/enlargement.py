@@ -46,7 +46,8 @@ def before_enlargement(levels: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _repeated(levels: np.ndarray) -> int:
-    """How often each pixel is repeated along rows and columns, where that is more than shapes on a grid."""
+    """The number of times that each pixel is repeated along rows and columns, where that is more than shapes on a
+    grid."""
     for times in range(MOST_REPEATED, 1, -1):
         height, width = (side // times * times for side in levels.shape[:2])
         if min(height, width) < 8 * times:

@@ -1,4 +1,5 @@
-"""How even a picture is: a drawing's neighbouring pixels are alike or have an edge between them; few differ a little.
+"""The evenness of a picture: a drawing's neighbouring pixels are alike or have an edge between them; few differ a
+little.
 
 In a photo most of them do. What noise and JPEG add is gone in the means of blocks. In numpy alone, since photos are
 asked this too.

@@ -131,6 +131,8 @@ def noisy_grid(levels: np.ndarray) -> Grid | None:
     down, at which most of the change between neighbours is; None where it is nowhere.
     """
     height, width = levels.shape[:2]
+    if min(height, width) < 2:
+        return None
     found = []
     for axis in (1, 0):
         lines = levels[:: 1 + height // _SAMPLE] if axis == 1 else levels[:, :: 1 + width // _SAMPLE]

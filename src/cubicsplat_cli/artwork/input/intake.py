@@ -39,7 +39,7 @@ class Intake:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know of it, a sentence each."""
+        """Notes for the user, a sentence each."""
         found = [f"drawn as it was before it was made {self.times} times as large"] if self.times > 1 else []
         if self.scanned:
             found.append("drawn as ink on white paper under even light")
@@ -49,7 +49,7 @@ class Intake:
 
 
 def taken_in(target: np.ndarray) -> Intake:
-    """What is drawn of a picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]."""
+    """A picture prepared for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]."""
     height, width = target.shape[:2]
     factor = reduction(height, width)
     levels = reduced(as_levels(target), factor)

@@ -1,4 +1,4 @@
-"""What is even in a picture, and what drifts: changes softly without an edge, as in a photo out of focus.
+"""Even and drifting parts of a picture. What drifts changes softly without an edge, as in a photo out of focus.
 
 Connected places in which colours hardly change from one pixel to the next are looked at as a whole: in a drawing such a
 place has one colour, or a gradient; in a photo colours drift across it. Noise is taken out by the means of windows.

@@ -1,1 +1,1 @@
-"""What lies over what, how far each layer reaches, and how its outline goes on where it is hidden."""
+"""The order of layers, how far each reaches, and how its outline goes on where it is hidden."""

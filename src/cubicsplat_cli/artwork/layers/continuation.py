@@ -1,4 +1,5 @@
-"""How an outline goes on behind what hides it: one cubic, from its tangent where it vanishes to where it comes back.
+"""The continuation of an outline behind what hides it: one cubic, from its tangent where it vanishes to where it comes
+back.
 
 Among the cubics that stay hidden, the one that bends least is taken, by the integral of the squared curvature.
 """

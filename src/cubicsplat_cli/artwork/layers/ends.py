@@ -1,4 +1,4 @@
-"""Where an outline vanishes behind an upper layer, and which way it is heading there."""
+"""The ends of an outline where it vanishes behind an upper layer, and their directions."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Heading:
 
 
 def heading(points: np.ndarray, sigma: np.ndarray, reach: float) -> Heading | None:
-    """Where an outline is heading at its end: points (n, 2) px from there on, `reach` px of them being looked at, and
+    """The direction of an outline at its end: points (n, 2) px from there on, `reach` px of them being looked at, and
     their standard errors (n,). None where too few are known.
     """
     found = end_heading(points, sigma, reach) if len(points) else None

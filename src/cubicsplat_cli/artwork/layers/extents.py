@@ -1,4 +1,4 @@
-"""How far each layer reaches: what shows, the holes that upper layers fill, and some way under its neighbours.
+"""The extent of each layer: what shows, the holes that upper layers fill, and some way under its neighbours.
 
 The pixel masks decide only the topology; where the outlines run follows from the points that are visible.
 """

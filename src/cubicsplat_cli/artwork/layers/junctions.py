@@ -1,4 +1,4 @@
-"""Which region lies above two others where the three meet: the one whose outline runs straight on there.
+"""The order of regions where three meet: uppermost is the one whose outline runs straight on there.
 
 Outlines are known to hundredths of a px, so each one's heading on either side of a meeting point has a standard error
 of a degree or so. An outline that turns by less than that is far likelier to be one that passes than two that happen

@@ -27,7 +27,7 @@ FULLNESS = (
 
 
 def round_votes(regions: Regions, found: EdgePositions, clear: np.ndarray) -> dict[tuple[int, int], float]:
-    """How sure it is that a region lies above another: VOTE for each neighbour of one that is round all the way.
+    """The evidence that a region lies above another: VOTE for each neighbour of one that is round all the way.
 
     found: where the outlines of the regions run. clear: (R,) bool, regions of which nothing is drawn.
     """

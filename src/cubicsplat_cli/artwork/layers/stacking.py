@@ -1,4 +1,4 @@
-"""Which regions make one shape, and which shape lies over which.
+"""The regions that make one shape, and the order of shapes.
 
 Evidence that a region lies above another: it is enclosed by it; its outline runs straight on where three regions
 meet; it is a whole circle or ellipse; little of it lies in the other's convex hull. Regions of one ink with only higher
@@ -70,7 +70,7 @@ def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
 
 
 class _Facts:
-    """What is measured of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
+    """Measurements of the regions: neighbours, enclosures, and votes[i, j] for i lying above j."""
 
     def __init__(self, regions: Regions, found: EdgePositions, clear: np.ndarray) -> None:
         self.regions, self.clear = regions, clear

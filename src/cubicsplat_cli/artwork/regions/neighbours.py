@@ -1,4 +1,4 @@
-"""Which regions touch, and which enclose others."""
+"""Regions that touch, and regions that enclose others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the program that drew a picture smoothed its edges, as far as the blends on them tell.
+"""The anti-aliasing of the program that drew a picture, measured from the blends on its edges.
 
 Some take 4 x 4 samples a pixel (tiny-skia, and with it resvg): then level and upright edges are known to a quarter of a
 pixel only, and their places within that are anybody's guess. Others come close to the exact area.

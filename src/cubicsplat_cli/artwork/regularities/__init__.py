@@ -1,1 +1,1 @@
-"""What an artist made alike on purpose: coordinates on a grid, mirrored shapes, repeated ones."""
+"""Regularities that an artist made on purpose: coordinates on a grid, mirrored shapes, repeated ones."""

@@ -1,4 +1,4 @@
-"""How far an outline is from where another one, moved or mirrored, would have it."""
+"""The distance of an outline from another one, moved or mirrored."""
 
 from __future__ import annotations
 

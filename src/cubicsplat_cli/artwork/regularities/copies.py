@@ -79,7 +79,7 @@ def found_copies(
 
 
 def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) -> RigidTransform | None:
-    """How a model comes to lie on an outline; None where they are not alike."""
+    """The transform that takes a model to an outline; None where they are not alike."""
     (low, high), (start, end) = model.extent, track.extent
     if min(len(model.seen), len(track.seen)) < 8:
         return None

@@ -1,4 +1,4 @@
-"""How an outline comes to lie on another one by a turn, whatever its angle, with or without being mirrored.
+"""The rotation, with or without reflection, that takes an outline to another one.
 
 Both outlines are walked round at even steps. Seen from their middles the steps are complex numbers, and of two outlines
 that are alike those of one are those of the other times a turn, from some step on: the correlation of the two rows, by
@@ -98,7 +98,7 @@ class Turn:
 
 
 def turned_onto(model: Track, own: Walk, track: Track, walk: Walk) -> Turn | None:
-    """How a model comes to lie on an outline by a turn, not mirrored where either will do; None where they are not
+    """The rotation that takes a model to an outline, not mirrored where either will do; None where they are not
     alike. own, walk: of the two."""
     if min(len(model.seen), len(track.seen)) < FEWEST or abs(own.length - walk.length) > LENGTH_OFF:
         return None

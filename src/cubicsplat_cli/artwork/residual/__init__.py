@@ -1,1 +1,1 @@
-"""What a finished drawing leaves unexplained of its picture, and the shapes that explain it."""
+"""The parts of a picture that its finished drawing leaves unexplained, and shapes that explain them."""

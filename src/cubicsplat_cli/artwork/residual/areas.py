@@ -55,7 +55,7 @@ class Area:
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """What tells a picture from its drawing.
+    """The errors that a picture may have beside its drawing.
 
     noise: standard deviation in levels; error: that of pixels on edges. jpeg: whether edges ring. blur: standard
     deviation, px. least: px times levels of an area. smallest: px of a shape. seam: levels by which what lies beneath
@@ -86,8 +86,8 @@ class ErrorModel:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What drawings are compared with. levels: (H, W, 4); seen: (H, W, 4), in luma and chroma; model: of its errors;
-    ringing: (H, W, 4) levels by which a JPEG's edges are off in luma and chroma, else 0.
+    """The picture that drawings are compared with. levels: (H, W, 4); seen: (H, W, 4), in luma and chroma; model: of
+    its errors; ringing: (H, W, 4) levels by which a JPEG's edges are off in luma and chroma, else 0.
     """
 
     levels: np.ndarray
@@ -103,7 +103,7 @@ class Picture:
 
 
 def areas(picture: Picture, painted: np.ndarray) -> list[Area]:
-    """Where a picture is unlike what is painted, (H, W, 4) in levels, the worst first."""
+    """The areas in which a picture is unlike what is painted, (H, W, 4) in levels, the worst first."""
     gap, model = largest(np.abs(picture.levels - painted)), picture.model
     where = _unlike(picture, painted, gap > OWN * UNLIKE)
     if gap[where].sum() < model.least:

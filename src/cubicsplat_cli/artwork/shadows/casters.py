@@ -1,4 +1,4 @@
-"""Where a picture is shaded, on which even grounds, and what may cast the shadow.
+"""The shaded places of a picture, the even grounds below, and what may cast the shadow.
 
 Over an even ground g a shadow of colour c leaves g + s (c - g) with s from 0 to 1: all colours lie on one straight line
 that begins at the ground. On one ground c may be anywhere along that line; it is taken for the last colour on it that

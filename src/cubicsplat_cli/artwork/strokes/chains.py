@@ -1,4 +1,4 @@
-"""Which branches of a skeleton make one stroke: those that run straight on through a junction, then those left over."""
+"""Branches of a skeleton that make one stroke: those that run straight on through a junction, then those left over."""
 
 from __future__ import annotations
 

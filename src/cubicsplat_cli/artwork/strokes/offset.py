@@ -36,7 +36,7 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class OffsetPlan:
-    """What the outline of a centre line of S pieces is made of, whatever its exact numbers.
+    """The structure of the outline of a centre line of S pieces, without its exact numbers.
 
     parts: (S,) int, into how many parts the offset of each is cut; turns: (S,) radians, by how much the line turns from
     each to the next, 0 where that needs no join.
@@ -56,7 +56,7 @@ def plan_of(cubics: np.ndarray, lines: np.ndarray) -> OffsetPlan:
 
 
 def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
-    """What a stroke covers: its outline, and of a closed one the hole too.
+    """The outline of a stroke, and of a closed one the hole too.
 
     Where the stroke crosses itself its outline does too, and the nonzero rule fills it.
     """
@@ -95,7 +95,7 @@ def rings_around(cubics: np.ndarray, lines: np.ndarray, stroke: Stroke, plan: Of
 
 
 def _winding(cubics: np.ndarray) -> float:
-    """How many times a closed line turns round."""
+    """The winding number of a closed line."""
     ways = np.diff(cubics, axis=1).reshape(-1, 2)
     ways = ways[np.hypot(*ways.T) > 1e-9]
     angles = np.arctan2(ways[:, 1], ways[:, 0])
@@ -193,7 +193,7 @@ def _offset(
 def _join(
     at: np.ndarray, before: np.ndarray, after: np.ndarray, reach: float, join: str, planned: float
 ) -> list[np.ndarray]:
-    """What fills the gap between the offsets of two pieces; on the inner side the way over the joint itself.
+    """The join that fills the gap between the offsets of two pieces; on the inner side the way over the joint itself.
 
     planned: about the angle by which the line turns, which says what it is made of.
     """
@@ -221,7 +221,7 @@ def _cap(at: np.ndarray, way: np.ndarray, half: float, cap: str) -> list[np.ndar
 
 
 def _eighths(turn: float) -> int:
-    """How many cubics an arc has, of an eighth of a turn at most."""
+    """The number of cubics of an arc, of an eighth of a turn at most."""
     return max(1, math.ceil(abs(turn) / (0.25 * math.pi + 1e-9)))
 
 

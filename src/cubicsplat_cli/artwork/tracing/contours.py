@@ -1,4 +1,4 @@
-"""Where the border between two inks lies within the pixels that it crosses.
+"""Positions of the border between two inks within the pixels that it crosses.
 
 The blends on an edge say how much of each pixel either ink covers. Summed along a column across a border that runs
 rather level (or along a row across a steep one) the shares give the border's mean height over that column exactly,

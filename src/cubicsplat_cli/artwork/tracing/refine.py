@@ -18,7 +18,7 @@ ROUNDS = 8
 
 @dataclass(frozen=True)
 class Feet:
-    """Where n points belong: piece (n,) int and parameter (n,) in [0, 1]."""
+    """The places of n points: piece (n,) int and parameter (n,) in [0, 1]."""
 
     piece: np.ndarray
     u: np.ndarray

@@ -1,4 +1,4 @@
-"""Where four regions meet in an X: the edges of two shapes cross, and both can be seen to go straight on.
+"""Meetings of four regions in an X: the edges of two shapes cross, and both can be seen to go straight on.
 
 Opaque shapes hardly ever do that, as the upper one hides the lower one's edge.
 """
@@ -77,7 +77,7 @@ def goes_on(
 
 
 def _arm(labels: np.ndarray, found: EdgePositions, at: np.ndarray, pair: tuple[int, int]) -> Heading | None:
-    """Where the edge between two regions is heading at a meeting."""
+    """The direction of the edge between two regions at a meeting."""
     reach = int(REACHES[0]) + 2
     top, left = max(int(at[1]) - reach, 0), max(int(at[0]) - reach, 0)
     view = labels[top : int(at[1]) + reach + 1, left : int(at[0]) + reach + 1]

@@ -33,7 +33,7 @@ _log = logging.getLogger("cubicsplat")
 
 @dataclass(frozen=True)
 class Program:
-    """What one compilation is made for: 3 channels (RGB) or 4 (premultiplied RGBA); painted: curves with gradients."""
+    """The variant of one compilation: 3 channels (RGB) or 4 (premultiplied RGBA); painted: curves with gradients."""
 
     mode: Mode
     channels: int
@@ -41,7 +41,7 @@ class Program:
 
     @classmethod
     def of(cls, scene: EngineScene) -> Program:
-        """What draws a scene."""
+        """The program that draws a scene."""
         return cls(scene.mode, scene.channels, scene.gradients is not None)
 
     @property
@@ -76,7 +76,7 @@ def options(program: Program, architecture: str) -> list[str]:
 
 
 def architecture_for(capability: tuple[int, int]) -> str:
-    """What to compile for on a GPU of this compute capability: its own machine code, or the nearest that runs there.
+    """The target on a GPU of this compute capability: its own machine code, or the nearest that runs there.
 
     A GPU newer than the compiler gets intermediate code (compute_NN), which its driver finishes.
     """
@@ -143,7 +143,7 @@ def machine_code(
 
 
 def cache_folder() -> Path | None:
-    """Where the compiled kernels lie, by the custom of the platform; None where the user has no such place."""
+    """The folder of the compiled kernels, by the custom of the platform; None where the user has no such place."""
     if sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
         base = Path(os.environ["LOCALAPPDATA"])
     elif os.environ.get("XDG_CACHE_HOME"):

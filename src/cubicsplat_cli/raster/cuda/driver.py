@@ -80,7 +80,7 @@ class Driver(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """What the user should know of it, as plain values."""
+        """Its properties for the user, as plain values."""
 
 
 class LateCopy:

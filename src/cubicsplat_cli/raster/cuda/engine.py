@@ -232,7 +232,7 @@ class CudaEngine(Engine):
         del buffers  # until here the frame points to them
 
     def _picture_for(self, scene: EngineScene, importance: str | None) -> Tensor | None:
-        """Where the kernels keep the picture that leave-one-out importance is reckoned from."""
+        """The buffer of the picture that leave-one-out importance is computed from."""
         if importance != "loo":
             return None
         return self._allocate("the picture", scene.height * scene.width * scene.channels, torch.float32)

@@ -1,4 +1,5 @@
-"""What the CUDA kernels are told: mirrors of kernels/cuda/frame.cuh, field by field, and the buffers they work in."""
+"""The arguments of the CUDA kernels: mirrors of kernels/cuda/frame.cuh, field by field, and the buffers they work
+in."""
 
 from __future__ import annotations
 

@@ -45,7 +45,8 @@ def open_library(name: str = "nvcuda.dll" if sys.platform == "win32" else "libcu
 
 
 def gpus(opened: Callable[[], Any] = open_library) -> int:
-    """How many GPUs the driver shows this process; 0 where there is no driver, or it fails. Needs no torch."""
+    """The number of GPUs that the driver shows this process; 0 where there is no driver, or it fails. Needs no
+    torch."""
     try:
         library = opened()
     except EngineError:
@@ -73,7 +74,7 @@ class LibCuda:
             raise DeviceError(f"the GPU failed while {doing}: {said}")
 
     def _asked(self, kind: type[Any], doing: str, function: str, *arguments: object) -> Any:
-        """What a function writes to its first argument, of this ctypes type."""
+        """The value, of this ctypes type, that a function writes to its first argument."""
         value = kind()
         self._checked(doing, function, byref(value), *arguments)
         return value

@@ -130,7 +130,7 @@ def digest(loss: float, values: list[Tensor]) -> tuple[float, ...]:
 
 
 def gradient_names(program: Program) -> list[str]:
-    """What of `gradients()` is compared."""
+    """The values of `gradients()` that are compared."""
     strokes, fills = ["half_widths"] * (program.mode is Mode.OPEN), ["frames", "stops"] * program.painted
     return ["points", "colours", "opacities", *strokes, *fills, "importance"]
 
