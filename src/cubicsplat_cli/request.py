@@ -92,6 +92,9 @@ class Request:
     animation: Path | None = setting(
         None, "text", "Also write how the result develops: .webp, .gif.", metavar="FILE", parse=Path, **_OF_FILES
     )
+    geometrize: Path | None = setting(
+        None, "text", "Also write the --shapes as Geometrize does.", metavar="OUT.json", parse=Path, **_OF_FILES
+    )
     also: tuple[str, ...] = ()
     dxf_tolerance: float = setting(
         DXF_TOLERANCE, "number", "How far a DXF may be off the outlines.", least=0.001, most=10, metavar="PX",
@@ -140,10 +143,19 @@ class Request:
             raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
         if set(self.suffix) & set("/\\\0"):
             raise UsageError(f"must be the end of a file's name, not {self.suffix!r}", "suffix")
+        if self.geometrize is not None:
+            self._check_geometrize(self.geometrize)
         if self.data_uri and self.compress:
             raise UsageError("--svgz is for files; a data: URI holds text, so leave one of them out", "data_uri")
         if self.force and self.skip_existing:
             raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
+
+    def _check_geometrize(self, path: Path) -> None:
+        """Raise UsageError where there are no shapes that Geometrize has, or the file is no JSON."""
+        if self.settings.shapes not in ("ellipse", "rectangle", "triangle") or self.tiny:
+            raise UsageError("has ellipses, rectangles and triangles; choose one of them with --shapes", "geometrize")
+        if path.suffix.lower() != ".json":
+            raise UsageError(f"must end in .json, not {str(path)!r}", "geometrize")
 
     def _check_tiny(self) -> None:
         """Raise UsageError for what polygons on a coarse grid cannot be."""

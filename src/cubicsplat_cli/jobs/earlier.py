@@ -128,7 +128,11 @@ def finished(job: Job, digest: str) -> Report | None:
             report.input.sha256 == sha256_of(job.source())
             and sha256_of(outputs.svg.read_bytes()) == report.output.svg_sha256
             and (outputs.png is None or sha256_of(outputs.png.read_bytes()) == report.output.png_sha256)
-            and (outputs.animation is None or report.output.svg_sha256.encode() in read_ends(outputs.animation))
+            and all(
+                report.output.svg_sha256.encode() in read_ends(path)
+                for path in (outputs.animation, outputs.geometrize)
+                if path is not None
+            )
         )
     except (CubicSplatError, OSError):
         # An input that cannot be read: the work is done anew, and says why it cannot be.

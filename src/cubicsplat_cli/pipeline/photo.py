@@ -74,9 +74,10 @@ def _made_of(photo: Photo, within: Within) -> Made:
     notes = [] if request.init is None else list(request.init.notes)
     notes += fitted_on(task.target, photo.rough, photo.fine)
     scene = scaled_scene(fitted.scene, *task.picture.size)
+    form: dict[str, Any] = {"precision": file_precision(request), "shapes": request.settings.shapes}
     return Made(
         scene,
-        lambda title, comment: write_svg(scene, precision=file_precision(request), title=title, comment=comment),
+        lambda title, comment: write_svg(scene, title=title, comment=comment, **form),
         fitted.samples,
         scene.curves,
         [*notes, *fitted.notes, *within.notes],

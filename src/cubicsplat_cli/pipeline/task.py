@@ -165,7 +165,9 @@ class Task:
     def text(self, scene: Scene, precision: int) -> str:
         """The SVG of a photo's curves, at the picture's size."""
         sized = scaled_scene(scene, *self.picture.size)
-        return with_checksum(write_svg(sized, precision=precision, title=self.title, comment=self.comment()))
+        shapes = self.request.settings.shapes
+        written = write_svg(sized, precision=precision, title=self.title, comment=self.comment(), shapes=shapes)
+        return with_checksum(written)
 
     def seconds_left(self) -> float:
         """Until the time limit, infinite without one; below 0 beyond it."""

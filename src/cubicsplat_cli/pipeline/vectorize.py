@@ -28,9 +28,12 @@ from cubicsplat_cli.metrics import (
 from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
 from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
+from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
 
+SCORES_SIDE = 256  # px, as Geometrize works on
 COLORS, COLORS_SIDE = 5, 96  # dominant colours at most, and px of the copy on which they are looked for
 
 
@@ -127,6 +130,22 @@ def dominant_colors(picture: Picture) -> list[dict[str, Any]]:
         for index in np.argsort(-counts, kind="stable").tolist()
         if counts[index]
     ]
+
+
+def scores_of(task: Task, scene: Scene) -> list[float]:
+    """(N + 1,) root mean square errors, in [0, 1], of the background alone, and with each curve, from back to front.
+
+    On a copy of at most SCORES_SIDE px.
+    """
+    target = resize_picture(task.picture, SCORES_SIDE)
+    sized, goal = scaled_scene(scene, target.width, target.height), target.target()
+    ground = np.zeros(4, np.float32) if sized.background is None else np.array(sized.background, np.float32)
+    if sized.background is None and goal.shape[2] == 3:
+        goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
+    drawn = [np.broadcast_to(ground, goal.shape)]
+    for first in reversed(range(sized.curves)):
+        drawn.append(render_scene(sized.chosen(slice(first, None)), threads=task.request.settings.threads))
+    return [float(np.sqrt(np.square(each - goal).mean())) for each in drawn]
 
 
 def output_of(made: Made, text: str, data: bytes, **files: Any) -> Output:
