@@ -86,8 +86,9 @@ def test_the_help_of_vectorize_fits_into_two_screens(columns, run_cli, monkeypat
     structure = lines.index("Structure:")
     end = lines.index("", structure)
     assert len([line for line in lines[structure:end] if re.match(r"\s+-", line)]) == 6 and end - structure <= 8
-    assert len(lines) <= 80 + 9
-    assert len([line for line in lines if re.match(r"\s+-", line)]) <= 45 + 6
+    # 48 others with --shapes, which belongs beside --mode, --geometrize and --data-uri.
+    assert len(lines) <= 87 + 9
+    assert len([line for line in lines if re.match(r"\s+-", line)]) <= 48 + 6
 
 
 def recipe_rows() -> Iterator[str]:
@@ -384,7 +385,7 @@ def test_every_setting_of_a_fit_has_one_option_and_the_library_takes_it():
         "curves": 9, "mode": "open", "preset": "draft", "steps": 3, "time_limit": 4.5, "segments": 2, "samples": 9,
         "device": "cpu", "threads": 2, "seed": 5, "background": "teal", "opaque": True, "prune": False,
         "importance": "visibility", "crossing_penalty": 0.5, "spike_penalty": 0.25, "flatten": "de-casteljau",
-        "edges": "soft", "loss": "l1", "fill": "linear",
+        "edges": "soft", "loss": "l1", "fill": "linear", "shapes": "any",
     }  # fmt: skip
     assert set(chosen) == set(names)
     settings = FitSettings.from_preset(**chosen)

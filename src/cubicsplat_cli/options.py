@@ -153,13 +153,21 @@ _FACTORS = {"": 1, "k": 1000, "m": 1_000_000}
 MOST_BYTES = 1_000_000_000
 
 
+class GzipBytes(int):
+    """A number of bytes of which a file may have so many after gzip."""
+
+
 def parse_bytes(given: str | int) -> int:
-    """`20k`, `1.5MB` or a number of bytes, 1 to a thousand million; k is 1000. Raises UsageError for anything else."""
-    match = _AMOUNT.fullmatch(str(given).strip())
-    amount = int(float(match[1]) * _FACTORS[(match[2] or "").lower()]) if match and len(str(given)) < 20 else 0
+    """`20k`, `1.5MB` or a number of bytes, 1 to a thousand million; k is 1000. `400gz` counts them after gzip, as
+    GzipBytes. Raises UsageError for anything else.
+    """
+    text = f"{given}gz" if isinstance(given, GzipBytes) else str(given).strip()
+    plain = text[:-2] if text.lower().endswith("gz") else text
+    match = _AMOUNT.fullmatch(plain)
+    amount = int(float(match[1]) * _FACTORS[(match[2] or "").lower()]) if match and len(text) < 20 else 0
     if not 1 <= amount <= MOST_BYTES:
-        raise UsageError(f"must be an amount of bytes such as 20k or 1.5M, not {given!r}", "max_bytes")
-    return amount
+        raise UsageError(f"must be an amount of bytes such as 20k, 1.5M or 400gz, not {given!r}", "max_bytes")
+    return amount if plain == text else GzipBytes(amount)
 
 
 # How many of each are in a px, as CSS has it.

@@ -20,6 +20,7 @@ from cubicsplat_cli.options import (
     STRUCTURE,
     UNITS,
     Focus,
+    GzipBytes,
     length_of,
     length_text,
     parse_bytes,
@@ -30,7 +31,7 @@ from cubicsplat_cli.options import (
     setting,
     settings_of,
 )  # fmt: skip
-from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode
+from cubicsplat_cli.settings import ANY, MAX_PIXELS, PRECISION, FitSettings, Mode
 
 if TYPE_CHECKING:
     from cubicsplat_cli.files.weights import Mask
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 
 STYLES = ("auto", "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
+TINY_BYTES = 4000  # after gzip, below which the coordinates of a photo are whole numbers of a coarse grid
+TINY_STEPS = 600  # of a fit whose polygons will lie on such a grid
 # px by which a DXF may be off the outlines: 13 micrometres at 96 px an inch. Cutters repeat to about 100, so that the
 # drawing may be cut seven times as large.
 DXF_TOLERANCE = 0.05
@@ -84,7 +87,7 @@ class Request:
     max_bytes: int | None = setting(
         None,
         "count",
-        "As many curves as fit into so much, such as 20k.",
+        "As much as fits: 20k, or 400gz after gzip.",
         least=1,
         optional=True,
         group=PHOTOS,
@@ -116,6 +119,9 @@ class Request:
     animation: Path | None = setting(
         None, "text", "Also write how the result develops: .webp, .gif.", metavar="FILE", parse=Path, **_OF_FILES
     )
+    geometrize: Path | None = setting(
+        None, "text", "Also write the --shapes as Geometrize does.", metavar="OUT.json", parse=Path, **_OF_FILES
+    )
     also: tuple[str, ...] = ()
     dxf_tolerance: float = setting(
         DXF_TOLERANCE, "number", "How far a DXF may be off the outlines.", least=0.001, most=10, metavar="PX",
@@ -123,6 +129,7 @@ class Request:
     )  # fmt: skip
     suffix: str = setting("", "text", "Add this to the names of the results.", metavar="TEXT", **_OF_FILES)
     skip_existing: bool = setting(False, "flag", "Skip pictures that have any SVG already.", hidden=True, **_OF_FILES)
+    data_uri: bool = setting(False, "flag", "Print the SVG as a data: URI on stdout.", **_OF_FILES)
     compress: bool = setting(False, "flag", "Write the SVG compressed, as OUT.svgz.", option="svgz", **_OF_FILES)
 
     def __post_init__(self) -> None:
@@ -153,15 +160,23 @@ class Request:
         self._check_structure()
         if self.freeze and self.init is None:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
+        if self.init is not None and self.settings.shapes != ANY:
+            raise UsageError("are for new curves, not for those of a drawing; leave out --init", "shapes")
         budgets = [name for name in ("max_bytes", "target_psnr") if getattr(self, name) is not None]
         if len(budgets) > 1:
             raise UsageError("and --target-psnr are two budgets; give one of them", "max_bytes")
         if budgets and (self.freeze or self.init is not None or self.settings.curves is not None):
             raise UsageError("finds the number of curves itself; leave out --curves, --init and --freeze", budgets[0])
+        if self.tiny:
+            self._check_tiny()
         if self.animation is not None and self.animation.suffix.lower() not in MOVING:
             raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
         if set(self.suffix) & set("/\\\0"):
             raise UsageError(f"must be the end of a file's name, not {self.suffix!r}", "suffix")
+        if self.geometrize is not None:
+            self._check_geometrize(self.geometrize)
+        if self.data_uri and self.compress:
+            raise UsageError("--svgz is for files; a data: URI holds text, so leave one of them out", "data_uri")
         if self.force and self.skip_existing:
             raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
 
@@ -180,6 +195,28 @@ class Request:
         """Width and height, with their unit, of the SVG of a picture of so many px."""
         number, unit = (width * UNITS[self.units], "") if self.width is None else length_of(self.width)
         return length_text(number, unit or self.units), length_text(number * height / width, unit or self.units)
+
+    def _check_geometrize(self, path: Path) -> None:
+        """Raise UsageError where there are no shapes that Geometrize has, or the file is no JSON."""
+        if self.settings.shapes not in ("ellipse", "rectangle", "triangle") or self.tiny:
+            raise UsageError("has ellipses, rectangles and triangles; choose one of them with --shapes", "geometrize")
+        if path.suffix.lower() != ".json":
+            raise UsageError(f"must end in .json, not {str(path)!r}", "geometrize")
+
+    def _check_tiny(self) -> None:
+        """Raise UsageError for what polygons on a coarse grid cannot be."""
+        fit = self.settings
+        wrong = {
+            "mode": fit.mode is Mode.OPEN, "fill": fit.fill != "flat", "precision": self.precision is not None,
+            "width": self.width is not None, "units": self.units != "px",
+            "shapes": fit.shapes in ("ellipse", "rectangle"), "loss": fit.loss != "l2",
+        }  # fmt: skip
+        for name in (name for name, is_wrong in wrong.items() if is_wrong):
+            raise UsageError(
+                f"does not go with --max-bytes below {TINY_BYTES // 1000}kgz, which writes polygons on a coarse grid; "
+                "leave it out, or allow more bytes",
+                name,
+            )
 
     @property
     def strokes(self) -> bool:
@@ -205,6 +242,16 @@ class Request:
             and getattr(holder, each.name) != each.default
         ]
 
+    @property
+    def counts_compressed(self) -> bool:
+        """Whether `max_bytes` are those of the compressed file."""
+        return self.compress or isinstance(self.max_bytes, GzipBytes)
+
+    @property
+    def tiny(self) -> bool:
+        """Whether a photo becomes polygons on a coarse grid, in a file without all that it does not need."""
+        return isinstance(self.max_bytes, GzipBytes) and self.max_bytes < TINY_BYTES
+
     def with_threads(self, threads: int | None) -> Request:
         """The same with so many threads; None: as asked for."""
         return self if threads is None else replace(self, settings=self.settings.with_(threads=threads))
@@ -229,6 +276,8 @@ class Request:
 def _plain(value: Any) -> Any:
     if isinstance(value, Focus):
         return [float(each) for each in astuple(value)]
+    if isinstance(value, GzipBytes):
+        return f"{value:d}gz"
     # A mask or a drawing.
     return {"name": value.name, "sha256": value.sha256} if hasattr(value, "sha256") else value
 
@@ -257,7 +306,10 @@ def request_of(options: Mapping[str, Any]) -> Request:
         artwork["stacking"] = CUTOUT
     # Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
     if "max_bytes" in given and fit.get("mode", "closed") == "closed":
-        fit.setdefault("segments", 2)
+        if isinstance(given["max_bytes"], GzipBytes) and given["max_bytes"] < TINY_BYTES:
+            _prefer_polygons(fit)
+        elif fit.get("shapes", ANY) == ANY:
+            fit.setdefault("segments", 2)
     settings, drawing = FitSettings.from_preset(**fit), ArtworkSettings(**artwork)
     if "weights" in given:
         from cubicsplat_cli.files.weights import load_mask
@@ -269,3 +321,12 @@ def request_of(options: Mapping[str, Any]) -> Request:
         svg = getattr(given["init"], "svg", None)
         given["init"] = load_initial_drawing(given["init"] if svg is None else svg.encode(), settings.mode)
     return Request(settings, drawing, **given)
+
+
+def _prefer_polygons(fit: dict[str, Any]) -> None:
+    """Makes a fit one of polygons for a coarse grid, of 4 vertices at first, unless other options say what it is."""
+    if fit.get("shapes", ANY) == ANY and fit.get("fill", "flat") == "flat":
+        fit["shapes"] = "polygon"
+    if fit.get("preset", "standard") == "standard":
+        fit.setdefault("steps", TINY_STEPS)
+    fit.setdefault("segments", 4)

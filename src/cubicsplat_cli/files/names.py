@@ -44,8 +44,9 @@ PICTURE_SUFFIXES = frozenset(
 @dataclass(frozen=True)
 class Outputs:
     """Files of one vectorised picture; None: not written. `svg` None means standard output. metrics: the JSON;
-    html_report: a page to look at, made of the others; animation: the fit as it develops; exports: the SVG in formats
-    of other programs, no two of one format; layers: how the names of the SVGs of each colour begin.
+    html_report: a page to look at, made of the others; animation: the fit as it develops; geometrize: the shapes as a
+    list; exports: the SVG in formats of other programs, no two of one format; layers: how the names of the SVGs of each
+    colour begin.
     """
 
     svg: Path | None
@@ -53,6 +54,7 @@ class Outputs:
     metrics: Path | None
     html_report: Path | None = None
     animation: Path | None = None
+    geometrize: Path | None = None
     exports: tuple[Path, ...] = ()
     layers: Path | None = None
 
@@ -87,7 +89,8 @@ class Outputs:
 
     def results(self) -> list[Path]:
         """All files except the page and the exports, which can be made again without a fit."""
-        return [path for path in (self.svg, self.png, self.metrics, self.animation) if path is not None]
+        files = self.svg, self.png, self.metrics, self.animation, self.geometrize
+        return [path for path in files if path is not None]
 
 
 def is_picture_name(path: Path) -> bool:

@@ -6,12 +6,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.marks import hashes_in, is_edited, sha256_of
+from cubicsplat_cli.files.marks import is_edited, sha256_of
 from cubicsplat_cli.files.names import SVG_SUFFIXES, beside
 from cubicsplat_cli.files.paths import (
     check_outputs,
     check_ownership,
-    head_of,
     is_file,
     is_replaceable,
     is_there,
@@ -137,12 +136,15 @@ def finished(job: Job, digest: str) -> Report | None:
     if report is None or report.interrupted or report.settings_hash != digest:
         return None
     try:
-        made_from, svg = (report.settings_hash, report.input.sha256), outputs.svg.read_bytes()
         complete = (
-            made_from == hashes_in(head_of(svg)) == (digest, sha256_of(job.source()))
-            and sha256_of(svg) == report.output.svg_sha256
+            report.input.sha256 == sha256_of(job.source())
+            and sha256_of(outputs.svg.read_bytes()) == report.output.svg_sha256
             and (outputs.png is None or sha256_of(outputs.png.read_bytes()) == report.output.png_sha256)
-            and (outputs.animation is None or report.output.svg_sha256.encode() in read_ends(outputs.animation))
+            and all(
+                report.output.svg_sha256.encode() in read_ends(path)
+                for path in (outputs.animation, outputs.geometrize)
+                if path is not None
+            )
         )
     except (CubicSplatError, OSError):
         # An input that cannot be read: the work is done anew, and says why it cannot be.

@@ -84,6 +84,8 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     if is_batch(arguments):
         if request.animation is not None:
             raise UsageError("--animation is of one picture, and there may be several; give one")
+        if request.geometrize is not None:
+            raise UsageError("--geometrize is of one picture, and there may be several; give one")
         search = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs(search.sources, output, request)
         return _with_others(JobPlan(jobs, list(search.problems), search.left_out), output, request)
@@ -94,7 +96,14 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     outputs = plan_outputs(
         path, output, png=request.png, metrics=request.metrics, compress=request.compress, ending=request.suffix
     )
-    return _with_others(JobPlan([Job(name, path, replace(outputs, animation=request.animation))]), output, request)
+    if (
+        request.geometrize is not None
+        and outputs.metrics is not None
+        and _key(request.geometrize) == _key(outputs.metrics)
+    ):
+        raise UsageError(f"{outputs.metrics} will hold the figures; give --geometrize another name, or add --no-json")
+    outputs = replace(outputs, animation=request.animation, geometrize=request.geometrize)
+    return _with_others(JobPlan([Job(name, path, outputs)]), output, request)
 
 
 def _with_others(made: JobPlan, output: str | None, request: Request) -> JobPlan:

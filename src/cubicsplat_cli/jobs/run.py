@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cubicsplat_cli.errors import CubicSplatError
-from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 from cubicsplat_cli.files.names import LAYER, STDIO, Outputs, is_compressed_name
 from cubicsplat_cli.files.paths import is_file, is_replaceable
-from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.files.read import packed, unpacked
 from cubicsplat_cli.files.write import STDOUT, write_stdout
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.jobs.earlier import forget, forget_layers, holds_edited, is_finished
@@ -146,7 +146,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
         if job.outputs.svg is not None:
             sink.put("svg", data)
     if job.outputs.svg is None:  # what went to standard output could not be replaced
-        sink.put("svg", data)
+        sink.put("svg", uri_line(data) if request.data_uri else data)
     figures = measured(task, made, svg) if request.measure else None
     report = _write_others(job, task, made, figures, svg, data, sink)
     _say_overtime(report, task)
@@ -155,6 +155,13 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     finally:  # they can be made again without a fit, if that is known to be done
         sink.put("metrics", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
+
+
+def uri_line(svg: bytes) -> bytes:
+    """What `--data-uri` prints of an SVG."""
+    from cubicsplat_cli.svg.markup import data_uri
+
+    return data_uri(unpacked(svg, "the SVG").decode()).encode() + b"\n"
 
 
 def _write_others(
@@ -175,6 +182,8 @@ def _write_others(
             sink.put("png", png)
         files |= {"png": str(outputs.png), "png_sha256": sha256_of(png)}
     output = output_of(made, svg, data, **files)
+    if outputs.geometrize is not None:
+        _put_geometrize(task, made, output, sink)
     if outputs.animation is not None:
         _put_animation(outputs.animation, task, made, output, sink)
     report = report_of(task, made, figures, output, path=job.name)
@@ -213,6 +222,19 @@ def export_of(path: Path, svg: bytes, job: Job, request: Request, note: Callable
     for text in made.notes:
         note(f"{path}: {text}")
     return made.data
+
+
+def _put_geometrize(task: Task, made: Made, output: Output, sink: Sink) -> None:
+    """Write the shapes of a photo as Geometrize lists them."""
+    from cubicsplat_cli.pipeline.vectorize import scores_of
+    from cubicsplat_cli.svg.shapes import geometrize_list
+
+    if made.scene is None or "history" not in made.facts:
+        task.timer.note(f"{task.target.source}: has one colour, so there is no list for Geometrize")
+        return
+    marks = {"program": PROGRAM, "svg_sha256": output.svg_sha256}
+    text = geometrize_list(task.request.settings.shapes, made.scene, scores_of(task, made.scene), marks)
+    sink.put("geometrize", text.encode())
 
 
 def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sink) -> None:

@@ -90,7 +90,7 @@ class Photo:
     def size(self, scene: Scene) -> int:
         """Bytes of the file."""
         request = self.task.request
-        return len(packed(self.task.text(scene, file_precision(request)), compressed=request.compress))
+        return len(packed(self.task.text(scene, file_precision(request)), compressed=request.counts_compressed))
 
     @cached_property
     def _reference(self) -> Picture:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.load import Picture, resize_picture
@@ -24,6 +25,9 @@ from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
 
+if TYPE_CHECKING:
+    from cubicsplat_cli.photo import FitResult
+
 # The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
 # which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/lab/cpu.md.
 ROUGH_PIXELS_PER_CURVE = 1536
@@ -36,6 +40,8 @@ QUICK_LOOKS = ((0.15, 11.0), (0.4, 6.0), (0.65, 3.0), (1.0, 0.0))
 
 def fitted_photo(task: Task) -> Made:
     """Curves that blend, fitted to the picture."""
+    if task.request.tiny:
+        return _tiny_photo(task)
     photo, settings = _begun(task)
     return _made_of(photo, _within(photo, settings))
 
@@ -106,39 +112,57 @@ def _made_of(photo: Photo, within: Within) -> Made:
     notes = [] if request.init is None else list(request.init.notes)
     notes += fitted_on(task.target, photo.rough, photo.fine)
     scene = scaled_scene(fitted.scene, *task.picture.size)
+    form: dict[str, Any] = {"precision": file_precision(request), "shapes": request.settings.shapes}
     return Made(
         scene,
-        lambda title, comment: write_svg(scene, precision=file_precision(request), title=title, comment=comment),
+        lambda title, comment: write_svg(scene, title=title, comment=comment, **form),
         fitted.samples,
         scene.curves,
         [*notes, *fitted.notes, *within.notes],
-        {
-            "device": fitted.device,
-            "replaced": fitted.replaced,
-            "dropped": fitted.dropped,
-            "interrupted": fitted.interrupted,
-            "history": fitted.history,
-            "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
-        },
+        _facts(fitted),
     )
+
+
+def _facts(fitted: FitResult) -> dict[str, Any]:
+    """The members of the report that are the fit's."""
+    return {
+        "device": fitted.device,
+        "replaced": fitted.replaced,
+        "dropped": fitted.dropped,
+        "interrupted": fitted.interrupted,
+        "history": fitted.history,
+        "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
+    }
+
+
+def _tiny_photo(task: Task) -> Made:
+    """Polygons on a coarse grid, whose file says nothing but them."""
+    from cubicsplat_cli.pipeline.tiny import fitted_polygons
+
+    most = task.request.max_bytes
+    assert most is not None
+    polygons, fitted = fitted_polygons(most, _one_opacity(task.settings(), transparent=False), task)
+    scene = polygons.scene(*task.picture.size)
+    return Made(scene, lambda _title, _comment: polygons.text(), 1, scene.curves, fitted.notes, _facts(fitted))
 
 
 def _within(photo: Photo, settings: FitSettings) -> Within:
     """One fit, or those that meet the budget that was asked for."""
     request = photo.task.request
     if request.max_bytes is not None:
-        return within_bytes(request.max_bytes, _one_opacity(settings, photo.fine), photo)
+        transparent = photo.fine.alpha is not None or settings.background == "none"
+        return within_bytes(request.max_bytes, _one_opacity(settings, transparent), photo)
     if request.target_psnr is not None:
         return within_level(request.target_psnr, settings, photo)
     return Within(photo.begin(settings).finish(), [])
 
 
-def _one_opacity(settings: FitSettings, target: Picture) -> FitSettings:
+def _one_opacity(settings: FitSettings, transparent: bool) -> FitSettings:
     """The settings with one opacity for all curves, unless something shall stay transparent or opaque, or gradients are
     asked for, which say theirs anyway.
     """
     recipe = settings.recipe
-    if target.alpha is not None or settings.background == "none" or recipe.opaque or settings.fill != "flat":
+    if transparent or recipe.opaque or settings.fill != "flat":
         return settings
     return settings.with_(recipe=replace(recipe, shared_opacity=SHARED_OPACITY))
 
@@ -149,7 +173,7 @@ def _with_curves(task: Task) -> FitSettings:
     """
     settings, request, init = task.settings(), task.request, task.request.init
     if request.max_bytes is not None:
-        most = request.max_bytes / (COMPRESSED if request.compress else 1.0)
+        most = request.max_bytes / (COMPRESSED if request.counts_compressed else 1.0)
         return settings.with_(curves=guessed_curves(most, settings.segments, file_precision(request)))
     if init is None:
         return settings.for_size(*task.target.size)

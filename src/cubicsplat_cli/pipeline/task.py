@@ -32,7 +32,7 @@ from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, warning
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg.markup import with_lengths
+from cubicsplat_cli.svg.markup import data_uri, with_lengths
 
 _log = logging.getLogger("cubicsplat")
 UNDECIDED = Style(PHOTO, "")
@@ -51,6 +51,10 @@ class Result:
     scene: Scene | None
     report: Report
     pixels: np.ndarray | None = None
+
+    def data_uri(self) -> str:
+        """The SVG as a `data:image/svg+xml,...` URI, for use between double quotes."""
+        return data_uri(self.svg)
 
     def save(self, path: str | Path, *, dxf_tolerance: float = DXF_TOLERANCE) -> None:
         """Write the SVG, whole or not at all, to a name that ends in .svg, in .svgz (compressed), or has no suffix; or
@@ -175,7 +179,9 @@ class Task:
         sized = scaled_scene(scene, *self.picture.size)
         from cubicsplat_cli.svg import write_svg
 
-        return self._finished(write_svg(sized, precision=precision, title=self.title, comment=self.comment()))
+        shapes = self.request.settings.shapes
+        written = write_svg(sized, precision=precision, title=self.title, comment=self.comment(), shapes=shapes)
+        return self._finished(written)
 
     def _finished(self, svg: str) -> str:
         """The text of an SVG with the size that was asked for, and its checksum."""

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene
 from cubicsplat_cli.evaluate.metrics import measurable, measure, weighted_psnr_db
@@ -27,8 +29,13 @@ from cubicsplat_cli.options import KEEP
 from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
 from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
+from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
+
+SCORES_SIDE = 256  # px, as Geometrize works on
+COLORS, COLORS_SIDE = 5, 96  # dominant colours at most, and px of the copy on which they are looked for
 
 
 def vectorize_picture(
@@ -106,6 +113,43 @@ def _may_be_nearer(task: Task, made: Made) -> bool:
     return as_it_is and not task.bounded
 
 
+def dominant_colors(picture: Picture) -> list[dict[str, Any]]:
+    """At most COLORS colours of a picture's opaque pixels, by median cut and k-means on a small copy, the most frequent
+    first: `hex` and the `share` of those pixels.
+    """
+    from PIL import Image
+
+    small = resize_picture(picture, COLORS_SIDE)
+    pixels = small.rgb.reshape(-1, 3) if small.alpha is None else small.rgb[small.alpha >= 0.5]
+    if not len(pixels):
+        return []
+    image = Image.fromarray(np.rint(255.0 * pixels[None]).astype(np.uint8))
+    paletted = image.quantize(COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
+    palette = bytes(paletted.getpalette() or ()).hex()
+    counts = np.bincount(np.asarray(paletted).ravel())
+    return [
+        {"hex": f"#{palette[6 * index : 6 * index + 6]}", "share": round(int(counts[index]) / len(pixels), 3)}
+        for index in np.argsort(-counts, kind="stable").tolist()
+        if counts[index]
+    ]
+
+
+def scores_of(task: Task, scene: Scene) -> list[float]:
+    """(N + 1,) root mean square errors, in [0, 1], of the background alone, and with each curve, from back to front.
+
+    On a copy of at most SCORES_SIDE px.
+    """
+    target = resize_picture(task.picture, SCORES_SIDE)
+    sized, goal = scaled_scene(scene, target.width, target.height), target.target()
+    ground = np.zeros(4, np.float32) if sized.background is None else np.array(sized.background, np.float32)
+    if sized.background is None and goal.shape[2] == 3:
+        goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
+    drawn = [np.broadcast_to(ground, goal.shape)]
+    for first in reversed(range(sized.curves)):
+        drawn.append(render_scene(sized.chosen(slice(first, None)), threads=task.request.settings.threads))
+    return [float(np.sqrt(np.square(each - goal).mean())) for each in drawn]
+
+
 def output_of(made: Made, text: str, data: bytes, **files: Any) -> Output:
     """The report's member `output`. text: of the SVG; data: its file, which may be compressed. files: more members."""
     paths = drawn_elements(text) if "shapes" in made.facts else made.paths
@@ -127,6 +171,7 @@ def report_of(task: Task, made: Made, figures: Measured | None, output: Output, 
         settings_hash=request.digest(),
         style=made.style.name,
         style_reason=made.style.reason,
+        colors=dominant_colors(task.target),
         notes=[*task.target.notes, *made.notes, *task.logged, *([] if figures is None else figures.notes)],
         quality=None if figures is None else figures.quality,
         timing=timing,

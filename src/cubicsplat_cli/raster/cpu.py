@@ -241,6 +241,15 @@ class CpuEngine(Engine):
         self._check(self._library.cs_render(self._opened(), s, t, images))
         return image
 
+    def loss(
+        self, scene: EngineScene, settings: RasterSettings, target: Array, weights: Array | None = None,
+        penalty: Penalty = SQUARED,
+    ) -> float:  # fmt: skip
+        images, loss = self._images(scene, target=target, weights=weights)
+        s, t = self._scene(scene), self._settings(settings, None, penalty)
+        self._check(self._library.cs_render(self._opened(), s, t, images))
+        return loss.value
+
     def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
         images, loss = self._images(scene, target=wanted.target, weights=wanted.weights, gradient=wanted.gradient)
         s, t = self._scene(scene), self._settings(settings, wanted.importance, wanted.penalty)
@@ -254,7 +263,8 @@ class CpuEngine(Engine):
             image=training.image,
         )  # fmt: skip
         g = self._gradient_arrays(scene, {
-            "importance": training.importance, "frames": training.frames_gradient, "stops": training.stops_gradient,
+            "points": training.of_points, "importance": training.importance, "frames": training.frames_gradient,
+            "stops": training.stops_gradient,
         })  # fmt: skip
         s, t = self._scene(scene), self._settings(settings, training.wanted_importance, training.penalty)
         further = {"points_gradient": training.points_gradient, "rate_scale": training.rate_scale}

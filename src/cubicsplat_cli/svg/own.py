@@ -18,6 +18,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 from cubicsplat_cli.svg.paths import PathSegment, subpaths
+from cubicsplat_cli.svg.shapes import ATTRIBUTES
 from cubicsplat_cli.svg.values import hex_colour, is_transform, number, share, transform_matrix
 
 MAX_OWN_BYTES = 256 * 1024 * 1024
@@ -42,6 +43,8 @@ _OWN: dict[str, set[str]] = {
 }
 for _name in ("path", "rect", "circle", "ellipse"):
     _OWN[f"svg/g/{_name}"] = _OWN[f"svg/{_name}"]
+for _name, _attributes in ATTRIBUTES.items():
+    _OWN[f"svg/g/{_name}"] = {*_OWN.get(f"svg/g/{_name}", ()), *_attributes, "fill", "fill-opacity"}
 for _parent in ("svg", "svg/defs", "svg/g"):
     _OWN[f"{_parent}/linearGradient"] = {"x1", "y1", "x2", "y2", *_GRADIENT}
     _OWN[f"{_parent}/radialGradient"] = {"cx", "cy", "r", "fx", "fy", "fr", *_GRADIENT}

@@ -19,6 +19,7 @@ from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_gradients import without_noise
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
+from cubicsplat_cli.svg.shapes import ATTRIBUTES, points_of_element
 from cubicsplat_cli.svg.values import hex_colour, number
 
 _DECIMALS = 9  # more than any file has
@@ -62,7 +63,7 @@ def curves_of(elements: Sequence[OwnElement]) -> Scene:
 
 
 class _SceneReader:
-    """Follows the elements of one document: svg > (title, defs > gradients, rect, g > path...)."""
+    """Follows the elements of one document: svg > (title, defs > gradients, rect, g > path, ellipse, rect, polygon)."""
 
     gradients: GradientReader
 
@@ -87,7 +88,12 @@ class _SceneReader:
         elif place == "svg/g" and self.mode is None:
             self._add_group(element)
         elif place == "svg/g/path" and self.mode is not None:
-            self._add_path(element, self.mode)
+            check_attributes(element, _PATH_ATTRIBUTES[self.mode])
+            self._add_curve(element, self.mode, _rings(own_subpaths(element), self.mode, 10.0**self.shift))
+        elif place.startswith("svg/g/") and self.mode is Mode.CLOSED and element.name in ATTRIBUTES:
+            check_attributes(element, (*ATTRIBUTES[element.name], "fill", "fill-opacity"))
+            points = points_of_element(element.name, element.attributes) / 10.0**self.shift
+            self._add_curve(element, self.mode, [points])
         elif place.startswith("svg/g/") or (place.count("/") == 1 and element.name not in ("title", "defs")):
             raise ValueError(f"has an unexpected <{element.name}> element")
 
@@ -120,10 +126,9 @@ class _SceneReader:
         if self.mode is None:
             raise ValueError("has a <g> that says neither closed nor open curves")
 
-    def _add_path(self, element: OwnElement, mode: Mode) -> None:
-        check_attributes(element, _PATH_ATTRIBUTES[mode])
+    def _add_curve(self, element: OwnElement, mode: Mode, rings: list[np.ndarray]) -> None:
         given, kind = element.attributes, "fill" if mode is Mode.CLOSED else "stroke"
-        self.curves.append(_rings(own_subpaths(element), mode, 10.0**self.shift))
+        self.curves.append(rings)
         match = _REFERENCE.fullmatch(given.get(kind, ""))
         gradient = None
         if match is not None:
