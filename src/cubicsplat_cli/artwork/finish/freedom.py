@@ -191,7 +191,7 @@ def tied_coordinates(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) 
     """(A, 2) the variable of each coordinate: one for both ends of a level or upright line, -1 where fixed."""
     tied = np.arange(anchors.size).reshape(anchors.shape)
     level = np.abs(np.roll(anchors, -1, axis=0) - anchors) < FINEST_TURN
-    for i, c in np.argwhere(level & lines[:, None]).tolist():
+    for i, c in np.argwhere(level[: len(lines)] & lines[:, None]).tolist():
         tied[tied == tied[(i + 1) % len(anchors), c]] = tied[i, c]
     # What is tied to the border is on it.
     held, used = np.zeros((2, anchors.size), dtype=bool)
