@@ -68,11 +68,10 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
     )
 
 
-def drawn_outlines(task: Task, on_draft: Callable[[Made, bool], None] = nothing) -> Made:
+def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
     """The drawing of regions with smooth outlines.
 
-    on_draft: given first versions of what has very many shapes, and whether their outlines are fitted; what it raises
-    ends the drawing.
+    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
     """
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import draw, prepared
@@ -84,10 +83,10 @@ def drawn_outlines(task: Task, on_draft: Callable[[Made, bool], None] = nothing)
         intake = prepared(target)
         blur = intake.scale * math.hypot(intake.condition.blur, ENLARGED if intake.times > 1 else 0.0)
 
-        def tell(draft: Drawing, fitted: bool) -> None:
-            on_draft(replace(_drawn(scaled_drawing(draft, *task.picture.size), task.request), blur=blur), fitted)
+        def tell(sketch: Drawing) -> None:
+            on_sketch(replace(_drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
-        drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_draft=tell)
+        drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_sketch=tell)
     drawing = scaled_drawing(drawing, *task.picture.size)
     if chosen.stacking == CUTOUT:
         from cubicsplat_cli.artwork.planar.cutout import cut_out
