@@ -219,11 +219,10 @@ def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
 def test_the_sketch_of_a_blurred_picture_is_compared_blurred(monkeypatch):
     monkeypatch.setattr(drawing, "MANY", 0)
     blurred = Image.fromarray(disc()).filter(ImageFilter.GaussianBlur(2.0))
-    drafts = []
-    task = task_of(as_picture(np.asarray(blurred)), Request(), StageTimer())
-    made = drawn_outlines(task, lambda draft, fitted: drafts.append((draft.blur, fitted)))
+    sketches = []
+    made = drawn_outlines(task_of(as_picture(np.asarray(blurred)), Request(), StageTimer()), sketches.append)
     assert made.blur > 0.5
-    assert drafts == [(made.blur, False), (made.blur, True)]
+    assert [sketch.blur for sketch in sketches] == [made.blur]
 
 
 @pytest.mark.parametrize("level", [0.0, 60.0])
@@ -241,20 +240,14 @@ def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, monkeyp
     assert len(shares) == (1 if level == 60.0 else 3)
 
 
-def test_a_drawing_far_below_a_quick_photo_is_given_up_before_its_details(monkeypatch, taken_for):
-    taken_for("artwork", "flat")
-    monkeypatch.setattr(drawing, "MANY", 0)
+@pytest.mark.parametrize(("drawn", "beyond"), [(30.0, 33.0), (21.0, 24.0), (11.5, 13.16)])
+def test_outlines_may_bring_a_sketch_nearer_by_so_many_decibels_or_so_much_of_its_error(drawn, beyond, monkeypatch):
     asked = []
-
-    def nearer(_task, _made, rise_db=0.0, _fall=1.0):
-        asked.append(rise_db)
-        return "it is" if len(asked) == 2 else None
-
-    monkeypatch.setattr(choose, "photo_is_nearer", nearer)
-    monkeypatch.setattr(drawing, "with_added", fails)
-    (only,) = candidates(task_of(as_picture(disc()), Request(FitSettings(curves=4, steps=60, threads=1)), StageTimer()))
-    assert (only.style.name, only.style.reason) == ("photo", "flat, but it is")
-    assert asked[0] > asked[1] > 0.0
+    monkeypatch.setattr(choose, "level_db", lambda *_: drawn)
+    monkeypatch.setattr(QuickPhoto, "beyond", lambda _, least: asked.append(least))
+    task = task_of(as_picture(disc()), Request(FitSettings(threads=1)), StageTimer())
+    choose.check_worth_finishing(task, drawn_outlines(task))
+    assert asked == [pytest.approx(beyond, abs=0.02)]
 
 
 def fails(*_) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
-from cubicsplat_cli.artwork.geometry.stroke import Stroke, pieces_of, scaled_stroke
+from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
 from cubicsplat_cli.scene.paint import Gradient, Ink
 
 _ALIKE = 1e-3
@@ -64,7 +64,7 @@ class Drawing:
     def segments(self) -> int:
         """The number of lines and cubics of the outlines, primitives counted as their rings."""
         return sum(
-            len(pieces_of(line)[1])
+            line.pieces
             for shape in self.shapes
             for line in (shape.outlines if shape.stroke is None else (shape.stroke.path,))
         )

@@ -36,7 +36,6 @@ from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import Work, nothing, under_way, work
 from cubicsplat_cli.scene.paint import mean_ink
 
-OnDraft = Callable[[Drawing, bool], None]
 MANY = 150  # parts, whose finish takes longer than to find out whether they are worth it
 SKETCH = 160  # px of the longer side, of what is drawn in well under a second
 
@@ -56,15 +55,15 @@ def draw(
     intake: Intake | None = None,
     *,
     strokes: bool = False,
-    on_draft: OnDraft = nothing,
+    on_sketch: Callable[[Drawing], None] = nothing,
 ) -> Drawing:
     """The drawing of a flat picture: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1].
 
     What was made larger by a whole number is drawn as it was before. Very large pictures, and those of very many
     regions, are drawn with less detail (`limits`), which is logged. What has hardly a region of more than a few px is
     drawn as it looks from farther away. intake: `prepared(target)`, where that is known already. strokes: shapes of
-    even width become pen strokes. on_draft: given the drawing so far, in px of the picture, where there are many
-    regions: first as polygons, then with its outlines fitted, and whether they are; what it raises ends the drawing.
+    even width become pen strokes. on_sketch: given the regions as polygons, in px of the picture, where there are many;
+    what it raises ends the drawing.
 
     Where the work under way (`progress.work`) is stopped, the drawing is what there is by then: outlines not yet fitted
     are polygons, and where the regions were not known yet it is that of a smaller copy.
@@ -72,7 +71,7 @@ def draw(
     settings, intake = settings or ArtworkSettings(), intake or prepared(target)
     drawing = None
     with work().stoppable():
-        drawing = _with_its_shadow(intake, settings, strokes, on_draft) or _drawn(intake, settings, strokes, on_draft)
+        drawing = _with_its_shadow(intake, settings, strokes, on_sketch) or _drawn(intake, settings, strokes, on_sketch)
     if drawing is None:
         intake = _small(target)
         drawing = _sketch(intake, settings)
@@ -95,7 +94,9 @@ def _sketch(intake: Intake, settings: ArtworkSettings) -> Drawing:
     return Drawing(width, height, _polygons(plan.parts, (height, width), flat))
 
 
-def _with_its_shadow(intake: Intake, settings: ArtworkSettings, strokes: bool, on_draft: OnDraft) -> Drawing | None:
+def _with_its_shadow(
+    intake: Intake, settings: ArtworkSettings, strokes: bool, on_sketch: Callable[[Drawing], None]
+) -> Drawing | None:
     """The drawing of a clean picture with a soft shadow, in gradients; None where it has none, or there may be no
     gradients or not as many shapes.
     """
@@ -104,13 +105,13 @@ def _with_its_shadow(intake: Intake, settings: ArtworkSettings, strokes: bool, o
     without = intake.lifted or lifted(intake.levels)
     if without.shadow is None:
         return None
-    drawing = with_shadow(_drawn(replace(intake, levels=without.levels), settings, strokes, on_draft), without)
+    drawing = with_shadow(_drawn(replace(intake, levels=without.levels), settings, strokes, on_sketch), without)
     if drawing is None or (settings.curves is not None and len(drawing.shapes) > settings.curves):
         return None
     return drawing
 
 
-def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_draft: OnDraft) -> Drawing:
+def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_sketch: Callable[[Drawing], None]) -> Drawing:
     """The drawing of what was taken in, in px of that; see `draw`."""
     condition = intake.condition
     error = condition.edge_error
@@ -124,7 +125,7 @@ def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_draft: O
     if len(plan.parts) > MANY:
         sketch = Drawing(width, height, _polygons(plan.parts, (height, width), flat))
         with work().stoppable():
-            on_draft(enlarged(_painted(sketch), intake.scale, intake.width, intake.height), False)
+            on_sketch(enlarged(_painted(sketch), intake.scale, intake.width, intake.height))
     shapes = _traced(plan.parts, (height, width), settings, flat)
     if any(part.extent.layer == SHEET for part in plan.parts):
         opaque = parts_of(plan.regions, plan.found, settings.completion == ON, None)
@@ -137,8 +138,6 @@ def _drawn(intake: Intake, settings: ArtworkSettings, strokes: bool, on_draft: O
         came = plan.levels if condition.clean else flat.levels
         goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
         drawing = polish(drawing, goal, settings.detail, error / 255.0)
-        if len(plan.parts) > MANY:
-            on_draft(enlarged(_painted(drawing), intake.scale, intake.width, intake.height), True)
         few = few_enough(drawing)
         if few:
             work().at("regularising", 0.8)

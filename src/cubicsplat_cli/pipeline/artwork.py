@@ -81,11 +81,10 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
     )
 
 
-def drawn_outlines(task: Task, on_draft: Callable[[Made, bool], None] = nothing) -> Made:
+def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
     """The drawing of regions with smooth outlines.
 
-    on_draft: given first versions of what has very many shapes, and whether their outlines are fitted; what it raises
-    ends the drawing.
+    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
     """
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import draw, prepared
@@ -97,11 +96,21 @@ def drawn_outlines(task: Task, on_draft: Callable[[Made, bool], None] = nothing)
         intake = prepared(target)
         blur = intake.scale * math.hypot(intake.condition.blur, ENLARGED if intake.times > 1 else 0.0)
 
-        def tell(draft: Drawing, fitted: bool) -> None:
-            on_draft(replace(_drawn(scaled_drawing(draft, *task.picture.size), task.request), blur=blur), fitted)
+        def tell(sketch: Drawing) -> None:
+            on_sketch(replace(_drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
+<<<<<<< HEAD
         drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_draft=tell)
     drawing, notes = _structured(scaled_drawing(drawing, *task.picture.size), task.request)
+=======
+        drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_sketch=tell)
+    drawing = scaled_drawing(drawing, *task.picture.size)
+    if chosen.stacking == CUTOUT:
+        from cubicsplat_cli.artwork.planar.cutout import cut_out
+
+        precision = task.request.precision
+        drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
+>>>>>>> long29
     made = _drawn(drawing, task.request)
     notes = [*intake.notes, *notes]
     if work.stopped and not work.interrupted:

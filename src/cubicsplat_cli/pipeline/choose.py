@@ -31,8 +31,12 @@ LEAST_BYTES = 5.0  # of a line or cubic in a file
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
+<<<<<<< HEAD
 COARSE = 8  # px of a window whose mean people see as one tone, as they see a JPEG's blocks
 SKETCH_DB, DRAFT_DB = 2.0, 1.0  # by which the drawing is better than its polygons, and than its outlines alone
+=======
+SKETCH_DB = 2.0  # that fitted outlines are better than polygons, at most
+>>>>>>> long29
 # Mean squared error that polygons have and fitted outlines do not, of full scale: they are 0.3 px off at the edges, on
 # which a tenth of the pixels lie.
 SKETCH_ERROR = 0.01
@@ -210,7 +214,7 @@ def _suiting(task: Task, style: Style) -> Made:
         return replace(drawn_cells(task, style.cells), style=style)
     if style.name == PHOTO:
         return _photo_or_drawing(task, style)
-    return replace(drawn_outlines(task, lambda made, fitted: check_worth_finishing(task, made, fitted)), style=style)
+    return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
 
 
 def _failure(style: str, error: Exception) -> str:
@@ -272,12 +276,9 @@ def _over_black_and_white(source: ImageSource) -> np.ndarray:
     return np.concatenate([values[..., :3], values[..., :3] + 1.0 - alpha], axis=2)
 
 
-def check_worth_finishing(task: Task, made: Made, fitted: bool) -> None:
-    """Raises PhotoIsNearer where not even the rest of the work would bring a drawing near enough.
-
-    fitted: whether its outlines have been fitted to the picture. Raises also what a fit raises.
-    """
-    reason = photo_is_nearer(task, made, DRAFT_DB if fitted else SKETCH_DB, 1.0 if fitted else SKETCH_ERROR)
+def check_worth_finishing(task: Task, sketch: Made) -> None:
+    """Raises PhotoIsNearer where not even fitted outlines would bring a drawing near enough, and what a fit raises."""
+    reason = photo_is_nearer(task, sketch, SKETCH_DB, SKETCH_ERROR)
     if reason is not None:
         raise PhotoIsNearer(reason)
 

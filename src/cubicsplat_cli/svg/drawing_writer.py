@@ -28,14 +28,13 @@ from cubicsplat_cli.artwork.mosaic import CellLayer, Mosaic
 from cubicsplat_cli.artwork.names import colour_group, colour_name
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.svg.compound import compounds
+from cubicsplat_cli.svg.drawing_grid import form_of, grid_rings
 from cubicsplat_cli.svg.drawing_paths import (
     MOST_ON_RECT,
     PathText,
     add_ring,
     add_rounded,
     add_stroke,
-    form_of,
-    grid_rings,
 )
 from cubicsplat_cli.svg.markup import (
     GradientElements,
@@ -142,7 +141,7 @@ class _GridRings:
         for (key, ring), grid in zip(given.items(), grid_rings(turned, precision, exact), strict=True):
             self._cache[key] = ring, grid
         forms = Counter(
-            form_of(self._cache[id(outline), index == 0][1])
+            form_of(self.of(outline, index == 0))
             for shape in shapes
             if shape.stroke is None
             for index, outline in enumerate(shape.outlines)

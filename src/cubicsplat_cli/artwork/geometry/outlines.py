@@ -15,6 +15,11 @@ from cubicsplat_cli.artwork.geometry.beziers import bernstein
 
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
 QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
+# (4, 4, 2) the quarters of a unit circle, from the rightmost point on, in the direction of growing angles.
+_QUARTER = np.array([[1.0, 0.0], [1.0, QUARTER_HANDLE], [QUARTER_HANDLE, 1.0], [0.0, 1.0]])
+_UNIT_CIRCLE = np.stack(
+    [_QUARTER @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), turns) for turns in range(4)]
+)
 # Green's theorem for a cubic in Bernstein form: what x of one control point and y of another add to the area.
 _GREEN = np.array([[0, 6, 3, 1], [-6, 0, 3, 3], [-3, -3, 0, 6], [-1, -3, -6, 0]]) / 20.0
 
@@ -86,6 +91,7 @@ class Circle:
     cy: float
     r: float
 
+    pieces = 4
     coordinates = 3
     parameters = 3
 
@@ -104,6 +110,8 @@ class Ellipse:
     ry: float
     angle: float = 0.0
 
+    pieces = 4
+
     @property
     def coordinates(self) -> int:
         """4, and the angle where there is one."""
@@ -116,11 +124,7 @@ class Ellipse:
 
     def ring(self) -> Ring:
         """Four cubics, from the end of the first half-axis on, in the direction of growing angles."""
-        k = QUARTER_HANDLE
-        quarter = np.array([[1.0, 0.0], [1.0, k], [k, 1.0], [0.0, 1.0]])
-        turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
-        unit = np.stack([quarter @ np.linalg.matrix_power(turn, i) for i in range(4)])
-        return ring_of_cubics(_placed(unit * [self.rx, self.ry], self.angle, (self.cx, self.cy)), smooth=True)
+        return ring_of_cubics(_placed(_UNIT_CIRCLE * [self.rx, self.ry], self.angle, (self.cx, self.cy)), smooth=True)
 
 
 @dataclass(frozen=True)
@@ -136,6 +140,11 @@ class Rectangle:
     height: float
     radius: float = 0.0
     angle: float = 0.0
+
+    @property
+    def pieces(self) -> int:
+        """The lines and cubics of its ring: 4, or 8 with a radius."""
+        return 8 if self.radius > 0.0 else 4
 
     @property
     def coordinates(self) -> int:

@@ -21,7 +21,7 @@ MOST_PIECES = 600  # of centre lines; more take minutes
 def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
     """The drawing with its strokes fitted to its goal, all else as it is; strokes that have one width keep one."""
     strokes = [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
-    if not strokes or sum(len(pieces_of(stroke.path)[1]) for stroke in strokes) > MOST_PIECES:
+    if not strokes or sum(stroke.path.pieces for stroke in strokes) > MOST_PIECES:
         return drawing
     state = settle(_state(drawing, goal, fixed=False), goal, FIRST_ROUNDS)
     tied = _with_common_widths(drawing, _strokes(state))
