@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from cli_runs import strict_json
 from conftest import smooth_pixels
 
@@ -14,6 +15,7 @@ from cubicsplat_cli import read_svg, vectorize
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.photo import fit
 from cubicsplat_cli.photo.shapes import Shapes
+from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import request_of
 from cubicsplat_cli.scene import Scene
@@ -21,6 +23,7 @@ from cubicsplat_cli.scene.shapes import nearest_shape, shape_gradient, shape_poi
 from cubicsplat_cli.settings import FitSettings, Mode
 from cubicsplat_cli.svg.shapes import geometrize_list
 
+DRAWING = b'<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><path d="M1 1h5v5z"/></svg>'
 KINDS = {"ellipse": 5, "rectangle": 5, "triangle": 6, "polygon": 10}
 
 
@@ -79,7 +82,8 @@ TAGS = {"ellipse": "ellipse", "rectangle": "rect", "triangle": "polygon", "polyg
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_of_shapes_comes_back(kind):
-    drawn = vectorize(smooth_pixels(48, 32), shapes=kind, curves=9, steps=40, threads=1, segments=5)
+    segments = 5 if kind == "polygon" else None
+    drawn = vectorize(smooth_pixels(48, 32), shapes=kind, curves=9, steps=40, threads=1, segments=segments)
     text = drawn.svg
     assert (text.count(f"<{TAGS[kind]} "), "<path" in text) == (9 + (kind == "rectangle"), False)
     scene = read_svg(text)
@@ -151,7 +155,24 @@ def test_lists_that_cannot_be_are_refused(options, why):
         request_of({"geometrize": Path("x.json"), **options})
 
 
-@pytest.mark.parametrize("others", [{"mode": "open"}, {"fill": "linear"}, {"style": "artwork"}])
+@pytest.mark.parametrize("kind", KINDS)
+def test_torch_gives_what_numpy_gives(kind):
+    values = random_values(kind).astype(np.float32)
+    points = shape_points(kind, values)
+    tensors = torch.from_numpy(values), torch.from_numpy(points)
+    np.testing.assert_allclose(shape_points(kind, tensors[0]).numpy(), points, atol=1e-4)
+    pulled = shape_gradient(kind, *tensors).numpy()
+    np.testing.assert_allclose(pulled, shape_gradient(kind, values, points), rtol=1e-4, atol=1e-2)
+    moved = [Shapes.nearest(kind, each) for each in (points, tensors[1])]
+    for shapes, pull in zip(moved, (points, tensors[1]), strict=True):
+        shapes.learn(pull, Rates(0.5, 0.1, 0.1, 0.1))
+    np.testing.assert_allclose(moved[1].values.numpy(), moved[0].values, atol=1e-3)
+    assert np.abs(moved[0].values - values).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    "others", [{"mode": "open"}, {"fill": "linear"}, {"style": "artwork"}, {"segments": 5}, {"init": DRAWING}]
+)
 def test_what_restricted_shapes_cannot_be_is_refused(others):
     with pytest.raises(UsageError, match="shapes"):
         request_of({"shapes": "triangle", **others})

@@ -107,6 +107,18 @@ def test_the_search_gets_back_what_rounding_costs(hills):
     assert search.bytes == packed_size(search.polygons.text())
 
 
+def test_an_interrupted_search_still_fits(hills):
+    with closing(CpuEngine(1)) as engine:
+        search = Search(random_polygons((48.0, 32.0), 20), as_picture(hills), None, engine, FitSettings(threads=1))
+
+        def interrupted(price: float, most: int) -> None:
+            raise KeyboardInterrupt
+
+        search._sweep = interrupted
+        assert search.run(250, np.inf)
+        assert packed_size(search.polygons.text()) <= 250 < packed_size(random_polygons((48.0, 32.0), 20).text())
+
+
 def test_triangles_stay_triangles(hills):
     drawn = vectorize(hills, max_bytes="300gz", shapes="triangle", **SHORT)
     numbers = [len(re.findall(r"-?\d+", d)) for d in re.findall(r'd="M([-0-9 ]+)"', drawn.svg)]

@@ -329,4 +329,5 @@ def _prefer_polygons(fit: dict[str, Any]) -> None:
         fit["shapes"] = "polygon"
     if fit.get("preset", "standard") == "standard":
         fit.setdefault("steps", TINY_STEPS)
-    fit.setdefault("segments", 4)
+    if fit.get("shapes", ANY) in (ANY, "polygon"):
+        fit.setdefault("segments", 4)

@@ -227,8 +227,11 @@ class FitSettings:
             self._set("recipe", Recipe(**{name: value for name, value in base.items() if name in _RECIPE}))
         if self.finish_samples is None:
             self._set("finish_samples", max(base["finish_samples"], self.samples or 0))
-        if SHAPES.get(self.shapes) is not None:
-            self._set("segments", SHAPES[self.shapes])
+        segments = SHAPES.get(self.shapes)
+        if segments is not None:
+            if self.segments not in (None, segments):
+                raise UsageError(f"of --shapes {self.shapes} are {segments}; leave it out", "segments")
+            self._set("segments", segments)
         for name in ("steps", "segments", "samples"):
             if getattr(self, name) is None:
                 self._set(name, base[name])

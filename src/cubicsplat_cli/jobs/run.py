@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cubicsplat_cli.errors import CubicSplatError
-from cubicsplat_cli.files.marks import PROGRAM, sha256_of
+from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import LAYER, STDIO, Outputs, is_compressed_name
 from cubicsplat_cli.files.paths import is_file, is_replaceable
 from cubicsplat_cli.files.read import packed, unpacked
@@ -183,7 +183,13 @@ def _write_others(
         files |= {"png": str(outputs.png), "png_sha256": sha256_of(png)}
     output = output_of(made, svg, data, **files)
     if outputs.geometrize is not None:
-        _put_geometrize(task, made, output, sink)
+        from cubicsplat_cli.pipeline.vectorize import geometrized
+
+        text = geometrized(task, made, output)
+        if text is None:
+            timer.note(f"{task.target.source}: has one colour, so there is no list for Geometrize")
+        else:
+            sink.put("geometrize", text.encode())
     if outputs.animation is not None:
         _put_animation(outputs.animation, task, made, output, sink)
     report = report_of(task, made, figures, output, path=job.name)
@@ -222,19 +228,6 @@ def export_of(path: Path, svg: bytes, job: Job, request: Request, note: Callable
     for text in made.notes:
         note(f"{path}: {text}")
     return made.data
-
-
-def _put_geometrize(task: Task, made: Made, output: Output, sink: Sink) -> None:
-    """Write the shapes of a photo as Geometrize lists them."""
-    from cubicsplat_cli.pipeline.vectorize import scores_of
-    from cubicsplat_cli.svg.shapes import geometrize_list
-
-    if made.scene is None or "history" not in made.facts:
-        task.timer.note(f"{task.target.source}: has one colour, so there is no list for Geometrize")
-        return
-    marks = {"program": PROGRAM, "svg_sha256": output.svg_sha256}
-    text = geometrize_list(task.request.settings.shapes, made.scene, scores_of(task, made.scene), marks)
-    sink.put("geometrize", text.encode())
 
 
 def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sink) -> None:

@@ -99,18 +99,8 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
         def tell(sketch: Drawing) -> None:
             on_sketch(replace(_drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
-<<<<<<< HEAD
-        drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_draft=tell)
-    drawing, notes = _structured(scaled_drawing(drawing, *task.picture.size), task.request)
-=======
         drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_sketch=tell)
-    drawing = scaled_drawing(drawing, *task.picture.size)
-    if chosen.stacking == CUTOUT:
-        from cubicsplat_cli.artwork.planar.cutout import cut_out
-
-        precision = task.request.precision
-        drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
->>>>>>> long29
+    drawing, notes = _structured(scaled_drawing(drawing, *task.picture.size), task.request)
     made = _drawn(drawing, task.request)
     notes = [*intake.notes, *notes]
     if work.stopped and not work.interrupted:

@@ -31,12 +31,8 @@ LEAST_BYTES = 5.0  # of a line or cubic in a file
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
-<<<<<<< HEAD
 COARSE = 8  # px of a window whose mean people see as one tone, as they see a JPEG's blocks
-SKETCH_DB, DRAFT_DB = 2.0, 1.0  # by which the drawing is better than its polygons, and than its outlines alone
-=======
 SKETCH_DB = 2.0  # that fitted outlines are better than polygons, at most
->>>>>>> long29
 # Mean squared error that polygons have and fitted outlines do not, of full scale: they are 0.3 px off at the edges, on
 # which a tenth of the pixels lie.
 SKETCH_ERROR = 0.01
@@ -150,11 +146,11 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
 
 def _drawing_of(task: Task, style: Style, level: float) -> Made | Exception | None:
     """The drawing of a picture that as a photo has a level, in dB; the error with which it fails, or None where not
-    even the rest of the work would bring it as near.
+    even fitted outlines would bring its sketch as near.
     """
 
-    def check(made: Made, fitted: bool) -> None:
-        if not _is_above(task, made, level - (DRAFT_DB if fitted else SKETCH_DB)):
+    def check(sketch: Made) -> None:
+        if not _is_above(task, sketch, level - SKETCH_DB):
             raise PhotoIsNearer(f"it has {level:.1f} dB")
 
     try:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 
@@ -24,7 +24,21 @@ from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.settings import FitSettings, Mode
-from cubicsplat_cli.svg.polygons import LEVELS, TENTHS, GridPolygons, grid_size, on_grid
+from cubicsplat_cli.svg.polygons import (
+    FEWEST,
+    LEVELS,
+    TENTHS,
+    GridPolygons,
+    Shape,
+    Step,
+    coloured,
+    grid_size,
+    is_colour,
+    moved,
+    on_grid,
+    with_more,
+    without,
+)
 
 # Measured on four Kodak photos, docs/lab/photos.md.
 HEAD_BYTES, PATH_BYTES, VERTEX_BYTES = 150, 6.0, 2.25  # of a compressed file, a polygon and each of its vertices
@@ -39,11 +53,8 @@ PRICE, CHEAPER = 0.4, 0.6
 GAIN = 6e-3  # of the loss, below which another sweep is not worth its time
 SURPLUS = 0.4  # of the bytes that are too many, left out before the next sweep, which saves some itself
 SAVING = 4.0  # bytes, the most that a step usually saves
-FEWEST, MOST = 3, 9  # vertices
+MOST = 9  # vertices
 _EXACT = RasterSettings("exact", 1.0, 1)  # a side is one edge
-
-Shape = tuple[np.ndarray, np.ndarray]  # vertices (n, 2) and colour (3,) of a polygon
-Step = Callable[[Shape], "Shape | None"]  # None where it leaves what is allowed
 
 
 def fitted_polygons(most: int, settings: FitSettings, task: Task) -> tuple[GridPolygons, FitResult]:
@@ -163,11 +174,12 @@ class Search:
         """All steps of a polygon, downhill by the gradients of its vertices (n, 2) and of its colour (3,)."""
         n, axes = len(of_vertices), np.eye(2, dtype=np.int64)
         ways = [(j, axes[axis] * _down(of_vertices[j, axis])) for j in range(n) for axis in (0, 1)]
-        steps = [_moved(j, way) for j, way in ways]
-        steps += [_moved(slice(None), axes[axis] * _down(of_vertices[:, axis].sum())) for axis in (0, 1)]
-        steps += [_coloured(np.eye(3, dtype=np.int64)[k] * _down(of_colour[k])) for k in range(3)]
-        steps += [_without(j) for j in range(n)]
-        return steps + [_with_more(j, way, self.most_vertices) for j, way in ways[:: 2 if n % 2 else 1]]
+        steps = [moved(j, way) for j, way in ways]
+        steps += [moved(slice(None), axes[axis] * _down(of_vertices[:, axis].sum())) for axis in (0, 1)]
+        steps += [coloured(np.eye(3, dtype=np.int64)[k] * _down(of_colour[k])) for k in range(3)]
+        steps += [without(j) for j in range(n)]
+        some = self.generator.permutation(len(ways))[:n].tolist()  # all take longer and give no more
+        return steps + [with_more(ways[k][0], ways[k][1], self.most_vertices) for k in some]
 
     def _improve(self, index: int, steps: list[Step], price: float, most: int) -> None:
         """Takes the steps of a polygon that pay, looking at the part of the picture that they can change alone."""
@@ -200,7 +212,7 @@ class Search:
         if before is not None:
             tried += [(before + np.eye(3, dtype=np.int64)[k] * _down(slopes[k]), polygons.opacity) for k in range(3)]
         for background, opacity in tried:
-            if 1 <= opacity <= TENTHS and (background is None or _is_colour(background)):
+            if 1 <= opacity <= TENTHS and (background is None or is_colour(background)):
                 kept = polygons.background, polygons.opacity
                 polygons.background, polygons.opacity = background, opacity
                 loss, size = self._loss(), self._size()
@@ -268,46 +280,6 @@ class _Window:
 
     def loss(self) -> float:
         return self.engine.loss(self.scene, _EXACT, self.goal, self.weights)
-
-
-def _moved(vertices: int | slice, way: np.ndarray) -> Step:
-    def step(shape: Shape) -> Shape | None:
-        if isinstance(vertices, int) and vertices >= len(shape[0]):
-            return None
-        moved = shape[0].copy()
-        moved[vertices] += way
-        return moved, shape[1]
-
-    return step
-
-
-def _coloured(way: np.ndarray) -> Step:
-    return lambda shape: (shape[0], shape[1] + way) if _is_colour(shape[1] + way) else None
-
-
-def _without(vertex: int) -> Step:
-    def step(shape: Shape) -> Shape | None:
-        enough = FEWEST < len(shape[0]) > vertex
-        return (np.delete(shape[0], vertex, axis=0), shape[1]) if enough else None
-
-    return step
-
-
-def _with_more(vertex: int, way: np.ndarray, most: int) -> Step:
-    """A vertex behind another, in the middle of the side there, moved in some way."""
-
-    def step(shape: Shape) -> Shape | None:
-        n = len(shape[0])
-        if not vertex < n < most:
-            return None
-        middle = (shape[0][vertex] + shape[0][(vertex + 1) % n]) // 2 + way
-        return np.insert(shape[0], vertex + 1, middle, axis=0), shape[1]
-
-    return step
-
-
-def _is_colour(colour: np.ndarray) -> bool:
-    return bool(colour.min() >= 0 and colour.max() <= LEVELS)
 
 
 def _down(slope: float) -> int:

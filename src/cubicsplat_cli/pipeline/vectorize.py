@@ -13,7 +13,7 @@ from cubicsplat_cli.evaluate.images import of_pixels, of_scene
 from cubicsplat_cli.evaluate.metrics import measurable, measure, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
-from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 from cubicsplat_cli.metrics import (
     SECONDS_DECIMALS,
     FileQuality,
@@ -33,6 +33,7 @@ from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
+from cubicsplat_cli.svg.shapes import geometrize_list
 
 SCORES_SIDE = 256  # px, as Geometrize works on
 COLORS, COLORS_SIDE = 5, 96  # dominant colours at most, and px of the copy on which they are looked for
@@ -132,6 +133,14 @@ def dominant_colors(picture: Picture) -> list[dict[str, Any]]:
         for index in np.argsort(-counts, kind="stable").tolist()
         if counts[index]
     ]
+
+
+def geometrized(task: Task, made: Made, output: Output) -> str | None:
+    """The shapes of a photo as Geometrize lists them; None where the picture has one colour."""
+    if made.scene is None or "history" not in made.facts:
+        return None
+    marks = {"program": PROGRAM, "svg_sha256": output.svg_sha256}
+    return geometrize_list(task.request.settings.shapes, made.scene, scores_of(task, made.scene), marks)
 
 
 def scores_of(task: Task, scene: Scene) -> list[float]:

@@ -8,6 +8,7 @@ many values of differences.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,9 @@ from cubicsplat_cli.svg.markup import format_number
 
 LEVELS = 15  # of a colour channel of 4 bits
 TENTHS = 10  # of the opacity
+FEWEST = 3  # vertices
+Shape = tuple[np.ndarray, np.ndarray]  # vertices (n, 2) and colour (3,) of a polygon
+Step = Callable[[Shape], "Shape | None"]  # a change of a polygon; None where it leaves what is allowed
 
 
 @dataclass(eq=False)
@@ -88,6 +92,52 @@ def on_grid(scene: Scene, size: tuple[float, float]) -> GridPolygons:
     colours = np.rint(LEVELS * scene.colours).astype(np.int64)
     opacity = int(np.clip(round(TENTHS * float(scene.opacities.mean())), 1, TENTHS))
     return GridPolygons(size, list(vertices), colours, background, opacity)
+
+
+def moved(vertices: int | slice, way: np.ndarray) -> Step:
+    """One vertex or several, by (2,) units."""
+
+    def step(shape: Shape) -> Shape | None:
+        if isinstance(vertices, int) and vertices >= len(shape[0]):
+            return None
+        changed = shape[0].copy()
+        changed[vertices] += way
+        return changed, shape[1]
+
+    return step
+
+
+def coloured(way: np.ndarray) -> Step:
+    """The colour, by (3,) levels."""
+    return lambda shape: (shape[0], shape[1] + way) if is_colour(shape[1] + way) else None
+
+
+def without(vertex: int) -> Step:
+    """One vertex less, of more than FEWEST."""
+
+    def step(shape: Shape) -> Shape | None:
+        enough = FEWEST < len(shape[0]) > vertex
+        return (np.delete(shape[0], vertex, axis=0), shape[1]) if enough else None
+
+    return step
+
+
+def with_more(vertex: int, way: np.ndarray, most: int) -> Step:
+    """A vertex behind another, in the middle of the side there, moved in some way."""
+
+    def step(shape: Shape) -> Shape | None:
+        n = len(shape[0])
+        if not vertex < n < most:
+            return None
+        middle = (shape[0][vertex] + shape[0][(vertex + 1) % n]) // 2 + way
+        return np.insert(shape[0], vertex + 1, middle, axis=0), shape[1]
+
+    return step
+
+
+def is_colour(colour: np.ndarray) -> bool:
+    """Whether all levels are in 0..LEVELS."""
+    return bool(colour.min() >= 0 and colour.max() <= LEVELS)
 
 
 def _hex(colour: np.ndarray) -> str:
