@@ -43,9 +43,7 @@ def snapped_segments(sources: Sources, live: np.ndarray | None = None) -> Segmen
 
     live: (P,) bool, which pieces are taken; all by default.
     """
-    segments = _chords(sources)
-    if live is not None:
-        segments = segments.taken(live[segments.piece])
+    segments = _chords(sources, np.ones(len(sources.lines), dtype=bool) if live is None else live)
     fresh = np.ones(len(segments.piece), dtype=bool)
     for _ in range(MOST_ROUNDS):
         which, points, at = _cuts(segments, fresh)
@@ -55,12 +53,12 @@ def snapped_segments(sources: Sources, live: np.ndarray | None = None) -> Segmen
     raise EngineError("the outlines of this drawing cannot be told apart; use --stacking stacked")
 
 
-def _chords(sources: Sources) -> Segments:
+def _chords(sources: Sources, live: np.ndarray) -> Segments:
     cubics = sources.cubics
     bend = np.abs(cubics[:, :2] - 2.0 * cubics[:, 1:3] + cubics[:, 2:]).max(axis=(1, 2))
     length = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
     counts = np.where(sources.lines, 0.0, np.sqrt(0.75 * bend / FLAT))
-    counts = np.clip(np.ceil(np.maximum(counts, length / LONGEST)), 1, MOST_CHORDS).astype(np.int64)
+    counts = np.clip(np.ceil(np.maximum(counts, length / LONGEST)), 1, MOST_CHORDS).astype(np.int64) * live
     piece = np.repeat(np.arange(len(cubics)), counts)
     local = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
     t = np.stack([local / counts[piece], (local + 1) / counts[piece]], axis=1)
