@@ -12,7 +12,7 @@ from cubicsplat_cli.raster.stack import Goal
 
 # Passes of moves, one where there are more than CROWDED pieces (and fewer rounds), none beyond FULL.
 PASSES, CROWDED, FULL = 3, 400, 1500
-TRIAL_ROUNDS, LAST_ROUNDS = 6, 2
+TRIAL_ROUNDS = 6
 # Pieces beyond which they are settled in fewer rounds still, and not at all.
 MANY, FEWEST_ROUNDS, MOST = 20_000, 3, 100_000
 MERGES = 3  # passes, of a picture that is blurred and not crowded
@@ -45,7 +45,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
             if following is state:
                 break
             state = following
-        state = settle(state, goal, LAST_ROUNDS)
+        state = settle(state, goal, min(TRIAL_ROUNDS, _rounds(pieces)))
     return drawn(drawing, state)
 
 
