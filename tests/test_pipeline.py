@@ -252,6 +252,7 @@ def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, monkeyp
 def test_outlines_may_bring_a_sketch_nearer_by_so_many_decibels_or_so_much_of_its_error(drawn, beyond, monkeypatch):
     asked = []
     monkeypatch.setattr(choose, "level_db", lambda *_: drawn)
+    monkeypatch.setattr(choose, "seen_db", lambda *_: drawn)
     monkeypatch.setattr(QuickPhoto, "beyond", lambda _, least: asked.append(least))
     task = task_of(as_picture(disc()), Request(FitSettings(threads=1)), StageTimer())
     choose.check_worth_finishing(task, drawn_outlines(task))
