@@ -5,8 +5,8 @@ import pytest
 
 from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, goal_of
-from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.finish.merges import Merge, merged, with_merges
+from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ring, polygon, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -14,7 +14,7 @@ from cubicsplat_cli.raster.cubics import found_merges
 
 RED, BLUE = (255, 0, 0, 255), (0, 64, 255, 255)
 SIZE = 64
-HELD = Held(SIZE, SIZE)
+HELD = Constraints(SIZE, SIZE)
 SQUARE = polygon(np.array([[8.5, 8.25], [50.5, 8.25], [50.5, 50.75], [8.5, 50.75]]))
 
 
@@ -28,8 +28,8 @@ def after_merges(target: np.ndarray, *shapes: Shape, detail: float = 1.0) -> tup
     return state, drawn(drawing, state)
 
 
-def shape(ring: Ring, ink=RED) -> Shape:
-    return Shape(ink, (ring,), "shape")
+def shape(ring: Ring, fill=RED) -> Shape:
+    return Shape(fill, (ring,), "shape")
 
 
 def test_a_run_is_replaced_also_across_the_rings_start():

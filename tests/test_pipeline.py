@@ -485,7 +485,7 @@ def test_one_colour_is_a_ground_and_no_path(colour, style, paths, made):
     assert report.quality.surrogate.identical or report.quality.surrogate.psnr_db > 60
 
 
-def test_one_colour_with_a_palette_has_its_ink():
+def test_one_colour_with_a_palette_has_its_fill():
     pixels = np.full((20, 30, 3), (200, 100, 50), np.uint8)
     done = vectorize(pixels, style="artwork", palette=((0, 0, 0), (255, 128, 0)))
     assert done.report.inks == ["#ff8000ff"]

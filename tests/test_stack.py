@@ -17,7 +17,7 @@ from cubicsplat_cli.raster.stack import DrawnStack, Goal, StackPieces, Unknowns
 
 HEIGHT, WIDTH = 40, 48
 OUTLINES = (Rectangle(-3.0, 4.2, 40.3, 30.6, 6.2), Circle(33.3, 20.7, 11.4), Circle(14.0, 30.0, 30.0))
-INKS = np.array([[1.0, 0.0, 0.0, 1.0], [0.0, 0.2, 0.6, 0.6], [0.1, 0.3, 0.0, 0.5]])
+FILLS = np.array([[1.0, 0.0, 0.0, 1.0], [0.0, 0.2, 0.6, 0.6], [0.1, 0.3, 0.0, 0.5]])
 
 
 def stack_of(outlines=OUTLINES):
@@ -27,7 +27,7 @@ def stack_of(outlines=OUTLINES):
         np.concatenate([ring.cubics for ring in rings]),
         np.concatenate([ring.lines for ring in rings]),
         np.ones(sum(ring.pieces for ring in rings)),
-        INKS[: len(rings)],
+        FILLS[: len(rings)],
     )
 
 
@@ -41,10 +41,10 @@ def image_of(stack, goal):
 
 def test_the_picture_is_composed_of_exact_coverages():
     expected = np.zeros((HEIGHT, WIDTH, 4))
-    for outline, ink in zip(OUTLINES, INKS, strict=True):
+    for outline, fill in zip(OUTLINES, FILLS, strict=True):
         ring = fine_ring(outline)
         share = coverage(ring.cubics, ring.lines, 0, 0, HEIGHT, WIDTH)[..., None]
-        expected = expected * (1.0 - ink[3] * share) + share * ink
+        expected = expected * (1.0 - fill[3] * share) + share * fill
     assert np.abs(image_of(stack_of(), goal_of()) - expected).max() < 1e-6
 
 
@@ -72,8 +72,8 @@ def test_a_step_of_very_many_variables_is_that_of_few():
         def stack_at(box):
             cubics = (fine_ring(box).cubics + shift).reshape(-1, 4, 2)
             ends = 4 * np.arange(1, count + 1, dtype=np.int32)
-            inks = np.tile(INKS[:1], (count, 1))
-            return StackPieces(ends, cubics, np.ones(4 * count, dtype=bool), np.ones(4 * count), inks)
+            fills = np.tile(FILLS[:1], (count, 1))
+            return StackPieces(ends, cubics, np.ones(4 * count, dtype=bool), np.ones(4 * count), fills)
 
         empty = Goal(np.zeros((down * side, across * side, 4)), (1.0, 1.0, 1.0, 1.5), 10.0)
         goal = replace(empty, target=image_of(stack_at(aim), empty))
@@ -181,7 +181,7 @@ def test_what_is_drawn_again_is_what_is_drawn_afresh(taps):
     for stack in (
         shifted(stack_of(), 1, (0.3, -7.0)),
         fewer,
-        replace(fewer, inks=INKS[[0, 2]]),
+        replace(fewer, fills=FILLS[[0, 2]]),
         stack_of(OUTLINES[:1]),
     ):
         again, afresh = DrawnStack(stack, goal, before), DrawnStack(stack, goal)
@@ -219,7 +219,7 @@ def test_the_picture_of_many_large_shapes_takes_memory_for_their_outlines_only()
     cubics, lines = (np.concatenate([part] * count) for part in _joined(frame))
     stack = StackPieces(
         (np.arange(1, count + 1) * 8).astype(np.int32), cubics, lines, np.tile(np.repeat([1.0, -1.0], 4), count),
-        np.tile(INKS[:1], (count, 1)),
+        np.tile(FILLS[:1], (count, 1)),
     )  # fmt: skip
     goal = Goal(np.zeros((side, side, 4)), (1.0, 1.0, 1.0, 1.5), 0.15)
     pages = int(Path("/proc/self/statm").read_text().split()[0])

@@ -11,7 +11,7 @@ import pytest
 from conftest import smooth_pixels
 from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
-from test_artwork_cutout import INKS, SIZE, Circle, Ellipse, Rectangle, blob, drawing_of, masks, polygon, square
+from test_artwork_cutout import FILLS, SIZE, Circle, Ellipse, Rectangle, blob, drawing_of, masks, polygon, square
 
 import cubicsplat_cli as cubicsplat
 from cubicsplat_cli import UsageError
@@ -29,12 +29,12 @@ from cubicsplat_cli.svg import read_drawing, read_svg, write_drawing
 
 SVG = "{http://www.w3.org/2000/svg}"
 GROUND = Rectangle(0.0, 0.0, SIZE, SIZE)
-RED, GREEN, BLUE, YELLOW, BLACK = INKS
+RED, GREEN, BLUE, YELLOW, BLACK = FILLS
 EYES = [
     GROUND, Circle(30, 50, 20), Circle(30, 50, 8), Circle(70, 50, 20), Circle(70, 50, 8), square(40, 5, 9),
     Rectangle(10, 85, 80, 6), blob(50, 88, 4, 5, 3, 4),
 ]  # fmt: skip
-EYE_INKS = [GREEN, RED, BLACK, RED, BLACK, YELLOW, BLUE, RED]
+EYE_FILLS = [GREEN, RED, BLACK, RED, BLACK, YELLOW, BLUE, RED]
 
 
 def pixels(svg: str, renderer: str = "resvg", size: tuple[int, int] = (SIZE, SIZE)) -> np.ndarray:
@@ -76,21 +76,21 @@ def layered():
 
 @pytest.mark.parametrize("renderer", ["resvg", "cairosvg"])
 def test_groups_by_colour_leave_every_pixel_and_are_as_few_as_the_order_leaves(renderer):
-    drawing = drawing_of(*EYES, inks=EYE_INKS)
+    drawing = drawing_of(*EYES, fills=EYE_FILLS)
     grouped = structure.grouped_by_colour(drawing)
     assert (pixels(text(grouped), renderer) == pixels(text(drawing), renderer)).all()
     assert {name: len(shapes) for name, shapes in groups_of(text(grouped)).items() if name} == {
         "color-008000": 1, "color-ff0000": 2, "color-141414": 2, "color-ffc800": 1, "color-0000ff": 1,
         "color-ff0000-2": 1,
     }  # fmt: skip
-    assert [shape.ink for shape in read_drawing(text(grouped)).shapes] == [shape.ink for shape in grouped.shapes]
+    assert [shape.fill for shape in read_drawing(text(grouped)).shapes] == [shape.fill for shape in grouped.shapes]
     assert read_svg(text(grouped)).curves == len(EYES)
 
 
 def test_a_shape_never_goes_back_across_one_that_it_touches():
     # Red, blue and red again, each on the one before: no order but this one draws them.
     steps = [square(10 + 15 * i, 10 + 15 * i, 30) for i in range(4)]
-    drawing = drawing_of(GROUND, *steps, inks=[GREEN, RED, BLUE, RED, BLUE])
+    drawing = drawing_of(GROUND, *steps, fills=[GREEN, RED, BLUE, RED, BLUE])
     grouped = structure.grouped_by_colour(drawing)
     assert (pixels(text(grouped)) == pixels(text(drawing))).all()
     assert list(groups_of(text(grouped)))[1:-1] == ["color-ff0000", "color-0000ff", "color-ff0000-2", "color-0000ff-2"]
@@ -100,10 +100,10 @@ def test_random_drawings_in_groups_are_the_same_picture():
     for seed in range(6):
         random = np.random.default_rng(seed)
         shapes = [Circle(*random.uniform(5, 95, 2), random.uniform(2, 20)) for _ in range(25)]
-        drawing = drawing_of(GROUND, *shapes, inks=[INKS[i] for i in random.integers(0, 5, 26)])
+        drawing = drawing_of(GROUND, *shapes, fills=[FILLS[i] for i in random.integers(0, 5, 26)])
         for grouped in (
             structure.grouped_by_colour(drawing),
-            structure.grouped_by_object(drawing, drawing.shapes[0].ink),
+            structure.grouped_by_object(drawing, drawing.shapes[0].fill),
         ):
             assert (pixels(text(grouped)) == pixels(text(drawing))).all()
             assert sorted(shape.name for shape in grouped.shapes) == sorted(shape.name for shape in drawing.shapes)
@@ -112,7 +112,7 @@ def test_random_drawings_in_groups_are_the_same_picture():
 def test_strokes_and_fills_of_a_colour_are_in_one_group():
     lines = [Stroke(line_chain(np.array([[10.0, y], [90.0, y + 5.0]])), 4.0) for y in (10.0, 60.0)]
     strokes = [Shape(RED, outlines_of_stroke(line), f"line {i}", stroke=line) for i, line in enumerate(lines)]
-    fills = drawing_of(GROUND, Circle(50, 35, 8), Circle(30, 85, 8), inks=[GREEN, BLUE, RED]).shapes
+    fills = drawing_of(GROUND, Circle(50, 35, 8), Circle(30, 85, 8), fills=[GREEN, BLUE, RED]).shapes
     drawing = Drawing(SIZE, SIZE, (fills[0], strokes[0], fills[1], strokes[1], fills[2]))
     grouped = structure.grouped_by_colour(drawing)
     assert (pixels(text(grouped)) == pixels(text(drawing))).all()
@@ -120,14 +120,14 @@ def test_strokes_and_fills_of_a_colour_are_in_one_group():
 
 
 def test_a_cutout_has_one_group_a_colour():
-    cut = cut_out(drawing_of(*EYES, inks=EYE_INKS), 2)
+    cut = cut_out(drawing_of(*EYES, fills=EYE_FILLS), 2)
     names = [name for name in groups_of(text(structure.grouped_by_colour(cut))) if name]
-    assert sorted(names) == sorted({structure.colour_group(shape.ink) for shape in cut.shapes})
+    assert sorted(names) == sorted({structure.colour_group(shape.fill) for shape in cut.shapes})
 
 
 @pytest.mark.parametrize("cut", [False, True])
 def test_objects_are_shapes_with_what_lies_on_them(cut):
-    drawing = drawing_of(*EYES, inks=EYE_INKS)
+    drawing = drawing_of(*EYES, fills=EYE_FILLS)
     grouped = structure.grouped_by_object(drawing, GREEN)
     assert (pixels(text(grouped)) == pixels(text(drawing))).all()
     grouped = cut_out(grouped, 2) if cut else grouped
@@ -162,28 +162,28 @@ def test_shapes_reach_so_far_beneath_those_drawn_later_and_nowhere_else(name, re
     by_paint = {}
     for drawing in (cut, lapped):
         shares = masks(drawing)
-        paints = [shape.ink for shape in drawing.shapes]
+        paints = [shape.fill for shape in drawing.shapes]
         order = list(dict.fromkeys(paints))
-        by_paint[drawing is cut] = {ink: shares[[p == ink for p in paints]].max(axis=0) for ink in order}
+        by_paint[drawing is cut] = {fill: shares[[p == fill for p in paints]].max(axis=0) for fill in order}
         assert paints == sorted(paints, key=order.index)
     own, wide = by_paint[True], by_paint[False]
     assert list(own) == list(wide), "the lightest first"
-    for number, ink in enumerate(own):
+    for number, fill in enumerate(own):
         later = sum(itertools.islice(own.values(), number + 1, None), np.zeros((SIZE, SIZE)))
-        distance = distance_transform_edt(own[ink] < 0.999)
-        assert (wide[ink] >= own[ink] - 0.03).all(), "all that shows is still covered"
-        assert (wide[ink][later < 1e-3] <= own[ink][later < 1e-3] + 0.03).all(), (
+        distance = distance_transform_edt(own[fill] < 0.999)
+        assert (wide[fill] >= own[fill] - 0.03).all(), "all that shows is still covered"
+        assert (wide[fill][later < 1e-3] <= own[fill][later < 1e-3] + 0.03).all(), (
             "what is drawn earlier, or nothing, is free"
         )
-        assert (wide[ink][(later > 0.999) & (distance < reach)] > 0.9).all(), "nothing of the reach is left out"
+        assert (wide[fill][(later > 0.999) & (distance < reach)] > 0.9).all(), "nothing of the reach is left out"
         # A mitre reaches farther at a corner, four times at most.
-        outside = distance_transform_edt(own[ink] < 1e-3)
-        assert (wide[ink][(later > 0.999) & (outside > 4.0 * reach + 1.5)] < 1e-3).all()
+        outside = distance_transform_edt(own[fill] < 1e-3)
+        assert (wide[fill][(later > 0.999) & (outside > 4.0 * reach + 1.5)] < 1e-3).all()
 
 
 @pytest.mark.parametrize("renderer", ["resvg", "cairosvg"])
 def test_an_overlap_closes_the_seams_that_renderers_leave(renderer):
-    drawing = drawing_of(*OVERLAPS["corners"], inks=[YELLOW, RED, BLUE])
+    drawing = drawing_of(*OVERLAPS["corners"], fills=[YELLOW, RED, BLUE])
     stacked, (cut, lapped) = pixels(text(drawing), renderer), grown(drawing, 1.5)
     before, after = (np.abs(pixels(text(each), renderer) - stacked)[..., 3].max() for each in (cut, lapped))
     assert before > 40.0
@@ -191,10 +191,12 @@ def test_an_overlap_closes_the_seams_that_renderers_leave(renderer):
 
 
 def test_circles_and_rectangles_stay_such_when_they_grow():
-    lapped = grown(drawing_of(GROUND, Circle(50, 50, 30), Rectangle(40, 40, 20, 20), inks=[BLACK, YELLOW, RED]), 2.0)[1]
-    found = {(type(outline), shape.ink) for shape in lapped.shapes for outline in shape.outlines}
+    lapped = grown(drawing_of(GROUND, Circle(50, 50, 30), Rectangle(40, 40, 20, 20), fills=[BLACK, YELLOW, RED]), 2.0)[
+        1
+    ]
+    found = {(type(outline), shape.fill) for shape in lapped.shapes for outline in shape.outlines}
     assert found == {(Circle, YELLOW), (Rectangle, YELLOW), (Rectangle, RED), (Rectangle, BLACK), (Circle, BLACK)}
-    (disc,) = [shape for shape in lapped.shapes if shape.ink == YELLOW]
+    (disc,) = [shape for shape in lapped.shapes if shape.fill == YELLOW]
     assert [outline.r for outline in disc.outlines if isinstance(outline, Circle)] == [32.0]
     assert [outline.width for outline in disc.outlines if isinstance(outline, Rectangle)] == [16.0]
 

@@ -1,4 +1,4 @@
-"""A drawing: shapes in an ink, opaque or evenly translucent, or in a gradient, back to front."""
+"""A drawing: shapes in a fill, opaque or evenly translucent, or in a gradient, back to front."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
-from cubicsplat_cli.scene.paint import Gradient, Ink
+from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 _ALIKE = 1e-3
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape in one ink, or in a gradient.
+    """One shape in one fill, or in a gradient.
 
-    ink: sRGB and opacity, 8 bits each, not premultiplied; of a gradient about its mean. outlines: first the outer one,
+    fill: sRGB and opacity, 8 bits each, not premultiplied; of a gradient about its mean. outlines: first the outer one,
     then its holes, which may run either way: whoever draws them turns them round (`oriented`). name: what an editor's
     list of layers shows. gradient: in px of the drawing, or None. stroke: whose outlines these are, or None. group: the
     name of the group in the file that it is in, empty for none.
     """
 
-    ink: Ink
+    fill: Rgba
     outlines: tuple[Outline, ...]
     name: str
     gradient: Gradient | None = None
@@ -51,9 +51,9 @@ class Drawing:
     abutting: bool = False
 
     @property
-    def inks(self) -> tuple[Ink, ...]:
-        """The different inks of the shapes without a gradient, in the order of their first use."""
-        return tuple(dict.fromkeys(shape.ink for shape in self.shapes if shape.gradient is None))
+    def fills(self) -> tuple[Rgba, ...]:
+        """The different fills of the shapes without a gradient, in the order of their first use."""
+        return tuple(dict.fromkeys(shape.fill for shape in self.shapes if shape.gradient is None))
 
     @property
     def gradients(self) -> tuple[Gradient, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle, flattened, signed_area
 from cubicsplat_cli.artwork.names import colour_group, shape_name
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.scene.paint import Gradient, Ink
+from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 # A rectangle that ends so near to the canvas' edge covers it.
 _ON_EDGE = 0.5  # px
@@ -19,12 +19,12 @@ _ON_EDGE = 0.5  # px
 _MARGIN = 1.0  # px
 _SAMPLES = 32  # points of an outline that are looked at, to tell where it lies
 _FLAT = 2.0  # px between the points of an outline in which others may lie
-Paint = Ink | Gradient
+Paint = Rgba | Gradient
 
 
 def paint_of(shape: Shape) -> Paint:
-    """The ink or gradient of a shape."""
-    return shape.gradient or shape.ink
+    """The fill or gradient of a shape."""
+    return shape.gradient or shape.fill
 
 
 def ground_of(drawing: Drawing) -> Paint | None:
@@ -37,24 +37,24 @@ def ground_of(drawing: Drawing) -> Paint | None:
     return paint_of(drawing.shapes[0]) if max(ends) <= _ON_EDGE else None
 
 
-def on_ground(drawing: Drawing, ink: Ink) -> Drawing:
-    """A drawing without a ground, on one of an ink."""
+def on_ground(drawing: Drawing, fill: Rgba) -> Drawing:
+    """A drawing without a ground, on one of a fill."""
     outlines = (Rectangle(0.0, 0.0, float(drawing.width), float(drawing.height)),)
-    ground = Shape(ink, outlines, shape_name(ink, outlines, drawing.width, drawing.height))
+    ground = Shape(fill, outlines, shape_name(fill, outlines, drawing.width, drawing.height))
     return replace(drawing, shapes=(ground, *drawing.shapes))
 
 
-def with_ground(drawing: Drawing, ground: Paint, ink: Ink | None) -> Drawing:
-    """A drawing whose ground, of a paint, is of another ink, or gone (None): in a cutout all that shows its paint, so
+def with_ground(drawing: Drawing, ground: Paint, fill: Rgba | None) -> Drawing:
+    """A drawing whose ground, of a paint, is of another fill, or gone (None): in a cutout all that shows its paint, so
     that holes are holes; else the shape at the back alone.
     """
     shapes = []
     for index, shape in enumerate(drawing.shapes):
         if paint_of(shape) != ground or (index and not drawing.abutting):
             shapes.append(shape)
-        elif ink is not None:
-            name = shape_name(ink, shape.outlines, drawing.width, drawing.height)
-            shapes.append(replace(shape, ink=ink, gradient=None, name=name))
+        elif fill is not None:
+            name = shape_name(fill, shape.outlines, drawing.width, drawing.height)
+            shapes.append(replace(shape, fill=fill, gradient=None, name=name))
     return replace(drawing, shapes=tuple(shapes))
 
 
@@ -62,7 +62,7 @@ def by_lightness(drawing: Drawing) -> Drawing:
     """A cutout whose shapes come by colour, the lightest first, as a printer prints them."""
     paints = list(dict.fromkeys(map(paint_of, drawing.shapes)))
     # Luma of Rec. 709.
-    luma = {paint_of(s): 0.2126 * s.ink[0] + 0.7152 * s.ink[1] + 0.0722 * s.ink[2] for s in drawing.shapes}
+    luma = {paint_of(s): 0.2126 * s.fill[0] + 0.7152 * s.fill[1] + 0.0722 * s.fill[2] for s in drawing.shapes}
     order = {paint: place for place, paint in enumerate(sorted(paints, key=lambda paint: -luma[paint]))}
     return replace(drawing, shapes=tuple(sorted(drawing.shapes, key=lambda shape: order[paint_of(shape)])))
 
@@ -79,7 +79,7 @@ def grouped_by_colour(drawing: Drawing) -> Drawing:
     """
     shapes = drawing.shapes
     paints = [paint_of(shape) for shape in shapes]
-    return _in_groups(drawing, paints, [colour_group(shape.ink) for shape in shapes])
+    return _in_groups(drawing, paints, [colour_group(shape.fill) for shape in shapes])
 
 
 def grouped_by_object(drawing: Drawing, ground: Paint | None) -> Drawing:

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from cubicsplat_cli.artwork.names import colour_group
 from cubicsplat_cli.files.marks import made_mark, sha256_of, with_checksum
 from cubicsplat_cli.options import length_of, length_text
-from cubicsplat_cli.scene.paint import mean_ink
+from cubicsplat_cli.scene.paint import mean_fill
 from cubicsplat_cli.svg.markup import document, empty_document
 from cubicsplat_cli.svg.own import GradientReader, canvas_size, own_elements
 from cubicsplat_cli.svg.values import hex_colour
@@ -43,11 +43,11 @@ def layers(svg: str | bytes) -> dict[str, str]:
     for number, ((fill, opacity), shapes) in enumerate(by_paint.items(), start=1):
         reference = _REFERENCE.fullmatch(fill)
         if reference is None:
-            ink = (*hex_colour(fill), round(255.0 * float(opacity)))
+            rgba = (*hex_colour(fill), round(255.0 * float(opacity)))
         else:
-            ink = mean_ink(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
+            rgba = mean_fill(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
             shapes = [definitions[reference[1]], *shapes]
-        colour = colour_group(ink).partition("-")[2]
+        colour = colour_group(rgba).partition("-")[2]
         layer = _sheet(root, width, height, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
         layer.extend(copy.deepcopy(shapes))
         layer.append(_register_marks(width, height))

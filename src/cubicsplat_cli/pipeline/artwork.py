@@ -19,7 +19,7 @@ from cubicsplat_cli.options import KEEP, REMOVE
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way
 from cubicsplat_cli.request import COLOR, OBJECT, Request
-from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg import write_drawing
 from cubicsplat_cli.svg.values import hex_colour
@@ -68,7 +68,7 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
         cells = finer(cells, request.overlap * task.target.width / task.picture.width)
     abutting = chosen.stacking == CUTOUT and request.overlap is None
     drawing = mosaic(cells, *task.picture.size, abutting=abutting)
-    facts = _facts(len(drawing.layers), drawing.corners, drawing.inks)
+    facts = _facts(len(drawing.layers), drawing.corners, drawing.fills)
     return Made(
         drawing.scene(),
         lambda title, comment: write_mosaic(
@@ -87,41 +87,41 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
     on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
     """
     from cubicsplat_cli.artwork.shapes import scaled_drawing
-    from cubicsplat_cli.artwork.vectorize import draw, prepared
+    from cubicsplat_cli.artwork.vectorize import draw, prepare
 
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
     deadline, threads = time.perf_counter() + task.seconds_to_make(), task.request.settings.threads or cpu_count()
     with under_way(Work(task.on_progress, deadline, threads)) as work:
         target = task.target.target()
-        intake = prepared(target)
-        blur = intake.scale * math.hypot(intake.condition.blur, ENLARGED if intake.times > 1 else 0.0)
+        prepared = prepare(target)
+        blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 
         def tell(sketch: Drawing) -> None:
             on_sketch(replace(_drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
-        drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_sketch=tell)
+        drawing = draw(target, chosen, prepared, strokes=task.request.strokes, on_sketch=tell)
     drawing, notes = _structured(scaled_drawing(drawing, *task.picture.size), task.request)
     made = _drawn(drawing, task.request)
-    notes = [*intake.notes, *notes]
+    notes = [*prepared.notes, *notes]
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     facts = {**made.facts, "interrupted": work.interrupted}
     return replace(
-        made, notes=notes, facts=facts, may_be_photo=not intake.scanned, of_scan=intake.scanned, blur=blur
+        made, notes=notes, facts=facts, may_be_photo=not prepared.scanned, of_scan=prepared.scanned, blur=blur
     )  # fmt: skip
 
 
-def plain(ink: Ink, task: Task) -> Made:
+def plain(fill: Rgba, task: Task) -> Made:
     """A picture of one colour: its ground and no curve, in either style."""
     request = task.request
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
     if style.name == PHOTO:
-        return replace(_drawn(plain_drawing(ink, *task.picture.size), request), paths=0, facts={}, style=style)
+        return replace(_drawn(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style)
     if request.artwork.palette:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
-        ink = nearest_in(request.artwork.palette, ink)
-    drawing, notes = _structured(plain_drawing(ink, *task.picture.size), request)
+        fill = nearest_in(request.artwork.palette, fill)
+    drawing, notes = _structured(plain_drawing(fill, *task.picture.size), request)
     return replace(_drawn(drawing, request), style=style, notes=notes)
 
 
@@ -130,9 +130,9 @@ def _structured(drawing: Drawing, request: Request) -> tuple[Drawing, list[str]]
     from cubicsplat_cli.artwork import structure
 
     ground, notes = structure.ground_of(drawing), []
-    ink = None if request.ground in (KEEP, REMOVE) else (*hex_colour(request.ground), 255)
-    if ink is not None and ground is None:
-        drawing, ground = structure.on_ground(drawing, ink), ink
+    fill = None if request.ground in (KEEP, REMOVE) else (*hex_colour(request.ground), 255)
+    if fill is not None and ground is None:
+        drawing, ground = structure.on_ground(drawing, fill), fill
     if request.group_by == OBJECT:
         drawing = structure.grouped_by_object(drawing, ground)
     precision = suggested_precision(drawing.width, drawing.height) if request.precision is None else request.precision
@@ -142,7 +142,7 @@ def _structured(drawing: Drawing, request: Request) -> tuple[Drawing, list[str]]
         drawing = cut_out(drawing, precision)
     if request.ground != KEEP:
         notes = _ground_notes(request, ground is not None)
-        drawing = drawing if ground is None else structure.with_ground(drawing, ground, ink)
+        drawing = drawing if ground is None else structure.with_ground(drawing, ground, fill)
     if request.overlap is not None:
         from cubicsplat_cli.artwork.planar.overlap import overlapping
 
@@ -166,7 +166,7 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
     from cubicsplat_cli.artwork.scene import scene_of
 
     outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
-    facts = _facts(len(drawing.shapes), drawing.segments, drawing.inks) | {
+    facts = _facts(len(drawing.shapes), drawing.segments, drawing.fills) | {
         "primitives": sum(not isinstance(outline, (Ring, Chain)) for outline in outlines),
         "gradients": len(drawing.gradients),
         "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
@@ -182,7 +182,7 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
     )
 
 
-def _facts(shapes: int, segments: int, inks: tuple[Ink, ...]) -> dict[str, Any]:
+def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:
     """The members of the report that tell of shapes, none of which is anything but a path of one colour."""
-    colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*ink) for ink in inks]
+    colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*fill) for fill in fills]
     return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": colours}

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.plain import only_ink
+from cubicsplat_cli.artwork.plain import only_fill
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_scene, of_values
@@ -68,9 +68,9 @@ def _first(task: Task) -> Made:
         from cubicsplat_cli.raster.cuda.driver import require_gpu
 
         require_gpu()  # which a drawing would not ask for
-    ink = only_ink(task.picture)
-    if ink is not None:
-        return plain(ink, task)
+    fill = only_fill(task.picture)
+    if fill is not None:
+        return plain(fill, task)
     asked = _asked_for(request)
     if asked is not None:
         return replace(_made(task, asked), may_be_photo=False)

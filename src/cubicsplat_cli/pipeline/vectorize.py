@@ -109,7 +109,7 @@ def measured(task: Task, made: Made, svg: str) -> Measured:
 
 def _may_be_nearer(task: Task, made: Made) -> bool:
     """Whether the result should be as near as possible: no option asks for few curves or colours."""
-    own_colours = task.request.artwork.free_inks and task.request.ground == KEEP
+    own_colours = task.request.artwork.free_fills and task.request.ground == KEEP
     as_it_is = made.style.name == PHOTO or (own_colours and not made.of_scan)
     return as_it_is and not task.bounded
 

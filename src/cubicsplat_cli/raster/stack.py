@@ -31,7 +31,7 @@ class _Goal(ctypes.Structure):
 class _Stack(ctypes.Structure):
     _fields_ = [
         ("layers", c_int32), ("ends", c_void_p), ("cubics", c_void_p), ("lines", c_void_p), ("signs", c_void_p),
-        ("inks", c_void_p),
+        ("fills", c_void_p),
     ]  # fmt: skip
 
 
@@ -51,7 +51,7 @@ class Goal:
     """The target of a stack and its error model. target: (H, W, 4); channels: the weights of the four; bound: of a
     pixel's weighted residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel;
     taps: (reach + 1,) weights along a row or column, from the middle on, of what blurs the stack's picture before it is
-    compared; space: (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which inks are too.
+    compared; space: (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which fills are too.
     leak_weight: of the squared share of the background that shows `inside` the target; a blur spreads that, so it
     counts without one."""
 
@@ -88,13 +88,13 @@ class Goal:
 class StackPieces:
     """S lines and cubics of L layers, back to front. ends: (L,) int32, how many pieces there are up to and with each
     layer; cubics: (S, 4, 2) px, closed outlines; lines: (S,) bool; signs: (S,) 1, or -1 where an outline runs the wrong
-    way round; inks: (L, 4) premultiplied."""
+    way round; fills: (L, 4) premultiplied."""
 
     ends: np.ndarray
     cubics: np.ndarray
     lines: np.ndarray
     signs: np.ndarray
-    inks: np.ndarray
+    fills: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class DrawnStack:
         stack = _Stack(
             layers, _at(pieces.ends, np.int32, (layers,)), _at(pieces.cubics, np.float64, (self.count, 4, 2)),
             _at(pieces.lines, np.bool_, (self.count,)), _at(pieces.signs, np.float64, (self.count,)),
-            _at(pieces.inks, np.float64, (layers, 4)),
+            _at(pieces.fills, np.float64, (layers, 4)),
         )  # fmt: skip
         old: int | None = previous._handle if previous is not None and previous.goal is goal else None
         self._handle: int | None = lib.cs_stack_draw(goal._pointers(), stack, old)

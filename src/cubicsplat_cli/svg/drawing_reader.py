@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, R
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQUARE, Chain, Path, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.scene.paint import Ink, mean_ink
+from cubicsplat_cli.scene.paint import Rgba, mean_fill
 from cubicsplat_cli.svg.drawing_paths import rounded_of
 from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
@@ -94,20 +94,20 @@ def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
             groups[-1].append(_rotated(outline, given))
     match = _REFERENCE.fullmatch(given.get("fill", ""))
     if match is None:
-        ink, gradient = _ink(given, "fill"), None
+        fill, gradient = _fill(given, "fill"), None
     else:
         if given.get("fill-opacity", "1") != "1":
             raise ValueError("has a fill-opacity beside a gradient; give its stops the opacity")
         low, high = extent_of([outline.ring() for group in groups for outline in group])
         gradient = gradients.gradient(match[1], (*low.tolist(), *(high - low).tolist()))
-        ink = mean_ink(gradient)
-    return [Shape(ink, tuple(group), given.get("id", ""), gradient=gradient) for group in groups]
+        fill = mean_fill(gradient)
+    return [Shape(fill, tuple(group), given.get("id", ""), gradient=gradient) for group in groups]
 
 
 def _strokes(element: OwnElement) -> list[Shape]:
     """One stroke, of a path one for each of its subpaths."""
     given = element.attributes
-    ink, width = _ink(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
+    fill, width = _fill(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
     if width <= 0.0:
         raise ValueError("has a stroke without a width")
     cap, join = given.get("stroke-linecap", BUTT), given.get("stroke-linejoin", MITER)
@@ -118,10 +118,10 @@ def _strokes(element: OwnElement) -> list[Shape]:
     else:
         paths = [_rotated(_centre_line(subpath), given) for subpath in own_subpaths(element)]
     strokes = [Stroke(path, width, cap, join) for path in paths]
-    return [Shape(ink, outlines_of_stroke(stroke), given.get("id", ""), stroke=stroke) for stroke in strokes]
+    return [Shape(fill, outlines_of_stroke(stroke), given.get("id", ""), stroke=stroke) for stroke in strokes]
 
 
-def _ink(given: dict[str, str], kind: str) -> Ink:
+def _fill(given: dict[str, str], kind: str) -> Rgba:
     """The colour and opacity of a "fill" or "stroke"."""
     opacity = number(given.get(f"{kind}-opacity", "1"))
     if not 0.0 <= opacity <= 1.0:

@@ -92,7 +92,7 @@ def _finished(
     element: ElementTree.Element, shape: Shape, names: Identifiers, gradients: GradientElements, precision: int
 ) -> list[ElementTree.Element]:
     """The element with its id in front and its paint behind; before it its gradient, where that is new."""
-    red, green, blue, alpha = shape.ink
+    red, green, blue, alpha = shape.fill
     attributes = {"id": names.unique(shape.name), **element.attrib}
     before = None
     if shape.stroke is not None:
@@ -102,7 +102,7 @@ def _finished(
     elif shape.gradient is not None:
         attributes["fill"], before = gradients.fill(shape.gradient)
     else:
-        attributes |= paint(shape.ink)
+        attributes |= paint(shape.fill)
     element.attrib.clear()
     element.attrib.update(attributes)
     return [element] if before is None else [before, element]
@@ -276,16 +276,16 @@ def write_mosaic(
     for layer in mosaic.layers:
         data = _layer_path(layer, precision)
         if data:
-            held = _group(root, colour_group(layer.ink) if grouped else "", names)
+            held = _group(root, colour_group(layer.fill) if grouped else "", names)
             name = names.unique(_layer_name(layer, mosaic))
-            held.append(ElementTree.Element("path", {"id": name, "d": data, **paint(layer.ink)}))
+            held.append(ElementTree.Element("path", {"id": name, "d": data, **paint(layer.fill)}))
     return document(root)
 
 
 def _layer_name(layer: CellLayer, mosaic: Mosaic) -> str:
     corners, _ = layer.loops
     whole = len(corners) == 4 and (np.ptp(corners, axis=0) == (mosaic.width, mosaic.height)).all()
-    return "background" if whole else colour_name(layer.ink)
+    return "background" if whole else colour_name(layer.fill)
 
 
 def _layer_path(layer: CellLayer, precision: int) -> str:

@@ -7,7 +7,7 @@ from functools import lru_cache
 from urllib.parse import quote
 from xml.etree import ElementTree
 
-from cubicsplat_cli.scene.paint import Gradient, Ink, LinearGradient
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba
 
 OPAQUE = 255
 
@@ -116,9 +116,9 @@ def document(root: ElementTree.Element) -> str:
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{in_short(ElementTree.tostring(root, encoding="unicode"))}\n'
 
 
-def paint(ink: Ink) -> dict[str, str]:
+def paint(fill: Rgba) -> dict[str, str]:
     """The attributes that fill a shape with a colour."""
-    red, green, blue, alpha = ink
+    red, green, blue, alpha = fill
     return {"fill": short_colour(red, green, blue), **opacity_of("fill", alpha)}
 
 
@@ -168,7 +168,7 @@ def gradient_element(gradient: Gradient, precision: int) -> ElementTree.Element:
         element = ElementTree.Element("radialGradient", unit)
     element.set("gradientUnits", "userSpaceOnUse")
     for stop in gradient.stops:
-        red, green, blue, alpha = stop.ink
+        red, green, blue, alpha = stop.colour
         attributes = {"offset": format_number(round(stop.offset * 10**_DECIMALS), _DECIMALS)}
         attributes["stop-color"] = short_colour(red, green, blue)
         attributes |= opacity_of("stop", alpha)

@@ -258,8 +258,8 @@ def _stop(attributes: dict[str, str], before: list[Stop]) -> Stop:
     if len(before) >= MOST_STOPS:
         raise ValueError(f"has more than {MOST_STOPS} stops in a gradient")
     opacity, offset = share(attributes.get("stop-opacity", "1")), share(attributes.get("offset", "0"))
-    ink = (*hex_colour(attributes.get("stop-color", "#000")), round(255.0 * opacity))
-    return Stop(max(offset, before[-1].offset if before else 0.0), ink)
+    fill = (*hex_colour(attributes.get("stop-color", "#000")), round(255.0 * opacity))
+    return Stop(max(offset, before[-1].offset if before else 0.0), fill)
 
 
 def _place(text: str, name: str, relative: bool) -> float:

@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.gradients import gradients_of
-from cubicsplat_cli.scene.paint import Gradient, mean_ink
+from cubicsplat_cli.scene.paint import Gradient, mean_fill
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
 from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, check_attributes, own_elements, own_subpaths
@@ -133,7 +133,7 @@ class _SceneReader:
         gradient = None
         if match is not None:
             gradient = without_noise(self.gradients.gradient(match[1], (0.0, 0.0, 1.0, 1.0)))
-            red, green, blue, _ = mean_ink(gradient)
+            red, green, blue, _ = mean_fill(gradient)
         else:
             red, green, blue = hex_colour(given.get(kind, ""))
         self.paints.append(gradient)

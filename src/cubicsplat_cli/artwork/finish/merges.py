@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, trimmed, with_outlines
-from cubicsplat_cli.artwork.finish.freedom import ON_BORDER, Held, freedom_of
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN, floor_of, shorter
+from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
 from cubicsplat_cli.artwork.geometry.beziers import bernstein
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.raster.cubics import found_merges
@@ -42,26 +42,26 @@ class Merge:
     net: float
 
 
-def with_merges(state: State, goal: Goal, held: Held, detail: float, error: float = 0.0) -> State:
+def with_merges(state: State, goal: Goal, constraints: Constraints, detail: float, error: float = 0.0) -> State:
     """The state with runs of pieces merged wherever that makes the description shorter; the same where none do.
 
     detail as in ArtworkSettings. error: of pixels on edges beyond that of a clean picture, of full scale.
     """
     rings = [o.outline() for o in state.outlines]
     plans = [
-        _plan(ring, Visibility.of(state, k), held, detail) if isinstance(ring, Ring) else []
+        _plan(ring, Visibility.of(state, k), constraints, detail) if isinstance(ring, Ring) else []
         for k, ring in enumerate(rings)
     ]
     if not any(plans):
         return state
     changed = np.array([bool(plan) for plan in plans])
-    trial = settle(_with(state, plans, held), goal, ROUNDS, trim=False, changed=changed)
+    trial = settle(_with(state, plans, constraints), goal, ROUNDS, trim=False, changed=changed)
     paying = _paying(state, trial, plans, detail, error)
     if not any(paying):
         return state
     differ = np.array([len(fewer) < len(plan) for fewer, plan in zip(paying, plans, strict=True)])
     if differ.any():
-        fewer = kept(trial.layers, _with(state, paying, held).layers, ~differ)
+        fewer = kept(trial.layers, _with(state, paying, constraints).layers, ~differ)
         trial = settle(trial.with_layers(fewer), goal, ROUNDS, changed=differ)
     changed = np.array([bool(plan) for plan in paying])
     trial = trimmed(trial, changed)
@@ -122,7 +122,7 @@ class Samples:
     ends: np.ndarray
 
 
-def samples_along(ring: Ring, sight: Visibility, most: int) -> Samples:
+def samples_along(ring: Ring, visibility: Visibility, most: int) -> Samples:
     """The samples of a ring: of each piece one per px, but at least 4 and at most so many."""
     lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
     counts = np.clip(np.ceil(lengths), 4, most).astype(int)
@@ -130,15 +130,15 @@ def samples_along(ring: Ring, sight: Visibility, most: int) -> Samples:
     piece = np.repeat(np.arange(ring.pieces), counts)
     t = (np.arange(len(piece)) - (ends - counts)[piece] + 0.5) / counts[piece]
     points = np.einsum("nk,nkc->nc", bernstein(t), ring.cubics[piece])
-    return Samples(points, sight.weights(piece, t), (lengths / counts)[piece], ends)
+    return Samples(points, visibility.weights(piece, t), (lengths / counts)[piece], ends)
 
 
-def _plan(ring: Ring, sight: Visibility, held: Held, detail: float) -> list[Merge]:
+def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: float) -> list[Merge]:
     """The merges of a ring that are worth a trial, none of which overlap, from the best on."""
-    samples = samples_along(ring, sight, FEW)
-    border = np.array([held.width, held.height])
+    samples = samples_along(ring, visibility, FEW)
+    border = np.array([constraints.width, constraints.height])
     fixed = (np.abs(ring.anchors) < ON_BORDER).any(axis=1) | (np.abs(ring.anchors - border) < ON_BORDER).any(axis=1)
-    shows = np.isin(np.arange(ring.pieces), sight.piece[sight.seen])
+    shows = np.isin(np.arange(ring.pieces), visibility.piece[visibility.seen])
     numbers, cubics, nets = found_merges(
         (ring.cubics, ring.lines, ring.smooth, fixed, shows),
         (samples.points, samples.weights * samples.px, samples.ends),
@@ -161,12 +161,12 @@ def _plan(ring: Ring, sight: Visibility, held: Held, detail: float) -> list[Merg
     return chosen
 
 
-def _with(state: State, plans: list[list[Merge]], held: Held) -> State:
+def _with(state: State, plans: list[list[Merge]], constraints: Constraints) -> State:
     outlines = list(state.outlines)
     for k, plan in enumerate(plans):
         ring = outlines[k].outline()
         if plan and isinstance(ring, Ring):
-            outlines[k] = freedom_of(merged(ring, plan), held)
+            outlines[k] = parametrised(merged(ring, plan), constraints)
     return state.with_layers(with_outlines(state.layers, iter(outlines)))
 
 

@@ -24,7 +24,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
-from cubicsplat_cli.artwork.layers.taut import SLACK, Room, taut
+from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.raster import ndimage
@@ -257,7 +257,7 @@ def _with_corners(
 def _unseen(contour: Contour, window: _Window, room: Room) -> Outline:
     """Few straight lines in place of a contour of which hardly anything shows."""
     end = End(contour.points[0], None, False)
-    for corners in taut(contour.points, end, end, room):
+    for corners in min_link_path(contour.points, end, end, room):
         outline = polygon(corners[:-1])
         if len(corners) > MOST_TIPS and len(window.wrong(outline)) <= ALLOWED:
             return outline

@@ -31,7 +31,7 @@ def cut_out(drawing: Drawing, precision: int) -> Drawing:
         return drawing
     sources = sources_of(drawing)
     faces = faces_of(snapped_segments(sources), sources.shape)
-    region, shown = visible_regions(faces, _inks(drawing))
+    region, shown = visible_regions(faces, _fills(drawing))
     outlines_of = outlines_of_regions(faces, region, shown != NOTHING, sources, precision)
     found = [(int(shown[number]), outlines) for number, outlines in outlines_of.items()]
     found.sort(key=lambda each: (each[0], -abs(signed_area(each[1][0].ring()))))
@@ -58,7 +58,7 @@ def outlines_of_regions(
     return found
 
 
-def _inks(drawing: Drawing) -> np.ndarray:
+def _fills(drawing: Drawing) -> np.ndarray:
     """(shapes,) a number for each way to be painted."""
     known: dict[Shape, int] = {}
     alike = [replace(shape, outlines=(), name="", stroke=None) for shape in drawing.shapes]

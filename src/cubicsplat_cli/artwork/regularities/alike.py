@@ -33,9 +33,9 @@ class Track:
     whole: bool
 
     @classmethod
-    def of(cls, ring: Ring, sight: Visibility) -> Track:
+    def of(cls, ring: Ring, visibility: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
-        samples = samples_along(ring, sight, MOST)
+        samples = samples_along(ring, visibility, MOST)
         shown = samples.weights > 0.5 * SEEN_SIGMA**-2
         return cls(points, PointTree(points), samples.points[shown], bool(shown.all()))
 

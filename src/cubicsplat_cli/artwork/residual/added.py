@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, layers_of, premultiplied, settle
-from cubicsplat_cli.artwork.finish.freedom import Still
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
+from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, Picture, areas
 from cubicsplat_cli.artwork.residual.proposals import Canvas, Outlined, Placed, proposals
@@ -22,7 +22,7 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import Goal
 
-SHAPE_PARAMETERS, INK_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new ink
+SHAPE_PARAMETERS, FILL_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new fill
 ROUNDS = 10
 PASSES = 3
 MOST_TRIED = 400  # areas
@@ -154,7 +154,7 @@ class _Trials:
         if not own.any():
             return _Change(0.0, UNSEEN, price)
         errors = self.picture.model.noise + self.picture.ringing[window][own][:, 0]
-        slope = (premultiplied(shape.ink) @ self.goal.space - self.before.image[window][own]) * WHITE
+        slope = (premultiplied(shape.fill) @ self.goal.space - self.before.image[window][own]) * WHITE
         floor = SHARE_SIGMA**2 * float((slope**2).sum(axis=1).mean()) + float(((errors / 255.0) ** 2).mean())
         return _Change(float(falls[window][own].sum()), max(floor, UNSEEN), price)
 
@@ -165,12 +165,12 @@ class _Trials:
     def _shortest(self, ways: list[_Way]) -> list[Placed]:
         """The shapes of the way that shortens the description most, less those that do not; none where none does."""
         floor = max((_floor(way.changes) for way in ways), default=UNSEEN)
-        known = {shape.ink for shape in self.drawing.shapes}
+        known = {shape.fill for shape in self.drawing.shapes}
         most, best = 0.0, list[Placed]()
         for way in ways:
             good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
-            new = {way.shapes[k].shape.ink for k in good} - known
-            price = sum(way.changes[k].price for k in good) + PRICE * INK_PARAMETERS * len(new)
+            new = {way.shapes[k].shape.fill for k in good} - known
+            price = sum(way.changes[k].price for k in good) + PRICE * FILL_PARAMETERS * len(new)
             # What two of its shapes change is theirs once.
             fall = min(way.fall, sum(way.changes[k].fall for k in good))
             total = self.detail * fall / floor - price
@@ -180,8 +180,8 @@ class _Trials:
 
     def _still(self, shape: Shape) -> Layer:
         """The layer of a shape that stays as it is."""
-        ink = premultiplied(shape.ink) @ self.goal.space
-        return layer_of(shape, ink, [Still(outline) for outline in shape.outlines])
+        fill = premultiplied(shape.fill) @ self.goal.space
+        return layer_of(shape, fill, [Still(outline) for outline in shape.outlines])
 
 
 def _back(goal: Goal) -> np.ndarray:

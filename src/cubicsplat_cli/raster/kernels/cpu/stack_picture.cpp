@@ -77,8 +77,8 @@ Mask adopt(CsPicture& picture, const CsStack& stack, const CsPicture& old) {
     const bool paired = i - first == match - begin;
     for (int n = 0; n < i - first; n++) {
       const Trace &fresh = *picture.layers[first + n], &before = *old.layers[paired ? begin + n : 0];
-      const double* ink = &picture.inks[4 * (first + n)];
-      if (paired && std::equal(ink, ink + 4, &old.inks[4 * (begin + n)]))
+      const double* fill = &picture.fills[4 * (first + n)];
+      if (paired && std::equal(fill, fill + 4, &old.fills[4 * (begin + n)]))
         differences.mark(fresh, before);
       else
         differences.mark(fresh), paired ? differences.mark(before) : void();
@@ -120,11 +120,11 @@ void each_run(const Trace& trace, int left, int top, Paint paint) {
   }
 }
 
-void lay(const Trace& trace, const double* ink, int left, int top, double* colours) {
+void lay(const Trace& trace, const double* fill, int left, int top, double* colours) {
   each_run(trace, left, top, [&](int place, int count, float covered) {
-    const double share = covered, passes = 1.0 - ink[3] * share;
+    const double share = covered, passes = 1.0 - fill[3] * share;
     double add[4];
-    for (int k = 0; k < 4; k++) add[k] = share * ink[k];
+    for (int k = 0; k < 4; k++) add[k] = share * fill[k];
     for (double* p = colours + 4 * place; count > 0; count--, p += 4)
       for (int k = 0; k < 4; k++) p[k] = p[k] * passes + add[k];
   });
@@ -183,7 +183,7 @@ void paint(CsPicture& picture, const Mask& dirty) {
     auto colours = std::make_shared<Colours>();
     colours->fill(0.0);
     for (const int k : layers[n])
-      lay(*picture.layers[k], &picture.inks[4 * k], n % across * kTile, n / across * kTile, colours->data());
+      lay(*picture.layers[k], &picture.fills[4 * k], n % across * kTile, n / across * kTile, colours->data());
     auto tile = std::make_shared<Tile>();
     tile->sharp = tile->seen = colours;
     if (picture.goal.reach == 0) compare(picture, n, *tile);
@@ -209,7 +209,7 @@ void paint(CsPicture& picture, const Mask& dirty) {
 CsPicture* drawn(const CsGoal& goal, const CsStack& stack, const CsPicture* previous) {
   auto picture = std::make_unique<CsPicture>();
   picture->goal = goal;
-  picture->inks.assign(stack.inks, stack.inks + 4 * int64_t(stack.layers));
+  picture->fills.assign(stack.fills, stack.fills + 4 * int64_t(stack.layers));
   picture->starts.assign(1, 0);
   picture->starts.insert(picture->starts.end(), stack.ends, stack.ends + stack.layers);
   Mask dirty(size_t(picture->across()) * picture->down(), 1);
@@ -251,18 +251,18 @@ std::vector<std::vector<double>> slopes(const CsPicture& picture, const std::vec
     };
     colours.fill(0.0), open.fill(1.0f);
     for (const int layer : layers[n]) {
-      const double* ink = &picture.inks[4 * layer];
+      const double* fill = &picture.fills[4 * layer];
       crossings(layer, [&](double* slope, int place) {
-        for (int k = 0; k < 4; k++) slope[k] = ink[k] - ink[3] * colours[4 * place + k];
+        for (int k = 0; k < 4; k++) slope[k] = fill[k] - fill[3] * colours[4 * place + k];
       });
-      lay(*picture.layers[layer], ink, left, top, colours.data());
+      lay(*picture.layers[layer], fill, left, top, colours.data());
     }
     for (size_t i = layers[n].size(); i-- > 0;) {
       const int layer = layers[n][i];
       crossings(layer, [&](double* slope, int place) {
         for (int k = 0; k < 4; k++) slope[k] *= open[place];
       });
-      const float opacity = float(picture.inks[4 * layer + 3]);
+      const float opacity = float(picture.fills[4 * layer + 3]);
       each_run(*picture.layers[layer], left, top, [&](int place, int count, float covered) {
         for (int p = place; p < place + count; p++) open[p] *= 1.0f - opacity * covered;
       });
