@@ -158,8 +158,7 @@ def _settled(state: State, tied: Mapping[int, Parameters], goal: Goal, detail: f
     these do together, first the copies that do, and then all that are left."""
     if not tied:
         return state
-    changed = np.isin(np.arange(len(state.outlines)), list(tied))
-    trial = settle(_with(state, tied), goal, ROUNDS, trim=False, changed=changed)
+    trial = settle(_with(state, tied), goal, ROUNDS, trim=False)
     # What has been a copy before stays one of whatever its model becomes.
     new = [isinstance(tied.get(k), CopyParameters) and _variables(old) > 0 for k, old in enumerate(state.outlines)]
     copies = np.array(new)
