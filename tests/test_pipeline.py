@@ -194,6 +194,14 @@ def test_where_the_style_is_doubtful_a_drawing_is_tried(doubtful, sketch_db, mad
     assert only.style.name == made
 
 
+def test_where_the_style_is_doubtful_the_photo_may_end_above_what_an_early_look_tells(monkeypatch):
+    monkeypatch.setattr(choose, "choose_style", lambda _target: Style("photo", "measured", doubtful=True))
+    monkeypatch.setattr(choose, "FAR_DB", -100.0)
+    monkeypatch.setattr(photo_style, "LOOKS", [(0.15, -40.0)])
+    (only,) = candidates(task_of(as_picture(blotches()), Request(FitSettings(steps=200, threads=1)), StageTimer()))
+    assert only.style.name == "photo"
+
+
 def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
     def stripes(edges: np.ndarray, levels: list[int]) -> Scene:
         shapes = [

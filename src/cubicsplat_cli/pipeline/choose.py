@@ -136,7 +136,9 @@ def _photo_or_drawing(task: Task, style: Style) -> Made:
     if level is None or (level + rise >= FAR_DB and not style.doubtful):
         return replace(fit.finished(), style=style, may_be_drawn=True)
     drawing = _drawing_of(task, style, level + rise)
-    if isinstance(drawing, Made) and (drawing.interrupted or _is_above(task, drawing, level + rise + MARGIN_DB)):
+    # Of few colours a photo often ends far above what an early look tells.
+    enough = level + rise + MARGIN_DB if level + rise < FAR_DB else ENOUGH_DB
+    if isinstance(drawing, Made) and (drawing.interrupted or _is_above(task, drawing, enough)):
         return _instead(drawing, level + rise)
     return _nearer_of(task, replace(fit.finished(), style=style), drawing)
 
