@@ -8,12 +8,12 @@ from scipy import ndimage
 
 from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.intake import Intake
+from cubicsplat_cli.artwork.input.prepare import PreparedInput
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.vectorize import draw
 
 SIDE, FINE, BLUR = 192, 4, 1.2
-RED, GOLD, PALE, BLUE, INK = (
+RED, GOLD, PALE, BLUE, FILL = (
     np.array(c)
     for c in (
         (230.0, 60.0, 40.0),
@@ -42,14 +42,14 @@ def drawing() -> tuple[np.ndarray, np.ndarray]:
     place = np.where((np.abs(x - 96) < 22) & (np.abs(y - 60) < 18), 3, place)
     place = np.where((np.abs(x - 96) < 80) & (np.abs(y - 184.3) < 4), 3, place)
     colours = [np.full((*x.shape, 3), 255.0), ramp((y - 26) / 140, RED, GOLD), ramp((x - 96) / 92, PALE, BLUE)]
-    image = np.select([place[..., None] == k for k in range(3)], colours, INK)
+    image = np.select([place[..., None] == k for k in range(3)], colours, FILL)
     small = image.reshape(SIDE, FINE, SIDE, FINE, 3).mean(axis=(1, 3))
     sharp = np.dstack([small, np.full((SIDE, SIDE), 255.0)])
     soft = ndimage.gaussian_filter(sharp, (BLUR, BLUR, 0.0), mode="nearest")
     return np.rint(soft).astype(np.float32), place[FINE // 2 :: FINE, FINE // 2 :: FINE]
 
 
-def test_each_gradient_becomes_one_ink_up_to_its_edges_and_tips():
+def test_each_gradient_becomes_one_fill_up_to_its_edges_and_tips():
     soft, place = drawing()
     flat = without_blurred_gradients(soft, BLUR)
     assert len(flat.gradients) == 2
@@ -57,13 +57,13 @@ def test_each_gradient_becomes_one_ink_up_to_its_edges_and_tips():
     middle = ndimage.minimum_filter(place, 3) == ndimage.maximum_filter(place, 3)
     for k in range(4):
         own = done[middle & (place == k)]
-        ink = np.median(own, axis=0)
-        assert (np.abs(own - ink).max(axis=1) > 24.0).mean() < 0.003, k
+        fill = np.median(own, axis=0)
+        assert (np.abs(own - fill).max(axis=1) > 24.0).mean() < 0.003, k
 
 
 def test_what_is_drawn_has_a_shape_for_each_gradient():
-    intake = Intake(drawing()[0], Condition(0.0, False, BLUR), 1, 1, SIDE, SIDE)
-    shapes = draw(intake.levels / np.float32(255.0), intake=intake).shapes
+    prepared = PreparedInput(drawing()[0], Condition(0.0, False, BLUR), 1, 1, SIDE, SIDE)
+    shapes = draw(prepared.levels / np.float32(255.0), prepared=prepared).shapes
     # The last px of the tip, which show the gradient nowhere, may be two more.
     assert len(shapes) <= 7
     assert sum(shape.gradient is not None for shape in shapes) == 2

@@ -89,7 +89,7 @@ def test_a_board_of_many_cells_is_one_path_on_its_ground():
     y, x = np.mgrid[:24, :24]
     svg = vectorize(larger(COLOURS[(x + y) % 2], 7), measure=False).svg
     assert svg.count("<path") == 2 and 'id="background"' in svg
-    assert read_drawing(svg).inks == ((30, 30, 40, 255), (220, 60, 60, 255))
+    assert read_drawing(svg).fills == ((30, 30, 40, 255), (220, 60, 60, 255))
 
 
 def test_cutouts_abut_and_nothing_lies_beneath():

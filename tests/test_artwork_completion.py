@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.layers.continuation import continued
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.holes import without_stray_holes
-from cubicsplat_cli.artwork.layers.taut import Room, taut
+from cubicsplat_cli.artwork.layers.min_link import Room, min_link_path
 from cubicsplat_cli.artwork.layers.ways import HiddenLoop, ways_on
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
@@ -98,8 +98,8 @@ def test_nothing_is_continued_from_too_few_points():
     assert continued(points, np.where(np.arange(250) < 36, np.inf, sigma), runs[0], math.pi, lambda _: 0) is None
 
 
-def corners_of(found, ink):
-    (shape,) = (shape for shape in found.shapes if np.abs(np.array(shape.ink[:3]) / 255.0 - ink).max() < 0.02)
+def corners_of(found, fill):
+    (shape,) = (shape for shape in found.shapes if np.abs(np.array(shape.fill[:3]) / 255.0 - fill).max() < 0.02)
     return shape.outlines[0].ring().anchors
 
 
@@ -149,7 +149,9 @@ def test_taut_lines_stay_within_what_hides_them():
     run = np.concatenate(
         [np.stack([np.full_like(down, 12.0), down], 1), np.stack([right, np.full_like(right, 48.0)], 1)]
     )
-    found = list(taut(run, End(run[0], np.array([0.0, 1.0]), True), End(run[-1], np.array([-1.0, 0.0]), True), room))
+    found = list(
+        min_link_path(run, End(run[0], np.array([0.0, 1.0]), True), End(run[-1], np.array([-1.0, 0.0]), True), room)
+    )
     assert found
     corners = found[0]
     # One on each tangent, one about the bend.
@@ -164,7 +166,7 @@ def test_nothing_taut_leads_through_what_shows():
     hidden[10:20, 5:15] = hidden[10:20, 25:35] = True
     room = Room(0, 0, np.zeros_like(hidden), hidden, hidden, (40, 40))
     run = np.stack([np.arange(7.5, 33.0), np.full(26, 15.0)], axis=1)
-    assert list(taut(run, End(run[0], None, False), End(run[-1], None, False), room)) == []
+    assert list(min_link_path(run, End(run[0], None, False), End(run[-1], None, False), room)) == []
 
 
 def test_without_completion_what_is_hidden_ends_shortly():
@@ -178,10 +180,10 @@ def test_without_completion_what_is_hidden_ends_shortly():
 
 
 @pytest.mark.parametrize("choice, pieces", [("on", 1), ("off", 2)])
-def test_pieces_of_one_ink_become_one_only_with_completion(choice, pieces):
+def test_pieces_of_one_fill_become_one_only_with_completion(choice, pieces):
     crossing = picture(120, (box(0.0, 40.0, 120.0, 60.0), RED), (box(50.0, 0.0, 70.0, 120.0), BLUE))
     found = draw(crossing, ArtworkSettings(completion=choice))
-    red = [shape for shape in found.shapes if shape.ink[0] > 150 and shape.ink[2] < 100]
+    red = [shape for shape in found.shapes if shape.fill[0] > 150 and shape.fill[2] < 100]
     assert len(red) == pieces
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from test_artwork_finish import covered
 
 from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
-from cubicsplat_cli.artwork.finish.freedom import CopyFreedom, Held, freedom_of
+from cubicsplat_cli.artwork.finish.parameters import Constraints, CopyParameters, parametrised
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, flattened
 from cubicsplat_cli.artwork.geometry.ways import RigidTransform
@@ -36,7 +36,7 @@ def pictured(*placed):
 
 
 def drops(picture):
-    rings = [o for shape in draw(picture).shapes for o in shape.outlines if shape.ink == RED]
+    rings = [o for shape in draw(picture).shapes for o in shape.outlines if shape.fill == RED]
     return sorted(rings, key=lambda ring: ring.anchors[:, 0].mean())
 
 
@@ -62,7 +62,7 @@ def test_shapes_that_differ_by_half_a_pixel_stay_different():
 def petals(*degrees):
     """The rings of drops around a middle, first the one that points up."""
     picture = pictured(*(f"translate(80.2 48.1) rotate({a}) translate(0 -24) scale(.7)" for a in degrees))
-    rings = [o for shape in draw(picture).shapes for o in shape.outlines if shape.ink == RED]
+    rings = [o for shape in draw(picture).shapes for o in shape.outlines if shape.fill == RED]
     return sorted(rings, key=lambda ring: round(heading(ring)) % 360)
 
 
@@ -98,7 +98,7 @@ def test_a_shape_that_is_turned_is_exactly_so_around_the_middle_that_all_share()
 def test_turned_shapes_are_so_in_the_file_to_half_a_step():
     picture = pictured("translate(46.3 50.2)", "translate(112.7 46.1) rotate(37)")
     drawing = read_drawing(write_drawing(draw(picture), title="x", comment="y"))
-    left, right = (shape.outlines[0] for shape in drawing.shapes if shape.ink == RED)
+    left, right = (shape.outlines[0] for shape in drawing.shapes if shape.fill == RED)
     assert onto(left, right)[0] == pytest.approx(37.0, abs=0.1) or onto(right, left)[0] == pytest.approx(37.0, abs=0.1)
     # Handles at smooth joints may move by two steps besides.
     assert onto(left, right)[2] < 3.5 * 0.001 * 2**0.5
@@ -146,13 +146,13 @@ def test_copies_follow_their_model_and_fit_together():
     truth = np.zeros((48, 96, 4))
     for cx, r in ((24.0, 9.0), (70.0, 9.04)):
         truth += covered(Circle(cx, 24.0, r), 48, 96)[..., None]
-    goal, held = goal_of(truth), Held(96, 48)
+    goal, constraints = goal_of(truth), Constraints(96, 48)
     white = (255, 255, 255, 255)
     shapes = tuple(Shape(white, (Circle(cx, 24.0, 8.8),), "x") for cx in (24.0, 70.0))
     state = begin(Drawing(96, 48, shapes), goal)
-    model = freedom_of(shapes[0].outlines[0], held)
+    model = parametrised(shapes[0].outlines[0], constraints)
     state.layers[0].outlines[0] = model
-    state.layers[1].outlines[0] = CopyFreedom(model, RigidTransform((1.0, 1.0), (46.0, 0.0)), 0)
+    state.layers[1].outlines[0] = CopyParameters(model, RigidTransform((1.0, 1.0), (46.0, 0.0)), 0)
     first, second = (layer.outlines[0].outline() for layer in settle(state, goal, trim=False).layers)
     assert (first.r, second.r) == pytest.approx((9.02, 9.02), abs=0.005) and first.r == second.r
     assert (second.cx - first.cx, second.cy - first.cy) == (46.0, 0.0)
@@ -162,7 +162,7 @@ def copied(truth, begun):
     """The outlines of a drawing of primitives in white, with its copies, of a picture of others."""
     goal = goal_of(sum(covered(shape, 48, 128)[..., None] for shape in truth).repeat(4, axis=2))
     drawing = Drawing(128, 48, tuple(Shape((255, 255, 255, 255), (shape,), "x") for shape in begun))
-    state = with_copies(settle(begin(drawing, goal), goal), goal, Held(128, 48), 1.0, 0.0)
+    state = with_copies(settle(begin(drawing, goal), goal), goal, Constraints(128, 48), 1.0, 0.0)
     return [shape.outlines[0] for shape in drawn(drawing, state).shapes]
 
 
@@ -183,7 +183,7 @@ def test_one_that_is_hardly_alike_does_not_keep_the_others_from_being_copies():
 
 def test_the_jacobian_of_a_copy_matches_finite_differences():
     ring = Circle(20.0, 19.0, 9.3).ring()
-    copy = CopyFreedom(freedom_of(ring, Held(64, 64)), RigidTransform((-1.0, 1.0), (60.0, 3.0), 0.4), 0)
+    copy = CopyParameters(parametrised(ring, Constraints(64, 64)), RigidTransform((-1.0, 1.0), (60.0, 3.0), 0.4), 0)
     jacobian = copy.jacobian.toarray()
     for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
         change = (copy.moved(step).cubics - copy.moved(-step).cubics).ravel() / 2e-5

@@ -23,14 +23,14 @@ from cubicsplat_cli.svg import read_drawing, write_drawing
 from cubicsplat_cli.svg.paths import subpaths
 
 SIZE = 100
-INKS = [(255, 0, 0, 255), (0, 128, 0, 255), (0, 0, 255, 255), (255, 200, 0, 255), (20, 20, 20, 255)]
+FILLS = [(255, 0, 0, 255), (0, 128, 0, 255), (0, 0, 255, 255), (255, 200, 0, 255), (20, 20, 20, 255)]
 GROUND = Rectangle(0.0, 0.0, SIZE, SIZE)
 
 
-def drawing_of(*outlines, inks=INKS) -> Drawing:
+def drawing_of(*outlines, fills=FILLS) -> Drawing:
     """One shape of each outline, or of a tuple of an outline and its holes, back to front."""
     rows = [outline if isinstance(outline, tuple) else (outline,) for outline in outlines]
-    shapes = [Shape(inks[i % len(inks)], row, f"shape {i}") for i, row in enumerate(rows)]
+    shapes = [Shape(fills[i % len(fills)], row, f"shape {i}") for i, row in enumerate(rows)]
     return Drawing(SIZE, SIZE, tuple(shapes))
 
 
@@ -49,7 +49,7 @@ def top_of(drawing: Drawing) -> np.ndarray:
     """(H, W, 4) the picture where one shape covers a pixel fully or none does, NaN elsewhere."""
     picture = np.zeros((drawing.height, drawing.width, 4))
     for shape, mask in zip(drawing.shapes, masks(drawing), strict=True):
-        picture[mask > 1.0 - 1e-6] = shape.ink
+        picture[mask > 1.0 - 1e-6] = shape.fill
         picture[(mask > 1e-6) & (mask <= 1.0 - 1e-6)] = np.nan
     return picture
 
@@ -176,16 +176,16 @@ def test_random_heaps_of_shapes(seed):
     check(drawing_of(*outlines))
 
 
-def test_shapes_of_one_ink_become_one_and_what_is_bare_stays_bare():
-    red, blue = INKS[0], INKS[2]
-    drawing = drawing_of(square(10, 10, 40), Circle(50, 30, 15), Circle(25, 25, 5), inks=[red, red, blue])
+def test_shapes_of_one_fill_become_one_and_what_is_bare_stays_bare():
+    red, blue = FILLS[0], FILLS[2]
+    drawing = drawing_of(square(10, 10, 40), Circle(50, 30, 15), Circle(25, 25, 5), fills=[red, red, blue])
     cut = check(drawing, alone=True)
-    assert [shape.ink for shape in cut.shapes] == [red, blue]
+    assert [shape.fill for shape in cut.shapes] == [red, blue]
     assert len(cut.shapes[0].outlines) == 2
 
 
 def test_what_lies_beyond_the_canvas_is_cut_off():
-    cut = check(drawing_of(Circle(0.0, 50.0, 30.0), inks=[INKS[2]]), alone=True)
+    cut = check(drawing_of(Circle(0.0, 50.0, 30.0), fills=[FILLS[2]]), alone=True)
     points = np.concatenate([ring.anchors for ring in cut.shapes[0].oriented()])
     assert points.min() == 0.0
 
@@ -200,7 +200,7 @@ def test_circles_stay_circles_where_nothing_cuts_them():
 def test_a_cutout_is_read_back():
     cut = check(drawing_of(GROUND, Circle(40.3, 50.1, 25.0), Circle(65.2, 52.4, 22.0)))
     again = read_drawing(write_drawing(cut, precision=2, title="t", comment="c"))
-    assert [shape.ink for shape in again.shapes] == [shape.ink for shape in cut.shapes]
+    assert [shape.fill for shape in again.shapes] == [shape.fill for shape in cut.shapes]
     assert np.abs(masks(again) - masks(cut)).max() < 1e-6
 
 

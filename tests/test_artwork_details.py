@@ -14,7 +14,7 @@ from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.finish.finish import goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition
-from cubicsplat_cli.artwork.input.intake import as_levels
+from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.residual import added
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
@@ -45,7 +45,7 @@ def plain() -> Drawing:
         (BLUE, Rectangle(4.0, 4.0, 24.0, 40.0)),
         (RED, Rectangle(44.0, 32.0, 16.0, 12.0)),
     )
-    return Drawing(64, 48, tuple(Shape(ink, (box,), "box") for ink, box in boxes))
+    return Drawing(64, 48, tuple(Shape(fill, (box,), "box") for fill, box in boxes))
 
 
 def picture(document: Document) -> np.ndarray:
@@ -72,7 +72,7 @@ def test_lost_details_are_drawn_where_they_are_in_the_fill_colours_of_the_drawin
     assert [shape for shape in drawing.shapes if shape in plain().shapes] == list(plain().shapes)
     new = new_shapes(drawing)
     assert len(new) == count
-    assert {shape.ink for shape in new} <= {WHITE, BLUE, RED}
+    assert {shape.fill for shape in new} <= {WHITE, BLUE, RED}
     assert delta_e(document, drawing) < 0.1 * delta_e(document, plain())
 
 
@@ -82,8 +82,8 @@ def test_an_area_of_a_lost_colour_is_drawn_in_it_beneath_what_lies_on_it() -> No
     document = truth(box + RED_BOX)
     drawing = explained(plain(), picture(document))
     (new,) = new_shapes(drawing)
-    assert new.ink == (230, 245, 216, 255)
-    assert drawing.shapes.index(new) < [shape.ink for shape in drawing.shapes].index(RED)
+    assert new.fill == (230, 245, 216, 255)
+    assert drawing.shapes.index(new) < [shape.fill for shape in drawing.shapes].index(RED)
     assert delta_e(document, drawing) < 0.05 * delta_e(document, plain())
 
 

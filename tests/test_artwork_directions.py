@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubicsplat_cli.artwork.finish.finish import LONGEST
-from cubicsplat_cli.artwork.finish.freedom import Held, Pins, freedom_of
+from cubicsplat_cli.artwork.finish.parameters import Constraints, Pins, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, polygon
 from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.regularities.directions import Slope, directed, has_diagonal
@@ -34,7 +34,7 @@ def ring_of(path, place):
     fine = rerender(text.encode(), SIZE * FINE, SIZE * FINE, renderer="resvg").pixels.astype(float)
     picture = (np.rint(fine.reshape(SIZE, FINE, SIZE, FINE, 4).mean(axis=(1, 3))) / 255.0).astype(np.float32)
     drawing = read_drawing(write_drawing(draw(picture), title="x", comment="y"))
-    (red,) = (shape for shape in drawing.shapes if shape.ink == (204, 34, 0, 255))
+    (red,) = (shape for shape in drawing.shapes if shape.fill == (204, 34, 0, 255))
     return red.outlines[0].ring()
 
 
@@ -83,7 +83,7 @@ SLOPES = [Slope(0, math.radians(135.0)), Slope(1, math.radians(45.0))]
 @given(st.lists(st.floats(-1.4, 1.4), min_size=20, max_size=20))
 @settings(max_examples=25, deadline=None)
 def test_directed_lines_stay_so_however_the_ring_moves(steps):
-    free = tied_ring(freedom_of(house(0.3), Held(64, 64)))
+    free = tied_ring(parametrised(house(0.3), Constraints(64, 64)))
     ring = directed(free, SLOPES)
     step = np.array(steps[: ring.jacobian.shape[1]])
     # As far as the finish lets control points move.
@@ -98,7 +98,7 @@ def test_directed_lines_stay_so_however_the_ring_moves(steps):
 @settings(max_examples=25, deadline=None)
 def test_a_directed_ring_on_steps_is_as_regular(across, down):
     ring = RigidTransform((1.0, 1.0), (across, down)).outline(house(0.3))
-    found = directed(tied_ring(freedom_of(ring, Held(64, 64))), SLOPES)
+    found = directed(tied_ring(parametrised(ring, Constraints(64, 64))), SLOPES)
     placed = found.on_steps(0.01).outline()
     assert np.abs(100.0 * placed.anchors - np.rint(100.0 * placed.anchors)).max() < 1e-6
     assert np.abs(placed.anchors - found.outline().anchors).max() < 0.02
@@ -106,7 +106,7 @@ def test_a_directed_ring_on_steps_is_as_regular(across, down):
 
 
 def test_the_jacobian_of_a_directed_ring_matches_finite_differences():
-    ring = directed(tied_ring(freedom_of(house(), Held(64, 64))), SLOPES)
+    ring = directed(tied_ring(parametrised(house(), Constraints(64, 64))), SLOPES)
     jacobian = ring.jacobian.toarray()
     for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
         change = (ring.moved(step).cubics - ring.moved(-step).cubics).ravel() / 2e-5
@@ -115,8 +115,8 @@ def test_the_jacobian_of_a_directed_ring_matches_finite_differences():
 
 def test_a_line_between_fixed_points_is_left_alone():
     ring = polygon(np.array([[0.0, 20.0], [30.0, 0.0], [64.0, 40.0], [0.0, 50.0]]))
-    held = Held(64, 64, Pins(x=(30.0,), y=(20.0,)))
-    assert directed(tied_ring(freedom_of(ring, held)), [Slope(0, math.radians(150.0))]) is None
+    constraints = Constraints(64, 64, Pins(x=(30.0,), y=(20.0,)))
+    assert directed(tied_ring(parametrised(ring, constraints)), [Slope(0, math.radians(150.0))]) is None
 
 
 @given(st.lists(st.dictionaries(st.integers(0, 7), st.sampled_from([-2.0, -1.0, 0.5, 1.0]), min_size=1), max_size=9))

@@ -37,14 +37,14 @@ def test_a_disc_becomes_a_circle():
     drawing = draw(painted(64, 64, (disc(30.3, 32.6, 20.25), RED)))
     (shape,) = drawing.shapes
     (circle,) = shape.outlines
-    assert shape.ink == (255, 0, 0, 255) and isinstance(circle, Circle)
+    assert shape.fill == (255, 0, 0, 255) and isinstance(circle, Circle)
     assert (circle.cx, circle.cy, circle.r) == pytest.approx((30.3, 32.6, 20.25), abs=0.02)
 
 
 def test_a_box_on_a_ground_becomes_two_rectangles():
     drawing = draw(painted(80, 60, (box(10.25, 12.5, 50.75, 40.0), BLUE), ground=WHITE))
     ground, shape = drawing.shapes
-    assert ground.ink == (255, 255, 255, 255) and isinstance(ground.outlines[0], Rectangle)
+    assert ground.fill == (255, 255, 255, 255) and isinstance(ground.outlines[0], Rectangle)
     rectangle = shape.outlines[0]
     assert isinstance(rectangle, Rectangle) and rectangle.radius == 0.0
     assert (rectangle.x, rectangle.y) == pytest.approx((10.25, 12.5), abs=0.03)
@@ -86,7 +86,7 @@ def test_a_bar_with_a_slanted_end_is_no_rectangle(end):
 
 def test_a_disc_behind_another_goes_on_beneath_it():
     drawing = draw(painted(120, 80, (disc(45.0, 40.0, 30.0), RED), (disc(80.0, 40.0, 25.0), BLUE)))
-    assert [shape.ink[:3] for shape in drawing.shapes] == [(255, 0, 0), (0, 0, 255)]
+    assert [shape.fill[:3] for shape in drawing.shapes] == [(255, 0, 0), (0, 0, 255)]
     hidden = drawing.shapes[0].outlines[0]
     assert isinstance(hidden, Circle)
     assert (hidden.cx, hidden.cy, hidden.r) == pytest.approx((45.0, 40.0, 30.0), abs=0.05)
@@ -99,9 +99,9 @@ def test_a_hole_shows_the_ground_and_an_inset_fills_none():
     assert [len(shape.outlines) for shape in inset.shapes] == [1, 1, 1]
 
 
-def test_a_translucent_ink_keeps_its_opacity():
+def test_a_translucent_fill_keeps_its_opacity():
     drawing = draw(painted(64, 64, (disc(32.0, 32.0, 20.0), (0.25, 0.0, 0.25, 0.5))))
-    assert drawing.shapes[0].ink == pytest.approx((127, 0, 127, 128), abs=1)
+    assert drawing.shapes[0].fill == pytest.approx((127, 0, 127, 128), abs=1)
 
 
 def test_drawing_twice_gives_the_same():
@@ -145,12 +145,12 @@ def test_a_ring_beneath_a_band_keeps_its_hole_open():
     assert np.abs(image - target).mean() < 2e-3
 
 
-def test_curves_cap_the_shapes_and_a_palette_replaces_inks():
+def test_curves_cap_the_shapes_and_a_palette_replaces_fills():
     spots = [(disc(12.0 + 16.0 * i, 20.0, 3.0 + i), RED) for i in range(4)]
     picture = painted(76, 40, *spots, ground=WHITE)
     drawing = draw(picture, ArtworkSettings(curves=3, palette=((250, 250, 240), (10, 200, 10))))
     assert len(drawing.shapes) <= 3
-    assert drawing.inks == ((250, 250, 240, 255), (10, 200, 10, 255))
+    assert drawing.fills == ((250, 250, 240, 255), (10, 200, 10, 255))
 
 
 def test_shapes_are_named_by_their_colour():

@@ -9,7 +9,7 @@ from cubicsplat_cli.artwork.regions.fewer import MOST_COMPARED, fewer_colours, n
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
 
-SKY, SEA, SAND, INK = (90, 160, 230), (70, 140, 215), (240, 220, 150), (20, 20, 25)
+SKY, SEA, SAND, FILL = (90, 160, 230), (70, 140, 215), (240, 220, 150), (20, 20, 25)
 
 
 def shore(clear: bool = False) -> np.ndarray:
@@ -17,8 +17,8 @@ def shore(clear: bool = False) -> np.ndarray:
     y, x = np.mgrid[:96, :96] + 0.5
     picture = np.empty((96, 96, 3))
     picture[:40], picture[40:70], picture[70:] = SKY, SEA, SAND
-    picture[69:71] = INK
-    picture[np.hypot(x - 30, y - 20) < 6] = INK
+    picture[69:71] = FILL
+    picture[np.hypot(x - 30, y - 20) < 6] = FILL
     if not clear:
         return (picture / 255.0).astype(np.float32)
     opacity = (np.abs(x - 48) < 40).astype(float)[..., None]
@@ -28,14 +28,14 @@ def shore(clear: bool = False) -> np.ndarray:
 @pytest.mark.parametrize("clear", [False, True])
 def test_like_fills_are_merged_before_thin_black_lines(clear):
     drawing = draw(shore(clear), ArtworkSettings(colors=3))
-    inks = {ink[:3] for ink in drawing.inks}
-    assert len(drawing.inks) == 3 and (*INK,) in inks and SAND in inks and inks & {SKY, SEA}
+    fills = {fill[:3] for fill in drawing.fills}
+    assert len(drawing.fills) == 3 and (*FILL,) in fills and SAND in fills and fills & {SKY, SEA}
 
 
 def test_neighbours_that_get_one_colour_are_one_shape():
     free, merged = draw(shore()), draw(shore(), ArtworkSettings(colors=3))
     chosen = draw(shore(), ArtworkSettings(palette=((0, 0, 255), (255, 255, 0), (0, 0, 0))))
-    assert {ink[:3] for ink in chosen.inks} == {(0, 0, 255), (255, 255, 0), (0, 0, 0)}
+    assert {fill[:3] for fill in chosen.fills} == {(0, 0, 255), (255, 255, 0), (0, 0, 0)}
     assert len(merged.shapes) == len(chosen.shapes) < len(free.shapes)
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.finish.finish import NOTICED, begin, drawn, goal_of, settle
-from cubicsplat_cli.artwork.finish.freedom import Held, freedom_of
+from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
 from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon, signed_area
@@ -27,9 +27,9 @@ def covered(outline, height, width):
 
 def picture(shapes, height, width):
     out = np.zeros((height, width, 4))
-    for outline, ink in shapes:
+    for outline, fill in shapes:
         share = covered(outline, height, width)[..., None]
-        colour = np.array(ink) / 255.0
+        colour = np.array(fill) / 255.0
         out = out * (1.0 - share) + share * colour
     return out
 
@@ -69,19 +69,19 @@ def test_a_fine_rounded_rectangle_has_round_corners():
     ],
 )
 def test_jacobians_match_finite_differences(outline):
-    freedom = freedom_of(outline, Held(64, 64))
-    jacobian = freedom.jacobian.toarray()
+    parameters = parametrised(outline, Constraints(64, 64))
+    jacobian = parameters.jacobian.toarray()
     for i in range(jacobian.shape[1]):
         step = np.zeros(jacobian.shape[1])
         step[i] = 1e-5
-        change = (freedom.moved(step).cubics - freedom.moved(-step).cubics).ravel() / 2e-5
+        change = (parameters.moved(step).cubics - parameters.moved(-step).cubics).ravel() / 2e-5
         assert np.allclose(change, jacobian[:, i], atol=2e-3)
 
 
 def test_the_finish_finds_shapes_that_are_half_a_pixel_off():
     truth = [(Rectangle(4.0, 5.0, 40.3, 30.6, 6.2), RED), (Circle(33.3, 30.7, 11.4), BLUE)]
     start = [(Rectangle(4.4, 4.7, 39.8, 31.1, 6.5), RED), (Circle(33.7, 30.3, 11.8), BLUE)]
-    shapes = tuple(Shape(ink, (outline,), "x") for outline, ink in start)
+    shapes = tuple(Shape(fill, (outline,), "x") for outline, fill in start)
     done = finish(Drawing(56, 48, shapes), picture(truth, 48, 56))
     box, disc = (shape.outlines[0] for shape in done.shapes)
     assert (disc.cx, disc.cy, disc.r) == pytest.approx((33.3, 30.7, 11.4), abs=2e-3)
@@ -92,7 +92,7 @@ def test_the_finish_looks_through_a_blur():
     truth = [(Rectangle(4.0, 5.0, 40.3, 30.6, 6.2), RED), (Circle(33.3, 30.7, 11.4), BLUE)]
     start = [(Rectangle(4.3, 4.8, 39.9, 31.0, 7.0), RED), (Circle(33.6, 30.4, 11.7), BLUE)]
     target = ndimage.gaussian_filter(picture(truth, 48, 56), (1.5, 1.5, 0.0), mode="nearest")
-    drawing = Drawing(56, 48, tuple(Shape(ink, (outline,), "x") for outline, ink in start))
+    drawing = Drawing(56, 48, tuple(Shape(fill, (outline,), "x") for outline, fill in start))
     goal = goal_of(target, blur=1.5)
     settled = settle(begin(drawing, goal), goal)
     box, disc = (shape.outlines[0] for shape in drawn(drawing, settled).shapes)
@@ -107,13 +107,23 @@ def test_the_finish_looks_through_a_blur():
 def test_outlines_that_rest_are_looked_at_again_when_the_picture_beneath_them_changes():
     truth = [(Rectangle(4.0, 5.0, 40.0, 30.0), RED), (Circle(24.0, 20.0, 9.0), BLUE)]
     goal = goal_of(picture(truth, 48, 56))
-    settled = settle(begin(Drawing(56, 48, tuple(Shape(ink, (outline,), "x") for outline, ink in truth)), goal), goal)
+    settled = settle(begin(Drawing(56, 48, tuple(Shape(fill, (outline,), "x") for outline, fill in truth)), goal), goal)
     away = settled.outlines[1].moved(np.array([0.3, 0.0, 0.0]))
     changed = settled.with_layers([settled.layers[0], replace(settled.layers[1], outlines=[away])])
     noticed = changed.stack.changed(settled.stack, changed.owners, 2, NOTICED)
     assert noticed.tolist() == [False, True]
     disc = settle(changed, goal).outlines[1].outline()
     assert (disc.cx, disc.cy, disc.r) == pytest.approx((24.0, 20.0, 9.0), abs=3e-3)
+
+
+def test_only_what_has_changed_is_fitted_until_the_picture_beneath_the_rest_changes():
+    shapes = [(Circle(15.0, 20.0, 8.0), RED), (Circle(45.0, 20.0, 8.0), BLUE)]
+    target = picture(shapes, 40, 60)
+    off = tuple(Shape(fill, (replace(each, cx=each.cx + 0.4),), "") for each, fill in shapes)
+    state = begin(Drawing(60, 40, off), goal_of(target))
+    left, right = settle(state, state.goal, changed=np.array([True, False])).outlines
+    assert left.outline().cx == pytest.approx(15.0, abs=0.01)
+    assert right is state.outlines[1]
 
 
 def test_the_finish_of_a_jpeg_trusts_luma_more_than_chroma():

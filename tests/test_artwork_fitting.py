@@ -18,9 +18,10 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     polygon,
     signed_area,
 )
-from cubicsplat_cli.artwork.tracing.fitting import fit_outline
+from cubicsplat_cli.artwork.tracing.fitting import fit_outline, fit_outlines
 from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.progress import Work, under_way
 
 NOISE = 0.02
 
@@ -176,6 +177,32 @@ def test_the_same_points_give_the_same_outline() -> None:
     one, two = fitted(star()), fitted(star())
     assert isinstance(one, Ring) and isinstance(two, Ring)
     assert one.cubics.tobytes() == two.cubics.tobytes()
+
+
+def test_outlines_fitted_together_on_any_number_of_threads_are_those_fitted_alone() -> None:
+    shapes = [star(), Circle(40.0, 41.0, 30.0), Rectangle(5.3, 6.1, 50.0, 30.0), star()]
+    points = [sampled(shape) for shape in shapes]
+    sigmas = [np.full(len(each), NOISE) for each in points]
+    alone = [fit_outline(*pair) for pair in zip(points, sigmas, strict=True)]
+    for threads in (1, 3):
+        with under_way(Work(threads=threads)):
+            together = fit_outlines(points, sigmas)
+        assert [type(each) for each in together] == [type(each) for each in alone] == [Ring, Circle, Rectangle, Ring]
+        for one, other in zip(together, alone, strict=True):
+            assert one.ring().cubics.tobytes() == other.ring().cubics.tobytes()
+
+
+def test_an_outline_that_goes_astray_is_fitted_closer_to_its_points() -> None:
+    # A disc with a bump, which would cost more than to leave it out.
+    turn = np.linspace(0.0, 2.0 * math.pi, 300, endpoint=False)
+    radii = 30.0 + 20.0 * np.exp(-(((turn - math.pi) / 0.2) ** 2))
+    points = 60.0 + radii[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    sigma, area = np.full(len(points), 0.5), abs(signed_area(polygon(points)))
+    allowed = 0.1 * float(np.hypot(*(points - np.roll(points, 1, axis=0)).T).sum()) + 1.0
+    astray = fit_outline(points, sigma, 0.01)
+    assert isinstance(astray, Circle) and area - signed_area(astray.ring()) > allowed
+    (sound,) = fit_outlines([points], [sigma], 0.01)
+    assert abs(signed_area(sound.ring())) == pytest.approx(area, abs=allowed)
 
 
 @pytest.mark.parametrize("count", [3, 5, 8, 9, 12])

@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.gradients.areas import gradient_areas
 from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
-from cubicsplat_cli.artwork.input.intake import as_levels
+from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
@@ -71,7 +71,7 @@ def test_a_linear_gradient_over_a_ground():
     body = LINEAR.format(TWO) + GROUND + BLOB
     drawing = draw(picture(body))
     ground, blob = drawing.shapes
-    assert ground.gradient is None and ground.ink == (16, 48, 80, 255)
+    assert ground.gradient is None and ground.fill == (16, 48, 80, 255)
     found = blob.gradient
     assert isinstance(found, LinearGradient) and len(found.stops) == 2
     angle = math.atan2(found.y2 - found.y1, found.x2 - found.x1) % math.pi
@@ -91,8 +91,8 @@ def test_three_stops_of_every_kind(markup, kind):
     (shape,) = drawing.shapes
     assert isinstance(shape.gradient, kind)
     # The stop in the middle, and the padded end where it shows, are stops of their own.
-    inks = np.array([stop.ink for stop in shape.gradient.stops])
-    assert len(inks) <= 4 and np.abs(inks - (240, 144, 32, 255)).max(axis=1).min() <= 2
+    fills = np.array([stop.colour for stop in shape.gradient.stops])
+    assert len(fills) <= 4 and np.abs(fills - (240, 144, 32, 255)).max(axis=1).min() <= 2
     assert np.percentile(difference(drawing, body), 99) <= 3 and difference(drawing, body).mean() < 0.4
 
 
@@ -110,7 +110,7 @@ def test_the_tip_of_a_sphere_is_the_middle_of_its_gradient():
     ground, sphere = drawing.shapes
     assert ground.gradient is None and 3 <= len(sphere.gradient.stops) <= 4
     first = sphere.gradient.stops[0]
-    assert first.offset == 0.0 and min(first.ink) >= 250
+    assert first.offset == 0.0 and min(first.colour) >= 250
 
 
 def test_what_lies_over_a_gradient_does_not_divide_it():
@@ -144,9 +144,9 @@ def test_a_soft_shadow_over_nothing_has_no_rings():
     drawing = draw(picture(body))
     assert len(drawing.shapes) == 2
     shade = drawing.shapes[0].gradient
-    assert isinstance(shade, RadialGradient) and shade.stops[-1].ink[3] == 0
-    assert {stop.ink[:3] for stop in shade.stops} == {(0, 0, 0)}
-    assert shade.stops[0].ink[3] == pytest.approx(127, abs=2)
+    assert isinstance(shade, RadialGradient) and shade.stops[-1].colour[3] == 0
+    assert {stop.colour[:3] for stop in shade.stops} == {(0, 0, 0)}
+    assert shade.stops[0].colour[3] == pytest.approx(127, abs=2)
     assert difference(drawing, body).max() < 40 and difference(drawing, body).mean() < 0.4
 
 
@@ -166,7 +166,7 @@ def test_flat_drawings_have_no_gradients_and_are_left_as_they_are():
 
 
 @pytest.mark.slow
-def test_who_chooses_the_inks_gets_no_gradients():
+def test_who_chooses_the_fills_gets_no_gradients():
     target = picture(LINEAR.format(TWO) + BLOB)
     assert not draw(target, ArtworkSettings(colors=6)).gradients
     assert not draw(target, ArtworkSettings(palette=((255, 0, 0), (0, 0, 255)))).gradients
@@ -183,7 +183,7 @@ def test_drawings_of_gradients_are_artwork(markup, body):
 def test_a_steep_gradient_is_no_blur():
     drawing = draw(picture(ROUND.format(THREE) + GROUND + BLOB))
     ground, blob = drawing.shapes
-    assert ground.ink == (16, 48, 80, 255) and isinstance(blob.gradient, RadialGradient)
+    assert ground.fill == (16, 48, 80, 255) and isinstance(blob.gradient, RadialGradient)
 
 
 @pytest.mark.slow
@@ -209,4 +209,4 @@ def test_stops_are_found_where_they_are():
     assert (found.y1, found.y2) == (0.0, 0.0)
     ends = [found.x1 + stop.offset * (found.x2 - found.x1) for stop in found.stops]
     assert len(ends) == 3 and sorted(ends)[1] == pytest.approx(48, abs=0.5)
-    assert max(abs(a - b) for a, b in zip(found.stops[1].ink, (200, 100, 50, 255), strict=True)) <= 1
+    assert max(abs(a - b) for a, b in zip(found.stops[1].colour, (200, 100, 50, 255), strict=True)) <= 1

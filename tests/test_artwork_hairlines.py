@@ -1,4 +1,4 @@
-"""Lines of a pixel or two, hardly a pixel of which is purely theirs: they keep their ink, and lie where they are."""
+"""Lines of a pixel or two, hardly a pixel of which is purely theirs: they keep their fill, and lie where they are."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from conftest import rest_slow
 
-from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, without_blends
-from cubicsplat_cli.artwork.regions.inks import picture_inks
+from cubicsplat_cli.artwork.regions.fills import picture_fills
+from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, without_blends
 from cubicsplat_cli.artwork.regions.regions import Regions, find_regions
-from cubicsplat_cli.artwork.tracing.contours import crossings
+from cubicsplat_cli.artwork.tracing.contours import edge_positions
 
 
 def regions_of(line: np.ndarray) -> Regions:
@@ -20,52 +20,52 @@ def regions_of(line: np.ndarray) -> Regions:
     levels = np.full((60, 60, 4), 255.0, dtype=np.float32)
     levels[10:50, 30, :3] = line
     levels[5:20, 5:20, :3] = 0.0
-    return find_regions(levels, picture_inks(levels))
+    return find_regions(levels, picture_fills(levels))
 
 
-def test_a_faint_line_has_the_ink_that_it_is_a_blend_of() -> None:
-    # No grey is common enough along the line to be an ink of its own.
+def test_a_faint_line_has_the_fill_that_it_is_a_blend_of() -> None:
+    # No grey is common enough along the line to be a fill of its own.
     regions = regions_of(np.linspace(120.0, 180.0, 40)[:, None])
     assert regions.count == 3
-    assert regions.inks[regions.labels[30, 30]].tolist() == [0.0, 0.0, 0.0, 255.0]
+    assert regions.fills[regions.labels[30, 30]].tolist() == [0.0, 0.0, 0.0, 255.0]
 
 
-def test_a_line_adds_the_ink_that_only_it_has() -> None:
+def test_a_line_adds_the_fill_that_only_it_has() -> None:
     regions = regions_of(np.tile([200.0, 0.0, 0.0], (40, 1)))
-    assert regions.inks[regions.labels[30, 30]].tolist() == [200.0, 0.0, 0.0, 255.0]
+    assert regions.fills[regions.labels[30, 30]].tolist() == [200.0, 0.0, 0.0, 255.0]
 
 
 def test_a_row_on_the_rim_is_no_line() -> None:
     levels = np.full((60, 60, 4), 255.0, dtype=np.float32)
     levels[20:40, 20:40, :3] = 0.0
     levels[0, :, :] = 150.0
-    assert find_regions(levels, picture_inks(levels)).count == 2
+    assert find_regions(levels, picture_fills(levels)).count == 2
 
 
-def test_an_ink_that_no_pixel_shows_pure_is_the_least_blended_colour() -> None:
+def test_an_fill_that_no_pixel_shows_pure_is_the_least_blended_colour() -> None:
     # Red lines of two thirds of a px, and of all widths below, so that no colour is common.
     line = np.linspace(90.0, 255.0, 40)[:, None] * [0.0, 1.0, 1.0] + [255.0, 0.0, 0.0]
     regions = regions_of(line)
-    red = regions.inks[regions.labels[12, 30]]
+    red = regions.fills[regions.labels[12, 30]]
     assert regions.count == 3
     assert red[0] == 255.0 and 90.0 <= red[1] <= 110.0
 
 
-def test_an_ink_over_nothing_is_opaque_where_no_pixel_shows_it_pure() -> None:
+def test_an_fill_over_nothing_is_opaque_where_no_pixel_shows_it_pure() -> None:
     levels = np.zeros((60, 60, 4), dtype=np.float32)
     levels[10:50, 30, 3] = np.linspace(180.0, 100.0, 40)
     levels[5:20, 5:20] = 255.0
-    regions = find_regions(levels, picture_inks(levels))
-    assert regions.inks[regions.labels[15, 30]].tolist() == [0.0, 0.0, 0.0, 255.0]
+    regions = find_regions(levels, picture_fills(levels))
+    assert regions.fills[regions.labels[15, 30]].tolist() == [0.0, 0.0, 0.0, 255.0]
 
 
-def test_a_small_shape_of_three_inks_in_a_pixel_is_no_ink() -> None:
-    inks = np.array([[255.0, 0.0, 0.0, 255.0], [0.0, 255.0, 0.0, 255.0], [0.0, 0.0, 255.0, 255.0]])
+def test_a_small_shape_of_three_fills_in_a_pixel_is_no_fill() -> None:
+    fills = np.array([[255.0, 0.0, 0.0, 255.0], [0.0, 255.0, 0.0, 255.0], [0.0, 0.0, 255.0, 255.0]])
     values = np.repeat([[85.0, 85.0, 85.0, 255.0], [255.0, 255.0, 0.0, 255.0]], 8, axis=0)
-    assert hidden_inks(values, inks, 40.0, 24.0, 4).tolist() == [[255.0, 255.0, 0.0, 255.0]]
+    assert hidden_fills(values, fills, 40.0, 24.0, 4).tolist() == [[255.0, 255.0, 0.0, 255.0]]
 
 
-def test_blends_of_a_hidden_ink_are_no_inks() -> None:
+def test_blends_of_a_hidden_fill_are_no_fills() -> None:
     palette = np.array([[255.0, 255.0, 255.0, 255.0], [200.0, 200.0, 200.0, 255.0], [200.0, 0.0, 0.0, 255.0]])
     black = np.array([[0.0, 0.0, 0.0, 255.0]])
     assert without_blends(palette, np.array([True, False, False]), black).tolist() == [True, False, True]
@@ -93,7 +93,7 @@ def slanted(degrees: float, width: float, below: tuple[float, ...], height: floa
 )
 def test_a_slanting_line_is_one_region(degrees, below):
     levels = slanted(degrees, 1.3, below)
-    regions = find_regions(levels, picture_inks(levels))
+    regions = find_regions(levels, picture_fills(levels))
     # The block, the line, and what is on either side of it.
     assert regions.count == 4
     assert sorted(regions.areas())[1] > 90
@@ -104,8 +104,8 @@ def test_a_slanting_line_is_one_region(degrees, below):
 )
 def test_both_edges_of_a_thin_line_lie_right(width, below):
     levels = slanted(25.0, width, below)
-    found = crossings(levels, regions := find_regions(levels, picture_inks(levels)))
-    dark = (regions.inks[:, 2] < 60)[regions.labels]
+    found = edge_positions(levels, regions := find_regions(levels, picture_fills(levels)))
+    dark = (regions.fills[:, 2] < 60)[regions.labels]
     dark[:12, :12] = False
     off = []
     for x in range(20, 76):
@@ -115,21 +115,21 @@ def test_both_edges_of_a_thin_line_lie_right(width, below):
     assert np.abs(off).max() < 0.1
 
 
-def test_a_level_line_over_two_rows_between_two_grounds_has_its_own_ink():
+def test_a_level_line_over_two_rows_between_two_grounds_has_its_own_fill():
     # Both rows are of one colour each, which no other pixel has.
     levels = slanted(0.0, 1.5, BLUE, height=40.0)
-    regions = find_regions(levels, picture_inks(levels))
+    regions = find_regions(levels, picture_fills(levels))
     for row in (39, 40):
-        assert regions.inks[regions.labels[row, 20]].tolist() == [30.0, 30.0, 30.0, 255.0]
+        assert regions.fills[regions.labels[row, 20]].tolist() == [30.0, 30.0, 30.0, 255.0]
 
 
-def test_what_a_shallow_line_leaves_of_two_rows_is_no_ink():
+def test_what_a_shallow_line_leaves_of_two_rows_is_no_fill():
     # Where it passes from a row to the next, 2 x 2 px have one blend.
-    assert picture_inks(slanted(3.0, 1.5, WHITE, fine=4))[:, 0].tolist() == [255.0, 30.0]
+    assert picture_fills(slanted(3.0, 1.5, WHITE, fine=4))[:, 0].tolist() == [255.0, 30.0]
 
 
-def test_a_thin_box_of_an_ink_of_its_own_keeps_it():
+def test_a_thin_box_of_an_fill_of_its_own_keeps_it():
     levels = np.full((60, 60, 4), 255.0, dtype=np.float32)
     levels[40:50, 5:50, :3] = 0.0
     levels[20:22, 10:40, :3] = 90.0
-    assert find_regions(levels, picture_inks(levels)).inks[:, 0].tolist().count(90.0) == 1
+    assert find_regions(levels, picture_fills(levels)).fills[:, 0].tolist().count(90.0) == 1

@@ -17,21 +17,21 @@ from benchmarks.artwork.document import Document
 from cubicsplat_cli.api import vectorize as vectorize_pixels
 from cubicsplat_cli.artwork import vectorize
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.input import intake
+from cubicsplat_cli.artwork.input import prepare
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
-from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
-from cubicsplat_cli.artwork.input.palette import noisy_inks
+from cubicsplat_cli.artwork.input.palette import noisy_fills
+from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
-from cubicsplat_cli.artwork.regions.hidden_inks import overshoots
+from cubicsplat_cli.artwork.regions.hidden_fills import overshoots
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.convert import as_picture
 
 SAMPLES = Path(__file__).resolve().parents[1] / "samples"
 SIDE = 160
-INKS = [(255, 204, 77), (102, 69, 0), (190, 25, 49)]
+FILLS = [(255, 204, 77), (102, 69, 0), (190, 25, 49)]
 FACE = (
     '<circle cx="80" cy="78" r="70" fill="#ffcc4d"/><circle cx="55" cy="62" r="12.5" fill="#664500"/>'
     '<circle cx="105" cy="62" r="12.5" fill="#664500"/>'
@@ -123,12 +123,12 @@ def test_pale_stripes_and_marks_on_a_grid_of_8_px_are_no_jpeg():
 
 
 @pytest.mark.parametrize("kind", ["jpeg", "noisy"])
-def test_noise_gives_no_inks_and_hides_none(kind):
+def test_noise_gives_no_fills_and_hides_none(kind):
     levels = as_levels(target(kind))
-    inks = noisy_inks(levels, levels, condition_of(levels).noise)
-    assert len(inks) == 4
-    for ink in [(255, 255, 255), *INKS]:
-        assert np.abs(inks[:, :3] - ink).max(axis=1).min() <= 4.0
+    fills = noisy_fills(levels, levels, condition_of(levels).noise)
+    assert len(fills) == 4
+    for fill in [(255, 255, 255), *FILLS]:
+        assert np.abs(fills[:, :3] - fill).max(axis=1).min() <= 4.0
 
 
 @pytest.mark.parametrize(("kind", "least"), [("jpeg", 1.7), ("noisy", 1.4)])
@@ -147,8 +147,8 @@ def test_a_restored_picture_is_nearer_to_the_clean_one(kind, least):
 def test_the_drawing_is_that_of_the_clean_picture(kind):
     drawing = draw(target(kind))
     assert len(drawing.shapes) == 5
-    for ink in INKS:
-        assert min(np.abs(np.array(shape.ink[:3]) - ink).max() for shape in drawing.shapes) <= 2
+    for fill in FILLS:
+        assert min(np.abs(np.array(shape.fill[:3]) - fill).max() for shape in drawing.shapes) <= 2
     circles = [outline for shape in drawing.shapes for outline in shape.outlines if isinstance(outline, Circle)]
     assert sorted(circle.r for circle in circles) == pytest.approx([12.5, 12.5, 70.0], abs=0.1)
     # A ground more than the clean one has.
@@ -233,7 +233,7 @@ def test_an_enlarged_picture_is_drawn_as_it_was():
     assert (large.width, large.height) == (SIDE, SIDE)
     (shape,) = large.shapes
     (found,) = shape.outlines
-    assert isinstance(found, Circle) and shape.ink == small.shapes[0].ink
+    assert isinstance(found, Circle) and shape.fill == small.shapes[0].fill
     assert (found.cx, found.cy, found.r) == pytest.approx((80.0, 80.0, 50.4), abs=0.06)
 
 
@@ -253,15 +253,15 @@ def test_the_report_says_what_was_drawn_through(kind, note):
 
 
 def test_of_a_clean_picture_there_is_nothing_to_say():
-    assert taken_in(target("clean")).notes == []
+    assert analysed(target("clean")).notes == []
 
 
-def test_an_ink_of_thin_lines_alone_is_found_and_drawn():
+def test_an_fill_of_thin_lines_alone_is_found_and_drawn():
     lines = "".join(f'<path d="M0 {y}L160 {y + 40}" stroke="#000" stroke-width="1.8"/>' for y in range(-10, 110, 30))
     body = f'<path d="M0 0H160V160H0z" fill="#fff"/><path d="M0 0H80V160H0z" fill="#0071bd"/>{lines}'
     levels = as_levels(target("jpeg", body))
     condition = condition_of(levels)
-    palette = noisy_inks(levels, levels, condition.noise)
+    palette = noisy_fills(levels, levels, condition.noise)
     assert np.abs(palette[:, :3]).max(axis=1).min() > 100.0
     done = restored(levels, condition).levels
     clean = as_levels(target("clean", body))
@@ -272,7 +272,7 @@ def test_an_ink_of_thin_lines_alone_is_found_and_drawn():
 
 @pytest.mark.parametrize("kind", ["jpeg", "noisy"])
 def test_lines_that_cover_less_than_half_of_any_pixel_stay(kind):
-    # The bar has their ink, of which no pixel on a line has as much as half.
+    # The bar has their fill, of which no pixel on a line has as much as half.
     lines = "".join(f'<path d="M10 {y}H150" stroke="#123" stroke-width=".8"/>' for y in (20, 60, 100))
     body = f'<path d="M0 0H160V160H0z" fill="#fff"/><path d="M10 130H150V150H10z" fill="#123"/>{lines}'
     levels, clean = as_levels(target(kind, body)), as_levels(target("clean", body))
@@ -317,13 +317,13 @@ def test_a_blur_is_what_explains_the_picture_better(noise):
 
 
 def test_a_blur_that_is_measured_but_not_there_is_not_drawn_through(monkeypatch):
-    monkeypatch.setattr(intake, "condition_of", lambda _: Condition(blur=1.5))
-    assert taken_in(target("clean")).condition == CLEAN
-    assert taken_in(target("blurred")).condition == Condition(blur=1.5)
+    monkeypatch.setattr(prepare, "condition_of", lambda _: Condition(blur=1.5))
+    assert analysed(target("clean")).condition == CLEAN
+    assert analysed(target("blurred")).condition == Condition(blur=1.5)
 
 
-def test_inks_that_are_nearly_alike_stay_apart_in_a_blurred_picture():
-    """They differ by eight levels, as those that noise would make of one ink do."""
+def test_fills_that_are_nearly_alike_stay_apart_in_a_blurred_picture():
+    """They differ by eight levels, as those that noise would make of one fill do."""
     clean, soft = blurred('<path d="M10 10H80V150H10z" fill="#eaeaea"/><path d="M80 10H150V150H80z" fill="#e2dfe4"/>')
     done = restored(soft, Condition(0.0, False, 1.2)).levels
     for y, x in ((80, 40), (80, 120), (80, 5)):
@@ -331,27 +331,27 @@ def test_inks_that_are_nearly_alike_stay_apart_in_a_blurred_picture():
     assert len(np.unique(np.rint(done[60:100, 20:140]).reshape(-1, 4), axis=0)) <= 3
 
 
-def test_no_ink_is_made_up_where_three_meet_in_a_blurred_picture():
+def test_no_fill_is_made_up_where_three_meet_in_a_blurred_picture():
     sectors = "".join(
         f'<path d="M80 80L{80 + 70 * np.cos(a):.3f} {80 + 70 * np.sin(a):.3f}'
-        f'A70 70 0 0 1 {80 + 70 * np.cos(a + 0.9):.3f} {80 + 70 * np.sin(a + 0.9):.3f}z" fill="{ink}"/>'
-        for a, ink in zip(np.arange(7) * 0.9, ["#c33", "#fc4", "#28a", "#3a5", "#a4c", "#f84", "#234"], strict=True)
+        f'A70 70 0 0 1 {80 + 70 * np.cos(a + 0.9):.3f} {80 + 70 * np.sin(a + 0.9):.3f}z" fill="{fill}"/>'
+        for a, fill in zip(np.arange(7) * 0.9, ["#c33", "#fc4", "#28a", "#3a5", "#a4c", "#f84", "#234"], strict=True)
     )
     clean, soft = blurred(sectors)
     done = restored(soft, Condition(0.0, False, 1.2)).levels
     before, after = (float(np.sqrt(((p - clean) ** 2).mean())) for p in (soft, done))
     assert after < 0.35 * before
-    inks, found = ({tuple(ink) for ink in picture[even(picture)].tolist()} for picture in (clean, done))
-    assert found == inks and len(inks) == 8
+    fills, found = ({tuple(fill) for fill in picture[even(picture)].tolist()} for picture in (clean, done))
+    assert found == fills and len(fills) == 8
 
 
-def test_what_sharpening_makes_beside_an_edge_is_no_ink():
+def test_what_sharpening_makes_beside_an_edge_is_no_fill():
     palette = np.array([[0.0, 0.0, 0.0, 0.0], [190.0, 25.0, 49.0, 255.0]])
     assert overshoots(np.array([204.0, 27.0, 53.0, 255.0]), palette)
     assert not overshoots(np.array([190.0, 90.0, 49.0, 255.0]), palette)
 
 
-def _text(filtered: tuple[int, ...] | None, order: int, ink=(20, 60, 160), ground=(243, 243, 243)) -> np.ndarray:
+def _text(filtered: tuple[int, ...] | None, order: int, fill=(20, 60, 160), ground=(243, 243, 243)) -> np.ndarray:
     """(40, 96, 4) levels: rings, bars and strokes of some px, smoothed by whole pixels, or for an LCD's subpixels by a
     filter of some taps, of which red or blue is the first.
     """
@@ -367,7 +367,7 @@ def _text(filtered: tuple[int, ...] | None, order: int, ink=(20, 60, 160), groun
     else:
         taps = np.array(filtered) / sum(filtered)
         shares = np.stack([np.convolve(row, taps, "same") for row in thirds]).reshape(40, 96, 3)[:, :, ::order]
-    colours = np.array(ground) + shares * (np.array(ink) - np.array(ground))
+    colours = np.array(ground) + shares * (np.array(fill) - np.array(ground))
     return np.dstack([np.rint(colours), np.full((40, 96), 255.0)]).astype(np.float32)
 
 
@@ -378,7 +378,7 @@ def test_text_for_an_lcd_becomes_text_for_whole_pixels(taps, order):
     came = _text(taps, order)
     found = without_subpixels(came)
     assert np.abs(found - plain).mean() < 0.15 * np.abs(came - plain).mean()
-    # All of its colours lie on the line between ink and ground.
+    # All of its colours lie on the line between fill and ground.
     share = (243.0 - found[..., 0]) / (243.0 - 20.0)
     assert np.abs(found[..., :3] - (243.0 + share[..., None] * (np.array([20, 60, 160]) - 243.0))).max() <= 2.0
 
@@ -394,8 +394,8 @@ def test_a_picture_without_text_for_an_lcd_stays_as_it_is():
         assert without_subpixels(levels) is levels
 
 
-def test_text_for_an_lcd_is_drawn_in_its_ink():
-    intake = taken_in(_text((8, 77, 86, 77, 8), 1) / 255.0)
-    assert any("LCD" in note for note in intake.notes)
+def test_text_for_an_lcd_is_drawn_in_its_fill():
+    prepared = analysed(_text((8, 77, 86, 77, 8), 1) / 255.0)
+    assert any("LCD" in note for note in prepared.notes)
     drawing = draw(_text((8, 77, 86, 77, 8), 1) / 255.0)
-    assert len(drawing.inks) == 2
+    assert len(drawing.fills) == 2

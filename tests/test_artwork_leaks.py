@@ -9,7 +9,7 @@ from test_artwork_regular import regions_of
 
 from cubicsplat_cli.artwork.finish.finish import State, begin, goal_of, settle
 from cubicsplat_cli.artwork.geometry.outlines import polygon
-from cubicsplat_cli.artwork.input.intake import as_levels
+from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster.stack import Unknowns
@@ -25,7 +25,7 @@ def stacked(hidden):
         (255, 0, 0, 255): [(2.0, 20.5), (38.0, 20.5), (38.0, 38.0), (2.0, 38.0)],
         (0, 153, 0, 255): [(20.4, 2.0), (38.0, 2.0), (38.0, 21.9), (20.4, 21.9)],
     }
-    return Drawing(SIZE, SIZE, tuple(Shape(ink, (polygon(np.array(c)),), "x") for ink, c in corners.items()))
+    return Drawing(SIZE, SIZE, tuple(Shape(fill, (polygon(np.array(c)),), "x") for fill, c in corners.items()))
 
 
 def target_of(drawing):

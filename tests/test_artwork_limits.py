@@ -55,13 +55,13 @@ def test_all_of_many_regions_are_drawn_with_bounded_work_for_each(monkeypatch, c
         monkeypatch.delattr(stacking, unbounded)
     parcels, size = 12, 9
     rng = np.random.default_rng(1)
-    inks = np.repeat(np.repeat(rng.integers(0, 8, (parcels, parcels, 3)) / 7.0, size, axis=0), size, axis=1)
-    drawing = vectorize.draw(inks.astype(np.float32))
+    fills = np.repeat(np.repeat(rng.integers(0, 8, (parcels, parcels, 3)) / 7.0, size, axis=0), size, axis=1)
+    drawing = vectorize.draw(fills.astype(np.float32))
     assert len(drawing.shapes) > 0.95 * parcels**2
     # A fit that goes astray is tried again, closer to its points.
     assert len(fits) <= 3 * sum(len(shape.outlines) for shape in drawing.shapes)
     assert "shapes are many" in caplog.text
-    target = np.concatenate([inks, np.ones((*inks.shape[:2], 1))], axis=2)
+    target = np.concatenate([fills, np.ones((*fills.shape[:2], 1))], axis=2)
     assert np.abs(begin(drawing, goal_of(target)).image - target).mean() < 0.01
 
 
@@ -84,7 +84,7 @@ def test_every_outline_is_enlarged():
 
 
 @pytest.mark.parametrize("colors", rest_slow(3, 2, 4))
-def test_inks_of_lines_count_among_the_colours_asked_for(colors):
+def test_fills_of_lines_count_among_the_colours_asked_for(colors):
     body = (
         '<rect width="120" height="90" fill="#fff"/><circle cx="40" cy="45" r="30" fill="#d32"/>'
         '<rect x="70" y="20" width="40" height="50" fill="#26c"/>'
@@ -93,5 +93,5 @@ def test_inks_of_lines_count_among_the_colours_asked_for(colors):
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 120 90">{body}</svg>'
     image = Image.open(io.BytesIO(bytes(resvg_py.svg_to_bytes(svg_string=svg, width=120))))
     picture = np.asarray(image.convert("RGB"), np.float32) / 255.0
-    assert len(vectorize.draw(picture, ArtworkSettings(colors=colors)).inks) == colors
-    assert len(vectorize.draw(picture).inks) == 5
+    assert len(vectorize.draw(picture, ArtworkSettings(colors=colors)).fills) == colors
+    assert len(vectorize.draw(picture).fills) == 5

@@ -1,47 +1,47 @@
-"""The blend that thin lines leave in many pixels is no ink; what looks like a blend but lies elsewhere is one."""
+"""The blend that thin lines leave in many pixels is no fill; what looks like a blend but lies elsewhere is one."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.inks import picture_inks
+from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.regions import find_regions
 
-INK, HALF = [240.0, 80.0, 0.0, 255.0], [120.0, 40.0, 0.0, 127.5]
+FILL, HALF = [240.0, 80.0, 0.0, 255.0], [120.0, 40.0, 0.0, 127.5]
 
 
 def lines(pairs: int, singles: int) -> np.ndarray:
-    """Upright lines of an ink over nothing: so many that lie between two columns, so many that fill one."""
+    """Upright lines of a fill over nothing: so many that lie between two columns, so many that fill one."""
     levels = np.zeros((60, 80, 4), dtype=np.float32)
-    levels[45:58, 10:70] = INK
+    levels[45:58, 10:70] = FILL
     for i in range(pairs + singles):
         x = 4 + 5 * i
-        levels[5:45, x : x + 2] = HALF if i < pairs else [INK, [0.0] * 4]
+        levels[5:45, x : x + 2] = HALF if i < pairs else [FILL, [0.0] * 4]
     return levels
 
 
-def inks_of(levels: np.ndarray) -> list[list[float]]:
-    found = find_regions(levels, picture_inks(levels)).inks
+def fills_of(levels: np.ndarray) -> list[list[float]]:
+    found = find_regions(levels, picture_fills(levels)).fills
     return sorted(np.unique(np.rint(found), axis=0).tolist())
 
 
-def test_lines_between_two_columns_have_the_ink_of_those_in_one() -> None:
+def test_lines_between_two_columns_have_the_fill_of_those_in_one() -> None:
     levels = lines(2, 3)
     # Each leans over to the other column half way, as lines do that are not quite upright.
     for x in (4, 9):
-        levels[10:18, x : x + 2] = [INK, [0.0] * 4]
-        levels[30:38, x : x + 2] = [[0.0] * 4, INK]
-    assert inks_of(levels) == [[0.0, 0.0, 0.0, 0.0], INK]
+        levels[10:18, x : x + 2] = [FILL, [0.0] * 4]
+        levels[30:38, x : x + 2] = [[0.0] * 4, FILL]
+    assert fills_of(levels) == [[0.0, 0.0, 0.0, 0.0], FILL]
 
 
-def test_a_paler_ink_far_from_the_other_one_stays() -> None:
+def test_a_paler_fill_far_from_the_other_one_stays() -> None:
     levels = lines(0, 6)
     levels[5:40, 60:62] = HALF
     levels[5:40, 70:72] = HALF
-    assert np.rint(HALF).tolist() in inks_of(levels)
+    assert np.rint(HALF).tolist() in fills_of(levels)
 
 
-def test_a_paler_ink_with_interiors_stays() -> None:
+def test_a_paler_fill_with_interiors_stays() -> None:
     levels = lines(1, 8)
     levels[20:40, 60:76] = HALF
-    assert np.rint(HALF).tolist() in inks_of(levels)
+    assert np.rint(HALF).tolist() in fills_of(levels)

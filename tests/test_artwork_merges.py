@@ -5,14 +5,16 @@ import pytest
 
 from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, goal_of
-from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.finish.merges import Merge, merged, with_merges
+from cubicsplat_cli.artwork.finish.parameters import Constraints
+from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ring, polygon, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.raster.cubics import found_merges
 
 RED, BLUE = (255, 0, 0, 255), (0, 64, 255, 255)
 SIZE = 64
-HELD = Held(SIZE, SIZE)
+HELD = Constraints(SIZE, SIZE)
 SQUARE = polygon(np.array([[8.5, 8.25], [50.5, 8.25], [50.5, 50.75], [8.5, 50.75]]))
 
 
@@ -26,8 +28,8 @@ def after_merges(target: np.ndarray, *shapes: Shape, detail: float = 1.0) -> tup
     return state, drawn(drawing, state)
 
 
-def shape(ring: Ring, ink=RED) -> Shape:
-    return Shape(ink, (ring,), "shape")
+def shape(ring: Ring, fill=RED) -> Shape:
+    return Shape(fill, (ring,), "shape")
 
 
 def test_a_run_is_replaced_also_across_the_rings_start():
@@ -74,6 +76,35 @@ def test_what_is_hidden_goes_the_simple_way_and_nothing_else_is_seen():
     state, found = after_merges(target, shape(wandering), cover)
     assert found.shapes[0].outlines[0].ring().pieces <= 8
     assert np.abs(state.image - target).max() < 0.02
+
+
+def merges_of(cubics: np.ndarray, lines: np.ndarray, points: np.ndarray, nats: float = 1e6):
+    flags = lines, np.zeros(len(lines), bool), np.zeros(len(lines), bool), np.zeros(len(lines), bool)
+    ends = len(points) // len(lines) * np.arange(1, len(lines) + 1)
+    return found_merges((cubics, *flags), (points, np.ones(len(points)), ends), (nats, 1.0, -1.0), (3, 3, 2))
+
+
+def test_a_run_costs_half_of_the_squares_from_the_nearest_line():
+    ring = polygon(np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 1.0], [20.0, 20.0], [0.0, 20.0]]))
+    points = points_at(ring.cubics, np.tile(np.linspace(0.1, 0.9, 5), (5, 1))).reshape(-1, 2)
+    numbers, cubics, nets = merges_of(ring.cubics, ring.lines, points)
+    (own,) = np.flatnonzero((numbers[:, :2] == [0, 2]).all(axis=1))
+    middle = points[:10] - points[:10].mean(axis=0)
+    assert numbers[own].tolist() == [0, 2, 1, 2]
+    assert 2e6 - nets[own] == pytest.approx(0.5 * np.linalg.svd(middle, compute_uv=False)[-1] ** 2, abs=1e-6)
+    assert cubics[own][[0, 3]].tolist() == [[0.0, 0.0], [20.0, 1.0]]
+
+
+def test_the_cubic_of_a_run_is_the_one_that_its_pieces_were_cut_from():
+    bow = np.array([[0.0, 0.0], [5.0, 14.0], [22.0, 16.0], [30.0, 0.0]])
+    whole = Ring(bow[[0, 3]], np.stack([bow[1:3], bow[[3, 0]]]), np.array([False, True]), np.zeros(2, bool))
+    ring = divided(divided(whole, 0, 0.3), 1, 0.5)
+    points = points_at(ring.cubics, np.tile(np.linspace(0.05, 0.95, 12), (4, 1))).reshape(-1, 2)
+    # A parameter is worth so little that no line may stand for the run.
+    numbers, cubics, _ = merges_of(ring.cubics, ring.lines, points, nats=1.0)
+    (own,) = np.flatnonzero((numbers[:, :3] == [0, 2, 0]).all(axis=1))
+    found, whole = points_at(cubics[own], np.linspace(0.0, 1.0, 9)), points_at(bow, np.linspace(0.0, 0.65, 4000))
+    assert np.hypot(*(found[:, None] - whole).transpose(2, 0, 1)).min(axis=1).max() < 0.1
 
 
 def test_more_detail_keeps_more_pieces():

@@ -61,7 +61,7 @@ def test_a_linear_and_a_radial_gradient_are_found(kind):
     assert len(linear.stops) == len(radial.stops) == 2
     assert abs(linear.y2 - linear.y1) < 0.02 * abs(linear.x2 - linear.x1)
     assert (radial.cx, radial.cy) == pytest.approx((148.0, 60.0), abs=0.3)
-    assert np.abs(np.array(radial.stops[0].ink[:3]) - PALE).max() <= 6
+    assert np.abs(np.array(radial.stops[0].colour[:3]) - PALE).max() <= 6
 
 
 @pytest.mark.parametrize("kind", ["jpeg", "noise"])
@@ -71,14 +71,14 @@ def test_none_are_found_in_a_flat_drawing(kind):
     assert found.gradients == () and found.levels is levels
 
 
-def test_two_inks_that_noise_hides_the_edge_of_are_no_gradient():
+def test_two_fills_that_noise_hides_the_edge_of_are_no_gradient():
     image = np.full((SIDE, SIDE, 3), 120.0)
     image[:, SIDE // 2 :] = 136.0
     assert flat(suffered(image, "noise")).gradients == ()
 
 
 @pytest.mark.slow
-def test_a_drawing_of_a_jpeg_has_its_gradients_unless_the_inks_are_chosen():
+def test_a_drawing_of_a_jpeg_has_its_gradients_unless_the_fills_are_chosen():
     target = suffered(drawing(), "jpeg") / np.float32(255.0)
     assert len(draw(target).gradients) == 2
     assert draw(target, ArtworkSettings(colors=5)).gradients == ()

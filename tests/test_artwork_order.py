@@ -16,20 +16,20 @@ from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.layers.rounds import round_votes
 from cubicsplat_cli.artwork.layers.stacking import Stack, StackedShape, _without_cycles, stack
 from cubicsplat_cli.artwork.regions.regions import Regions
-from cubicsplat_cli.artwork.tracing.contours import EdgePositions, crossings
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions, edge_positions
 
 FINE = 8
 SIZE = 100
-INKS = np.array([[250.0, 250.0, 250.0, 255.0], [200.0, 30.0, 30.0, 255.0], [30.0, 50.0, 180.0, 255.0]])
+FILLS = np.array([[250.0, 250.0, 250.0, 255.0], [200.0, 30.0, 30.0, 255.0], [30.0, 50.0, 180.0, 255.0]])
 
 
 def drawn(names) -> tuple[Regions, EdgePositions]:
-    """The regions of a picture whose inks at x, y are those of these names (h, w), and where they end."""
+    """The regions of a picture whose fills at x, y are those of these names (h, w), and where they end."""
     y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE
     fine = names(x - 50.0, y - 50.0)
     shares = (fine[..., None] == np.arange(3)).reshape(SIZE, FINE, SIZE, FINE, 3).mean(axis=(1, 3))
-    regions = Regions(shares.argmax(axis=2), INKS, np.arange(3))
-    return regions, crossings(shares @ INKS, regions)
+    regions = Regions(shares.argmax(axis=2), FILLS, np.arange(3))
+    return regions, edge_positions(shares @ FILLS, regions)
 
 
 def votes(names) -> dict[tuple[int, int], float]:
@@ -102,10 +102,10 @@ def test_what_upper_shapes_shut_in_is_not_covered_from_beneath_them():
     labels[40:80, 35:85] = 3
     labels[40:70, 45:75] = 1
     labels[25:45, 10:110] = 4
-    inks = np.vstack([INKS, [[20.0, 120.0, 40.0, 255.0], [0.0, 0.0, 0.0, 255.0]]])
-    regions = Regions(labels, inks, np.arange(5))
+    fills = np.vstack([FILLS, [[20.0, 120.0, 40.0, 255.0], [0.0, 0.0, 0.0, 255.0]]])
+    regions = Regions(labels, fills, np.arange(5))
     stack = Stack(tuple(StackedShape((k,), k) for k in range(5)), np.arange(5))
-    found = crossings(inks[labels], regions)
+    found = edge_positions(fills[labels], regions)
     (coat,) = (part for part in extents(regions, stack, found) if part.layer == 2)
     covered = np.zeros(labels.shape)
     for contour, outline in zip(coat.contours, outlines_of(coat, labels.shape, 1.0), strict=True):
@@ -123,9 +123,9 @@ def test_pieces_join_across_what_hides_them_and_no_farther():
     labels[np.abs(x) < 8.0] = np.where(y < 0.0, 4, 5)[np.abs(x) < 8.0]
     labels[np.abs(y) < 8.0] = np.where(x < 0.0, 6, 7)[np.abs(y) < 8.0]
     labels[x * x + y * y < 900.0] = 8
-    inks = INKS[[0, 0, 0, 0, 1, 1, 1, 1, 2]]
-    regions = Regions(labels, inks, np.array([0, 0, 0, 0, 1, 1, 1, 1, 2]))
-    found = stack(regions, crossings(inks[labels], regions))
+    fills = FILLS[[0, 0, 0, 0, 1, 1, 1, 1, 2]]
+    regions = Regions(labels, fills, np.array([0, 0, 0, 0, 1, 1, 1, 1, 2]))
+    found = stack(regions, edge_positions(fills[labels], regions))
     # The ground runs beneath all; either bar beneath the disc only, not beneath the corners of the ground.
     assert [layer.members for layer in found.layers[:1]] == [(0, 1, 2, 3)]
     assert {layer.members for layer in found.layers[1:]} == {(4, 5), (6, 7), (8,)}
@@ -142,10 +142,10 @@ def test_pieces_do_not_join_beneath_a_shape_that_lies_around_one_of_them():
     labels[40:41, 50:60] = 5
     labels[40:80, 60:110] = 3
     labels[41:80, 50:60] = 4
-    inks = np.vstack([INKS, [[20.0, 120.0, 40.0, 255.0]]])
-    ink_of = np.array([0, 1, 2, 2, 3, 1])
-    regions = Regions(labels, inks[ink_of], ink_of)
-    found = stack(regions, crossings(inks[ink_of][labels], regions))
+    fills = np.vstack([FILLS, [[20.0, 120.0, 40.0, 255.0]]])
+    fill_of = np.array([0, 1, 2, 2, 3, 1])
+    regions = Regions(labels, fills[fill_of], fill_of)
+    found = stack(regions, edge_positions(fills[fill_of][labels], regions))
     assert {layer.members for layer in found.layers} == {(0,), (1,), (2, 3), (4,), (5,)}
 
 

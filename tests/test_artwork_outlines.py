@@ -60,5 +60,5 @@ def test_a_shape_turns_its_holes_against_its_outer_ring():
     shape = Shape((255, 0, 0, 255), (Circle(10.0, 10.0, 8.0), Circle(10.0, 10.0, 3.0)), "ring")
     outer, hole = shape.oriented()
     assert signed_area(outer) > 0.0 > signed_area(hole)
-    assert Drawing(20, 20, (shape, shape)).inks == ((255, 0, 0, 255),)
+    assert Drawing(20, 20, (shape, shape)).fills == ((255, 0, 0, 255),)
     assert Drawing(20, 20, (shape,)).coordinates == 6

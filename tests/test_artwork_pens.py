@@ -15,16 +15,16 @@ from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import signed_area
 from cubicsplat_cli.artwork.geometry.stroke import pieces_of
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.intake import as_levels, taken_in
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
+from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.artwork.strokes.centre_line import end_of
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
 
-SIDE, INK = 600, np.array([26.0, 43.0, 109.0])
+SIDE, FILL = 600, np.array([26.0, 43.0, 109.0])
 
 
 def target_of(pixels: np.ndarray) -> np.ndarray:
@@ -46,7 +46,7 @@ def test_ink_blur_and_width_are_told_by_profiles(name, width, blur, texture, qua
     pens = pens_of(found.bare, found.grain)
     assert pens is not None and len(pens.inks) == 1
     assert pens.blur == pytest.approx(blur, abs=0.06)
-    assert np.abs(pens.inks[0] - INK).max() < 12.0
+    assert np.abs(pens.inks[0] - FILL).max() < 12.0
     assert np.median(pens.widths) == pytest.approx(width, abs=0.15)
 
 
@@ -91,13 +91,13 @@ def test_blurred_lines_become_as_wide_as_they_were():
     y, x = np.mgrid[:60, :200].astype(float)
     share = np.clip(1.75 - np.abs(y - 30.2 - 0.05 * x), 0.0, 1.0)
     soft = ndimage.gaussian_filter(share, 1.2)[..., None]
-    levels = np.concatenate([255.0 + soft * (INK - 255.0), np.full((60, 200, 1), 255.0)], axis=2)
+    levels = np.concatenate([255.0 + soft * (FILL - 255.0), np.full((60, 200, 1), 255.0)], axis=2)
     places = np.stack([np.arange(200.0), 30.2 + 0.05 * np.arange(200.0)], axis=1)
-    pens = Pens(1.2, INK[None], places, np.zeros(200, dtype=int), np.full(200, 2.5))
+    pens = Pens(1.2, FILL[None], places, np.zeros(200, dtype=int), np.full(200, 2.5))
     sharp, inks = sharpened(levels.astype(np.float32), pens)
-    assert inks == pytest.approx(np.array([[255.0, 255.0, 255.0, 255.0], [*INK, 255.0]]))
-    assert np.abs((255.0 - sharp[..., 0]) / (255.0 - INK[0]) - share)[:, 10:-10].mean() < 0.02
-    assert ((255.0 - sharp[:, 10:-10, 0]) / (255.0 - INK[0])).sum() == pytest.approx(share[:, 10:-10].sum(), rel=0.02)
+    assert inks == pytest.approx(np.array([[255.0, 255.0, 255.0, 255.0], [*FILL, 255.0]]))
+    assert np.abs((255.0 - sharp[..., 0]) / (255.0 - FILL[0]) - share)[:, 10:-10].mean() < 0.02
+    assert ((255.0 - sharp[:, 10:-10, 0]) / (255.0 - FILL[0])).sum() == pytest.approx(share[:, 10:-10].sum(), rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -106,16 +106,16 @@ def test_blurred_lines_become_as_wide_as_they_were():
 )
 def test_pens_of_scans_become_strokes_of_their_width_and_ink(name, width, blur, texture, quality):
     picture = drawn(name, width, blur=blur, texture=texture, quality=quality)
-    intake = taken_in(picture)
-    assert intake.pens is not None and intake.condition.coarse
-    assert intake.scanned and intake.notes[0] == "drawn as ink on white paper under even light"
-    ground, *shapes = draw(picture, intake=intake, strokes=True).shapes
-    assert ground.ink == (255, 255, 255, 255)
+    prepared = analysed(picture)
+    assert prepared.pens is not None and prepared.condition.coarse
+    assert prepared.scanned and prepared.notes[0] == "drawn as ink on white paper under even light"
+    ground, *shapes = draw(picture, prepared=prepared, strokes=True).shapes
+    assert ground.fill == (255, 255, 255, 255)
     pens = scaled_pens(ICONS[name], width * SIZE / SIDE)
     assert len(shapes) == len(pens)
     strokes = [shape.stroke for shape in shapes if shape.stroke is not None]
     assert [stroke.width for stroke in strokes] == pytest.approx([width] * len(pens), abs=0.2)
-    assert all(np.abs(np.array(shape.ink[:3]) - INK).max() <= 12.0 for shape in shapes)
+    assert all(np.abs(np.array(shape.fill[:3]) - FILL).max() <= 12.0 for shape in shapes)
     lines = np.concatenate([line_of(pen) for pen in pens]) * SIDE / SIZE
     cubics = np.concatenate([pieces_of(stroke.path)[0] for stroke in strokes])
     found = np.concatenate([points_at(cubic[None], np.linspace(0.0, 1.0, 3000)[None])[0] for cubic in cubics])
@@ -130,7 +130,7 @@ def test_a_scan_drawn_closed_is_near_the_drawing():
     assert all(shape.stroke is None for shape in drawing.shapes)
     truth = rerender(svg_of(pens).encode(), SIDE, SIDE).pixels[..., 0].astype(float)
     area = sum(outline_area(shape) for shape in drawing.shapes[1:])
-    assert area == pytest.approx((255.0 - truth).sum() / (255.0 - INK[0]), rel=0.06)
+    assert area == pytest.approx((255.0 - truth).sum() / (255.0 - FILL[0]), rel=0.06)
 
 
 def outline_area(shape: Shape) -> float:

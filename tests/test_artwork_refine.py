@@ -11,10 +11,10 @@ from test_artwork_fitting import sampled, star
 
 from cubicsplat_cli.artwork.geometry.beziers import bernstein, derivatives, points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
-from cubicsplat_cli.artwork.tracing.corners import find_corners
 from cubicsplat_cli.artwork.tracing.refine import Feet, refine
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 from cubicsplat_cli.raster.cubics import divided_run
+from cubicsplat_cli.raster.outlines import corners_of
 
 SIGMA = 0.02
 
@@ -101,21 +101,21 @@ def test_a_round_is_a_damped_gauss_newton_step_of_the_variables(repeats: int) ->
 
 def test_a_star_has_corners_and_a_circle_has_none() -> None:
     points = sampled(star())
-    corners = find_corners(points, np.full(len(points), SIGMA**-2))
-    assert len(corners.indices) == 10
-    away = np.hypot(*np.moveaxis(corners.positions[:, None] - star().anchors, -1, 0)).min(axis=1)
+    indices, positions, _ = corners_of(points, np.full(len(points), SIGMA**-2))
+    assert len(indices) == 10
+    away = np.hypot(*np.moveaxis(positions[:, None] - star().anchors, -1, 0)).min(axis=1)
     assert away.max() < 0.15
     for radius in (25.0, 60.0):
         points = sampled(Circle(80.0, 80.0, radius))
-        assert len(find_corners(points, np.full(len(points), SIGMA**-2)).indices) == 0
+        assert len(corners_of(points, np.full(len(points), SIGMA**-2))[0]) == 0
 
 
 def test_a_corner_is_found_across_unknown_points() -> None:
     points = sampled(Rectangle(20.3, 20.6, 60.0, 40.0))
     near = np.hypot(*(points - [20.3, 20.6]).T) < 2.5
-    corners = find_corners(points, np.where(near, 0.0, SIGMA**-2))
-    assert np.hypot(*(corners.positions - [20.3, 20.6]).T).min() < 0.1
-    assert np.degrees(np.abs(corners.turns)) == pytest.approx([90.0] * 4, abs=3.0)
+    _, positions, turns = corners_of(points, np.where(near, 0.0, SIGMA**-2))
+    assert np.hypot(*(positions - [20.3, 20.6]).T).min() < 0.1
+    assert np.degrees(np.abs(turns)) == pytest.approx([90.0] * 4, abs=3.0)
 
 
 def test_many_cubics_are_found_from_their_points_at_once() -> None:

@@ -7,7 +7,7 @@ from test_artwork_finish import covered
 
 from cubicsplat_cli.artwork.finish.finish import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle
-from cubicsplat_cli.artwork.input.intake import as_levels
+from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.regions.regions import find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
@@ -18,8 +18,8 @@ from cubicsplat_cli.artwork.vectorize import draw
 UNIT = 128 / 18  # px
 
 
-def regions_of(levels, *inks):
-    return find_regions(levels, np.array(inks, dtype=float) * 255.0)
+def regions_of(levels, *fills):
+    return find_regions(levels, np.array(fills, dtype=float) * 255.0)
 
 
 @pytest.mark.parametrize(("fine", "expected"), [(4, 4), (16, 0)])
@@ -62,7 +62,7 @@ def test_edges_off_any_grid_stay_where_they_are():
 @pytest.mark.parametrize("ground", [WHITE, (0.0, 0.0, 0.0, 0.0)])
 def test_an_edge_within_the_last_row_is_found_there(ground):
     drawing = draw(painted(64, 64, (box(10.0, 20.0, 50.0, 63.6), RED), ground=ground, fine=10))
-    (red,) = (shape.outlines[0] for shape in drawing.shapes if shape.ink == (255, 0, 0, 255))
+    (red,) = (shape.outlines[0] for shape in drawing.shapes if shape.fill == (255, 0, 0, 255))
     assert red.y + red.height == pytest.approx(63.6, abs=0.03)
 
 

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.input.condition import condition_of
-from cubicsplat_cli.artwork.input.intake import as_levels
+from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.input.restore import restored
 from cubicsplat_cli.artwork.regions.hairlines import with_lines
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions, find_regions
@@ -66,7 +66,7 @@ def test_what_a_jpeg_leaves_beside_edges_is_no_colour():
 def test_a_thin_smile_on_a_face_is_one_line():
     smile = f'<path d="M72 126Q100 152 130 124" stroke="{hexed(HAIR)}" stroke-width="1.2" fill="none"/>'
     regions = regions_of(flat_picture(FACE + smile))
-    window = np.abs(regions.inks[regions.labels[121:150, 68:134], :3] - HAIR).max(axis=-1) < 16.0
+    window = np.abs(regions.fills[regions.labels[121:150, 68:134], :3] - HAIR).max(axis=-1) < 16.0
     parts, _ = ndimage.label(window)
     assert max(np.ptp(np.nonzero(parts == k)[1]) for k in range(1, parts.max() + 1)) >= 54
 
@@ -78,7 +78,7 @@ def test_the_thin_borders_of_a_map_hang_together():
     )
     borders = '<path d="M97 0L60 200M78 100L200 90M138 95L150 200" stroke="#333" stroke-width="1" fill="none"/>'
     regions = regions_of(flat_picture(lands + borders, 75, (187, 222, 251)))
-    dark = regions.inks[:, :3].max(axis=1) < 110.0
+    dark = regions.fills[:, :3].max(axis=1) < 110.0
     sizes = np.sort(regions.areas()[dark])[::-1]
     assert sizes[0] >= 0.9 * sizes.sum() and sizes.sum() >= 400
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from cubicsplat_cli.artwork.finish.freedom import Held, freedom_of
+from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
 from cubicsplat_cli.artwork.regularities.alike import Track
 from cubicsplat_cli.artwork.regularities.rotational import Rotation, rotated, rotational
@@ -39,7 +39,7 @@ def drawn(path, place="translate(63.3 64.6)"):
 
 
 def ring_of(drawing):
-    (red,) = (shape for shape in drawing.shapes if shape.ink == RED)
+    (red,) = (shape for shape in drawing.shapes if shape.fill == RED)
     return red.outlines[0]
 
 
@@ -105,27 +105,27 @@ def pinwheel(jitter=0.0):
 
 def test_a_part_stands_for_all():
     ring = pinwheel(0.05)
-    freedom = freedom_of(ring, Held(64, 64))
-    found = rotated(freedom, track_of(ring))
+    parameters = parametrised(ring, Constraints(64, 64))
+    found = rotated(parameters, track_of(ring))
     assert unlike(found.outline(), 3) < 1e-9 < 0.05 < unlike(ring, 3)
     # Of one part three anchors, an angle, and the lengths and handles of two cubics; and the middle.
-    alone = freedom.jacobian.shape[1] // 3
+    alone = parameters.jacobian.shape[1] // 3
     assert found.jacobian.shape[1] == alone + 2
 
 
 @given(st.lists(st.floats(-0.5, 0.5), min_size=60, max_size=60))
 @settings(max_examples=20, deadline=None)
 def test_such_a_ring_stays_one_however_it_moves(steps):
-    freedom = rotational(freedom_of(pinwheel(), Held(64, 64)), Rotation(3, np.array([32.0, 32.0])))
-    moved = freedom.moved(np.array(steps[: freedom.jacobian.shape[1]]))
+    parameters = rotational(parametrised(pinwheel(), Constraints(64, 64)), Rotation(3, np.array([32.0, 32.0])))
+    moved = parameters.moved(np.array(steps[: parameters.jacobian.shape[1]]))
     assert unlike(moved.outline(), 3) < 1e-9
 
 
 def test_its_jacobian_matches_finite_differences():
-    freedom = rotational(freedom_of(pinwheel(), Held(64, 64)), Rotation(3, np.array([32.0, 32.0])))
-    jacobian = freedom.jacobian.toarray()
+    parameters = rotational(parametrised(pinwheel(), Constraints(64, 64)), Rotation(3, np.array([32.0, 32.0])))
+    jacobian = parameters.jacobian.toarray()
     for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
-        change = (freedom.moved(step).cubics - freedom.moved(-step).cubics).ravel() / 2e-5
+        change = (parameters.moved(step).cubics - parameters.moved(-step).cubics).ravel() / 2e-5
         assert np.allclose(change, jacobian[:, i], atol=2e-3)
 
 
@@ -133,13 +133,13 @@ def test_what_is_small_or_uneven_is_no_rotation():
     speck = polygon(corners(2.0, 2.1, 2.05, 2.1, degrees=10.0) * [1.0, 0.8] + 32.0)
     uneven = polygon(corners(20.0, 9.0, 20.0, 9.0, 21.0, 9.0) + 32.0)
     for ring in (speck, uneven):
-        assert rotated(freedom_of(ring, Held(64, 64)), track_of(ring)) is None
+        assert rotated(parametrised(ring, Constraints(64, 64)), track_of(ring)) is None
 
 
 def test_a_star_keeps_the_tip_that_is_held_on_the_border():
     points = corners(*(20.0, 9.0) * 5)
     ring = polygon(points + np.array([[44.0, 32.0]]) + np.where(np.arange(10) == 3, 0.05, 0.0)[:, None])
-    found = rotated(freedom_of(ring, Held(64, 64)), track_of(ring))
+    found = rotated(parametrised(ring, Constraints(64, 64)), track_of(ring))
     assert found.outline().anchors[0, 0] == 64.0 and unlike(found.outline(), 5) < 1e-9
     moved = found.moved(np.full(found.jacobian.shape[1], 0.1)).outline()
     assert moved.anchors[0, 0] == 64.0 and unlike(moved, 5) < 1e-9

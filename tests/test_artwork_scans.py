@@ -11,8 +11,8 @@ from skimage import data
 from stroke_icons import ICONS, svg_of
 
 from cubicsplat_cli import vectorize
-from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.input.paper import scan_of
+from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.evaluate import rerender
 

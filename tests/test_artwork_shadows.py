@@ -9,7 +9,7 @@ import pytest
 from conftest import rest_slow
 from scipy import ndimage
 
-from cubicsplat_cli.artwork.input.intake import taken_in
+from cubicsplat_cli.artwork.input.prepare import analysed
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shadows.blurred import BlurredBox, shaded
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
@@ -37,8 +37,8 @@ def box(left: float, top: float, right: float, bottom: float, radius: float = 0.
     return inside.reshape(HEIGHT, FINE, WIDTH, FINE).mean(axis=(1, 3))
 
 
-def over(picture: np.ndarray, cover: np.ndarray, ink: tuple[int, int, int]) -> np.ndarray:
-    return picture + cover[..., None] * (np.array(ink) - picture)
+def over(picture: np.ndarray, cover: np.ndarray, fill: tuple[int, int, int]) -> np.ndarray:
+    return picture + cover[..., None] * (np.array(fill) - picture)
 
 
 def shadow(shape: np.ndarray, dx: float, dy: float, sigma: float, alpha: float) -> np.ndarray:
@@ -47,13 +47,13 @@ def shadow(shape: np.ndarray, dx: float, dy: float, sigma: float, alpha: float) 
     return alpha * ndimage.gaussian_filter(wide, sigma, truncate=5.0)[80:-80, 80:-80]
 
 
-def card(ground=WHITE, ink=BLUE, radius=8.0, shade=(0.0, 5.0, 6.0, 0.3), colour=(0, 0, 0), below=()) -> np.ndarray:
-    """(H, W, 3) float32: a card with a shadow over a ground and some boxes (coverage, ink) on it."""
+def card(ground=WHITE, fill=BLUE, radius=8.0, shade=(0.0, 5.0, 6.0, 0.3), colour=(0, 0, 0), below=()) -> np.ndarray:
+    """(H, W, 3) float32: a card with a shadow over a ground and some boxes (coverage, fill) on it."""
     picture = np.zeros((HEIGHT, WIDTH, 3)) + ground
     for cover, own in below:
         picture = over(picture, cover, own)
     shape = box(*CARD, radius)
-    picture = over(over(picture, shadow(shape, *shade), colour), shape, ink)
+    picture = over(over(picture, shadow(shape, *shade), colour), shape, fill)
     return np.rint(picture).astype(np.float32) / np.float32(255)
 
 
@@ -83,7 +83,7 @@ def plain_card() -> Drawing:
 
 
 def levels_of(picture: np.ndarray) -> np.ndarray:
-    return taken_in(picture).levels
+    return analysed(picture).levels
 
 
 @pytest.mark.slow
@@ -162,25 +162,25 @@ def test_pieces_of_a_shadow_abut_on_whole_pixels(plain_card):
 
 
 def test_a_shadow_over_two_grounds_is_one_shadow():
-    picture = card(ground=(250, 220, 120), ink=WHITE, below=[(box(0, 80, 200, 150), (60, 160, 120))])
+    picture = card(ground=(250, 220, 120), fill=WHITE, below=[(box(0, 80, 200, 150), (60, 160, 120))])
     drawing = draw(picture)
-    assert {shape.ink for shape in drawing.shapes if shape.name != "shadow"} == {
+    assert {shape.fill for shape in drawing.shapes if shape.name != "shadow"} == {
         (250, 220, 120, 255),
         (60, 160, 120, 255),
         (255, 255, 255, 255),
     }
     assert len(drawing.shapes) - len(shadows(drawing)) == 3
-    inks = [stop.ink[:3] for shape in shadows(drawing) if shape.gradient for stop in shape.gradient.stops]
-    assert np.abs(inks).max() <= 6
+    fills = [stop.colour[:3] for shape in shadows(drawing) if shape.gradient for stop in shape.gradient.stops]
+    assert np.abs(fills).max() <= 6
     gap = off(drawing, picture)[:, :]
     assert np.percentile(gap, 99) <= 3.0
 
 
 @pytest.mark.slow
 def test_a_white_card_on_white_is_not_lost():
-    picture = card(ink=WHITE)
+    picture = card(fill=WHITE)
     drawing = draw(picture)
-    assert [shape.ink for shape in drawing.shapes if shape.name != "shadow"] == [(255, 255, 255, 255)] * 2
+    assert [shape.fill for shape in drawing.shapes if shape.name != "shadow"] == [(255, 255, 255, 255)] * 2
     assert drawing.shapes[-1].name == "white" and off(drawing, picture).max() <= 3.0
 
 
@@ -207,8 +207,8 @@ def test_a_button_on_a_card_each_with_its_own_shadow():
     picture = np.rint(over(picture, upper, BLUE)).astype(np.float32) / np.float32(255)
     drawing = draw(picture)
     names = [shape.name == "shadow" for shape in drawing.shapes]
-    inks = [shape.ink[:3] for shape in drawing.shapes if shape.name != "shadow"]
-    assert inks == [(225, 225, 225), WHITE, BLUE]
+    fills = [shape.fill[:3] for shape in drawing.shapes if shape.name != "shadow"]
+    assert fills == [(225, 225, 225), WHITE, BLUE]
     # Shadow, card, shadow, button, from below.
     assert sum(one != other for one, other in pairwise(names)) == 4 and not names[0] and not names[-1]
     gap = np.abs(drawn(drawing) - 255 * picture).max(axis=2)
@@ -268,5 +268,5 @@ def test_a_shadow_takes_no_more_shapes_than_there_may_be():
 
 
 @pytest.mark.parametrize("settings", rest_slow(ArtworkSettings(stacking="cutout"), ArtworkSettings(colors=6)))
-def test_no_gradients_where_shapes_abut_or_inks_are_chosen(settings):
+def test_no_gradients_where_shapes_abut_or_fills_are_chosen(settings):
     assert not shadows(draw(card(shade=(0.0, 2.0, 2.0, 0.3)), settings))

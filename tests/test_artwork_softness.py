@@ -13,8 +13,8 @@ from scipy import ndimage
 from skimage import data
 
 from cubicsplat_cli.api import vectorize
-from cubicsplat_cli.artwork.input.intake import as_levels
 from cubicsplat_cli.artwork.input.paper import scan_of
+from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.input.softness import softness
 from cubicsplat_cli.artwork.style import choose_style
 
@@ -139,7 +139,7 @@ def test_a_picture_without_any_quiet_place_has_no_shares_and_is_a_photo():
     assert report.style == "photo"
 
 
-def test_a_picture_on_which_the_paper_leaves_no_ink_is_no_scan():
+def test_a_picture_on_which_the_paper_leaves_no_fill_is_no_scan():
     # Without that rule it is one, and all white: the paper follows it everywhere.
     scene = ndimage.zoom(ndimage.gaussian_filter(grey(discs(10, 30, 90.0)), 14.0), 0.4, order=1)
     assert scan_of(as_levels(of(scene))) is None

@@ -17,7 +17,7 @@ from stroke_icons import ICONS, SIZE, Pen, line_of, picture_of, sampled_picture_
 
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.artwork.finish.finish import goal_of
-from cubicsplat_cli.artwork.finish.freedom import Held
+from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke, line_chain, pieces_of
@@ -25,8 +25,8 @@ from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.strokes.find import with_strokes
 from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
-from cubicsplat_cli.artwork.strokes.freedom import StrokeFreedom
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
+from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate import rerender
@@ -34,7 +34,7 @@ from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import read_drawing, read_svg, write_drawing
 
-INK = (26, 43, 109, 255)
+FILL = (26, 43, 109, 255)
 
 
 def strokes_in(picture: np.ndarray) -> list[Stroke]:
@@ -67,9 +67,9 @@ def test_widths_and_centre_lines_of_icons(name, sampled):
 
 
 def over_white(stroke: Stroke) -> Drawing:
-    """A stroke of the ink over white."""
+    """A stroke of the fill over white."""
     ground = Shape((255, 255, 255, 255), (Rectangle(0.0, 0.0, SIZE, SIZE),), "ground")
-    return Drawing(SIZE, SIZE, (ground, Shape(INK, outlines_of_stroke(stroke), "line", stroke=stroke)))
+    return Drawing(SIZE, SIZE, (ground, Shape(FILL, outlines_of_stroke(stroke), "line", stroke=stroke)))
 
 
 def test_strokes_are_fitted_through_their_pixels():
@@ -88,10 +88,10 @@ def test_outlines_move_with_their_centre_lines_as_the_jacobian_says(name):
     for shape in read_drawing(svg_of(ICONS[name])).shapes:
         if shape.stroke is None:
             continue
-        freedom = StrokeFreedom.of(shape.stroke, Held(SIZE, SIZE))
-        told = freedom.jacobian.toarray()
+        parameters = StrokeParameters.of(shape.stroke, Constraints(SIZE, SIZE))
+        told = parameters.jacobian.toarray()
         for k, step in enumerate(1e-4 * np.eye(told.shape[1])):
-            moved = (freedom.moved(step).cubics - freedom.moved(0.0 * step).cubics).ravel() / 1e-4
+            moved = (parameters.moved(step).cubics - parameters.moved(0.0 * step).cubics).ravel() / 1e-4
             assert np.abs(moved - told[:, k]).max() < 5e-3
 
 
@@ -127,13 +127,13 @@ def test_widths_that_are_alike_become_one():
 
 def test_what_no_pen_drew_stays_a_shape():
     wedge = polygon(np.array([[20.0, 20.0], [200.0, 30.0], [60.0, 180.0]]))
-    drawing = Drawing(SIZE, SIZE, (Shape(INK, (wedge,), "wedge"), Shape(INK, (Circle(200.0, 200.0, 20.0),), "disc")))
+    drawing = Drawing(SIZE, SIZE, (Shape(FILL, (wedge,), "wedge"), Shape(FILL, (Circle(200.0, 200.0, 20.0),), "disc")))
     assert with_strokes(drawing) == drawing
 
 
 def test_rings_and_bars_are_strokes_as_they_stand():
-    ring = Shape(INK, (Circle(60.0, 60.0, 40.0), Circle(60.0, 60.0, 34.0)), "ring")
-    bar = Shape(INK, (Rectangle(20.0, 150.0, 100.0, 8.0, 4.0),), "bar")
+    ring = Shape(FILL, (Circle(60.0, 60.0, 40.0), Circle(60.0, 60.0, 34.0)), "ring")
+    bar = Shape(FILL, (Rectangle(20.0, 150.0, 100.0, 8.0, 4.0),), "bar")
     found = [shape.stroke for shape in with_strokes(Drawing(SIZE, SIZE, (ring, bar))).shapes]
     assert found[0] is not None and found[0].path == Circle(60.0, 60.0, 37.0) and found[0].width == 6.0
     assert found[1] is not None and found[1].cap == "round"
@@ -180,7 +180,7 @@ def test_a_file_with_strokes_is_read_back():
 def test_strokes_alike_are_one_path_and_say_only_what_differs_from_the_usual():
     pen = {"width": 4.0, "cap": "butt", "join": "miter"}
     rows = [Stroke(line_chain(np.array([[10.0, y], [90.0, y]])), **pen) for y in (20.0, 40.0, 60.0)]
-    shapes = [Shape(INK, outlines_of_stroke(stroke), "line", stroke=stroke) for stroke in rows]
+    shapes = [Shape(FILL, outlines_of_stroke(stroke), "line", stroke=stroke) for stroke in rows]
     dot = Stroke(line_chain(np.array([[50.0, 80.0], [60.0, 90.0]])), 4.0, "round", "round")
     shapes.append(Shape((0, 0, 0, 128), outlines_of_stroke(dot), "dash", stroke=dot))
     text = write_drawing(Drawing(100, 100, tuple(shapes)), precision=1, title="t", comment="c")
@@ -192,7 +192,7 @@ def test_strokes_alike_are_one_path_and_say_only_what_differs_from_the_usual():
 
 def test_a_scaled_stroke_stays_one_where_both_sides_grow_alike():
     stroke = Stroke(line_chain(np.array([[10.0, 10.0], [90.0, 50.0]])), 4.0)
-    drawing = Drawing(100, 100, (Shape(INK, outlines_of_stroke(stroke), "line", stroke=stroke),))
+    drawing = Drawing(100, 100, (Shape(FILL, outlines_of_stroke(stroke), "line", stroke=stroke),))
     twice = scaled_drawing(drawing, 200, 200).shapes[0].stroke
     assert twice is not None and twice.width == 8.0
     assert scaled_drawing(drawing, 200, 100).shapes[0].stroke is None

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from cubicsplat_cli.artwork.finish.freedom import Held
+from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
 from cubicsplat_cli.artwork.regularities.alike import Track, symmetry_of
-from cubicsplat_cli.artwork.regularities.mirrored import Axis, mirrored_freedom, mirrored_rings
+from cubicsplat_cli.artwork.regularities.mirrored import Axis, mirrored_parameters, mirrored_rings
 from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
@@ -30,7 +30,7 @@ def pictured(path, shift=0.0):
 
 
 def ring_of(drawing):
-    (red,) = (shape for shape in drawing.shapes if shape.ink == (204, 34, 0, 255))
+    (red,) = (shape for shape in drawing.shapes if shape.fill == (204, 34, 0, 255))
     return red.outlines[0]
 
 
@@ -87,23 +87,23 @@ def heart(jitter=0.0):
 @settings(max_examples=20, deadline=None)
 def test_a_mirrored_ring_stays_one_however_it_moves(steps):
     for found in mirrored_rings(heart(0.3), Axis(0, 20.0)):
-        freedom = mirrored_freedom(found, Held(40, 40))
-        moved = freedom.moved(np.array(steps[: freedom.jacobian.shape[1]]))
+        parameters = mirrored_parameters(found, Constraints(40, 40))
+        moved = parameters.moved(np.array(steps[: parameters.jacobian.shape[1]]))
         assert asymmetry(moved.outline(), 20.0) < 1e-9
 
 
 def test_the_jacobian_of_a_mirrored_ring_matches_finite_differences():
-    freedom = mirrored_freedom(mirrored_rings(heart(), Axis(0, 20.0))[0], Held(40, 40))
-    jacobian = freedom.jacobian.toarray()
+    parameters = mirrored_parameters(mirrored_rings(heart(), Axis(0, 20.0))[0], Constraints(40, 40))
+    jacobian = parameters.jacobian.toarray()
     for i, step in enumerate(1e-5 * np.eye(jacobian.shape[1])):
-        change = (freedom.moved(step).cubics - freedom.moved(-step).cubics).ravel() / 2e-5
+        change = (parameters.moved(step).cubics - parameters.moved(-step).cubics).ravel() / 2e-5
         assert np.allclose(change, jacobian[:, i], atol=2e-3)
 
 
 def test_a_mirrored_ring_has_about_half_of_the_variables():
-    freedom = mirrored_freedom(mirrored_rings(heart(), Axis(0, 20.0))[0], Held(40, 40))
+    parameters = mirrored_parameters(mirrored_rings(heart(), Axis(0, 20.0))[0], Constraints(40, 40))
     # Two anchors on the axis (1 each), one beside it (2) with two lengths, and two handles at corners (2 each).
-    assert freedom.jacobian.shape[1] == 2 + 2 + 2 + 4
+    assert parameters.jacobian.shape[1] == 2 + 2 + 2 + 4
 
 
 def test_either_side_makes_a_ring_of_its_own():

@@ -13,11 +13,11 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.tracing.contours import EdgePositions, crossings
+from cubicsplat_cli.artwork.tracing.contours import EdgePositions, edge_positions
 from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
-from cubicsplat_cli.artwork.translucent.merging import Sheet, with_covered
+from cubicsplat_cli.artwork.translucent.merging import Overlay, with_covered
+from cubicsplat_cli.artwork.translucent.overlays import without_overlays
 from cubicsplat_cli.artwork.translucent.paint import FULL, Paint, likeliest, paint_of
-from cubicsplat_cli.artwork.translucent.sheets import without_sheets
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.svg import read_drawing, write_drawing
 
@@ -26,17 +26,17 @@ PAPER = (248, 244, 233, 255)
 
 
 def painted(*layers, ground=PAPER) -> np.ndarray:
-    """(SIZE, SIZE, 4) premultiplied: layers are functions of x, y (px) and an ink of 8 bits, back to front."""
+    """(SIZE, SIZE, 4) premultiplied: layers are functions of x, y (px) and a fill of 8 bits, back to front."""
     y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE
     picture = np.broadcast_to(levels(ground) / FULL, (SIZE, SIZE, 4)).copy()
-    for inside, ink in layers:
+    for inside, fill in layers:
         share = inside(x, y).reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))[..., None]
-        picture = picture * (1.0 - share * ink[3] / FULL) + share * levels(ink) / FULL
+        picture = picture * (1.0 - share * fill[3] / FULL) + share * levels(fill) / FULL
     return (np.rint(picture * FULL) / FULL).astype(np.float32)
 
 
-def levels(ink) -> np.ndarray:
-    return np.array([*(v * ink[3] / FULL for v in ink[:3]), ink[3]])
+def levels(fill) -> np.ndarray:
+    return np.array([*(v * fill[3] / FULL for v in fill[:3]), fill[3]])
 
 
 def disc(cx, cy, r):
@@ -60,15 +60,15 @@ FLAG = ((box(0, 0, 120, 40), RED), (box(0, 80, 120, 120), BLUE))
 
 def translucent(drawing: Drawing) -> list[int]:
     """Which shapes are."""
-    return [k for k, shape in enumerate(drawing.shapes) if shape.ink[3] < 255]
+    return [k for k, shape in enumerate(drawing.shapes) if shape.fill[3] < 255]
 
 
 def test_two_discs_that_overlap_are_two_circles():
     drawing = draw(painted((disc(45, 60, 30), (*RED[:3], 153)), (disc(75.5, 60, 30), (*BLUE[:3], 128))))
     ground, lower, upper = drawing.shapes
-    assert ground.ink == PAPER and isinstance(ground.outlines[0], Rectangle)
+    assert ground.fill == PAPER and isinstance(ground.outlines[0], Rectangle)
     # Of the lower one only one ground is seen, so that it may as well be opaque.
-    assert lower.ink[3] == 255 and upper.ink == pytest.approx((*BLUE[:3], 128), abs=2)
+    assert lower.fill[3] == 255 and upper.fill == pytest.approx((*BLUE[:3], 128), abs=2)
     for shape, x in ((lower, 45.0), (upper, 75.5)):
         (circle,) = shape.outlines
         assert isinstance(circle, Circle)
@@ -85,23 +85,23 @@ def test_the_uppermost_of_three_discs_is_the_one_that_was_drawn_last():
         drawing = draw(painted(*(discs[k] for k in order)))
         assert len(drawing.shapes) == 4 and translucent(drawing) == [2, 3]
         for shape, k in zip(drawing.shapes[2:], order[1:], strict=True):
-            assert shape.ink == pytest.approx(discs[k][1], abs=2)
+            assert shape.fill == pytest.approx(discs[k][1], abs=2)
 
 
 @pytest.mark.parametrize("film", rest_slow((SHADE,), (SHEEN,)))
 def test_stripes_go_on_beneath_a_film(film):
     drawing = draw(painted(*FLAG, (slanted, film)))
     assert len(drawing.shapes) == 4 and translucent(drawing) == [3]
-    assert drawing.shapes[3].ink == film
-    assert {shape.ink for shape in drawing.shapes[:3]} == {PAPER, RED, BLUE}
+    assert drawing.shapes[3].fill == film
+    assert {shape.fill for shape in drawing.shapes[:3]} == {PAPER, RED, BLUE}
     assert all(isinstance(shape.outlines[0], Rectangle) for shape in drawing.shapes[:3])
     assert drawing.shapes[3].outlines[0].ring().pieces == 4
 
 
 def test_what_lies_on_a_film_stays_above_it():
     drawing = draw(painted(*FLAG, (box(20, 20, 100, 100), SHEEN), (disc(60, 60, 12), GREEN)))
-    inks = [shape.ink for shape in drawing.shapes]
-    assert len(inks) == 5 and inks.index(SHEEN) == 3 and inks[4] == GREEN
+    fills = [shape.fill for shape in drawing.shapes]
+    assert len(fills) == 5 and fills.index(SHEEN) == 3 and fills[4] == GREEN
     film = drawing.shapes[3].outlines
     assert len(film) == 1 and isinstance(film[0], Rectangle)
 
@@ -109,8 +109,8 @@ def test_what_lies_on_a_film_stays_above_it():
 def test_a_film_over_nothing_and_over_a_shape():
     drawing = draw(painted((box(20, 20, 70, 70), RED), (disc(70, 70, 30), (*BLUE[:3], 153)), ground=(0, 0, 0, 0)))
     lower, upper = drawing.shapes
-    assert lower.ink == RED and isinstance(lower.outlines[0], Rectangle)
-    assert upper.ink == pytest.approx((*BLUE[:3], 153), abs=2) and isinstance(upper.outlines[0], Circle)
+    assert lower.fill == RED and isinstance(lower.outlines[0], Rectangle)
+    assert upper.fill == pytest.approx((*BLUE[:3], 153), abs=2) and isinstance(upper.outlines[0], Circle)
 
 
 @pytest.mark.slow
@@ -124,7 +124,7 @@ def test_what_only_several_films_make_of_the_ground_is_theirs():
     assert [circle.cx for circle in circles] == pytest.approx([38.5, 81.5, 60.0], abs=0.05)
 
 
-def test_four_opaque_inks_that_meet_stay_opaque():
+def test_four_opaque_fills_that_meet_stay_opaque():
     quarters = (box(0, 0, 60, 60), RED), (box(60, 0, 120, 60), BLUE), (box(0, 60, 60, 120), GREEN)
     assert translucent(draw(painted(*quarters))) == []
     # The dark squares of a check are not the light ones beneath a shade.
@@ -136,21 +136,21 @@ def shown(names) -> tuple[Regions, EdgePositions]:
     """Regions 0 to 3 where names (h, w) of x, y say so, from the middle: of grounds 0 and 1, shaded 2 and 3."""
     y, x = (np.mgrid[: SIZE * FINE, : SIZE * FINE] + 0.5) / FINE - SIZE / 2
     shares = (names(x, y)[..., None] == np.arange(4)).reshape(SIZE, FINE, SIZE, FINE, 4).mean(axis=(1, 3))
-    inks = np.array([levels(PAPER), levels(RED), 0.8 * levels(PAPER), 0.8 * levels(RED)])
-    inks[:, 3] = FULL
-    regions = Regions(shares.argmax(axis=2), np.rint(inks), np.arange(4))
-    return regions, crossings(shares @ regions.inks, regions)
+    fills = np.array([levels(PAPER), levels(RED), 0.8 * levels(PAPER), 0.8 * levels(RED)])
+    fills[:, 3] = FULL
+    regions = Regions(shares.argmax(axis=2), np.rint(fills), np.arange(4))
+    return regions, edge_positions(shares @ regions.fills, regions)
 
 
 def test_both_edges_must_go_straight_on():
     straight = shown(lambda x, y: (y > 0.3 * x) + 2 * (x > 0.2 * y))
-    assert len(without_sheets(*straight)[1]) == 1
+    assert len(without_overlays(*straight)[1]) == 1
     # The grounds' edge turns where it crosses the film's.
     bent = shown(lambda x, y: (y > np.where(x > 0.2 * y, 0.6 * x, 0.0)) + 2 * (x > 0.2 * y))
-    assert without_sheets(*bent)[1] == ()
+    assert without_overlays(*bent)[1] == ()
     # The film's edge turns where it crosses the grounds'.
     broken = shown(lambda x, y: (y > 0.0) + 2 * (x > np.where(y > 0.0, 0.5 * y, 0.0)))
-    assert without_sheets(*broken)[1] == ()
+    assert without_overlays(*broken)[1] == ()
 
 
 def test_a_meeting_is_found_once_and_its_edges_go_on():
@@ -164,10 +164,10 @@ def test_a_meeting_is_found_once_and_its_edges_go_on():
 
 def test_a_paint_follows_from_two_grounds():
     grounds = np.array([levels(PAPER), levels(RED), levels(BLUE)])
-    ink = (200, 180, 20, 90)
-    seen = np.rint(levels(ink) + (1.0 - 90 / FULL) * grounds)
+    fill = (200, 180, 20, 90)
+    seen = np.rint(levels(fill) + (1.0 - 90 / FULL) * grounds)
     found = paint_of(seen, grounds)
-    assert found is not None and found.ink == pytest.approx(ink, abs=2)
+    assert found is not None and found.fill == pytest.approx(fill, abs=2)
     assert found.over(grounds) == pytest.approx(seen, abs=1.5)
     # Four levels off in one channel of one is another paint.
     off = seen.copy()
@@ -178,55 +178,55 @@ def test_a_paint_follows_from_two_grounds():
     assert paint_of(np.array([seen[0], seen[0]]), grounds[:2]) is None
 
 
-@pytest.mark.parametrize("ink", [(255, 255, 255, 51), (0, 0, 0, 38), (30, 60, 90, 204)])
-def test_the_likeliest_ink_is_what_a_program_was_given(ink):
+@pytest.mark.parametrize("fill", [(255, 255, 255, 51), (0, 0, 0, 38), (30, 60, 90, 204)])
+def test_the_likeliest_fill_is_what_a_program_was_given(fill):
     grounds = np.array([levels(v) for v in (PAPER, RED, BLUE, GREEN)])
-    over, through = np.rint(levels(ink)), grounds * (FULL - ink[3])
+    over, through = np.rint(levels(fill)), grounds * (FULL - fill[3])
     for left in (np.rint(through / FULL), np.floor((through + FULL) / 256.0)):
-        assert likeliest(over + left, grounds) == pytest.approx(ink, abs=1)
+        assert likeliest(over + left, grounds) == pytest.approx(fill, abs=1)
 
 
-def test_who_chooses_inks_or_has_shapes_cut_out_gets_opaque_ones():
+def test_who_chooses_fills_or_has_shapes_cut_out_gets_opaque_ones():
     picture = painted(*FLAG, (slanted, SHADE))
-    ink = (0, 0, 0), (255, 255, 255)
-    for settings in (ArtworkSettings(colors=6), ArtworkSettings(stacking="cutout"), ArtworkSettings(palette=ink)):
+    fill = (0, 0, 0), (255, 255, 255)
+    for settings in (ArtworkSettings(colors=6), ArtworkSettings(stacking="cutout"), ArtworkSettings(palette=fill)):
         assert translucent(draw(picture, settings)) == []
 
 
-def ringed(films, ink) -> tuple[Regions, np.ndarray, list[Sheet]]:
-    """A square of an ink on paper, and small sheets of these inks beside it that do not touch each other."""
+def ringed(films, fill) -> tuple[Regions, np.ndarray, list[Overlay]]:
+    """A square of a fill on paper, and small overlays of these fills beside it that do not touch each other."""
     labels = np.zeros((40, 40), dtype=np.int32)
     labels[10:30, 10:30] = 1
-    sheets = []
+    overlays = []
     for k, film in enumerate(films):
         cover = np.zeros(labels.shape, dtype=bool)
         cover[8:10, 10 + 4 * k : 12 + 4 * k] = True
-        sheets.append(Sheet(Paint(film, 0.0), cover))
-    return Regions(labels, np.array([levels(PAPER), ink]), np.arange(2)), np.zeros(2, dtype=bool), sheets
+        overlays.append(Overlay(Paint(film, 0.0), cover))
+    return Regions(labels, np.array([levels(PAPER), fill]), np.arange(2)), np.zeros(2, dtype=bool), overlays
 
 
 def test_what_films_make_of_a_neighbour_is_theirs_in_the_order_that_does():
     films = [(*RED[:3], 153), (*BLUE[:3], 153)]
     for above, below in ((0, 1), (1, 0)):
-        ink = levels(PAPER)
+        fill = levels(PAPER)
         for k in (below, above):
-            ink = Paint(films[k], 0.0).over(ink[None])[0]
-        regions, fixed, sheets = with_covered(*ringed(films, ink))
+            fill = Paint(films[k], 0.0).over(fill[None])[0]
+        regions, fixed, overlays = with_covered(*ringed(films, fill))
         assert regions.count == 1 and fixed.tolist() == [False]
-        assert [sheet.paint.ink for sheet in sheets] == [films[above], films[below]]
-        assert all(sheet.cover[10:30, 10:30].all() for sheet in sheets)
+        assert [overlay.paint.fill for overlay in overlays] == [films[above], films[below]]
+        assert all(overlay.cover[10:30, 10:30].all() for overlay in overlays)
 
 
 def test_many_films_over_each_other_do_not_make_an_opaque_shape():
-    # Five of them would make nearly the ink itself, of whatever ground.
-    ink = (220, 48, 17, 166)
-    regions, fixed, sheets = ringed([ink] * 5, levels((*ink[:3], 255)))
+    # Five of them would make nearly the fill itself, of whatever ground.
+    fill = (220, 48, 17, 166)
+    regions, fixed, overlays = ringed([fill] * 5, levels((*fill[:3], 255)))
     made = levels(PAPER)
-    for sheet in sheets:
-        made = sheet.paint.over(made[None])[0]
-    assert np.abs(made - regions.inks[1]).max() < 1.5
-    after, _, same = with_covered(regions, fixed, sheets)
-    assert after.count == 2 and not any(sheet.cover[10:30, 10:30].any() for sheet in same)
+    for overlay in overlays:
+        made = overlay.paint.over(made[None])[0]
+    assert np.abs(made - regions.fills[1]).max() < 1.5
+    after, _, same = with_covered(regions, fixed, overlays)
+    assert after.count == 2 and not any(overlay.cover[10:30, 10:30].any() for overlay in same)
 
 
 @pytest.mark.slow
@@ -240,7 +240,7 @@ def test_the_file_says_the_opacity_and_is_read_again():
     drawing = draw(painted(*FLAG, (slanted, SHADE)))
     text = write_drawing(drawing, title="film", comment="test")
     assert text.count("fill-opacity") == 1 and 'fill-opacity=".2"' in text.replace("0.2", ".2")
-    assert [shape.ink for shape in read_drawing(text).shapes] == [shape.ink for shape in drawing.shapes]
+    assert [shape.fill for shape in read_drawing(text).shapes] == [shape.fill for shape in drawing.shapes]
 
 
 def test_a_jpeg_has_no_films():

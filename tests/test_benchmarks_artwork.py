@@ -215,7 +215,7 @@ def test_recall_and_precision_of_primitives():
     assert counts(hidden, truth)[:2] == (0, 1)
 
 
-def test_a_primitive_whose_outline_is_lost_in_its_own_ink_is_not_asked_for():
+def test_a_primitive_whose_outline_is_lost_in_its_own_fill_is_not_asked_for():
     box = '<rect x="9" y="9" width="30" height="20" fill="#08f"/>'
     disc = '<circle cx="35" cy="19" r="7" fill="{}"/>'
     assert counts(box + disc.format("#08f"), "")[1] == 1
@@ -227,7 +227,7 @@ def test_a_side_that_shows_nowhere_is_not_asked_for():
     over = '<path d="M35 0H60V48H30z" fill="#fd0"/>'
     whole = counts(box.format(40) + over, box.format(30) + over)
     assert whole == (0, 0, 1, 1)
-    # Nor what the canvas's border hides, or where a side is lost in its own ink; elsewhere it is.
+    # Nor what the canvas's border hides, or where a side is lost in its own fill; elsewhere it is.
     assert counts(box.format(55) + over.replace("60", "64"), "")[1] == 0
     assert counts(box.format(40) + over.replace("#fd0", "#08f"), "")[1] == 0
     assert counts(box.format(55) + over, box.format(55))[:2] == (1, 1)
@@ -303,7 +303,7 @@ def test_pieces_that_others_hide_are_whole_or_not():
     assert completed(*both(disc + BAR, halves + BAR)) == (0, 1)
     # Of the bar a part is covered by a translucent disc, which hides nothing.
     assert completed(*both(BAR + disc.replace("/>", ' opacity=".5"/>'), BAR)) == (0, 0)
-    # A ground that fills the canvas does not count, nor what is hidden by its own ink.
+    # A ground that fills the canvas does not count, nor what is hidden by its own fill.
     ground = '<rect width="64" height="48" fill="#fd0"/>'
     assert completed(*both(ground + BAR, BAR)) == (0, 0)
     assert completed(*both(disc + disc.replace("32", "36"), disc)) == (0, 0)

@@ -21,13 +21,13 @@ def box_of(pixels: np.ndarray) -> bytes:
     colours, background = pixels[..., :3].astype(int), pixels[0, 0, :3].astype(int)
     rows, columns = np.nonzero(np.abs(colours - background).max(axis=2) > 60)
     top, bottom, left, right = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
-    ink = np.median(colours[top:bottom, left:right].reshape(-1, 3), axis=0).astype(int)
+    fill = np.median(colours[top:bottom, left:right].reshape(-1, 3), axis=0).astype(int)
     height, width = pixels.shape[:2]
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}">'
         f'<rect width="{width}" height="{height}" fill="rgb({",".join(map(str, background))})"/>'
         f'<rect x="{left}" y="{top}" width="{right - left}" height="{bottom - top}" '
-        f'fill="rgb({",".join(map(str, ink))})"/></svg>'
+        f'fill="rgb({",".join(map(str, fill))})"/></svg>'
     ).encode()
 
 

@@ -38,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_every_picture_by_every_tool_and_a_failure_stops_nothing(folder):
     def breaks(pixels: np.ndarray) -> bytes:
-        raise ValueError("out of ink")
+        raise ValueError("out of fill")
 
     points, told = Points(), []
     made = {("flat", "usual"): lambda pixels: FLAT.encode(), ("bad", "usual"): breaks, ("none", "x"): lambda p: b"?"}
@@ -52,7 +52,7 @@ def test_every_picture_by_every_tool_and_a_failure_stops_nothing(folder):
     assert [failed[:2] for failed in points.failed] == [
         ("a.png", "bad, usual"), ("a.png", "none, x"), ("b.png", "bad, usual"), ("b.png", "none, x"),
     ]  # fmt: skip
-    assert "out of ink" in points.failed[0][2]
+    assert "out of fill" in points.failed[0][2]
     assert len(told) == 6
 
 

@@ -94,7 +94,7 @@ def test_not_even_one_curve_is_one_line(noisy_file, run_cli):
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (("--max-bytes", "lots"), "--max-bytes must be an amount of bytes such as 20k or 1.5M, not 'lots'"),
+        (("--max-bytes", "lots"), "--max-bytes must be an amount of bytes such as 20k, 1.5M or 400gz, not 'lots'"),
         (("--max-bytes", "0"), "--max-bytes must be an amount of bytes"),
         (("--target-psnr", "99"), "--target-psnr must be a number from 1 to 60"),
         (("--target-psnr", "nan"), "--target-psnr must be a number from 1 to 60"),

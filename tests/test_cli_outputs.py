@@ -12,7 +12,7 @@ import pytest
 
 from cubicsplat_cli.cli.console import Reporter, progress_text
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.marks import hashes_in, provenance_comment, settings_hash
+from cubicsplat_cli.files.marks import provenance_comment, settings_hash
 from cubicsplat_cli.files.names import is_compressed_name, plan_outputs
 from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_ours
 from cubicsplat_cli.files.write import encode_png
@@ -127,13 +127,6 @@ def test_impossible_outputs_are_found_before_the_work(folder):
         os.mkfifo(folder / "pipe.svg")
         with pytest.raises(InputError, match="pipe"):
             check_outputs([folder / "pipe.svg"], force=False)
-
-
-def test_the_comment_gives_its_hashes_back():
-    digest = settings_hash({"a": 1})
-    comment = f"<svg>\n<!-- {provenance_comment('1.2.3', 4, digest, 'ab' * 32)} -->"
-    assert hashes_in(comment.encode()) == (digest, "ab" * 32)
-    assert hashes_in(b"<!-- cubicsplat 1.2.3, seed 4 -->") is None
 
 
 def test_settings_hash_depends_on_values_not_on_order():

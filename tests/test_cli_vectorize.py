@@ -201,7 +201,7 @@ def test_ctrl_c_writes_the_best_svg_so_far(photo):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("jobs", rest_slow(1, 2))
 def test_ctrl_c_writes_the_drawings_so_far(jobs, tmp_path):
-    """Of rings whose outlines and finish take many seconds."""
+    """Of rings whose finish takes a second."""
     y, x = np.mgrid[0:240, 0:240] + 0.5
     cover = np.ones((240, 240))
     for u, v, r in np.random.default_rng(4).uniform((20, 20, 6), (220, 220, 18), (60, 3)):
@@ -209,7 +209,7 @@ def test_ctrl_c_writes_the_drawings_so_far(jobs, tmp_path):
     for name in "ab"[:jobs]:
         Image.fromarray(np.rint(255 * cover).astype(np.uint8)).save(tmp_path / f"{name}.png")
     with WarmCommand("vectorize", *tmp_path.glob("*.png"), "--style", "artwork", "-j", jobs, "-v") as command:
-        wait_until(lambda: command.stderr().count(b"fitting outlines") >= jobs or not command.running())
+        wait_until(lambda: command.stderr().count(b"fitting to the pixels") >= jobs or not command.running())
         command.interrupt()
         done = command.wait()
     assert done.returncode == 130, done.stderr

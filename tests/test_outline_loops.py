@@ -9,9 +9,8 @@ import pytest
 from scipy import ndimage
 
 from cubicsplat_cli.artwork.regions.cracks import STEP, trace
-from cubicsplat_cli.artwork.tracing.corners import find_corners
-from cubicsplat_cli.artwork.tracing.layout import lay_out
-from cubicsplat_cli.raster.outlines import Hiding, fewest_links, held_by_hull, hull_mask
+from cubicsplat_cli.raster.cubics import laid_out
+from cubicsplat_cli.raster.outlines import Hiding, corners_of, fewest_links, held_by_hull, hull_mask
 
 
 def blotches(seed: int) -> np.ndarray:
@@ -59,9 +58,11 @@ def test_the_work_for_a_jagged_loop_grows_with_its_corners_and_not_with_their_sq
         weights, tries = np.full(len(points), 400.0), []
         for _ in range(3):
             start = time.process_time()
-            layout = lay_out(points, weights, find_corners(points, weights), 3.0)
+            indices, positions, turns = corners_of(points, weights)
+            given = indices, positions, turns, np.zeros(len(indices), dtype=bool)
+            division = laid_out(points, weights, given, 3.0)[0]
             tries.append(time.process_time() - start)
-        assert layout.division.from_corner.sum() > 0.9 * teeth
+        assert division.from_corner.sum() > 0.9 * teeth
         seconds.append(min(tries))
     # Four times as many corners; with all of them compared with all it would be 16 times the work.
     assert seconds[1] < 10.0 * seconds[0]

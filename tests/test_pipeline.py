@@ -35,6 +35,7 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture
 from cubicsplat_cli.pipeline import photo as photo_style
 from cubicsplat_cli.pipeline.artwork import SAMPLES, drawn_outlines
+from cubicsplat_cli.pipeline.photo import QuickPhoto
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import COMMAND_BEGAN, FrameRecorder, Observer, Progress, StageTimer, Work
 from cubicsplat_cli.request import Request
@@ -230,6 +231,32 @@ def test_the_sketch_of_a_blurred_picture_is_compared_blurred(monkeypatch):
     made = drawn_outlines(task_of(as_picture(np.asarray(blurred)), Request(), StageTimer()), sketches.append)
     assert made.blur > 0.5
     assert [sketch.blur for sketch in sketches] == [made.blur]
+
+
+@pytest.mark.parametrize("level", [0.0, 60.0])
+def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, monkeypatch):
+    shares = []
+    relax = FitLoop.relax
+    monkeypatch.setattr(FitLoop, "relax", lambda loop, share=1.0: shares.append(share) or relax(loop, share))
+    task = task_of(as_picture(blotches()), Request(FitSettings(threads=1)), StageTimer())
+    quick = QuickPhoto(task, 4, lambda scene: choose.level_db(task, scene, 48))
+    found = quick.beyond(level)
+    # At 60 dB it is plain at the first look that four curves will not get there; then nothing more is done.
+    assert (found is None) == (level == 60.0)
+    assert shares == ([0.15] if level == 60.0 else [0.15, 0.4, 0.65])
+    assert quick.beyond(level) == found
+    assert len(shares) == (1 if level == 60.0 else 3)
+
+
+@pytest.mark.parametrize(("drawn", "beyond"), [(30.0, 33.0), (21.0, 24.0), (11.5, 13.16)])
+def test_outlines_may_bring_a_sketch_nearer_by_so_many_decibels_or_so_much_of_its_error(drawn, beyond, monkeypatch):
+    asked = []
+    monkeypatch.setattr(choose, "level_db", lambda *_: drawn)
+    monkeypatch.setattr(choose, "seen_db", lambda *_: drawn)
+    monkeypatch.setattr(QuickPhoto, "beyond", lambda _, least: asked.append(least))
+    task = task_of(as_picture(disc()), Request(FitSettings(threads=1)), StageTimer())
+    choose.check_worth_finishing(task, drawn_outlines(task))
+    assert asked == [pytest.approx(beyond, abs=0.02)]
 
 
 def fails(*_) -> None:
@@ -458,7 +485,7 @@ def test_one_colour_is_a_ground_and_no_path(colour, style, paths, made):
     assert report.quality.surrogate.identical or report.quality.surrogate.psnr_db > 60
 
 
-def test_one_colour_with_a_palette_has_its_ink():
+def test_one_colour_with_a_palette_has_its_fill():
     pixels = np.full((20, 30, 3), (200, 100, 50), np.uint8)
     done = vectorize(pixels, style="artwork", palette=((0, 0, 0), (255, 128, 0)))
     assert done.report.inks == ["#ff8000ff"]

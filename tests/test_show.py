@@ -115,8 +115,8 @@ def test_shapes_of_artwork_in_one_path_have_one_worth():
 def drawn(kind: str) -> Image.Image:
     random = np.random.default_rng(1)
     if kind == "cells":
-        inks = np.array([[0, 0, 0], [255, 255, 255], [200, 30, 30]], np.uint8)
-        return Image.fromarray(random.choice(inks, (8, 8)).repeat(6, 0).repeat(6, 1))
+        fills = np.array([[0, 0, 0], [255, 255, 255], [200, 30, 30]], np.uint8)
+        return Image.fromarray(random.choice(fills, (8, 8)).repeat(6, 0).repeat(6, 1))
     if kind == "photo":
         return Image.fromarray(random.integers(0, 256, (4, 5, 3), dtype=np.uint8).repeat(5, 0).repeat(5, 1))
     picture = Image.new("RGB", (240, 120), "white")
@@ -272,7 +272,7 @@ def test_the_command_asks_for_the_same_again(request_, monkeypatch):
     words = shlex.split(command(report))
     assert words[:3] == ["cubicsplat", "vectorize", "a 'b.png"]
     with pytest.raises(SystemExit):
-        app.app(words[1:], standalone_mode=False)
+        app.run_command(words[1:])
     assert asked[0].digest() == request_.digest()
 
 

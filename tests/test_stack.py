@@ -17,7 +17,7 @@ from cubicsplat_cli.raster.stack import DrawnStack, Goal, StackPieces, Unknowns
 
 HEIGHT, WIDTH = 40, 48
 OUTLINES = (Rectangle(-3.0, 4.2, 40.3, 30.6, 6.2), Circle(33.3, 20.7, 11.4), Circle(14.0, 30.0, 30.0))
-INKS = np.array([[1.0, 0.0, 0.0, 1.0], [0.0, 0.2, 0.6, 0.6], [0.1, 0.3, 0.0, 0.5]])
+FILLS = np.array([[1.0, 0.0, 0.0, 1.0], [0.0, 0.2, 0.6, 0.6], [0.1, 0.3, 0.0, 0.5]])
 
 
 def stack_of(outlines=OUTLINES):
@@ -27,7 +27,7 @@ def stack_of(outlines=OUTLINES):
         np.concatenate([ring.cubics for ring in rings]),
         np.concatenate([ring.lines for ring in rings]),
         np.ones(sum(ring.pieces for ring in rings)),
-        INKS[: len(rings)],
+        FILLS[: len(rings)],
     )
 
 
@@ -41,11 +41,52 @@ def image_of(stack, goal):
 
 def test_the_picture_is_composed_of_exact_coverages():
     expected = np.zeros((HEIGHT, WIDTH, 4))
-    for outline, ink in zip(OUTLINES, INKS, strict=True):
+    for outline, fill in zip(OUTLINES, FILLS, strict=True):
         ring = fine_ring(outline)
         share = coverage(ring.cubics, ring.lines, 0, 0, HEIGHT, WIDTH)[..., None]
-        expected = expected * (1.0 - ink[3] * share) + share * ink
+        expected = expected * (1.0 - fill[3] * share) + share * fill
     assert np.abs(image_of(stack_of(), goal_of()) - expected).max() < 1e-6
+
+
+def test_the_uppermost_layer_of_a_pixel_is_the_last_that_covers_enough():
+    shares = [coverage(ring.cubics, ring.lines, 0, 0, HEIGHT, WIDTH) for ring in map(fine_ring, OUTLINES)]
+    rows, columns = slice(3, 36), slice(5, 47)
+    for least in (0.1, 0.5):
+        expected = np.full((HEIGHT, WIDTH), -1)
+        for k, share in enumerate(shares):
+            expected[share >= least] = k
+        found = DrawnStack(stack_of(), goal_of()).uppermost(rows, columns, least)
+        assert (found == expected[rows, columns]).all() and set(np.unique(found)) >= {0, 1, 2}
+
+
+def test_a_step_of_very_many_variables_is_that_of_few():
+    side = 12
+    drawing = Rectangle(3.2, 3.3, 6.4, 5.7)
+    aim = Rectangle(3.0, 3.5, 6.5, 5.5)
+
+    def step_of(across, down):
+        """The step of squares side by side on a canvas, of which one is moved by 8 variables."""
+        shift = side * np.stack(np.meshgrid(np.arange(across), np.arange(down)), axis=-1).reshape(-1, 1, 1, 2)
+        count = len(shift)
+
+        def stack_at(box):
+            cubics = (fine_ring(box).cubics + shift).reshape(-1, 4, 2)
+            ends = 4 * np.arange(1, count + 1, dtype=np.int32)
+            fills = np.tile(FILLS[:1], (count, 1))
+            return StackPieces(ends, cubics, np.ones(4 * count, dtype=bool), np.ones(4 * count), fills)
+
+        empty = Goal(np.zeros((down * side, across * side, 4)), (1.0, 1.0, 1.0, 1.5), 10.0)
+        goal = replace(empty, target=image_of(stack_at(aim), empty))
+        one = control_points(stack_of((drawing,)))
+        points = SparseRows(one.starts, one.columns, one.values, 8)
+        first, damping = 4 * np.arange(count), np.zeros(8 * count)
+        unknowns = Unknowns(first, np.full(count, 4), 2 * first, [points] * count, damping, 0.01)
+        return DrawnStack(stack_at(drawing), goal).step(unknowns).values.reshape(count, 8)
+
+    exact = step_of(1, 1)
+    assert np.abs(exact).max() > 0.1
+    # 4,800 variables: solved square by square, again and again.
+    assert step_of(30, 20) == pytest.approx(np.repeat(exact, 600, axis=0), abs=1e-3)
 
 
 def test_a_grid_samples_each_pixel_at_its_middles():
@@ -140,7 +181,7 @@ def test_what_is_drawn_again_is_what_is_drawn_afresh(taps):
     for stack in (
         shifted(stack_of(), 1, (0.3, -7.0)),
         fewer,
-        replace(fewer, inks=INKS[[0, 2]]),
+        replace(fewer, fills=FILLS[[0, 2]]),
         stack_of(OUTLINES[:1]),
     ):
         again, afresh = DrawnStack(stack, goal, before), DrawnStack(stack, goal)
@@ -178,7 +219,7 @@ def test_the_picture_of_many_large_shapes_takes_memory_for_their_outlines_only()
     cubics, lines = (np.concatenate([part] * count) for part in _joined(frame))
     stack = StackPieces(
         (np.arange(1, count + 1) * 8).astype(np.int32), cubics, lines, np.tile(np.repeat([1.0, -1.0], 4), count),
-        np.tile(INKS[:1], (count, 1)),
+        np.tile(FILLS[:1], (count, 1)),
     )  # fmt: skip
     goal = Goal(np.zeros((side, side, 4)), (1.0, 1.0, 1.0, 1.5), 0.15)
     pages = int(Path("/proc/self/statm").read_text().split()[0])

@@ -333,7 +333,7 @@ def with_path(d: str) -> str:
         (good_svg().replace("<svg", '<!DOCTYPE svg [<!ENTITY a "b">]><svg', 1), "DOCTYPE"),
         (good_svg().replace("</g>", '<circle r="3"/></g>'), "<circle>"),
         (good_svg().replace("<path", '<path transform="scale(2)"', 1), "transform"),
-        (good_svg().replace("0 0 24 20", "0 0 48 40"), "viewBox"),
+        (good_svg().replace("0 0 24 20", "0 0 48 20"), "viewBox"),
         (good_svg().replace("nonzero", "evenodd"), "evenodd"),
         (re.sub(r'fill="#\w+" fill-op', 'fill="red" fill-op', good_svg()), "#rrggbb"),
         (re.sub('fill-opacity="[^"]*"', 'fill-opacity="1.5"', good_svg()), "1.5"),

@@ -28,7 +28,7 @@ from cubicsplat_cli.evaluate import agreement_db, rerender
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg
-from cubicsplat_cli.svg.drawing_paths import grid_ring
+from cubicsplat_cli.svg.drawing_grid import grid_rings
 from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.own import own_elements
@@ -43,8 +43,8 @@ def written(*shapes: Shape, precision: int | None = 2, size: tuple[int, int] = (
     return list(ElementTree.fromstring(text))[1:]
 
 
-def shape(*outlines, ink=RED, name="shape") -> Shape:
-    return Shape(ink, outlines, name)
+def shape(*outlines, fill=RED, name="shape") -> Shape:
+    return Shape(fill, outlines, name)
 
 
 def path_of(*outlines, **options) -> str:
@@ -54,9 +54,9 @@ def path_of(*outlines, **options) -> str:
 def test_primitives_are_elements_of_their_own():
     found = written(
         shape(Rectangle(0, 0, 200, 100), name="background"),
-        shape(Circle(10.004, 20.5, 5.25), ink=(255, 255, 254, 255)),
+        shape(Circle(10.004, 20.5, 5.25), fill=(255, 255, 254, 255)),
         shape(Ellipse(50, 40, 10, 5, math.radians(30))),
-        shape(Rectangle(100, 10, 40, 20, 2.5), ink=GLASS),
+        shape(Rectangle(100, 10, 40, 20, 2.5), fill=GLASS),
         shape(Rectangle(100.25, 50, 40.5, 20, 0, -math.pi / 6)),
     )
     assert [re.sub("{.*}", "", element.tag) for element in found] == ["rect", "circle", "ellipse", "rect", "rect"]
@@ -99,32 +99,32 @@ def test_holes_run_the_other_way_and_round_ones_are_arcs():
     assert areas[0] > 0 > areas[1]
 
 
-def letters(count: int, ink=RED, x: float = 0.0) -> list[Shape]:
+def letters(count: int, fill=RED, x: float = 0.0) -> list[Shape]:
     """Rings with a round hole, beside each other."""
     corners = np.array([[1.0, 1.0], [9.0, 1.0], [9.0, 9.0], [1.5, 9.5]])
     return [
-        Shape(ink, (polygon(corners + np.array([x + 10 * i, 0])), Circle(x + 5 + 10 * i, 5, 2)), f"letter-{i}")
+        Shape(fill, (polygon(corners + np.array([x + 10 * i, 0])), Circle(x + 5 + 10 * i, 5, 2)), f"letter-{i}")
         for i in range(count)
     ]
 
 
-OTHERS = [shape(Circle(5 + 12 * i, 90, 4), ink=(0, 80 + 40 * i, 0, 255)) for i in range(4)]
+OTHERS = [shape(Circle(5 + 12 * i, 90, 4), fill=(0, 80 + 40 * i, 0, 255)) for i in range(4)]
 
 
-def test_three_paths_of_one_ink_are_a_compound_path():
+def test_three_paths_of_one_fill_are_a_compound_path():
     assert len(written(*OTHERS, *letters(2))) == len(OTHERS) + 2
     found = written(*letters(4), *OTHERS)
     assert [element.get("id") for element in found[: -len(OTHERS)]] == ["letter-0"]
-    assert len(written(*letters(4, ink=GLASS))) == 4, "translucent shapes are not one where they overlap"
+    assert len(written(*letters(4, fill=GLASS))) == 4, "translucent shapes are not one where they overlap"
     read = read_drawing(svg_of(*letters(4))).shapes
     assert [len(one.outlines) for one in read] == [2, 2, 2, 2]
     assert all(isinstance(one.outlines[1], Circle) for one in read)
 
 
-def test_in_a_drawing_of_few_inks_each_is_one_path_unless_it_is_primitives_alone():
+def test_in_a_drawing_of_few_fills_each_is_one_path_unless_it_is_primitives_alone():
     dot, bar = shape(Circle(45, 5, 3)), shape(Rectangle(60, 0, 4, 10))
     assert len(written(*letters(1), dot, bar)) == 1
-    assert len(written(dot, *letters(2), *OTHERS[:3])) == 1 + 3, "of four inks"
+    assert len(written(dot, *letters(2), *OTHERS[:3])) == 1 + 3, "of four fills"
     assert len(written(dot, *letters(2), *OTHERS)) == 3 + 4, "five are too many"
     assert [element.tag.rpartition("}")[2] for element in written(dot, bar)] == ["circle", "rect"]
     drawn = [
@@ -135,9 +135,9 @@ def test_in_a_drawing_of_few_inks_each_is_one_path_unless_it_is_primitives_alone
 
 def test_what_lies_between_shapes_keeps_them_apart():
     first, *rest = letters(3)
-    apart = shape(Ellipse(5, 80, 5, 3), ink=BLACK)
+    apart = shape(Ellipse(5, 80, 5, 3), fill=BLACK)
     assert len(written(first, apart, *rest)) == 2
-    over_second = shape(Ellipse(15, 8, 5, 3), ink=BLACK)
+    over_second = shape(Ellipse(15, 8, 5, 3), fill=BLACK)
     assert len(written(first, over_second, *rest)) == 3
     assert len(written(first, over_second, *rest, *OTHERS)) == 4 + len(OTHERS)
     orders = ((first, apart, *rest), (first, *rest, apart))
@@ -191,7 +191,7 @@ def smooth_ring(seed: int, joints: int) -> Ring:
 @given(st.integers(0, 10_000), st.integers(2, 9), st.integers(1, 3))
 def test_the_path_says_what_the_grid_says(seed, joints, precision):
     ring = smooth_ring(seed, joints)
-    grid = grid_ring(ring, precision)
+    grid = grid_rings([ring], precision)[0]
     found = path_segments(path_of(ring, precision=precision))[:-1]
     unit = 10.0**-precision
     assert len(found) == grid.pieces
@@ -205,7 +205,7 @@ def test_the_path_says_what_the_grid_says(seed, joints, precision):
 @given(st.integers(0, 10_000), st.integers(2, 9))
 def test_rounding_keeps_joints_smooth(seed, joints):
     ring = smooth_ring(seed, joints)
-    grid = grid_ring(ring, 2)
+    grid = grid_rings([ring], 2)[0]
     rounded = np.rint(100 * np.stack([np.roll(ring.controls[:, 1], 1, axis=0), ring.controls[:, 0]], axis=1))
     kept = np.stack([np.roll(grid.controls[:, 1], 1, axis=0), grid.controls[:, 0]], axis=1)
     turns = [np.abs(_turn(controls - grid.anchors[:, None])) for controls in (rounded, kept)]
@@ -234,13 +234,13 @@ def test_the_file_shows_the_drawing(renderer):
     wavy = smooth_ring(5, 6)
     shapes = (
         shape(Rectangle(0, 0, 200, 100)),
-        shape(wavy, Circle(50, 50, 8), ink=GLASS),
-        shape(Ellipse(150, 50, 40, 20, 1), ink=BLACK),
+        shape(wavy, Circle(50, 50, 8), fill=GLASS),
+        shape(Ellipse(150, 50, 40, 20, 1), fill=BLACK),
     )
     drawing = Drawing(200, 100, shapes)
     text = write_drawing(drawing, title="t", comment="c")
     plain = "".join(
-        f'<path fill="rgb{s.ink[:3]}" fill-opacity="{s.ink[3] / 255}" d="'
+        f'<path fill="rgb{s.fill[:3]}" fill-opacity="{s.fill[3] / 255}" d="'
         + "".join(_plain(ring) for ring in s.oriented())
         + '"/>'
         for s in shapes
@@ -270,12 +270,14 @@ def some_shapes() -> tuple[Shape, ...]:
     square = polygon(np.array([[20.0, 20.0], [30.0, 20.0], [30.0, 30.0], [20.0, 30.0]]))
     return (
         shape(Rectangle(0, 0, 200, 100), name="background"),
-        shape(smooth_ring(3, 5), Circle(50, 50, 8), square, ink=GLASS, name="b"),
+        shape(smooth_ring(3, 5), Circle(50, 50, 8), square, fill=GLASS, name="b"),
         shape(Circle(10.5, 20.25, 7), name="c"),
-        shape(Ellipse(50, 40, 10, 5, math.radians(30)), ink=BLACK, name="d"),
-        shape(Ellipse(50, 40, 10, 5, math.radians(-20)), Rectangle(48, 38, 4, 4).ring(), ink=(0, 99, 0, 255), name="e"),
+        shape(Ellipse(50, 40, 10, 5, math.radians(30)), fill=BLACK, name="d"),
+        shape(
+            Ellipse(50, 40, 10, 5, math.radians(-20)), Rectangle(48, 38, 4, 4).ring(), fill=(0, 99, 0, 255), name="e"
+        ),
         shape(Rectangle(100, 10, 40, 20, 4, math.radians(12.5)), name="f"),
-        shape(Rectangle(100, 10, 40, 20, 4), Rectangle(105, 12, 20, 6), ink=(0, 0, 99, 255), name="g"),
+        shape(Rectangle(100, 10, 40, 20, 4), Rectangle(105, 12, 20, 6), fill=(0, 0, 99, 255), name="g"),
     )
 
 
@@ -283,7 +285,7 @@ def test_what_was_written_is_read_back():
     shapes = some_shapes()
     found = read_drawing(svg_of(*shapes))
     assert (found.width, found.height) == (200, 100)
-    assert [(s.ink, s.name) for s in found.shapes] == [(s.ink, s.name) for s in shapes]
+    assert [(s.fill, s.name) for s in found.shapes] == [(s.fill, s.name) for s in shapes]
     for one, other in zip(found.shapes, shapes, strict=True):
         for ring, wanted in zip(one.oriented(), other.oriented(), strict=True):
             assert ring.pieces == wanted.pieces

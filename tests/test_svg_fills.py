@@ -19,7 +19,7 @@ from cubicsplat_cli.evaluate.scaled import Tile, draw_part
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, RADIAL, linear_frames
-from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_ink
+from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_fill
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg import read_svg, write_svg
 from cubicsplat_cli.svg.drawing_writer import write_drawing
@@ -147,8 +147,8 @@ def test_a_drawings_gradients_are_its_scenes():
     gradients = (LinearGradient(8.0, 4.0, 40.0, 20.0, stops), RadialGradient(30.0, 24.0, 18.0, 9.0, 0.6, stops))
     shapes = [
         Shape((250, 240, 230, 255), (Rectangle(0.0, 0.0, 48.0, 40.0),), "ground"),
-        Shape(mean_ink(gradients[0]), (Rectangle(4.0, 4.0, 36.0, 18.0),), "board", gradients[0]),
-        Shape(mean_ink(gradients[1]), (Circle(30.0, 24.0, 12.0),), "ball", gradients[1]),
+        Shape(mean_fill(gradients[0]), (Rectangle(4.0, 4.0, 36.0, 18.0),), "board", gradients[0]),
+        Shape(mean_fill(gradients[1]), (Circle(30.0, 24.0, 12.0),), "ball", gradients[1]),
     ]
     drawing = Drawing(48, 40, tuple(shapes))
     scene = scene_of_drawing(drawing)

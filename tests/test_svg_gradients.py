@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate import rerender
-from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_ink, painted
+from cubicsplat_cli.scene.paint import LinearGradient, RadialGradient, Stop, mean_fill, painted
 from cubicsplat_cli.svg.drawing_reader import holds_drawing, read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 from cubicsplat_cli.svg.own import own_elements
@@ -29,7 +29,7 @@ def written(*shapes: Shape) -> str:
 
 
 def filled(gradient, outline=None) -> Shape:
-    return Shape(mean_ink(gradient), (outline or Rectangle(0, 0, *SIZE),), "shape", gradient)
+    return Shape(mean_fill(gradient), (outline or Rectangle(0, 0, *SIZE),), "shape", gradient)
 
 
 def expected(gradient) -> np.ndarray:
@@ -68,7 +68,7 @@ def test_gradients_come_back(gradient):
     text = written(Shape((0, 0, 0, 255), (Rectangle(0, 0, 9, 9),), "flat"), shape)
     assert holds_drawing(own_elements(text))
     flat, found = read_drawing(text).shapes
-    assert flat.gradient is None and found.ink == shape.ink and found.gradient.stops == gradient.stops
+    assert flat.gradient is None and found.fill == shape.fill and found.gradient.stops == gradient.stops
     assert np.allclose(found.gradient.frame(), gradient.frame(), atol=2e-3)
     assert write_drawing(read_drawing(text), precision=2, title="t", comment="c") == text
 
@@ -147,9 +147,9 @@ def test_what_cannot_be_read_is_refused_with_its_reason(defs, reason):
 
 def test_a_gradient_without_length_is_its_last_stop():
     (shape,) = read_drawing(foreign(f'<linearGradient id="b" x2="0" y2="0">{TWO}</linearGradient>')).shapes
-    assert [stop.ink for stop in shape.gradient.stops] == [(0, 0, 255, 255)]
+    assert [stop.colour for stop in shape.gradient.stops] == [(0, 0, 255, 255)]
     (shape,) = read_drawing(foreign(f'<radialGradient id="b" r="0">{TWO}</radialGradient>')).shapes
-    assert [stop.ink for stop in shape.gradient.stops] == [(0, 0, 255, 255)]
+    assert [stop.colour for stop in shape.gradient.stops] == [(0, 0, 255, 255)]
 
 
 def test_the_angle_of_an_ellipse_is_of_its_longer_axis():

@@ -15,17 +15,17 @@ from cubicsplat_cli.raster.unmix import (
     blend_with,
     components,
     distance_to_blends,
-    inks_of_lines,
-    joined_inks,
-    near_inks,
-    nearest_inks,
-    part_inks,
+    fills_of_lines,
+    joined_fills,
+    near_fills,
+    nearest_fills,
+    part_fills,
     residual_of_three,
     spread,
 )
 
 WHITE, BLACK, RED, BLUE = (np.array(c, float) for c in ((255,) * 4, (0, 0, 0, 255), (255, 0, 0, 255), (0, 0, 255, 255)))
-INKS = np.stack([WHITE, BLACK, RED, BLUE])
+FILLS = np.stack([WHITE, BLACK, RED, BLUE])
 
 
 @pytest.fixture
@@ -54,87 +54,87 @@ def test_spread_is_that_of_the_window(rng: np.random.Generator, window: tuple[in
         assert found == np.ptp(part, axis=(0, 1)).max()
 
 
-def test_the_nearest_ink_is_that_of_the_least_greatest_channel(rng: np.random.Generator) -> None:
+def test_the_nearest_fill_is_that_of_the_least_greatest_channel(rng: np.random.Generator) -> None:
     values = _values(rng, 500).repeat(2, axis=0)
-    index, gap = nearest_inks(values, INKS)
-    gaps = np.abs(values[:, None] - INKS.astype(np.float32)).max(axis=2)
+    index, gap = nearest_fills(values, FILLS)
+    gaps = np.abs(values[:, None] - FILLS.astype(np.float32)).max(axis=2)
     assert (index == gaps.argmin(axis=1)).all() and (gap == gaps.min(axis=1)).all()
 
 
-def test_near_inks_come_in_the_order_of_their_distance() -> None:
-    inks = np.full((9, 9), -1)
-    inks[4, 4], inks[4, 6], inks[1, 4], inks[3, 3], inks[8, 8] = 5, 5, 2, 7, 1
-    near = near_inks(inks, np.array([4, 0]), np.array([4, 0]), 3)
+def test_near_fills_come_in_the_order_of_their_distance() -> None:
+    fills = np.full((9, 9), -1)
+    fills[4, 4], fills[4, 6], fills[1, 4], fills[3, 3], fills[8, 8] = 5, 5, 2, 7, 1
+    near = near_fills(fills, np.array([4, 0]), np.array([4, 0]), 3)
     assert near.tolist() == [[5, 7, 2, -1], [7, -1, -1, -1]]
-    assert near_inks(inks, np.array([4]), np.array([4]), 1).tolist() == [[5, 7, -1, -1]]
+    assert near_fills(fills, np.array([4]), np.array([4]), 1).tolist() == [[5, 7, -1, -1]]
 
 
 def test_the_best_pair_explains_a_pixel_and_lies_near(rng: np.random.Generator) -> None:
     values = _values(rng, 200)
     near = np.array([[0, 1, 2, 3], [2, 0, -1, -1], [3, -1, -1, -1], [-1, -1, -1, -1]], np.int32)[np.arange(200) % 4]
-    winner, residual = best_blend(values, INKS, near)
-    for value, own, ink, rest in zip(values, near, winner, residual, strict=True):
+    winner, residual = best_blend(values, FILLS, near)
+    for value, own, fill, rest in zip(values, near, winner, residual, strict=True):
         pairs = [(a, b) for a in range(4) for b in range(a, 4) if own[a] >= 0 and own[b] >= 0]
-        tried = [(*_two(value, INKS[own[a]], INKS[own[b]]), a, b) for a, b in pairs]
+        tried = [(*_two(value, FILLS[own[a]], FILLS[own[b]]), a, b) for a, b in pairs]
         if not tried:
-            assert ink == -1 and rest == np.inf
+            assert fill == -1 and rest == np.inf
             continue
         share, left, a, b = min(tried, key=lambda each: each[1] + 1.5 * (each[2] + each[3]))
-        assert ink == own[a if share >= 0.5 else b] and rest == pytest.approx(left, abs=1e-9)
+        assert fill == own[a if share >= 0.5 else b] and rest == pytest.approx(left, abs=1e-9)
 
 
-def test_three_inks_explain_what_two_do_not(rng: np.random.Generator) -> None:
+def test_three_fills_explain_what_two_do_not(rng: np.random.Generator) -> None:
     shares = rng.dirichlet((1.0, 1.0, 1.0), 50)
-    values = (shares @ INKS[:3]).astype(np.float32)
+    values = (shares @ FILLS[:3]).astype(np.float32)
     near = np.tile(np.array([3, 0, 1, 2], np.int32), (50, 1))
-    two = best_blend(values, INKS, near)[1]
-    three = residual_of_three(values, INKS, near)
+    two = best_blend(values, FILLS, near)[1]
+    three = residual_of_three(values, FILLS, near)
     # Two that are about as good, to two levels, are taken.
     assert three.max() < 2.01 and two.max() > 20.0
-    assert (residual_of_three(values, INKS, near[:, [0, 1, 2, 2]] * [1, 1, 0, 0] - [0, 0, 1, 1]) == np.inf).all()
+    assert (residual_of_three(values, FILLS, near[:, [0, 1, 2, 2]] * [1, 1, 0, 0] - [0, 0, 1, 1]) == np.inf).all()
 
 
-def test_a_blend_of_three_tells_the_share_of_its_ink(rng: np.random.Generator) -> None:
+def test_a_blend_of_three_tells_the_share_of_its_fill(rng: np.random.Generator) -> None:
     shares = np.array([[0.3, 0.4, 0.3], [0.6, 0.0, 0.4], [0.0, 0.5, 0.5], [1.0, 0.0, 0.0]])
-    share, residual = blend_with(shares @ INKS[:3], INKS[0], INKS[1], INKS[2])
+    share, residual = blend_with(shares @ FILLS[:3], FILLS[0], FILLS[1], FILLS[2])
     assert share == pytest.approx(shares[:, 0]) and residual == pytest.approx(0.0, abs=1e-9)
-    # Off their plane as far as the channel says that no ink has.
+    # Off their plane as far as the channel says that no fill has.
     assert blend_with(WHITE - [0.0, 0.0, 0.0, 80.0], WHITE, BLACK, RED)[1] == pytest.approx(80.0, abs=1.0)
 
 
-def test_a_line_keeps_its_ink_along_a_window() -> None:
+def test_a_line_keeps_its_fill_along_a_window() -> None:
     # Blends of red with white, but for one pixel that black explains as well.
     x = np.arange(9)
     values = (0.4 * RED + 0.6 * WHITE)[None].repeat(9, axis=0)
     values[4] = 0.4 * BLACK + 0.6 * WHITE
     beside = WHITE[None].repeat(9, axis=0)
     costs = (40.0, 0.0, 0.1)
-    ink, share, residual = inks_of_lines(values, (np.zeros(9), x), INKS, (beside, beside), 7, costs)
-    assert (ink == 2).all() and share[:4] == pytest.approx(0.4) and residual[4] > 50.0
-    alone, share, residual = inks_of_lines(values, (np.zeros(9), x), INKS, (beside, beside), 1, costs)
+    fill, share, residual = fills_of_lines(values, (np.zeros(9), x), FILLS, (beside, beside), 7, costs)
+    assert (fill == 2).all() and share[:4] == pytest.approx(0.4) and residual[4] > 50.0
+    alone, share, residual = fills_of_lines(values, (np.zeros(9), x), FILLS, (beside, beside), 1, costs)
     assert alone[4] == 1 and share == pytest.approx(0.4) and residual == pytest.approx(0.0, abs=1e-4)
 
 
 def test_distance_to_blends_is_that_to_the_nearest_segment(rng: np.random.Generator) -> None:
     values = _values(rng, 60)
-    found = distance_to_blends(values, INKS)
+    found = distance_to_blends(values, FILLS)
     along = np.linspace(0.0, 1.0, 1001)[:, None]
-    segments = np.concatenate([a + along * (b - a) for a, b in combinations(INKS, 2)])
+    segments = np.concatenate([a + along * (b - a) for a, b in combinations(FILLS, 2)])
     assert found == pytest.approx(np.linalg.norm(values[:, None] - segments, axis=2).min(axis=1), abs=0.2)
-    assert (distance_to_blends(values, INKS, 3) >= found).all()
+    assert (distance_to_blends(values, FILLS, 3) >= found).all()
 
 
 def test_a_part_shows_its_commonest_colour_or_median_or_bands() -> None:
     levels, owner = np.zeros((1, 12, 4), np.float32), np.zeros((1, 12), np.int32)
     levels[0, :, 0] = [9, 8, 9, 7, 6, 1, 2, 3, 4, 5, 0, 200]
     owner[0] = [2, 2, 2, 2, 2, 1, 1, 1, 1, 1, 3, 3]
-    inks, sizes = part_inks(levels, owner, 14.0, 24.0)
-    assert inks[:, 0].tolist() == [3.0, 9.0, 0.0, 200.0] and sizes.tolist() == [5.0, 5.0, 1.0, 1.0]
+    fills, sizes = part_fills(levels, owner, 14.0, 24.0)
+    assert fills[:, 0].tolist() == [3.0, 9.0, 0.0, 200.0] and sizes.tolist() == [5.0, 5.0, 1.0, 1.0]
 
 
-def test_inks_join_the_nearest_before_them() -> None:
-    inks = np.array([[0.0] * 4, [10.0] * 4, [7.0] * 4, [90.0] * 4, [200.0] * 4])
-    kept, weights = joined_inks(inks, np.arange(1.0, 6.0), 3.5, 3)
+def test_fills_join_the_nearest_before_them() -> None:
+    fills = np.array([[0.0] * 4, [10.0] * 4, [7.0] * 4, [90.0] * 4, [200.0] * 4])
+    kept, weights = joined_fills(fills, np.arange(1.0, 6.0), 3.5, 3)
     assert kept[:, 0].tolist() == [0.0, 10.0, 90.0] and weights.tolist() == [1.0, 5.0, 4.0]
 
 
@@ -145,7 +145,7 @@ def test_two_rows_that_a_line_fills_in_part_are_that_line(more: float) -> None:
     levels[7, :2] = BLACK
     small = (levels[3, :1].astype(float), np.array([1.0]))
     rule = LineBlends(1.0, 3.5, 0.5, 3.0, (0.2, 0.95), more)
-    found = are_lines(levels, np.ones((8, 20), bool), small, np.concatenate([INKS, small[0]]), rule)
+    found = are_lines(levels, np.ones((8, 20), bool), small, np.concatenate([FILLS, small[0]]), rule)
     assert found.tolist() == [more == 1.0]
 
 

@@ -88,14 +88,14 @@ def picture_seeds() -> tuple[bytes, ...]:
 def artwork_input(rng: np.random.Generator) -> bytes:
     """A small PNG of flat shapes with hard or soft edges, thin lines, noise, checkers, or nothing, clear or not."""
     width, height = (int(side) for side in rng.choice((1, 2, 3, 5, 8, 16, 24, 40), 2))
-    inks = rng.integers(0, 256, (8, 4)).astype(np.float32)
-    inks[:, 3] = np.where(rng.random(8) < 0.7, 255.0, inks[:, 3] * (rng.random(8) < 0.7))
+    fills = rng.integers(0, 256, (8, 4)).astype(np.float32)
+    fills[:, 3] = np.where(rng.random(8) < 0.7, 255.0, fills[:, 3] * (rng.random(8) < 0.7))
     zoom = int(rng.choice((1, 1, 4)))  # soft edges come of a larger drawing
     pixels = np.empty((height * zoom, width * zoom, 4), np.float32)
-    pixels[:] = inks[0]
+    pixels[:] = fills[0]
     y, x = np.mgrid[: height * zoom, : width * zoom].astype(np.float32)
-    for ink in inks[1 : rng.integers(1, 8)]:
-        pixels[_shape(rng, x, y)] = ink
+    for fill in fills[1 : rng.integers(1, 8)]:
+        pixels[_shape(rng, x, y)] = fill
     pixels = pixels.reshape(height, zoom, width, zoom, 4).mean(axis=(1, 3))
     if rng.random() < 0.2:
         pixels += rng.normal(0.0, rng.choice((1.0, 8.0, 80.0)), pixels.shape)

@@ -19,7 +19,8 @@ Kind = Literal["count", "number", "choice", "flag", "text"]
 # The groups of the help, in its order. An option of the photos' or drawings' group implies that style.
 COMMON, BOTH, FILES = "Most used", "Photos and drawings", "Files"
 PHOTOS, DRAWINGS = "Photos (imply --style photo)", "Drawings (imply --style artwork)"
-GROUPS = (COMMON, BOTH, PHOTOS, DRAWINGS, FILES)
+STRUCTURE = "Structure"
+GROUPS = (COMMON, BOTH, PHOTOS, DRAWINGS, STRUCTURE, FILES)
 TRUE, FALSE = ("true", "yes", "on"), ("false", "no", "off")
 # Settings that had another name, by that.
 RENAMED = {"thorn_reg": "spike_penalty", "geometric_reg": "crossing_penalty"}
@@ -30,7 +31,8 @@ class Setting:
     """Description of a field that is an option, and the limits of its values.
 
     kind: a whole number or a number in [least, most], one of `choices`, a yes or no, or a text. metavar: what the help
-    calls the value. optional: the value may be None. auto: it may be the word "auto". group: of the help.
+    calls the value. optional: the value may be None. auto: it may be the word "auto". group: of the help. of_drawings:
+    in a group of both styles, it implies the style artwork as those of DRAWINGS do.
 
     option: the option's name, if it is not the field's. hidden: the help leaves the option out. by_set: the field is
     set by `--set NAME=VALUE`. hidden_option: it also has the option of its own that earlier versions had. only_off: the
@@ -47,6 +49,7 @@ class Setting:
     optional: bool = False
     auto: bool = False
     group: str = BOTH
+    of_drawings: bool = False
     option: str = ""
     hidden: bool = False
     by_set: bool = False
@@ -150,13 +153,62 @@ _FACTORS = {"": 1, "k": 1000, "m": 1_000_000}
 MOST_BYTES = 1_000_000_000
 
 
+class GzipBytes(int):
+    """A number of bytes of which a file may have so many after gzip."""
+
+
 def parse_bytes(given: str | int) -> int:
-    """`20k`, `1.5MB` or a number of bytes, 1 to a thousand million; k is 1000. Raises UsageError for anything else."""
-    match = _AMOUNT.fullmatch(str(given).strip())
-    amount = int(float(match[1]) * _FACTORS[(match[2] or "").lower()]) if match and len(str(given)) < 20 else 0
+    """`20k`, `1.5MB` or a number of bytes, 1 to a thousand million; k is 1000. `400gz` counts them after gzip, as
+    GzipBytes. Raises UsageError for anything else.
+    """
+    text = f"{given}gz" if isinstance(given, GzipBytes) else str(given).strip()
+    plain = text[:-2] if text.lower().endswith("gz") else text
+    match = _AMOUNT.fullmatch(plain)
+    amount = int(float(match[1]) * _FACTORS[(match[2] or "").lower()]) if match and len(text) < 20 else 0
     if not 1 <= amount <= MOST_BYTES:
-        raise UsageError(f"must be an amount of bytes such as 20k or 1.5M, not {given!r}", "max_bytes")
-    return amount
+        raise UsageError(f"must be an amount of bytes such as 20k, 1.5M or 400gz, not {given!r}", "max_bytes")
+    return amount if plain == text else GzipBytes(amount)
+
+
+# How many of each are in a px, as CSS has it.
+UNITS = {"px": 1.0, "mm": 25.4 / 96.0, "in": 1.0 / 96.0}
+_LENGTH = re.compile(r"(\d+(?:\.\d*)?|\.\d+)\s*(px|mm|in)?", re.IGNORECASE)
+_LEAST_WIDTH, _MOST_WIDTH = 0.1, 1_000_000.0  # px
+_LENGTH_DECIMALS = 5  # of any unit
+
+
+def length_of(text: str) -> tuple[float, str]:
+    """The number and the unit of a length such as `80mm`; no unit where it says none. Raises UsageError for others."""
+    match = _LENGTH.fullmatch(text.strip())
+    number, unit = (float(match[1]), (match[2] or "").lower()) if match else (0.0, "")
+    if not _LEAST_WIDTH <= number / UNITS[unit or "px"] <= _MOST_WIDTH:
+        raise UsageError(f"must be a length such as 80mm, 3in or 400px, of at most a million px, not {text!r}", "width")
+    return number, unit
+
+
+def parse_width(given: str | float) -> str:
+    """The shortest text of a length. Raises UsageError for what is none."""
+    number, unit = length_of(str(given))
+    return length_text(number, "") + unit
+
+
+def length_text(number: float, unit: str) -> str:
+    """`80mm`, `135.46667mm`, `400` of px."""
+    short = f"{number:.{_LENGTH_DECIMALS}f}".rstrip("0").rstrip(".")
+    return short + ("" if unit == "px" else unit)
+
+
+KEEP, REMOVE = "keep", "remove"
+
+
+def parse_ground(given: str) -> str:
+    """ "keep", "remove" or "#rrggbb" from those, #rgb, or a CSS colour name; UsageError for others."""
+    lowered = given.strip().lower() if isinstance(given, str) else ""
+    if lowered in (KEEP, REMOVE):
+        return lowered
+    return "#{:02x}{:02x}{:02x}".format(
+        *parse_colour(given, "ground", "must be keep, remove, a colour name or #rrggbb")
+    )
 
 
 USUAL_FACTOR = 4.0

@@ -14,6 +14,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from cubicsplat_cli.settings import cpu_count
+
 if TYPE_CHECKING:
     from cubicsplat_cli.scene import Scene
 
@@ -48,11 +50,13 @@ class Work:
     """Work in stages that can be stopped between any two steps, and still has a result.
 
     on_progress: called at the start of every stage, and about ten times a second within. deadline: by
-    `time.perf_counter`. stopped: no further step starts; interrupted: by a KeyboardInterrupt, not by the deadline.
+    `time.perf_counter`. threads: on how many native code may run. stopped: no further step starts; interrupted: by a
+    KeyboardInterrupt, not by the deadline.
     """
 
     on_progress: Callable[[Progress], None] | None = None
     deadline: float = math.inf
+    threads: int = field(default_factory=cpu_count)
     stopped: bool = False
     interrupted: bool = False
     started: float = field(default_factory=time.perf_counter)

@@ -15,15 +15,23 @@ from cubicsplat_cli.options import (
     COMMON,
     DRAWINGS,
     FILES,
+    KEEP,
     PHOTOS,
+    STRUCTURE,
+    UNITS,
     Focus,
+    GzipBytes,
+    length_of,
+    length_text,
     parse_bytes,
     parse_focus,
+    parse_ground,
+    parse_width,
     renamed,
     setting,
     settings_of,
 )  # fmt: skip
-from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings, Mode
+from cubicsplat_cli.settings import ANY, MAX_PIXELS, PRECISION, FitSettings, Mode
 
 if TYPE_CHECKING:
     from cubicsplat_cli.files.weights import Mask
@@ -31,10 +39,15 @@ if TYPE_CHECKING:
 
 STYLES = ("auto", "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
+TINY_BYTES = 4000  # after gzip, below which the coordinates of a photo are whole numbers of a coarse grid
+TINY_STEPS = 600  # of a fit whose polygons will lie on such a grid
 # px by which a DXF may be off the outlines: 13 micrometres at 96 px an inch. Cutters repeat to about 100, so that the
 # drawing may be cut seven times as large.
 DXF_TOLERANCE = 0.05
 _OF_FILES: dict[str, Any] = {"group": FILES, "decides": False}
+# Shapes in groups: not at all, those of one colour, or a shape with what lies on it.
+GROUPINGS = NONE, COLOR, OBJECT = "none", "color", "object"
+_OF_DRAWINGS: dict[str, Any] = {"group": STRUCTURE, "of_drawings": True}
 _SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000, "optional": True}
 
 
@@ -44,7 +57,7 @@ class Request:
 
     settings: of a photo; artwork: of a drawing. masks: a folder that holds a mask for each picture's name. also:
     formats (`files.paths.EXPORTS`) in which the SVG is written too. The style "auto" is "photo" or "artwork" if any
-    option is given that implies it (`of_photos`, `of_artwork`).
+    option is given that implies it (`of_photos`, `of_artwork`); layers and an overlap imply cutouts.
     """
 
     settings: FitSettings = field(default_factory=FitSettings)
@@ -74,7 +87,7 @@ class Request:
     max_bytes: int | None = setting(
         None,
         "count",
-        "As many curves as fit into so much, such as 20k.",
+        "As much as fits: 20k, or 400gz after gzip.",
         least=1,
         optional=True,
         group=PHOTOS,
@@ -83,11 +96,31 @@ class Request:
     target_psnr: float | None = setting(
         None, "number", "As few curves as reach this PSNR.", least=1, most=60, metavar="DB", optional=True, group=PHOTOS
     )
+    group_by: str = setting(NONE, "choice", "Put shapes in groups by this.", choices=GROUPINGS, **_OF_DRAWINGS)
+    layers: Path | None = setting(
+        None, "text", "Also an SVG of each colour, with register marks.", metavar="DIR", parse=Path, decides=False,
+        **_OF_DRAWINGS,
+    )  # fmt: skip
+    overlap: float | None = setting(
+        None, "number", "Cutouts grow beneath their neighbours.", least=0.1, most=1000, metavar="PX", optional=True,
+        **_OF_DRAWINGS,
+    )  # fmt: skip
+    ground: str = setting(
+        KEEP, "text", "keep, remove or a colour.", metavar="WHAT", parse=parse_ground,
+        **_OF_DRAWINGS,
+    )  # fmt: skip
+    units: str = setting("px", "choice", "Units of width and height.", choices=tuple(UNITS), group=STRUCTURE)
+    width: str | None = setting(
+        None, "text", "Width of the SVG, such as 80mm or 3in.", metavar="LENGTH", parse=parse_width, group=STRUCTURE
+    )
     png: bool = setting(True, "flag", "Also write the SVG as a rendered PNG.", **_OF_FILES)
     metrics: bool = setting(True, "flag", "Write no OUT.json.", option="json", only_off=True, hidden=True, **_OF_FILES)
     measure: bool = setting(True, "flag", "Render and measure the SVG; else no PNG either.", **_OF_FILES)
     animation: Path | None = setting(
         None, "text", "Also write how the result develops: .webp, .gif.", metavar="FILE", parse=Path, **_OF_FILES
+    )
+    geometrize: Path | None = setting(
+        None, "text", "Also write the --shapes as Geometrize does.", metavar="OUT.json", parse=Path, **_OF_FILES
     )
     also: tuple[str, ...] = ()
     dxf_tolerance: float = setting(
@@ -96,6 +129,7 @@ class Request:
     )  # fmt: skip
     suffix: str = setting("", "text", "Add this to the names of the results.", metavar="TEXT", **_OF_FILES)
     skip_existing: bool = setting(False, "flag", "Skip pictures that have any SVG already.", hidden=True, **_OF_FILES)
+    data_uri: bool = setting(False, "flag", "Print the SVG as a data: URI on stdout.", **_OF_FILES)
     compress: bool = setting(False, "flag", "Write the SVG compressed, as OUT.svgz.", option="svgz", **_OF_FILES)
 
     def __post_init__(self) -> None:
@@ -120,20 +154,69 @@ class Request:
             raise UsageError(f"is for artwork, --{other} for photos; give one of them", self.of_artwork()[0])
         if self.artwork.stacking == CUTOUT and self.strokes:
             option = "--strokes" if self.artwork.strokes else "--mode open"
-            raise UsageError(f"cutout has shapes only; leave out {option}, which is for strokes", "stacking")
+            asked = next((name for name in ("layers", "overlap") if getattr(self, name) is not None), "")
+            said = "is of cutouts, which have" if asked else "cutout has"
+            raise UsageError(f"{said} shapes only; leave out {option}, which is for strokes", asked or "stacking")
+        self._check_structure()
         if self.freeze and self.init is None:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
+        if self.init is not None and self.settings.shapes != ANY:
+            raise UsageError("are for new curves, not for those of a drawing; leave out --init", "shapes")
         budgets = [name for name in ("max_bytes", "target_psnr") if getattr(self, name) is not None]
         if len(budgets) > 1:
             raise UsageError("and --target-psnr are two budgets; give one of them", "max_bytes")
         if budgets and (self.freeze or self.init is not None or self.settings.curves is not None):
             raise UsageError("finds the number of curves itself; leave out --curves, --init and --freeze", budgets[0])
+        if self.tiny:
+            self._check_tiny()
         if self.animation is not None and self.animation.suffix.lower() not in MOVING:
             raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
         if set(self.suffix) & set("/\\\0"):
             raise UsageError(f"must be the end of a file's name, not {self.suffix!r}", "suffix")
+        if self.geometrize is not None:
+            self._check_geometrize(self.geometrize)
+        if self.data_uri and self.compress:
+            raise UsageError("--svgz is for files; a data: URI holds text, so leave one of them out", "data_uri")
         if self.force and self.skip_existing:
             raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
+
+    def _check_structure(self) -> None:
+        if self.layers is not None and self.group_by == OBJECT:
+            raise UsageError("has a file for each colour; leave out --group-by object", "layers")
+        if self.overlap is not None and self.group_by == OBJECT:
+            raise UsageError("is drawn colour by colour; leave out --group-by object", "overlap")
+        if self.style == "pixel" and self.group_by == OBJECT:
+            raise UsageError("object is of shapes, but pixel art has one path a colour; use color", "group_by")
+        unit = "" if self.width is None else length_of(self.width)[1]
+        if unit and self.units not in ("px", unit):
+            raise UsageError(f"{self.width} says its own unit; leave out --units {self.units}", "width")
+
+    def size_text(self, width: int, height: int) -> tuple[str, str]:
+        """Width and height, with their unit, of the SVG of a picture of so many px."""
+        number, unit = (width * UNITS[self.units], "") if self.width is None else length_of(self.width)
+        return length_text(number, unit or self.units), length_text(number * height / width, unit or self.units)
+
+    def _check_geometrize(self, path: Path) -> None:
+        """Raise UsageError where there are no shapes that Geometrize has, or the file is no JSON."""
+        if self.settings.shapes not in ("ellipse", "rectangle", "triangle") or self.tiny:
+            raise UsageError("has ellipses, rectangles and triangles; choose one of them with --shapes", "geometrize")
+        if path.suffix.lower() != ".json":
+            raise UsageError(f"must end in .json, not {str(path)!r}", "geometrize")
+
+    def _check_tiny(self) -> None:
+        """Raise UsageError for what polygons on a coarse grid cannot be."""
+        fit = self.settings
+        wrong = {
+            "mode": fit.mode is Mode.OPEN, "fill": fit.fill != "flat", "precision": self.precision is not None,
+            "width": self.width is not None, "units": self.units != "px",
+            "shapes": fit.shapes in ("ellipse", "rectangle"), "loss": fit.loss != "l2",
+        }  # fmt: skip
+        for name in (name for name, is_wrong in wrong.items() if is_wrong):
+            raise UsageError(
+                f"does not go with --max-bytes below {TINY_BYTES // 1000}kgz, which writes polygons on a coarse grid; "
+                "leave it out, or allow more bytes",
+                name,
+            )
 
     @property
     def strokes(self) -> bool:
@@ -155,8 +238,19 @@ class Request:
             each.name
             for holder in (self, self.settings, self.artwork)
             for each, spec in settings_of(type(holder))
-            if spec.group == group and getattr(holder, each.name) != each.default
+            if (spec.group == group or (spec.of_drawings and group == DRAWINGS))
+            and getattr(holder, each.name) != each.default
         ]
+
+    @property
+    def counts_compressed(self) -> bool:
+        """Whether `max_bytes` are those of the compressed file."""
+        return self.compress or isinstance(self.max_bytes, GzipBytes)
+
+    @property
+    def tiny(self) -> bool:
+        """Whether a photo becomes polygons on a coarse grid, in a file without all that it does not need."""
+        return isinstance(self.max_bytes, GzipBytes) and self.max_bytes < TINY_BYTES
 
     def with_threads(self, threads: int | None) -> Request:
         """The same with so many threads; None: as asked for."""
@@ -182,6 +276,8 @@ class Request:
 def _plain(value: Any) -> Any:
     if isinstance(value, Focus):
         return [float(each) for each in astuple(value)]
+    if isinstance(value, GzipBytes):
+        return f"{value:d}gz"
     # A mask or a drawing.
     return {"name": value.name, "sha256": value.sha256} if hasattr(value, "sha256") else value
 
@@ -206,9 +302,14 @@ def request_of(options: Mapping[str, Any]) -> Request:
     for each, spec in settings_of(Request):
         if spec.parse is not None and each.name in given:
             given[each.name] = spec.parse(given[each.name])
+    if given.get("layers") is not None or given.get("overlap") is not None:
+        artwork["stacking"] = CUTOUT
     # Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
     if "max_bytes" in given and fit.get("mode", "closed") == "closed":
-        fit.setdefault("segments", 2)
+        if isinstance(given["max_bytes"], GzipBytes) and given["max_bytes"] < TINY_BYTES:
+            _prefer_polygons(fit)
+        elif fit.get("shapes", ANY) == ANY:
+            fit.setdefault("segments", 2)
     settings, drawing = FitSettings.from_preset(**fit), ArtworkSettings(**artwork)
     if "weights" in given:
         from cubicsplat_cli.files.weights import load_mask
@@ -220,3 +321,13 @@ def request_of(options: Mapping[str, Any]) -> Request:
         svg = getattr(given["init"], "svg", None)
         given["init"] = load_initial_drawing(given["init"] if svg is None else svg.encode(), settings.mode)
     return Request(settings, drawing, **given)
+
+
+def _prefer_polygons(fit: dict[str, Any]) -> None:
+    """Makes a fit one of polygons for a coarse grid, of 4 vertices at first, unless other options say what it is."""
+    if fit.get("shapes", ANY) == ANY and fit.get("fill", "flat") == "flat":
+        fit["shapes"] = "polygon"
+    if fit.get("preset", "standard") == "standard":
+        fit.setdefault("steps", TINY_STEPS)
+    if fit.get("shapes", ANY) in (ANY, "polygon"):
+        fit.setdefault("segments", 4)

@@ -31,6 +31,9 @@ from cubicsplat_cli.options import (
 FROM_PRESET: Any = None
 AUTO: Any = None
 USUAL_CURVES = 512  # of a photo of ordinary size
+# The kinds of closed curves that a fit may be restricted to, and how many cubics each has; of a polygon, the preset's.
+ANY = "any"
+SHAPES = {"ellipse": 4, "rectangle": 4, "triangle": 3, "polygon": None}
 PIXELS_PER_CURVE = 96  # at the least, unless more curves are asked for
 
 
@@ -201,6 +204,9 @@ class FitSettings:
     fill: str = setting(
         "flat", "choice", "Fill of each curve: one colour or a gradient.", choices=("flat", "linear"), group=PHOTOS
     )
+    shapes: str = setting(
+        ANY, "choice", "What each curve of a photo is; any is free.", choices=(ANY, *SHAPES), group=PHOTOS
+    )
     device: str = setting(
         "auto", "choice", "Where to compute; auto takes a working GPU.", choices=("auto", "cpu", "cuda")
     )
@@ -221,6 +227,11 @@ class FitSettings:
             self._set("recipe", Recipe(**{name: value for name, value in base.items() if name in _RECIPE}))
         if self.finish_samples is None:
             self._set("finish_samples", max(base["finish_samples"], self.samples or 0))
+        segments = SHAPES.get(self.shapes)
+        if segments is not None:
+            if self.segments not in (None, segments):
+                raise UsageError(f"of --shapes {self.shapes} are {segments}; leave it out", "segments")
+            self._set("segments", segments)
         for name in ("steps", "segments", "samples"):
             if getattr(self, name) is None:
                 self._set(name, base[name])
@@ -232,6 +243,9 @@ class FitSettings:
         for each, spec in settings_of(FitSettings):
             if each.name != "mode":
                 spec.check(each.name, getattr(self, each.name))
+        if self.shapes != ANY and (self.mode is Mode.OPEN or self.fill != "flat"):
+            other = "--mode open" if self.mode is Mode.OPEN else f"--fill {self.fill}"
+            raise UsageError(f"are filled with one colour each; leave out {other}", "shapes")
         if self.device == "cuda" and self.recipe.flatten == "de-casteljau":
             raise UsageError("de-casteljau runs on the CPU only; use device cpu or auto, or flatten uniform", "flatten")
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from cubicsplat_cli.artwork.regions.regions import Regions, pixel_inks
+from cubicsplat_cli.artwork.regions.regions import Regions, pixel_fills
 from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 
 # A drawing loses nothing visible with this many px; outlines are as exact as ever, in px of the copy.
@@ -56,16 +56,16 @@ def bounded_regions(
     known: np.ndarray | None = None,
     limit: int = MOST_COMPLETED,
 ) -> Regions:
-    """The regions of a picture, by its `pixel_inks`; where there are more than `limit`, the smallest join their
+    """The regions of a picture, by its `pixel_fills`; where there are more than `limit`, the smallest join their
     neighbours, which is logged.
     """
-    inks = pixel_inks(levels, palette, most, known)
-    regions = inks.regions(min_area)
+    fills = pixel_fills(levels, palette, most, known)
+    regions = fills.regions(min_area)
     found = regions.count
     while regions.count > limit:
         areas = np.sort(regions.areas())[::-1]
         min_area = max(2.0 * min_area, float(areas[limit]) + 1.0, 4.0)
-        regions = inks.regions(min_area)
+        regions = fills.regions(min_area)
         if min_area > levels.shape[0] * levels.shape[1]:
             break
     if regions.count < found:

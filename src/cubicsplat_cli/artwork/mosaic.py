@@ -11,10 +11,10 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.input.cells import Cells
-from cubicsplat_cli.artwork.regions.inks import eight_bit
+from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene import Scene, pack_rings
-from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import Mode
 
 OPAQUE = 255.0  # levels
@@ -23,11 +23,11 @@ MOST_CORNERS = 1365  # of a curve of a scene, whose arrays have room for the lon
 
 @dataclass(frozen=True, eq=False)
 class CellLayer:
-    """The cells of one colour. ink: of 8 bits, not premultiplied. mask: (R, C) bool, which cells it covers. x: (C + 1,)
-    and y: (R + 1,) float64, px, where their columns and rows begin and end.
+    """The cells of one colour. fill: of 8 bits, not premultiplied. mask: (R, C) bool, which cells it covers. x: (C +
+    1,) and y: (R + 1,) float64, px, where their columns and rows begin and end.
     """
 
-    ink: Ink
+    fill: Rgba
     mask: np.ndarray
     x: np.ndarray
     y: np.ndarray
@@ -43,7 +43,7 @@ class CellLayer:
         if len(self.loops[0]) <= MOST_CORNERS or self.mask.size == 1:
             return [self] if len(self.loops[0]) else []
         rows, columns = self.mask.shape
-        lap = int(self.ink[3] == OPAQUE)
+        lap = int(self.fill[3] == OPAQUE)
         if rows >= columns:
             half = rows // 2
             top = replace(self, mask=self.mask[: half + lap], y=self.y[: half + lap + 1])
@@ -76,9 +76,9 @@ class Mosaic:
         return sum(len(layer.loops[0]) for layer in self.layers)
 
     @property
-    def inks(self) -> tuple[Ink, ...]:
-        """The different inks, in the order of their first use."""
-        return tuple(dict.fromkeys(layer.ink for layer in self.layers))
+    def fills(self) -> tuple[Rgba, ...]:
+        """The different fills, in the order of their first use."""
+        return tuple(dict.fromkeys(layer.fill for layer in self.layers))
 
     def scene(self) -> Scene | None:
         """The layers as closed curves, front to back, without a background, those of many corners as several; None
@@ -88,7 +88,7 @@ class Mosaic:
         if not parts:
             return None
         points, ring_ends = pack_rings(Mode.CLOSED, [part.rings() for part in parts])
-        colours = np.array([part.ink for part in parts], np.float32) / np.float32(255.0)
+        colours = np.array([part.fill for part in parts], np.float32) / np.float32(255.0)
         return Scene(
             mode=Mode.CLOSED,
             width=self.width,
@@ -99,6 +99,37 @@ class Mosaic:
             half_widths=np.zeros(len(parts), np.float32),
             ring_ends=ring_ends,
         )
+
+
+def with_ground(cells: Cells, colour: tuple[int, int, int] | None) -> tuple[Cells, bool]:
+    """The cells with their ground in another colour, 8-bit sRGB, or transparent (None), and whether they have one: the
+    opaque colour of most cells along the picture's edge. What is transparent already takes the colour too.
+    """
+    edge = np.concatenate([cells.numbers[[0, -1]].ravel(), cells.numbers[1:-1, [0, -1]].ravel()])
+    counts = np.bincount(edge, minlength=len(cells.colours))
+    ground = int(counts.argmax())
+    found = bool(2 * counts[ground] > len(edge) and cells.colours[ground, 3] >= OPAQUE)
+    colours = cells.colours.copy()
+    if colour is not None:
+        colours[cells.colours[:, 3] == 0.0] = (*colour, OPAQUE)
+    if found:
+        colours[ground] = (0.0, 0.0, 0.0, 0.0) if colour is None else (*colour, OPAQUE)
+    return replace(cells, colours=colours), found
+
+
+def finer(cells: Cells, reach: float) -> Cells:
+    """The cells cut into nine each, of which the outer ones are `reach` px wide, a third of a cell at most: by so much
+    a mosaic that is not abutting reaches beneath what lies on it.
+    """
+    x, y = (_cut(ends, reach) for ends in (cells.x, cells.y))
+    return replace(cells, numbers=cells.numbers.repeat(3, axis=0).repeat(3, axis=1), x=x, y=y)
+
+
+def _cut(ends: np.ndarray, reach: float) -> np.ndarray:
+    """(3 n + 1,) the ends of n cells, with two more in each."""
+    low, high = ends[:-1], ends[1:]
+    lap = np.minimum(reach, (high - low) / 3.0)
+    return np.append(np.stack([low, low + lap, high - lap], axis=1).ravel(), ends[-1])
 
 
 def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> Mosaic:
@@ -112,8 +143,8 @@ def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> 
     above = np.where((cells.colours[:, 3] >= OPAQUE)[cells.numbers], rank, -1)
     layers = []
     for place, box in enumerate(ndimage.find_objects(rank + 1)):
-        ink = eight_bit(cells.colours[order[place]])
-        if box is None or ink[3] == 0:
+        fill = eight_bit(cells.colours[order[place]])
+        if box is None or fill[3] == 0:
             continue
         limits = zip(box, rank.shape, strict=True)
         box = tuple(slice(max(0, side.start - 1), min(side.stop + 1, size)) for side, size in limits)
@@ -122,7 +153,7 @@ def mosaic(cells: Cells, width: int, height: int, *, abutting: bool = False) -> 
             mask = mask | (_widened(mask) & (above[box] > place))
         ends = (slice(side.start, side.stop + 1) for side in box)
         down, across = (where[side] for where, side in zip((y, x), ends, strict=True))
-        layers.append(CellLayer(ink, mask, across, down))
+        layers.append(CellLayer(fill, mask, across, down))
     return Mosaic(width, height, tuple(layers))
 
 

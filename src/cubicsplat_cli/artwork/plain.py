@@ -8,14 +8,14 @@ from cubicsplat_cli.artwork.geometry.outlines import Rectangle
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.files.load import Picture
-from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.scene.paint import Rgba
 
 _ROWS = 64
 # What a JPEG makes of one colour with a trace of noise: two steps of 8 bits between any two pixels, which nobody sees.
 _SPREAD = 2.0 / 255.0 + 1e-6
 
 
-def only_ink(picture: Picture) -> Ink | None:
+def only_fill(picture: Picture) -> Rgba | None:
     """The colour of every pixel, (0, 0, 0, 0) where all are transparent; None where there are several.
 
     Colours that are all but the same count as their mean; opacities must be the same.
@@ -43,8 +43,8 @@ def _mean(plane: np.ndarray, spread: float) -> list[float] | None:
     return [float(value) for value in total / (plane.shape[0] * plane.shape[1])]
 
 
-def plain_drawing(ink: Ink, width: int, height: int) -> Drawing:
-    """A rectangle of one ink over the whole canvas; nothing where the ink is transparent."""
+def plain_drawing(fill: Rgba, width: int, height: int) -> Drawing:
+    """A rectangle of one fill over the whole canvas; nothing where the fill is transparent."""
     outlines = (Rectangle(0.0, 0.0, float(width), float(height)),)
-    shape = Shape(ink, outlines, shape_name(ink, outlines, width, height))
-    return Drawing(width, height, (shape,) if ink[3] else ())
+    shape = Shape(fill, outlines, shape_name(fill, outlines, width, height))
+    return Drawing(width, height, (shape,) if fill[3] else ())

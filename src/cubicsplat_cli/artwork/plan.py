@@ -1,4 +1,4 @@
-"""The plan of a drawing: the picture's inks, regions, layers and contours, down to the parts that become shapes."""
+"""The plan of a drawing: the picture's fills, regions, layers and contours, down to the parts that become shapes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
-from cubicsplat_cli.artwork.regions.inks import LEAST_FLAT, flat_pixels, picture_inks
+from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING, EdgePositions, crossings
+from cubicsplat_cli.artwork.tracing.contours import ROUNDING, EdgePositions, edge_positions
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
@@ -33,13 +33,13 @@ class Plan:
 
 
 def planned(
-    picture: FlatPicture, settings: ArtworkSettings, factor: int, error: float, standing: np.ndarray | None
+    picture: FlatPicture, settings: ArtworkSettings, factor: int, error: float, placeholders: np.ndarray | None
 ) -> Plan:
     """The plan of a picture's drawing: at most settings.curves parts.
 
     factor: by which the drawing is enlarged at last. error: in levels, of pixels on edges beyond that of a clean
-    picture. standing: (G, 4) inks that stand for gradients, of which no translucent shape makes others; None where no
-    such shapes are sought.
+    picture. placeholders: (G, 4) fills that stand for gradients, of which no translucent shape makes others; None where
+    no such shapes are sought.
     """
     min_area = settings.min_area / factor**2
     while True:
@@ -47,10 +47,10 @@ def planned(
         soft, regions = _regions(picture, settings, min_area, MOST_COMPLETED if error else MOST_REGIONS)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
-        found = crossings(soft, regions, ROUNDING + error)
+        found = edge_positions(soft, regions, ROUNDING + error)
         fixed = None
-        if standing is not None:
-            fixed = (np.rint(regions.inks)[:, None] == standing[None]).all(axis=2).any(axis=1)
+        if placeholders is not None:
+            fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)
         whole = regions.count <= MOST_COMPLETED
         parts = parts_of(regions, found, settings.completion == ON and whole, fixed if whole else None)
         if settings.curves is None or len(parts) <= settings.curves or min_area > soft[..., 0].size:
@@ -65,7 +65,7 @@ def _regions(
 ) -> tuple[np.ndarray, Regions]:
     """The regions of a picture, `limit` at most, and the picture they are of: blurred where there would be as many as
     px."""
-    levels, inks = picture.levels, picture.palette
+    levels, fills = picture.levels, picture.palette
     many = max(FEW, levels.shape[0] * levels.shape[1] // LEAST_AREA)
     soft = levels
     for blur in BLURS:
@@ -74,8 +74,8 @@ def _regions(
             soft = ndimage.gaussian_filter(levels, (blur, blur, 0.0), mode="nearest")
         elif levels.shape[0] * levels.shape[1] > MOST_COMPLETED and flat_pixels(levels).mean() < LEAST_FLAT:
             continue
-        palette = picture_inks(soft) if inks is None else inks
-        most, known = None if inks is None else len(inks), None if blur else picture.labels
+        palette = picture_fills(soft) if fills is None else fills
+        most, known = None if fills is None else len(fills), None if blur else picture.labels
         regions = bounded_regions(soft, palette, min_area, most, known, MOST_COMPLETED if blur else limit)
         if regions.count <= many:
             break

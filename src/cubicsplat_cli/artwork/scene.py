@@ -24,14 +24,15 @@ def scene_of(drawing: Drawing) -> Scene:
     front_first = drawing.shapes[::-1]
     points, ring_ends = pack_rings(Mode.CLOSED, [_rings(shape) for shape in front_first])
     # The opacity of a gradient is its stops'.
-    inks = np.array([(*s.ink[:3], 255) if s.gradient else s.ink for s in front_first], np.float32) / np.float32(255.0)
+    fills = np.array([(*s.fill[:3], 255) if s.gradient else s.fill for s in front_first], np.float32)
+    fills /= np.float32(255.0)
     return Scene(
         mode=Mode.CLOSED,
         width=drawing.width,
         height=drawing.height,
         points=points,
-        colours=np.ascontiguousarray(inks[:, :3]),
-        opacities=np.ascontiguousarray(inks[:, 3]),
+        colours=np.ascontiguousarray(fills[:, :3]),
+        opacities=np.ascontiguousarray(fills[:, 3]),
         half_widths=np.zeros(len(front_first), np.float32),
         ring_ends=ring_ends,
         gradients=gradients_of([shape.gradient for shape in front_first]),

@@ -19,11 +19,11 @@ ON, OFF = "on", "off"
 class ArtworkSettings:
     """Settings of the drawing of a flat picture. Raises UsageError on values that make no sense.
 
-    colors: at most so many inks, 1..256, or None for as many as the picture has. palette: the inks to use, each
+    colors: at most so many fills, 1..256, or None for as many as the picture has. palette: the fills to use, each
     8-bit sRGB or a colour's name, or text with commas between names; empty for the picture's own. min_area: px^2,
     smaller regions join a neighbour. detail: 1 weighs outlines as the picture supports them, more follows it more
     closely, less draws with fewer pieces; 0.01..100. stacking: "stacked" or "cutout". completion: "on" or "off",
-    whether outlines go on beneath what hides them as what shows suggests, and pieces of one ink are one shape there.
+    whether outlines go on beneath what hides them as what shows suggests, and pieces of one fill are one shape there.
     strokes: lines of even width become strokes. curves: at most so many shapes, or None.
     """
 
@@ -65,8 +65,8 @@ class ArtworkSettings:
             raise UsageError(f"takes at most {MOST_COLORS} colours, not {len(self.palette)}", "palette")
 
     @property
-    def free_inks(self) -> bool:
-        """Whether inks are the picture's own, of which gradients and translucent shapes may be made."""
+    def free_fills(self) -> bool:
+        """Whether fills are the picture's own, of which gradients and translucent shapes may be made."""
         return self.colors is None and not self.palette
 
     def public(self) -> dict[str, Any]:

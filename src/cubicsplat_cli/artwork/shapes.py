@@ -1,4 +1,4 @@
-"""A drawing: shapes in an ink, opaque or evenly translucent, or in a gradient, back to front."""
+"""A drawing: shapes in a fill, opaque or evenly translucent, or in a gradient, back to front."""
 
 from __future__ import annotations
 
@@ -7,26 +7,28 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
-from cubicsplat_cli.artwork.geometry.stroke import Stroke, pieces_of, scaled_stroke
-from cubicsplat_cli.scene.paint import Gradient, Ink
+from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
+from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 _ALIKE = 1e-3
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape in one ink, or in a gradient.
+    """One shape in one fill, or in a gradient.
 
-    ink: sRGB and opacity, 8 bits each, not premultiplied; of a gradient about its mean. outlines: first the outer one,
+    fill: sRGB and opacity, 8 bits each, not premultiplied; of a gradient about its mean. outlines: first the outer one,
     then its holes, which may run either way: whoever draws them turns them round (`oriented`). name: what an editor's
-    list of layers shows. gradient: in px of the drawing, or None. stroke: whose outlines these are, or None.
+    list of layers shows. gradient: in px of the drawing, or None. stroke: whose outlines these are, or None. group: the
+    name of the group in the file that it is in, empty for none.
     """
 
-    ink: Ink
+    fill: Rgba
     outlines: tuple[Outline, ...]
     name: str
     gradient: Gradient | None = None
     stroke: Stroke | None = None
+    group: str = ""
 
     def oriented(self) -> tuple[Ring, ...]:
         """The rings, the outer one clockwise as seen, holes the other way: the nonzero rule leaves holes empty."""
@@ -39,7 +41,8 @@ class Shape:
 class Drawing:
     """Shapes back to front on a canvas of width x height px; what no shape covers is transparent.
 
-    abutting: none overlaps another, and shapes that touch share their edges to the last digit.
+    abutting: none overlaps another, but for what was made to reach beneath those drawn later, and shapes that touch
+    share their edges to the last digit.
     """
 
     width: int
@@ -48,9 +51,9 @@ class Drawing:
     abutting: bool = False
 
     @property
-    def inks(self) -> tuple[Ink, ...]:
-        """The different inks of the shapes without a gradient, in the order of their first use."""
-        return tuple(dict.fromkeys(shape.ink for shape in self.shapes if shape.gradient is None))
+    def fills(self) -> tuple[Rgba, ...]:
+        """The different fills of the shapes without a gradient, in the order of their first use."""
+        return tuple(dict.fromkeys(shape.fill for shape in self.shapes if shape.gradient is None))
 
     @property
     def gradients(self) -> tuple[Gradient, ...]:
@@ -61,7 +64,7 @@ class Drawing:
     def segments(self) -> int:
         """The number of lines and cubics of the outlines, primitives counted as their rings."""
         return sum(
-            len(pieces_of(line)[1])
+            line.pieces
             for shape in self.shapes
             for line in (shape.outlines if shape.stroke is None else (shape.stroke.path,))
         )

@@ -1,4 +1,4 @@
-"""Whether a picture is pixel art, flat artwork or a photo: by its cells, by how even it is, or by how much of it inks
+"""Whether a picture is pixel art, flat artwork or a photo: by its cells, by how even it is, or by how much of it fills
 and gradients explain.
 """
 
@@ -19,8 +19,8 @@ PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # which edges, three pixels wide, never fill.
 FLAT_LEVELS = 3.0  # of 255
 MOST_TEXTURE = 0.14  # share of the pixels, where colours do not change by straight lines either
-COUNTED_INKS = 64
-LEAST_SHADED = 0.75  # share of the pixels in flat inks and gradients, for a picture of many colours to be a drawing
+COUNTED_FILLS = 64
+LEAST_SHADED = 0.75  # share of the pixels in flat fills and gradients, for a picture of many colours to be a drawing
 # Levels of difference that people hardly see, by which a JPEG's pixels may be off; and how wide colours are then. Share
 # of the pixels in common colours for a picture to be a drawing perhaps: 0.58 and 0.70 in two illustrations, photos that
 # have little texture at most 0.28.
@@ -64,7 +64,7 @@ def choose_style(target: np.ndarray) -> Style:
     spread, straight = _spread(levels), _straight(levels)
     if _texture((spread > FLAT_LEVELS) & ~straight, drawn) <= MOST_TEXTURE:
         shaded = _shaded(levels, drawn)
-        reason = f"{reason}, {100 * shaded:.0f} % in inks and gradients"
+        reason = f"{reason}, {100 * shaded:.0f} % in fills and gradients"
         if shaded >= LEAST_SHADED:
             return _unless_soft(levels, drawn, reason)
     if _texture((spread > UNSEEN) & ~straight, drawn) > MOST_TEXTURE:
@@ -109,8 +109,8 @@ def _like_paper(levels: np.ndarray) -> bool:
 
 def _scanned(target: np.ndarray) -> bool:
     """Whether a picture, every so many px of it, is a scan."""
-    from cubicsplat_cli.artwork.input.intake import as_levels
     from cubicsplat_cli.artwork.input.paper import scan_of
+    from cubicsplat_cli.artwork.input.prepare import as_levels
 
     step = math.ceil(math.sqrt(target.shape[0] * target.shape[1] / _MOST_PIXELS))
     return scan_of(as_levels(target[::step, ::step])) is not None
@@ -179,5 +179,5 @@ def _in_few_colours(levels: np.ndarray, drawn: np.ndarray, flat: float, width: i
     """
     code = (levels // width).astype(np.int64) @ (256 ** np.arange(levels.shape[2]))
     colours, counts = np.unique(code[drawn], return_counts=True)
-    commonest = colours[np.argsort(-counts, kind="stable")[:COUNTED_INKS]]
+    commonest = colours[np.argsort(-counts, kind="stable")[:COUNTED_FILLS]]
     return np.isin(code, commonest) & (_spread(levels) <= flat)

@@ -4,32 +4,18 @@ from __future__ import annotations
 
 import difflib
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cubicsplat_cli._version import __version__
-from cubicsplat_cli.cli.bench import bench
-from cubicsplat_cli.cli.doctor import doctor
-from cubicsplat_cli.cli.eval import evaluate
 from cubicsplat_cli.cli.options import Command, GroupedCommand
-from cubicsplat_cli.cli.render import render
-from cubicsplat_cli.cli.vectorize import vectorize
 from cubicsplat_cli.files.paths import is_there
 from cubicsplat_cli.formatting import did_you_mean
 from cubicsplat_cli.options import listed
 
-app = typer.Typer(
-    name="cubicsplat",
-    help="Turn pictures into SVGs: photos as curves that blend, drawings as few shapes. Measure any SVG.",
-    add_completion=True,
-    # A traceback of a bug is for a bug report: plain, complete, and without the values of local variables.
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
-COMMANDS = ("vectorize", "eval", "render", "doctor", "bench")
 # What may stand in place of a command.
 _OWN_OPTIONS = ("--help", "-h", "--version", "--install-completion", "--show-completion")
 # Commands of `bench` that are now programs of a checkout, with the names of their modules.
@@ -44,7 +30,6 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _all_commands(
     version: Annotated[
         bool,
@@ -54,11 +39,72 @@ def _all_commands(
     pass
 
 
-app.command("vectorize", cls=GroupedCommand)(vectorize)
-app.command("eval", cls=Command)(evaluate)
-app.command("render", cls=Command)(render)
-app.command("doctor", cls=Command)(doctor)
-app.add_typer(bench, name="bench")
+@lru_cache
+def application(*commands: str) -> typer.Typer:
+    """The command line with some of its commands, of COMMANDS; each of them imports what it needs, and makes parsers
+    of its options, which takes as long as a small drawing.
+    """
+    app = typer.Typer(
+        name="cubicsplat",
+        help="Turn pictures into SVGs: photos as curves that blend, drawings as few shapes. Measure any SVG.",
+        add_completion=True,
+        # A traceback of a bug is for a bug report: plain, complete, and without the values of local variables.
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    )
+    app.callback()(_all_commands)
+    for command in commands:
+        _ADDED[command](app)
+    return app
+
+
+def _add_vectorize(app: typer.Typer) -> None:
+    from cubicsplat_cli.cli.vectorize import vectorize
+
+    app.command("vectorize", cls=GroupedCommand)(vectorize)
+
+
+def _add_eval(app: typer.Typer) -> None:
+    from cubicsplat_cli.cli.eval import evaluate
+
+    app.command("eval", cls=Command)(evaluate)
+
+
+def _add_render(app: typer.Typer) -> None:
+    from cubicsplat_cli.cli.render import render
+
+    app.command("render", cls=Command)(render)
+
+
+def _add_doctor(app: typer.Typer) -> None:
+    from cubicsplat_cli.cli.doctor import doctor
+
+    app.command("doctor", cls=Command)(doctor)
+
+
+def _add_bench(app: typer.Typer) -> None:
+    from cubicsplat_cli.cli.bench import bench
+
+    app.add_typer(bench, name="bench")
+
+
+_ADDED = {
+    "vectorize": _add_vectorize,
+    "eval": _add_eval,
+    "render": _add_render,
+    "doctor": _add_doctor,
+    "bench": _add_bench,
+}
+COMMANDS = tuple(_ADDED)
+
+
+def run_command(arguments: list[str]) -> int | None:
+    """Run a command by its arguments, as `meant` gives them; the exit code, None where the command just ended."""
+    # Only the first word can name a command; without one the help, or an error, lists them all.
+    named = [arguments[0]] if arguments[0] in COMMANDS else COMMANDS
+    code: int | None = application(*named)(args=arguments, prog_name="cubicsplat", standalone_mode=False)
+    return code
 
 
 def meant(arguments: list[str]) -> list[str]:

@@ -18,7 +18,7 @@ from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number, printable, text_table
 from cubicsplat_cli.jobs.execute import ExecutionOptions, execute, lacking, look, planned_others, write_index
 from cubicsplat_cli.jobs.plan import JobPlan
-from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job
+from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job, uri_line
 from cubicsplat_cli.metrics import Report, plain
 from cubicsplat_cli.progress import interrupt
 from cubicsplat_cli.request import Request
@@ -125,7 +125,10 @@ class BatchRun:
             if outcome.report.interrupted and self.plan.pictures == 1:
                 step = outcome.report.timing.steps
                 self.reporter.note(f"interrupted{f' at step {step}' if step else ''}: the best SVG so far is written")
-            also = "".join(f"  {path.name}" for path in outcome.job.outputs.exports)
+            outputs = outcome.job.outputs
+            also = "".join(f"  {path.name}" for path in outputs.exports)
+            if outputs.layers is not None:
+                also += f"  {counted(len(outputs.layers_there()), 'layer')} in {outputs.layers.parent}"
             self.reporter.summary(summary_line(outcome.report, outcome.status) + also)
         elif outcome.status == UNCHANGED:
             self.reporter.summary(f"{outcome.job.outputs.svg}  unchanged")
@@ -133,6 +136,14 @@ class BatchRun:
             self.tally.add(outcome)
             if self.plan.index is not None:
                 self.shown.append(outcome)
+        svg = outcome.job.outputs.svg
+        if (
+            self.request.data_uri
+            and svg is not None
+            and outcome.status in (DONE, UNCHANGED, INTERRUPTED)
+            and not self.dry_run
+        ):
+            write_stdout(uri_line(svg.read_bytes()))
         if self.json:
             line = json.dumps(plain(outcome.public()), separators=(",", ":"), allow_nan=False)
             write_stdout(line.encode() + b"\n")
@@ -198,8 +209,10 @@ class BatchRun:
             signal.signal(signal.SIGINT, before)
 
 
-def check_stdout(plan: JobPlan, *, json: bool, cluster: bool) -> None:
+def check_stdout(plan: JobPlan, *, json: bool, cluster: bool, uri: bool = False) -> None:
     """Raise UsageError where two things would go to standard output, or none can."""
+    if json and uri:
+        raise UsageError("--json and --data-uri would both go to standard output; leave one of them out")
     for job in plan.jobs:
         if job.outputs.svg is None and json:
             raise UsageError("--json and the SVG would both go to standard output; give a file with -o")

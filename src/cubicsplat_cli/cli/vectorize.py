@@ -106,7 +106,7 @@ def vectorize(
         from cubicsplat_cli.export.formats import check_packages
 
         check_packages(formats)
-    check_stdout(planned, json=json, cluster=cluster is not None)
+    check_stdout(planned, json=json, cluster=cluster is not None, uri=request.data_uri)
     if planned.jobs and planned.jobs[0].path is None:
         planned = replace(planned, jobs=[replace(planned.jobs[0], data=read_stdin(request.max_pixels))])
     execution = ExecutionOptions(workers=jobs, cluster=cluster, inline=cluster is None and planned.pictures == 1)

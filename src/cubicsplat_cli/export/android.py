@@ -112,7 +112,7 @@ def _gradient(gradient: Gradient) -> Element:
     kind = "linear" if isinstance(gradient, LinearGradient) else "radial"
     element = Element("gradient", _named({"type": kind, **{name: _number(value) for name, value in places.items()}}))
     for stop in gradient.stops:
-        red, green, blue, alpha = stop.ink
+        red, green, blue, alpha = stop.colour
         values = {"offset": _number(stop.offset), "color": f"#{alpha:02X}{red:02X}{green:02X}{blue:02X}"}
         ElementTree.SubElement(element, "item", _named(values))
     return element

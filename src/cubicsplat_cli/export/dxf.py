@@ -10,7 +10,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.export.shapes import Paint, PaintedShapes
-from cubicsplat_cli.scene.paint import mean_ink
+from cubicsplat_cli.scene.paint import mean_fill
 from cubicsplat_cli.svg.paths import halves
 
 MM_PER_PX = 25.4 / 96.0  # as CSS has it
@@ -68,7 +68,7 @@ def _outlines(
 
 
 def _colour(paint: Paint) -> tuple[int, int, int]:
-    red, green, blue = [round(255.0 * part) for part in paint[:3]] if isinstance(paint, tuple) else mean_ink(paint)[:3]
+    red, green, blue = [round(255.0 * part) for part in paint[:3]] if isinstance(paint, tuple) else mean_fill(paint)[:3]
     return red, green, blue
 
 

@@ -126,7 +126,7 @@ def _paint(
     paint, opacity = shape.paint(name, server)
     if paint is None or isinstance(paint, tuple):
         return None if paint is None else (*paint[:3], paint[3] * opacity)
-    stops = (replace(stop, ink=(*stop.ink[:3], round(stop.ink[3] * opacity))) for stop in paint.stops)
+    stops = (replace(stop, colour=(*stop.colour[:3], round(stop.colour[3] * opacity))) for stop in paint.stops)
     return replace(paint, stops=tuple(stops))
 
 

@@ -19,7 +19,6 @@ GZIP = b"\x1f\x8b"  # what every gzip file begins with
 # The mark sits in the first lines of every file we write; a longer search would only cost time.
 HEAD_BYTES = 4096
 
-_HASHES = re.compile(rb"<!-- cubicsplat \S+, seed \d+, settings ([0-9a-f]{12}), input ([0-9a-f]{64})[ ,]")
 _MADE = re.compile(rb"cubicsplat \S+, of [0-9a-f]{64}")
 _CHECKSUM = re.compile(rb"<!-- cubicsplat [^>]*?(, checksum ([0-9a-f]{12})) -->")
 
@@ -52,12 +51,6 @@ def sha256_of(data: bytes) -> str:
 def provenance_comment(version: str, seed: int, digest: str, sha256: str) -> str:
     """The text of the SVG's comment: version, seed, settings hash, and the SHA-256 of the input's bytes."""
     return f"{PROGRAM} {version}, seed {seed}, settings {digest}, input {sha256}"
-
-
-def hashes_in(head: bytes) -> tuple[str, str] | None:
-    """Settings hash and input SHA-256 from the first bytes of an SVG of ours, or None."""
-    match = _HASHES.search(head[:HEAD_BYTES])
-    return None if match is None else (match[1].decode(), match[2].decode())
 
 
 def with_checksum(svg: str) -> str:

@@ -6,6 +6,7 @@ Imports nothing heavy.
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,6 +30,8 @@ PLAIN, COMPRESSED = ".svg", ".svgz"
 PAGE = ".html"
 SVG_SUFFIXES = frozenset((PLAIN, COMPRESSED))
 _RENDERED = ".rendered.png"
+LAYER = "layer "
+_LAYER_NAME = re.compile(r"\d{2,}-[0-9a-f]{6}(?:[0-9a-f]{2})?\.svg")
 # In a folder, these are taken for pictures; a file that is named itself may be called anything.
 PICTURE_SUFFIXES = frozenset(
     (
@@ -41,8 +44,9 @@ PICTURE_SUFFIXES = frozenset(
 @dataclass(frozen=True)
 class Outputs:
     """Files of one vectorised picture; None: not written. `svg` None means standard output. metrics: the JSON;
-    html_report: a page to look at, made of the others; animation: the fit as it develops; exports: the SVG in formats
-    of other programs, no two of one format.
+    html_report: a page to look at, made of the others; animation: the fit as it develops; geometrize: the shapes as a
+    list; exports: the SVG in formats of other programs, no two of one format; layers: how the names of the SVGs of each
+    colour begin.
     """
 
     svg: Path | None
@@ -50,10 +54,15 @@ class Outputs:
     metrics: Path | None
     html_report: Path | None = None
     animation: Path | None = None
+    geometrize: Path | None = None
     exports: tuple[Path, ...] = ()
+    layers: Path | None = None
 
     def place(self, kind: str) -> Path | None:
-        """The file of a kind: a member, or a format of other programs."""
+        """The file of a kind: a member, a format of other programs, or LAYER and the name of a layer."""
+        if kind.startswith(LAYER):
+            name = f"-{kind.removeprefix(LAYER)}{PLAIN}"
+            return None if self.layers is None else self.layers.with_name(self.layers.name + name)
         exports = {format_of(path): path for path in self.exports}
         return exports[kind] if kind in exports else getattr(self, kind)
 
@@ -63,13 +72,25 @@ class Outputs:
         more = [self.svg.with_suffix(f".{form}") for form in formats if self.svg and form not in have]
         return replace(self, exports=(*self.exports, *more))
 
+    def layers_there(self) -> list[Path]:
+        """Files that are there and have the name of a layer of this picture, in order."""
+        if self.layers is None or not is_folder(self.layers.parent):
+            return []
+        start = f"{self.layers.name}-"
+        return sorted(
+            path
+            for path in self.layers.parent.iterdir()
+            if path.name.startswith(start) and _LAYER_NAME.fullmatch(path.name.removeprefix(start))
+        )
+
     def files(self) -> list[Path]:
-        """All files that will be written."""
+        """All files that will be written, but for the layers, whose colours nobody knows before."""
         return [path for path in (*self.results(), self.html_report, *self.exports) if path is not None]
 
     def results(self) -> list[Path]:
         """All files except the page and the exports, which can be made again without a fit."""
-        return [path for path in (self.svg, self.png, self.metrics, self.animation) if path is not None]
+        files = self.svg, self.png, self.metrics, self.animation, self.geometrize
+        return [path for path in files if path is not None]
 
 
 def is_picture_name(path: Path) -> bool:

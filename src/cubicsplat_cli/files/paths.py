@@ -13,7 +13,7 @@ import zlib
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, holds_made_mark, svg_is_ours
+from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, holds_made_mark, sha256_of, svg_is_ours
 
 MOVING = (".webp", ".gif")
 EXPORTS = ("pdf", "ps", "eps", "dxf", "xml")  # formats of other programs, by the suffixes of their files
@@ -116,7 +116,16 @@ def is_ours(path: Path) -> bool:
     if path.suffix.lower() == ".json":
         # A report that was cut short is ours too.
         return f'"program": "{PROGRAM}"'.encode() in head or (head != b"" and _REPORT.startswith(head))
-    return svg_is_ours(head)
+    return svg_is_ours(head) or _is_in_report(path)
+
+
+def _is_in_report(path: Path) -> bool:
+    """Whether the JSON beside an SVG is ours and names its SHA-256: the smallest files carry no mark."""
+    report = path.with_suffix(".json")
+    try:
+        return is_ours(report) and f'"svg_sha256": "{sha256_of(path.read_bytes())}"'.encode() in report.read_bytes()
+    except OSError:
+        return False
 
 
 def picture_of(path: Path) -> str | None:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
-from cubicsplat_cli.files.marks import hashes_in, is_edited, sha256_of
+from cubicsplat_cli.files.marks import is_edited, sha256_of
 from cubicsplat_cli.files.names import SVG_SUFFIXES, beside
 from cubicsplat_cli.files.paths import (
     check_outputs,
     check_ownership,
-    head_of,
     is_file,
     is_replaceable,
     is_there,
@@ -42,10 +42,11 @@ def check_may_write(job: Job, *, force: bool) -> None:
     for path in job.outputs.files():
         if job.path is not None and same_file(path, job.path):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
-    check_ownership(job.outputs.files(), force=force)
+    layers = job.outputs.layers_there()
+    check_ownership([*job.outputs.files(), *layers], force=force)
     if force:
         return
-    for path in edited(job):
+    for path in [*edited(job), *filter(holds_edited, layers)]:
         raise UsageError(f"{path} was edited since it was made; --force replaces it, -o chooses another output")
 
 
@@ -95,6 +96,16 @@ def forget(job: Job) -> None:
         path.unlink(missing_ok=True)
 
 
+def forget_layers(job: Job, kinds: Iterable[str]) -> None:
+    """Remove layers of an earlier run that are not of these kinds, as the picture's colours no longer are; edited ones
+    stay.
+    """
+    kept = {job.outputs.place(kind) for kind in kinds}
+    for path in job.outputs.layers_there():
+        if path not in kept and is_replaceable(path) and not holds_edited(path):
+            path.unlink(missing_ok=True)
+
+
 def _report_of(job: Job) -> Path | None:
     """Path of the JSON of an earlier run, even if this run writes none."""
     svg = job.outputs.svg
@@ -125,12 +136,15 @@ def finished(job: Job, digest: str) -> Report | None:
     if report is None or report.interrupted or report.settings_hash != digest:
         return None
     try:
-        made_from, svg = (report.settings_hash, report.input.sha256), outputs.svg.read_bytes()
         complete = (
-            made_from == hashes_in(head_of(svg)) == (digest, sha256_of(job.source()))
-            and sha256_of(svg) == report.output.svg_sha256
+            report.input.sha256 == sha256_of(job.source())
+            and sha256_of(outputs.svg.read_bytes()) == report.output.svg_sha256
             and (outputs.png is None or sha256_of(outputs.png.read_bytes()) == report.output.png_sha256)
-            and (outputs.animation is None or report.output.svg_sha256.encode() in read_ends(outputs.animation))
+            and all(
+                report.output.svg_sha256.encode() in read_ends(path)
+                for path in (outputs.animation, outputs.geometrize)
+                if path is not None
+            )
         )
     except (CubicSplatError, OSError):
         # An input that cannot be read: the work is done anew, and says why it cannot be.

@@ -9,12 +9,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cubicsplat_cli.errors import CubicSplatError
-from cubicsplat_cli.files.marks import made_mark
+from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.paths import check_outputs, check_ownership, is_file, read_head
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.jobs.earlier import check_may_write, earlier_report, finished, prepare
-from cubicsplat_cli.jobs.plan import Job, JobPlan
-from cubicsplat_cli.jobs.run import PLANNED, UNCHANGED, FileSink, Outcome, attempt, export_of, failure, load_job
+from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
+from cubicsplat_cli.jobs.run import (
+    PLANNED,
+    UNCHANGED,
+    FileSink,
+    Outcome,
+    attempt,
+    export_of,
+    failure,
+    layers_of,
+    load_job,
+)
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
@@ -120,7 +130,8 @@ def _taken(finished_before: list[Outcome]) -> Iterator[Outcome]:
 
 
 def lacking(job: Job, report: Report, request: Request) -> list[Path]:
-    """The files made of the SVG of a report that are not there, or are of another SVG: the page and the exports."""
+    """The files made of the SVG of a report that are not there, or are of another SVG: the page, the exports and
+    the layers."""
     outputs, svg = job.outputs, job.outputs.svg
     page = outputs.html_report
     mark = made_mark(report.output.svg_sha256).encode()
@@ -131,7 +142,19 @@ def lacking(job: Job, report: Report, request: Request) -> list[Path]:
 
         text = read_file(svg)
         missing += [path for path in outputs.exports if not is_current(path, text, request.dxf_tolerance)]
-    return missing
+    return [*missing, *_lacking_layers(job)]
+
+
+def _lacking_layers(job: Job) -> dict[Path, bytes]:
+    """The layers of a finished SVG that are not there or are of another SVG, and their bytes."""
+    if job.outputs.svg is None or job.outputs.layers is None:
+        return {}
+    from cubicsplat_cli.files.read import read_file
+
+    svg = read_file(job.outputs.svg)
+    mark = made_mark(sha256_of(svg)).encode()
+    found = [(job.outputs.place(kind), data) for kind, data in layers_of(svg).items()]
+    return {path: data for path, data in found if path and not (is_file(path) and mark in read_head(path))}
 
 
 def with_others(outcome: Outcome, request: Request, observer: Observer) -> Outcome:
@@ -140,10 +163,12 @@ def with_others(outcome: Outcome, request: Request, observer: Observer) -> Outco
     if outcome.status != UNCHANGED or report is None:
         return outcome
     try:
-        missing = lacking(job, report, request)
+        missing, layers = lacking(job, report, request), _lacking_layers(job)
+        if layers:
+            make_folders(job)
         check_outputs(missing, force=request.force)
         for path in missing:
-            write_atomically(path, _made_of_svg(path, job, report, request, observer))
+            write_atomically(path, layers.get(path) or _made_of_svg(path, job, report, request, observer))
     except CubicSplatError as error:
         return failure(job, error)
     return outcome

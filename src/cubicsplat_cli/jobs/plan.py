@@ -84,6 +84,8 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     if is_batch(arguments):
         if request.animation is not None:
             raise UsageError("--animation is of one picture, and there may be several; give one")
+        if request.geometrize is not None:
+            raise UsageError("--geometrize is of one picture, and there may be several; give one")
         search = find_sources(arguments, recursive=recursive)
         jobs = plan_jobs(search.sources, output, request)
         return _with_others(JobPlan(jobs, list(search.problems), search.left_out), output, request)
@@ -94,19 +96,48 @@ def plan(arguments: list[str], output: str | None, request: Request, *, recursiv
     outputs = plan_outputs(
         path, output, png=request.png, metrics=request.metrics, compress=request.compress, ending=request.suffix
     )
-    return _with_others(JobPlan([Job(name, path, replace(outputs, animation=request.animation))]), output, request)
+    if (
+        request.geometrize is not None
+        and outputs.metrics is not None
+        and _key(request.geometrize) == _key(outputs.metrics)
+    ):
+        raise UsageError(f"{outputs.metrics} will hold the figures; give --geometrize another name, or add --no-json")
+    outputs = replace(outputs, animation=request.animation, geometrize=request.geometrize)
+    return _with_others(JobPlan([Job(name, path, outputs)]), output, request)
 
 
 def _with_others(made: JobPlan, output: str | None, request: Request) -> JobPlan:
-    """The plan with what is made of finished SVGs: pages, and files for other programs.
+    """The plan with what is made of finished SVGs: pages, layers, and files for other programs.
 
     Raises UsageError where an SVG goes to standard output.
     """
     if request.also and any(job.outputs.svg is None for job in made.jobs):
         raise UsageError("--also needs a file beside which the others can lie; give one with -o")
     jobs = [replace(job, outputs=job.outputs.with_exports(request.also)) for job in made.jobs]
-    made = replace(made, jobs=jobs)
+    made = replace(made, jobs=jobs if request.layers is None else _with_layers(jobs, request.layers))
     return with_pages(made, output) if request.html_report else made
+
+
+def _with_layers(jobs: list[Job], folder: Path) -> list[Job]:
+    """The jobs with their layers in a folder, in those below it that the pictures have below theirs.
+
+    Raises UsageError where the folder is a file, where an SVG goes to standard output, or where two would have layers
+    of one name.
+    """
+    if is_there(folder) and not is_folder(folder):
+        raise UsageError(f"--layers {folder} is a file; give a folder")
+    made = []
+    claimed: dict[str, Job] = {}
+    for job in jobs:
+        if job.outputs.svg is None:
+            raise UsageError("--layers needs an SVG of which they are made; give a file with -o")
+        layers = folder / job.below / job.outputs.svg.stem
+        if (other := claimed.setdefault(_key(layers), job)) is not job:
+            raise UsageError(
+                f"{other.name} and {job.name} would both give {layers}-...; use two runs with other --layers"
+            )
+        made.append(replace(job, outputs=replace(job.outputs, layers=layers)))
+    return made
 
 
 def with_pages(made: JobPlan, output: str | None) -> JobPlan:
@@ -177,7 +208,7 @@ def _key(path: Path) -> str:
 
 def make_folders(job: Job) -> None:
     """Make the folders of a job's files. Raises InputError where that cannot be done."""
-    for path in job.outputs.files():
+    for path in [*job.outputs.files(), *([job.outputs.layers] if job.outputs.layers else [])]:
         make_folder_of(path)
 
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import sha256_of
-from cubicsplat_cli.files.names import STDIO, Outputs, is_compressed_name
+from cubicsplat_cli.files.names import LAYER, STDIO, Outputs, is_compressed_name
 from cubicsplat_cli.files.paths import is_file, is_replaceable
-from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.files.read import packed, unpacked
 from cubicsplat_cli.files.write import STDOUT, write_stdout
 from cubicsplat_cli.formatting import one_line, printable
-from cubicsplat_cli.jobs.earlier import forget, holds_edited, is_finished
+from cubicsplat_cli.jobs.earlier import forget, forget_layers, holds_edited, is_finished
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.metrics import Output, Report, head
 from cubicsplat_cli.progress import FRAMES, FrameRecorder, Observer, StageTimer, command_began, warnings_to
@@ -91,6 +91,8 @@ class FileSink:
             if path is not None:
                 write_atomically(path, data)
                 self.written.append(path)
+            if kind == "metrics":
+                forget_layers(self.job, self.files)
 
     def _replaced(self) -> dict[Path, bytes]:
         """The files of this run in whose places lie others of ours by now, or none; an edited one stays as it is."""
@@ -144,7 +146,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
         if job.outputs.svg is not None:
             sink.put("svg", data)
     if job.outputs.svg is None:  # what went to standard output could not be replaced
-        sink.put("svg", data)
+        sink.put("svg", uri_line(data) if request.data_uri else data)
     figures = measured(task, made, svg) if request.measure else None
     report = _write_others(job, task, made, figures, svg, data, sink)
     _say_overtime(report, task)
@@ -153,6 +155,13 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
     finally:  # they can be made again without a fit, if that is known to be done
         sink.put("metrics", report.to_json().encode())
     return Outcome(job, INTERRUPTED if report.interrupted else DONE, report)
+
+
+def uri_line(svg: bytes) -> bytes:
+    """What `--data-uri` prints of an SVG."""
+    from cubicsplat_cli.svg.markup import data_uri
+
+    return data_uri(unpacked(svg, "the SVG").decode()).encode() + b"\n"
 
 
 def _write_others(
@@ -173,6 +182,14 @@ def _write_others(
             sink.put("png", png)
         files |= {"png": str(outputs.png), "png_sha256": sha256_of(png)}
     output = output_of(made, svg, data, **files)
+    if outputs.geometrize is not None:
+        from cubicsplat_cli.pipeline.vectorize import geometrized
+
+        text = geometrized(task, made, output)
+        if text is None:
+            timer.note(f"{task.target.source}: has one colour, so there is no list for Geometrize")
+        else:
+            sink.put("geometrize", text.encode())
     if outputs.animation is not None:
         _put_animation(outputs.animation, task, made, output, sink)
     report = report_of(task, made, figures, output, path=job.name)
@@ -186,10 +203,21 @@ def _write_others(
 
 
 def _put_exports(job: Job, request: Request, svg: str, timer: StageTimer, sink: Sink) -> None:
-    """Write the SVG in the formats of other programs that are wanted."""
+    """Write the SVG in the formats of other programs that are wanted, and its layers."""
     for path in job.outputs.exports:
         timer.observer.stage("export", job.name)
         sink.put(path.suffix[1:].lower(), export_of(path, svg.encode(), job, request, timer.note))
+    if job.outputs.layers is not None:
+        timer.observer.stage("export", job.name)
+        for kind, data in layers_of(svg.encode()).items():
+            sink.put(kind, data)
+
+
+def layers_of(svg: bytes) -> dict[str, bytes]:
+    """The files of the layers of an SVG by their kinds."""
+    from cubicsplat_cli.export.layers import layers
+
+    return {LAYER + name: text.encode() for name, text in layers(svg).items()}
 
 
 def export_of(path: Path, svg: bytes, job: Job, request: Request, note: Callable[[str], None]) -> bytes:

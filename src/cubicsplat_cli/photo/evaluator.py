@@ -35,10 +35,9 @@ class Evaluator:
         objective = self.objective
         if not objective.pixelwise:
             return float(objective.of(self.picture(curves)))
-        return self.engine.gradients(
-            curves.for_engine(), self.exact, target=objective.goal, weights=objective.weights,
-            penalty=objective.penalty,
-        )[0]  # fmt: skip
+        return self.engine.loss(
+            curves.for_engine(), self.exact, objective.goal, objective.weights, objective.penalty
+        )  # fmt: skip
 
     def importance(self, curves: FitCurves) -> tuple[float, Array]:
         """The loss of the pixels of the exact picture, and (N,) by how much it would rise without each curve."""

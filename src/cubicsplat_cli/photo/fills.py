@@ -74,7 +74,7 @@ class LinearFills(CurveArrays):
         if still is not None:
             found, rate = xp.where(still[:, None], 0.0, found), rate * ~still[:, None]
         self.ages += 1
-        step = rate * _adan(found, self.moments, self.ages, rates)
+        step = rate * adan(found, self.moments, self.ages, rates)
         self.ends -= xp.reshape(step[:, :4], (n, 2, 2))
         self.stop_logits[...] = xp.clip(
             self.stop_logits - xp.reshape(step[:, 4:], (n, 2, 3)), -LOGIT_LIMIT, LOGIT_LIMIT
@@ -107,7 +107,7 @@ def middles_of(points: Array, ring_ends: Array | None) -> Array:
     return xp.sum(points * used[..., None], axis=1) / xp.astype(count, points.dtype)
 
 
-def _adan(gradient: Array, moments: Array, ages: Array, rates: Rates) -> Array:
+def adan(gradient: Array, moments: Array, ages: Array, rates: Rates) -> Array:
     """Adan's step for (N, V) parameters, before the rate; updates the moments (N, V, 4)."""
     xp, (keep1, keep2, keep3) = namespace(gradient), rates.keep
     mean, change, square, previous = (moments[..., k] for k in range(4))

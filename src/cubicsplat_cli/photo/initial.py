@@ -9,11 +9,12 @@ import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
+from cubicsplat_cli.photo.shapes import Shapes
 from cubicsplat_cli.photo.state import Background, FitCurves
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.scene.arrays import Array, contiguous, copied, like, logit, namespace
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of
-from cubicsplat_cli.settings import FitSettings, Mode, Recipe
+from cubicsplat_cli.settings import ANY, FitSettings, Mode, Recipe
 
 COLOUR_MARGIN = 0.02  # keeps the logits of black and white within reach of the optimiser
 ABOUT_FARTHEST = 0.999  # of the squared distance
@@ -32,6 +33,8 @@ def new_curves(
     size: width and height of the canvas, px.
     """
     recipe, xp = settings.recipe, namespace(points)
+    shapes = None if settings.shapes == ANY else Shapes.nearest(settings.shapes, points)
+    points = points if shapes is None else shapes.points()
 
     def all_alike(value: float) -> Array:
         return xp.full((points.shape[0],), value, dtype=points.dtype, device=points.device)
@@ -41,6 +44,7 @@ def new_curves(
         all_alike(half_width), background,
         edge_widths=all_alike(recipe.soft_edge) if recipe.edges == "soft" else None,
         fills=LinearFills.flat(colours, farthest(points)) if settings.fill == "linear" else None,
+        restricted=shapes,
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from cubicsplat_cli.photo.fills import LinearFills, middles_of
+from cubicsplat_cli.photo.shapes import Shapes
 from cubicsplat_cli.raster.engine import EngineScene, OptimiserState
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, copied, is_array, like, namespace, sigmoid
@@ -24,12 +25,14 @@ Background = tuple[float, float, float] | None
 class FitCurves(EngineScene):
     """The curves of a fit: colours and opacities are logits, `edge_widths` are there where edges are soft.
 
+    restricted: what a fit of restricted shapes optimises in place of the points, which follow from them.
     fills: what a fit with gradients optimises in place of the colours, which then count for nothing; `gradients` stays
     None, since they follow from the fills. See `for_engine`.
     """
 
     logits: bool = True
     fills: LinearFills | None = None
+    restricted: Shapes | None = None
 
     def middles(self) -> Array:
         """(N, 2) px: from where the fills' ends are seen."""
@@ -57,6 +60,9 @@ class FitCurves(EngineScene):
         self.half_widths *= math.sqrt(across * down)
         if self.fills is not None:
             self.fills.resize(across, down)
+        if self.restricted is not None:
+            self.restricted.resize(across, down)
+            self.points[...] = self.restricted.points()
         self.width, self.height = width, height
 
     def with_room(self, points: int, rings: int) -> FitCurves:

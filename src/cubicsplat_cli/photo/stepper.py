@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.photo.evaluator import Evaluator
 from cubicsplat_cli.photo.geometric import Regulariser
 from cubicsplat_cli.photo.schedule import Phase, Schedule
+from cubicsplat_cli.photo.shapes import Shapes
 from cubicsplat_cli.photo.state import FitState
 from cubicsplat_cli.raster.engine import RATED, Rates, Training
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -38,6 +40,8 @@ class Stepper:
         if self.scene.gradients is not None:
             self.training.frames_gradient = xp.empty_like(self.scene.gradients.frames)
             self.training.stops_gradient = xp.empty_like(self.scene.gradients.stops)
+        if curves.restricted is not None:
+            self.training.of_points = xp.empty_like(curves.points)
         self.still: Array | None = None  # (N,): the curves that are frozen
         if frozen:
             scale = xp.ones((curves.curves, RATED), dtype=xp.float32, device=goal.device)
@@ -60,7 +64,9 @@ class Stepper:
         training.importance = self.importance if measured else None
         training.image = self.image if measured or not self.objective.squared else None
         raster = self.schedule.raster(phase)
-        if curves.fills is None:
+        if curves.restricted is not None:
+            self._step_shapes(curves.restricted, raster)
+        elif curves.fills is None:
             self.loss = self._engine_step(raster)
         else:
             assert self.scene.gradients is not None
@@ -73,6 +79,15 @@ class Stepper:
         if self.schedule.recipe.shared_opacity > 0.0:
             curves.opacities[...] = curves.opacities.mean()
         return self.loss
+
+    def _step_shapes(self, shapes: Shapes, raster: RasterSettings) -> None:
+        """The same for restricted shapes: the engine moves all but the points, and says how these would move."""
+        training, rates, further = self.training, self.training.rates, self.training.points_gradient
+        training.rates, training.points_gradient = replace(rates, points=0.0), None
+        self.loss = self._engine_step(raster)
+        of_points = training.of_points
+        shapes.learn(of_points if further is None else of_points + further, rates)
+        self.state.curves.points[...] = shapes.points()
 
     def _engine_step(self, raster: RasterSettings) -> float | Array:
         training = self.training

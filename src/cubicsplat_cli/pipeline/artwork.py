@@ -15,11 +15,14 @@ from cubicsplat_cli.artwork.plain import plain_drawing
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style
+from cubicsplat_cli.options import KEEP, REMOVE
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way
-from cubicsplat_cli.request import Request
-from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.request import COLOR, OBJECT, Request
+from cubicsplat_cli.scene.paint import Rgba
+from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg import write_drawing
+from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
 ENLARGED = 0.41  # standard deviation in px, before it, of what linear interpolation spreads: a triangle 2 px wide
@@ -49,20 +52,31 @@ def drawn_pixels(task: Task) -> Made:
 
 def drawn_cells(task: Task, cells: Cells) -> Made:
     """The cells of a picture, exactly, in no more colours than are asked for."""
-    from cubicsplat_cli.artwork.mosaic import mosaic
+    from cubicsplat_cli.artwork.mosaic import finer, mosaic, with_ground
     from cubicsplat_cli.svg import write_mosaic
 
     request = task.request
     chosen, most = request.artwork, [n for n in (request.artwork.colors, request.settings.curves) if n is not None]
     cells = cells.limited(min(most, default=None)).in_palette(chosen.palette)
-    drawing = mosaic(cells, *task.picture.size, abutting=chosen.stacking == CUTOUT)
-    facts = _facts(len(drawing.layers), drawing.corners, drawing.inks)
+    notes = cells.notes
+    if request.group_by == OBJECT:
+        notes.append("--group-by object is of shapes, but pixel art has one path a colour")
+    if request.ground != KEEP:
+        cells, found = with_ground(cells, None if request.ground == REMOVE else hex_colour(request.ground))
+        notes += _ground_notes(request, found)
+    if request.overlap is not None:
+        cells = finer(cells, request.overlap * task.target.width / task.picture.width)
+    abutting = chosen.stacking == CUTOUT and request.overlap is None
+    drawing = mosaic(cells, *task.picture.size, abutting=abutting)
+    facts = _facts(len(drawing.layers), drawing.corners, drawing.fills)
     return Made(
         drawing.scene(),
-        lambda title, comment: write_mosaic(drawing, precision=request.precision, title=title, comment=comment),
+        lambda title, comment: write_mosaic(
+            drawing, precision=request.precision, title=title, comment=comment, grouped=request.group_by == COLOR
+        ),
         1,
         len(drawing.layers),
-        notes=cells.notes,
+        notes=notes,
         facts=facts,
     )
 
@@ -73,45 +87,77 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
     on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
     """
     from cubicsplat_cli.artwork.shapes import scaled_drawing
-    from cubicsplat_cli.artwork.vectorize import draw, prepared
+    from cubicsplat_cli.artwork.vectorize import draw, prepare
 
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
-    with under_way(Work(task.on_progress, time.perf_counter() + task.seconds_to_make())) as work:
+    deadline, threads = time.perf_counter() + task.seconds_to_make(), task.request.settings.threads or cpu_count()
+    with under_way(Work(task.on_progress, deadline, threads)) as work:
         target = task.target.target()
-        intake = prepared(target)
-        blur = intake.scale * math.hypot(intake.condition.blur, ENLARGED if intake.times > 1 else 0.0)
+        prepared = prepare(target)
+        blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 
         def tell(sketch: Drawing) -> None:
             on_sketch(replace(_drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
-        drawing = draw(target, chosen, intake, strokes=task.request.strokes, on_sketch=tell)
-    drawing = scaled_drawing(drawing, *task.picture.size)
-    if chosen.stacking == CUTOUT:
-        from cubicsplat_cli.artwork.planar.cutout import cut_out
-
-        precision = task.request.precision
-        drawing = cut_out(drawing, suggested_precision(*task.picture.size) if precision is None else precision)
+        drawing = draw(target, chosen, prepared, strokes=task.request.strokes, on_sketch=tell)
+    drawing, notes = _structured(scaled_drawing(drawing, *task.picture.size), task.request)
     made = _drawn(drawing, task.request)
-    notes = list(intake.notes)
+    notes = [*prepared.notes, *notes]
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     facts = {**made.facts, "interrupted": work.interrupted}
     return replace(
-        made, notes=notes, facts=facts, may_be_photo=not intake.scanned, of_scan=intake.scanned, blur=blur
+        made, notes=notes, facts=facts, may_be_photo=not prepared.scanned, of_scan=prepared.scanned, blur=blur
     )  # fmt: skip
 
 
-def plain(ink: Ink, task: Task) -> Made:
+def plain(fill: Rgba, task: Task) -> Made:
     """A picture of one colour: its ground and no curve, in either style."""
     request = task.request
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
     if style.name == PHOTO:
-        return replace(_drawn(plain_drawing(ink, *task.picture.size), request), paths=0, facts={}, style=style)
+        return replace(_drawn(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style)
     if request.artwork.palette:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
-        ink = nearest_in(request.artwork.palette, ink)
-    return replace(_drawn(plain_drawing(ink, *task.picture.size), request), style=style)
+        fill = nearest_in(request.artwork.palette, fill)
+    drawing, notes = _structured(plain_drawing(fill, *task.picture.size), request)
+    return replace(_drawn(drawing, request), style=style, notes=notes)
+
+
+def _structured(drawing: Drawing, request: Request) -> tuple[Drawing, list[str]]:
+    """The drawing with the ground, cut, in the order and in the groups that are asked for, and notes."""
+    from cubicsplat_cli.artwork import structure
+
+    ground, notes = structure.ground_of(drawing), []
+    fill = None if request.ground in (KEEP, REMOVE) else (*hex_colour(request.ground), 255)
+    if fill is not None and ground is None:
+        drawing, ground = structure.on_ground(drawing, fill), fill
+    if request.group_by == OBJECT:
+        drawing = structure.grouped_by_object(drawing, ground)
+    precision = suggested_precision(drawing.width, drawing.height) if request.precision is None else request.precision
+    if request.artwork.stacking == CUTOUT:
+        from cubicsplat_cli.artwork.planar.cutout import cut_out
+
+        drawing = cut_out(drawing, precision)
+    if request.ground != KEEP:
+        notes = _ground_notes(request, ground is not None)
+        drawing = drawing if ground is None else structure.with_ground(drawing, ground, fill)
+    if request.overlap is not None:
+        from cubicsplat_cli.artwork.planar.overlap import overlapping
+
+        drawing = structure.by_lightness(drawing)
+        drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)
+    if request.group_by == COLOR:
+        drawing = structure.grouped_by_colour(drawing)
+    return drawing, notes
+
+
+def _ground_notes(request: Request, found: bool) -> list[str]:
+    """What the user should know of the ground that was to be removed or painted."""
+    if not found and request.ground == REMOVE:
+        return ["there is no ground to remove: nothing fills the picture behind all else"]
+    return ["the figures compare the drawing with the picture as it was, on its own ground"]
 
 
 def _drawn(drawing: Drawing, request: Request) -> Made:
@@ -120,7 +166,7 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
     from cubicsplat_cli.artwork.scene import scene_of
 
     outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
-    facts = _facts(len(drawing.shapes), drawing.segments, drawing.inks) | {
+    facts = _facts(len(drawing.shapes), drawing.segments, drawing.fills) | {
         "primitives": sum(not isinstance(outline, (Ring, Chain)) for outline in outlines),
         "gradients": len(drawing.gradients),
         "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
@@ -136,7 +182,7 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
     )
 
 
-def _facts(shapes: int, segments: int, inks: tuple[Ink, ...]) -> dict[str, Any]:
+def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:
     """The members of the report that tell of shapes, none of which is anything but a path of one colour."""
-    colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*ink) for ink in inks]
+    colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*fill) for fill in fills]
     return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": colours}

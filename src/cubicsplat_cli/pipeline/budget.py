@@ -27,7 +27,6 @@ from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg.scene_writer import bytes_by_curve
 
 if TYPE_CHECKING:
     from cubicsplat_cli.photo import FitInputs, FitResult, Fitting
@@ -91,7 +90,7 @@ class Photo:
     def size(self, scene: Scene) -> int:
         """Bytes of the file."""
         request = self.task.request
-        return len(packed(self.task.text(scene, file_precision(request)), compressed=request.compress))
+        return len(packed(self.task.text(scene, file_precision(request)), compressed=request.counts_compressed))
 
     @cached_property
     def _reference(self) -> Picture:
@@ -153,6 +152,8 @@ def file_precision(request: Request) -> int:
 
 def _fitting_curves(scene: Scene, importance: np.ndarray, most: int, photo: Photo) -> tuple[np.ndarray, float]:
     """The curves, those of most use for a byte first, and how many the file holds, perhaps more than there are."""
+    from cubicsplat_cli.svg.scene_writer import bytes_by_curve
+
     use = importance.astype(np.float64) / bytes_by_curve(scene, file_precision(photo.task.request))
     order = np.argsort(-use, kind="stable")
     size, head = photo.size(scene), photo.size(scene.chosen(order[:1]))

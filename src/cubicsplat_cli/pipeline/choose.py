@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.plain import only_ink
+from cubicsplat_cli.artwork.plain import only_fill
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
 from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_scene, of_values
@@ -16,23 +17,25 @@ from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
-from cubicsplat_cli.pipeline.photo import PhotoFit, fitted_photo
+from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene import Scene
 
-# Px of the longer side: of the copy that is fitted, and of the one on which both are judged, where fine lines count.
-SIDE, JUDGED_SIDE = 192, 1024
+JUDGED_SIDE = 1024  # px of the longer side of the copy on which both are judged, where fine lines count
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
-STEPS = 300
 BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
+LEAST_BYTES = 5.0  # of a line or cubic in a file
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
 COARSE = 8  # px of a window whose mean people see as one tone, as they see a JPEG's blocks
-SKETCH_DB = 2.0  # that fitted outlines are better than polygons
+SKETCH_DB = 2.0  # that fitted outlines are better than polygons, at most
+# Mean squared error that polygons have and fitted outlines do not, of full scale: they are 0.3 px off at the edges, on
+# which a tenth of the pixels lie.
+SKETCH_ERROR = 0.01
 
 
 # What makes each style. A further one needs a line here, a name in `request.STYLES`, and its file in this package.
@@ -65,9 +68,9 @@ def _first(task: Task) -> Made:
         from cubicsplat_cli.raster.cuda.driver import require_gpu
 
         require_gpu()  # which a drawing would not ask for
-    ink = only_ink(task.picture)
-    if ink is not None:
-        return plain(ink, task)
+    fill = only_fill(task.picture)
+    if fill is not None:
+        return plain(fill, task)
     asked = _asked_for(request)
     if asked is not None:
         return replace(_made(task, asked), may_be_photo=False)
@@ -221,6 +224,15 @@ def _failure(style: str, error: Exception) -> str:
     return f"{style} failed ({type(error).__name__}: {one_line(error)}); this is a bug, please report it"
 
 
+def _curves_of(task: Task, made: Made) -> int:
+    """The curves of a photo that takes as many bytes as a drawing; those of large drawings are not counted."""
+    most = task.request.settings.curves or MOST
+    if made.facts.get("segments", 0) * LEAST_BYTES >= most * BYTES_PER_CURVE:
+        return most
+    size = len(made.write(task.title, task.comment()).encode())
+    return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
+
+
 def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
     """PSNR of a scene against what is fitted, at most JUDGED_SIDE px; None where they are alike, or there is no scene.
 
@@ -264,28 +276,29 @@ def _over_black_and_white(source: ImageSource) -> np.ndarray:
 
 def check_worth_finishing(task: Task, sketch: Made) -> None:
     """Raises PhotoIsNearer where not even fitted outlines would bring a drawing near enough, and what a fit raises."""
-    reason = photo_is_nearer(task, sketch, MARGIN_DB + SKETCH_DB)
+    reason = photo_is_nearer(task, sketch, SKETCH_DB, SKETCH_ERROR)
     if reason is not None:
         raise PhotoIsNearer(reason)
 
 
-def photo_is_nearer(task: Task, made: Made, margin_db: float = MARGIN_DB) -> str | None:
-    """Why the photo style suits the picture better than its drawing does, by so many dB; None where it does not.
+def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 1.0) -> str | None:
+    """Why the photo style suits the picture better than its drawing does; None where it does not.
 
-    Raises what a fit raises, and KeyboardInterrupt.
+    rise_db, fall: by how many dB the level of the drawing may still rise, and its mean squared error fall, of full
+    scale. Raises what a fit raises, and KeyboardInterrupt.
     """
     level = level_db(task, made.scene, made.samples, made.blur)
     if level is None or level >= ENOUGH_DB:
         return None
-    from cubicsplat_cli.photo import fit  # which most drawings do not come to
-
-    size = len(made.write(task.title, task.comment()).encode())
-    curves = round(min(max(size / BYTES_PER_CURVE, FEWEST), task.request.settings.curves or MOST))
-    quick = fit(resize_picture(task.target, SIDE).target(), task.settings().with_(curves=curves, steps=STEPS))
-    if quick.interrupted:
-        raise KeyboardInterrupt
-    drawn, fitted = seen_db(task, made.scene, made.samples, made.blur), seen_db(task, quick.scene, made.samples)
-    if drawn is None or (fitted is not None and fitted <= drawn + margin_db):
+    drawn = seen_db(task, made.scene, made.samples, made.blur)
+    assert drawn is not None  # as its level is not
+    rest = 10.0 ** (-0.1 * drawn) - fall
+    rise_db = min(rise_db, -10.0 * math.log10(rest) - drawn) if rest > 0.0 else rise_db
+    curves = _curves_of(task, made)
+    if curves not in task.quick_photos:
+        task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: seen_db(task, scene, made.samples))
+    fitted = task.quick_photos[curves].beyond(drawn + rise_db + MARGIN_DB)
+    if fitted is None:
         return None
-    near = "is identical" if fitted is None else f"has {fitted:.1f} dB"
+    near = "is identical" if math.isinf(fitted) else f"has {fitted:.1f} dB"
     return f"a quick photo of {curves} curves {near}, drawn it has {drawn:.1f} dB, as pixels and as tones"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.load import Picture, resize_picture
@@ -22,16 +24,24 @@ from cubicsplat_cli.pipeline.budget import (
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import USUAL_CURVES, FitSettings
-from cubicsplat_cli.svg import write_svg
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.photo import FitResult
 
 # The pixels for each curve of the copy on which most of a fit is done, and how much larger the sides of that are on
 # which it is finished. Within 0.1 dB of a fit to the picture itself: see docs/lab/cpu.md.
 ROUGH_PIXELS_PER_CURVE = 1536
 FINISH_SCALE = 3
+# Px of the longer side of the copy of a quick fit, and its steps; at which shares of these before the finish its level
+# is looked at, and by how many dB it rises from there to the end at most, as it does for airbrush: by half for photos.
+QUICK_SIDE, QUICK_STEPS = 192, 300
+QUICK_LOOKS = ((0.15, 11.0), (0.4, 6.0), (0.65, 3.0), (1.0, 0.0))
 
 
 def fitted_photo(task: Task) -> Made:
     """Curves that blend, fitted to the picture."""
+    if task.request.tiny:
+        return _tiny_photo(task)
     photo, settings = _begun(task)
     return _made_of(photo, _within(photo, settings))
 
@@ -55,6 +65,38 @@ class PhotoFit:
         return _made_of(self._photo, Within(self._fitting.finish(), []))
 
 
+class QuickPhoto:
+    """A fit of so many curves in few steps to a small copy of a picture, done as far as its level matters.
+
+    level_of: the level of a scene, dB; None where it is the picture.
+    """
+
+    def __init__(self, task: Task, curves: int, level_of: Callable[[Scene], float | None]) -> None:
+        self._level_of, self._looks, self._most = level_of, list(QUICK_LOOKS), math.inf
+        from cubicsplat_cli.photo.fitting import Fitting  # which most drawings do not come to
+
+        small = resize_picture(task.target, QUICK_SIDE).target()
+        self._fitting = Fitting(small, task.settings().with_(curves=curves, steps=QUICK_STEPS))
+
+    def beyond(self, least: float) -> float | None:
+        """Its level, dB, infinite where it is the picture; None where that is `least` or less, which may be plain long
+        before its end. Raises what a fit raises, and KeyboardInterrupt.
+        """
+        while self._looks and self._most > least:
+            share, rise = self._looks.pop(0)
+            scene = self._fitting.scene() if rise and self._fitting.relax(share) else self._end()
+            level = self._level_of(scene)
+            self._most = math.inf if level is None else level + rise
+        return self._most if self._most > least else None
+
+    def _end(self) -> Scene:
+        self._looks.clear()
+        fitted = self._fitting.finish()
+        if fitted.interrupted:
+            raise KeyboardInterrupt
+        return fitted.scene
+
+
 def _begun(task: Task) -> tuple[Photo, FitSettings]:
     """The fits of a picture, and their settings."""
     settings = _with_curves(task)
@@ -64,43 +106,63 @@ def _begun(task: Task) -> tuple[Photo, FitSettings]:
 
 
 def _made_of(photo: Photo, within: Within) -> Made:
+    from cubicsplat_cli.svg import write_svg
+
     task, fitted, request = photo.task, within.fitted, photo.task.request
     notes = [] if request.init is None else list(request.init.notes)
     notes += fitted_on(task.target, photo.rough, photo.fine)
     scene = scaled_scene(fitted.scene, *task.picture.size)
+    form: dict[str, Any] = {"precision": file_precision(request), "shapes": request.settings.shapes}
     return Made(
         scene,
-        lambda title, comment: write_svg(scene, precision=file_precision(request), title=title, comment=comment),
+        lambda title, comment: write_svg(scene, title=title, comment=comment, **form),
         fitted.samples,
         scene.curves,
         [*notes, *fitted.notes, *within.notes],
-        {
-            "device": fitted.device,
-            "replaced": fitted.replaced,
-            "dropped": fitted.dropped,
-            "interrupted": fitted.interrupted,
-            "history": fitted.history,
-            "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
-        },
+        _facts(fitted),
     )
+
+
+def _facts(fitted: FitResult) -> dict[str, Any]:
+    """The members of the report that are the fit's."""
+    return {
+        "device": fitted.device,
+        "replaced": fitted.replaced,
+        "dropped": fitted.dropped,
+        "interrupted": fitted.interrupted,
+        "history": fitted.history,
+        "timing": Timing(0.0, fitted.fit_s, fitted.steps, fitted.ms_per_step),
+    }
+
+
+def _tiny_photo(task: Task) -> Made:
+    """Polygons on a coarse grid, whose file says nothing but them."""
+    from cubicsplat_cli.pipeline.tiny import fitted_polygons
+
+    most = task.request.max_bytes
+    assert most is not None
+    polygons, fitted = fitted_polygons(most, _one_opacity(task.settings(), transparent=False), task)
+    scene = polygons.scene(*task.picture.size)
+    return Made(scene, lambda _title, _comment: polygons.text(), 1, scene.curves, fitted.notes, _facts(fitted))
 
 
 def _within(photo: Photo, settings: FitSettings) -> Within:
     """One fit, or those that meet the budget that was asked for."""
     request = photo.task.request
     if request.max_bytes is not None:
-        return within_bytes(request.max_bytes, _one_opacity(settings, photo.fine), photo)
+        transparent = photo.fine.alpha is not None or settings.background == "none"
+        return within_bytes(request.max_bytes, _one_opacity(settings, transparent), photo)
     if request.target_psnr is not None:
         return within_level(request.target_psnr, settings, photo)
     return Within(photo.begin(settings).finish(), [])
 
 
-def _one_opacity(settings: FitSettings, target: Picture) -> FitSettings:
+def _one_opacity(settings: FitSettings, transparent: bool) -> FitSettings:
     """The settings with one opacity for all curves, unless something shall stay transparent or opaque, or gradients are
     asked for, which say theirs anyway.
     """
     recipe = settings.recipe
-    if target.alpha is not None or settings.background == "none" or recipe.opaque or settings.fill != "flat":
+    if transparent or recipe.opaque or settings.fill != "flat":
         return settings
     return settings.with_(recipe=replace(recipe, shared_opacity=SHARED_OPACITY))
 
@@ -111,7 +173,7 @@ def _with_curves(task: Task) -> FitSettings:
     """
     settings, request, init = task.settings(), task.request, task.request.init
     if request.max_bytes is not None:
-        most = request.max_bytes / (COMPRESSED if request.compress else 1.0)
+        most = request.max_bytes / (COMPRESSED if request.counts_compressed else 1.0)
         return settings.with_(curves=guessed_curves(most, settings.segments, file_precision(request)))
     if init is None:
         return settings.for_size(*task.target.size)

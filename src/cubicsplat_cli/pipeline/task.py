@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from cubicsplat_cli._version import __version__
+from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.style import PHOTO, Style
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.evaluate.metrics import seconds_to_measure
@@ -31,7 +32,7 @@ from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, warning
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
-from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg.markup import data_uri, with_lengths
 
 _log = logging.getLogger("cubicsplat")
 UNDECIDED = Style(PHOTO, "")
@@ -50,6 +51,10 @@ class Result:
     scene: Scene | None
     report: Report
     pixels: np.ndarray | None = None
+
+    def data_uri(self) -> str:
+        """The SVG as a `data:image/svg+xml,...` URI, for use between double quotes."""
+        return data_uri(self.svg)
 
     def save(self, path: str | Path, *, dxf_tolerance: float = DXF_TOLERANCE) -> None:
         """Write the SVG, whole or not at all, to a name that ends in .svg, in .svgz (compressed), or has no suffix; or
@@ -76,6 +81,16 @@ class Result:
         for note in made.notes:
             _log.warning("%s: %s", path, note)
         write_atomically(path, made.data)
+
+    def layers(self) -> dict[str, str]:
+        """The text of an SVG for each colour, with register marks, by names such as `01-ff8800`, in the order in which
+        they are drawn. Raises UsageError for a result that is no cutout, whose colours lie on one another.
+        """
+        if self.report.style == PHOTO or self.report.settings["artwork"]["stacking"] != CUTOUT:
+            raise UsageError("layers are of cutouts; make the result with stacking='cutout'")
+        from cubicsplat_cli.export.layers import layers
+
+        return layers(self.svg)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +136,8 @@ class Task:
     """One picture, and what is asked of it.
 
     source: the picture as it came; picture: over the ground asked for; target: what is fitted, that or a smaller copy.
-    recorder: keeps the scenes of a photo's fit. logged: the warnings of the work so far.
+    recorder: keeps the scenes of a photo's fit. logged: the warnings of the work so far. quick_photos: quick fits
+    to the picture that were begun, by their number of curves.
     """
 
     source: Picture
@@ -133,6 +149,7 @@ class Task:
     recorder: FrameRecorder | None
     title: str
     logged: list[str] = field(default_factory=list)
+    quick_photos: dict[int, Any] = field(default_factory=dict)
 
     @property
     def bounded(self) -> bool:
@@ -155,12 +172,22 @@ class Task:
     def svg(self, made: Made) -> str:
         """The text of the SVG of what was made."""
         with self.timer("write"):
-            return with_checksum(made.write(self.title, self.comment()))
+            return self._finished(made.write(self.title, self.comment()))
 
     def text(self, scene: Scene, precision: int) -> str:
         """The SVG of a photo's curves, at the picture's size."""
         sized = scaled_scene(scene, *self.picture.size)
-        return with_checksum(write_svg(sized, precision=precision, title=self.title, comment=self.comment()))
+        from cubicsplat_cli.svg import write_svg
+
+        shapes = self.request.settings.shapes
+        written = write_svg(sized, precision=precision, title=self.title, comment=self.comment(), shapes=shapes)
+        return self._finished(written)
+
+    def _finished(self, svg: str) -> str:
+        """The text of an SVG with the size that was asked for, and its checksum."""
+        if self.request.width is not None or self.request.units != "px":
+            svg = with_lengths(svg, *self.request.size_text(*self.picture.size))
+        return with_checksum(svg)
 
     def seconds_left(self) -> float:
         """Until the time limit, infinite without one; below 0 beyond it."""

@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.evaluate.images import of_pixels, of_scene
 from cubicsplat_cli.evaluate.metrics import measurable, measure, weighted_psnr_db
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, laid_over, resize_picture
-from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.files.marks import PROGRAM, sha256_of
 from cubicsplat_cli.metrics import (
     SECONDS_DECIMALS,
     FileQuality,
@@ -23,11 +25,18 @@ from cubicsplat_cli.metrics import (
     Timing,
     gap_db,
 )
+from cubicsplat_cli.options import KEEP
 from cubicsplat_cli.pipeline.choose import FAR_DB, candidates
 from cubicsplat_cli.pipeline.task import Made, Measured, Result, Task
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.request import Request
+from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg.drawing_writer import drawn_elements
+from cubicsplat_cli.svg.shapes import geometrize_list
+
+SCORES_SIDE = 256  # px, as Geometrize works on
+COLORS, COLORS_SIDE = 5, 96  # dominant colours at most, and px of the copy on which they are looked for
 
 
 def vectorize_picture(
@@ -100,8 +109,54 @@ def measured(task: Task, made: Made, svg: str) -> Measured:
 
 def _may_be_nearer(task: Task, made: Made) -> bool:
     """Whether the result should be as near as possible: no option asks for few curves or colours."""
-    as_it_is = made.style.name == PHOTO or (task.request.artwork.free_inks and not made.of_scan)
+    own_colours = task.request.artwork.free_fills and task.request.ground == KEEP
+    as_it_is = made.style.name == PHOTO or (own_colours and not made.of_scan)
     return as_it_is and not task.bounded
+
+
+def dominant_colors(picture: Picture) -> list[dict[str, Any]]:
+    """At most COLORS colours of a picture's opaque pixels, by median cut and k-means on a small copy, the most frequent
+    first: `hex` and the `share` of those pixels.
+    """
+    from PIL import Image
+
+    small = resize_picture(picture, COLORS_SIDE)
+    pixels = small.rgb.reshape(-1, 3) if small.alpha is None else small.rgb[small.alpha >= 0.5]
+    if not len(pixels):
+        return []
+    image = Image.fromarray(np.rint(255.0 * pixels[None]).astype(np.uint8))
+    paletted = image.quantize(COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
+    palette = bytes(paletted.getpalette() or ()).hex()
+    counts = np.bincount(np.asarray(paletted).ravel())
+    return [
+        {"hex": f"#{palette[6 * index : 6 * index + 6]}", "share": round(int(counts[index]) / len(pixels), 3)}
+        for index in np.argsort(-counts, kind="stable").tolist()
+        if counts[index]
+    ]
+
+
+def geometrized(task: Task, made: Made, output: Output) -> str | None:
+    """The shapes of a photo as Geometrize lists them; None where the picture has one colour."""
+    if made.scene is None or "history" not in made.facts:
+        return None
+    marks = {"program": PROGRAM, "svg_sha256": output.svg_sha256}
+    return geometrize_list(task.request.settings.shapes, made.scene, scores_of(task, made.scene), marks)
+
+
+def scores_of(task: Task, scene: Scene) -> list[float]:
+    """(N + 1,) root mean square errors, in [0, 1], of the background alone, and with each curve, from back to front.
+
+    On a copy of at most SCORES_SIDE px.
+    """
+    target = resize_picture(task.picture, SCORES_SIDE)
+    sized, goal = scaled_scene(scene, target.width, target.height), target.target()
+    ground = np.zeros(4, np.float32) if sized.background is None else np.array(sized.background, np.float32)
+    if sized.background is None and goal.shape[2] == 3:
+        goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
+    drawn = [np.broadcast_to(ground, goal.shape)]
+    for first in reversed(range(sized.curves)):
+        drawn.append(render_scene(sized.chosen(slice(first, None)), threads=task.request.settings.threads))
+    return [float(np.sqrt(np.square(each - goal).mean())) for each in drawn]
 
 
 def output_of(made: Made, text: str, data: bytes, **files: Any) -> Output:
@@ -125,6 +180,7 @@ def report_of(task: Task, made: Made, figures: Measured | None, output: Output, 
         settings_hash=request.digest(),
         style=made.style.name,
         style_reason=made.style.reason,
+        colors=dominant_colors(task.target),
         notes=[*task.target.notes, *made.notes, *task.logged, *([] if figures is None else figures.notes)],
         quality=None if figures is None else figures.quality,
         timing=timing,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from ctypes import POINTER, c_char_p, c_double, c_float, c_int32, c_int64, c_void_p
-from functools import lru_cache
+from ctypes import POINTER, c_char, c_char_p, c_double, c_float, c_int32, c_int64, c_void_p
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -100,20 +100,39 @@ def native(work: str, name: str, *given: Any, result: type | None = c_int32) -> 
     c_double, below 0 on failure; or None. Raises EngineError where the library is missing, or on failure, which is
     memory that is missing for the `work`.
     """
-    call = getattr(library(), name)
-    call.restype = result
-    found = call(*map(_in_c, given))
+    found = _function(name, result)(*[_KINDS.get(each.__class__, _in_c)(each) for each in given])
     if result is not None and (found < 0 or (result is c_int32 and found)):
         raise EngineError(f"there is no memory for the {work} of the drawing; make the picture smaller")
     return found
 
 
+@cache
+def _function(name: str, result: type | None) -> Any:
+    function = library()[name]
+    function.restype = result
+    return function
+
+
+def memory_of(array: np.ndarray) -> Any:
+    """The values of an array that is contiguous by rows, as an object of ctypes that keeps them alive."""
+    # Five times faster than `array.ctypes`, which can be had of what may not be written to.
+    return _Memory.from_buffer(array.data) if array.flags.writeable else c_void_p(array.ctypes.data)
+
+
+def address_of(array: np.ndarray) -> int:
+    """Where the values of an array lie that is contiguous by rows."""
+    return ctypes.addressof(_Memory.from_buffer(array.data)) if array.flags.writeable else int(array.ctypes.data)
+
+
 def _in_c(given: Any) -> Any:
+    """What is no type of `_KINDS`: numbers of numpy, memory-mapped arrays, and what is an object of ctypes already."""
     if isinstance(given, np.ndarray):
-        return c_void_p(given.ctypes.data)
-    if isinstance(given, float):
-        return c_double(given)
+        return memory_of(given)
     return c_int64(int(given)) if isinstance(given, (int, np.integer)) else given
+
+
+_Memory = c_char * 0
+_KINDS: dict[type, Any] = {np.ndarray: memory_of, int: c_int64, bool: c_int64, float: c_double, np.float64: c_double}
 
 
 def doubles(array: Any) -> np.ndarray:
@@ -133,7 +152,7 @@ def _pointer(array: Array, name: str, shape: tuple[int, ...], dtype: str) -> int
     fits = tuple(array.shape) == shape and array.dtype == getattr(namespace(array), dtype)
     if isinstance(array, np.ndarray):
         if fits and array.flags.c_contiguous:
-            return array.ctypes.data
+            return address_of(array)
     elif fits and array.device.type == "cpu" and array.is_contiguous():
         return int(array.data_ptr())
     raise EngineError(
@@ -222,6 +241,15 @@ class CpuEngine(Engine):
         self._check(self._library.cs_render(self._opened(), s, t, images))
         return image
 
+    def loss(
+        self, scene: EngineScene, settings: RasterSettings, target: Array, weights: Array | None = None,
+        penalty: Penalty = SQUARED,
+    ) -> float:  # fmt: skip
+        images, loss = self._images(scene, target=target, weights=weights)
+        s, t = self._scene(scene), self._settings(settings, None, penalty)
+        self._check(self._library.cs_render(self._opened(), s, t, images))
+        return loss.value
+
     def _gradients(self, scene: EngineScene, settings: RasterSettings, wanted: Backward) -> float:
         images, loss = self._images(scene, target=wanted.target, weights=wanted.weights, gradient=wanted.gradient)
         s, t = self._scene(scene), self._settings(settings, wanted.importance, wanted.penalty)
@@ -235,7 +263,8 @@ class CpuEngine(Engine):
             image=training.image,
         )  # fmt: skip
         g = self._gradient_arrays(scene, {
-            "importance": training.importance, "frames": training.frames_gradient, "stops": training.stops_gradient,
+            "points": training.of_points, "importance": training.importance, "frames": training.frames_gradient,
+            "stops": training.stops_gradient,
         })  # fmt: skip
         s, t = self._scene(scene), self._settings(settings, training.wanted_importance, training.penalty)
         further = {"points_gradient": training.points_gradient, "rate_scale": training.rate_scale}

@@ -83,6 +83,12 @@ def laid_out(
     """The cheapest division of a closed loop into lines and cubics: which of its corners pay (C,), from which point on
     the pieces follow each other, and the weights (n,) 1/px^2 without the points next to corners, which see both flanks.
 
+    Every corner but a sure one that turns little, or has another near, is kept only if that is cheaper than doing
+    without, and so are those in a row along a rounding. The runs between the corners, or the whole loop where none is
+    left, are divided by dynamic programming: nodes are laid along a run, denser where it bends, each pair of them gets
+    the best line and the best cubic with the tangents measured there, and the cheapest path through the nodes is the
+    division. The price of a piece is half of chi^2 plus the price of a parameter times their number.
+
     points: (n, 2) px; weights: (n,) 1/px^2, 0 where points tell nothing. corners: indices (C,) of the points after
     them, ascending, positions (C, 2) px, turns (C,) radians, and (C,) bool, which are sure. price: of a parameter,
     nats. Raises EngineError where the library or the memory is missing.
@@ -94,6 +100,31 @@ def laid_out(
     kept, chosen, found = np.empty(len(index), bool), np.empty(count), Division._room(2 * count + 2)
     pieces = _native("cs_lay_out", *given, kept, byref(start), chosen, *found._arrays(), result=c_int64)
     return found._first(pieces), kept, start.value, chosen
+
+
+def found_merges(
+    ring: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    samples: tuple[np.ndarray, np.ndarray, np.ndarray],
+    judged: tuple[float, float, float],
+    runs: tuple[int, int, int],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The runs of pieces of a ring for which a line, or else a cubic, may stand: numbers (m, 4), the first piece, how
+    many there are, whether it is a line, and the parameters saved; its control points (m, 4, 2); and the nats (m,)
+    expected to be saved, which are more than none.
+
+    ring: the pieces (S, 4, 2), and (S,) bool whether each is a line, starts smoothly, starts at a place that stays, and
+    shows. samples: points along it (n, 2) px, weights (n,), and where those of each piece end (S,). judged: nats a
+    parameter, the share of half of chi^2 that counts against a run, and the least cosine of the angle between the
+    directions at its ends. runs: the longest where it shows, and where it does not; the fewest pieces of a ring. Raises
+    EngineError where the library or the memory is missing.
+    """
+    pieces, most = len(ring[0]), len(ring[0]) * runs[1]
+    numbers, cubics, nets = np.empty((most, 4), np.int64), np.empty((most, 4, 2)), np.empty(most)
+    flags = [np.ascontiguousarray(each, bool) for each in ring[1:]]
+    points, weights, ends = samples
+    given = np.ascontiguousarray(ends, np.int64), doubles(points), doubles(weights), *judged, np.array(runs, np.int64)
+    count = _native("cs_find_merges", pieces, doubles(ring[0]), *flags, *given, numbers, nets, cubics, result=c_int64)
+    return numbers[:count], cubics[:count], nets[:count]
 
 
 @dataclass(frozen=True)
@@ -127,6 +158,16 @@ def moved_outline(joints: Joints, outline: Outline, step: np.ndarray) -> Outline
     parts = [np.array(part, dtype=np.float64, order="C") for part in outline]
     _native("cs_move_outline", *joints._given(), doubles(step), *parts)
     return parts[0], parts[1], parts[2]
+
+
+def outline_cubics(lines: np.ndarray, outline: Outline) -> np.ndarray:
+    """(S, 4, 2) the control points of an outline of S pieces, some of them lines (S,) bool, whose control points lie at
+    their thirds. outline: as for `moved_outline`. Raises EngineError where the library is missing.
+    """
+    out = np.empty((len(lines), 4, 2))
+    flags = np.ascontiguousarray(lines, bool)
+    _native("cs_outline_cubics", len(outline[0]), len(lines), flags, *map(doubles, outline), out, result=None)
+    return out
 
 
 def outline_jacobian(joints: Joints, outline: Outline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,10 +7,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings
+from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings, image_loss
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, namespace
 from cubicsplat_cli.settings import Recipe
@@ -30,6 +31,19 @@ def values_per_curve(points_per_curve: int) -> int:
     return 2 * points_per_curve + PAINTS
 
 
+@lru_cache(maxsize=64)
+def _shapes(n: int, k: int, rings: int, stops: int, picture: tuple[int, int, int]) -> dict[str, tuple[int, ...]]:
+    return {
+        "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
+        "ring_ends": (n, rings), "background": picture[2:], "importance": (n,),
+        "kinds": (n,), "counts": (n,), "frames": (n, 2, 3), "offsets": (n, stops), "stops": (n, stops, 4),
+        "frames_gradient": (n, 2, 3), "stops_gradient": (n, stops, 4),
+        "moments": (n, values_per_curve(k), 4), "edge_moments": (n, 4), "ages": (n,),
+        "points_gradient": (n, k, 2), "of_points": (n, k, 2), "rate_scale": (n, RATED),
+        "target": picture, "gradient": picture, "image": picture, "image_gradient": picture, "weights": picture[:2],
+    }  # fmt: skip
+
+
 @dataclass
 class EngineScene(Scene):
     """A scene as an engine takes it: float32, contiguous, on its device.
@@ -43,17 +57,8 @@ class EngineScene(Scene):
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Of every array that may go with the scene to an engine, by name: of curves, gradients, steps and pictures."""
-        n, k, picture = self.curves, self.points_per_curve, (self.height, self.width, self.channels)
-        stops = self.most_stops
-        return {
-            "points": (n, k, 2), "colours": (n, 3), "opacities": (n,), "half_widths": (n,), "edge_widths": (n,),
-            "ring_ends": (n, self.most_rings), "background": (self.channels,), "importance": (n,),
-            "kinds": (n,), "counts": (n,), "frames": (n, 2, 3), "offsets": (n, stops), "stops": (n, stops, 4),
-            "frames_gradient": (n, 2, 3), "stops_gradient": (n, stops, 4),
-            "moments": (n, values_per_curve(k), 4), "edge_moments": (n, 4), "ages": (n,),
-            "points_gradient": (n, k, 2), "rate_scale": (n, RATED),
-            "target": picture, "gradient": picture, "image": picture, "image_gradient": picture, "weights": picture[:2],
-        }  # fmt: skip
+        picture = self.height, self.width, self.channels
+        return _shapes(self.curves, self.points_per_curve, self.most_rings, self.most_stops, picture)
 
     def addresses(self, pointer: Pointer, arrays: dict[str, Array], prefix: str = "") -> dict[str, int | None]:
         """The addresses of arrays, whose names are those of `shapes`; messages put a prefix before them."""
@@ -142,8 +147,9 @@ class Training:
     importance_kind ("visibility" or "loo"), importance (N,). Read where given: weights (H, W), at least 0, factors of
     the pixels' losses and importances; image_gradient (H, W, C), dL/dF of another loss, which the step follows in place
     of the target's; points_gradient (N, K, 2), that of a further loss term, added to the picture's; rate_scale (N, 5),
-    each curve's factors of the step sizes, in the order of `Rates`. Filled where the scene has gradients, whose frames
-    and stops a step leaves to its caller: frames_gradient (N, 2, 3) and stops_gradient (N, S, 4), dL/d of either.
+    each curve's factors of the step sizes, in the order of `Rates`. of_points (N, K, 2): filled where given, with dL/d
+    of the control points. Filled where the scene has gradients, whose frames and stops a step leaves to its caller:
+    frames_gradient (N, 2, 3) and stops_gradient (N, S, 4), dL/d of either.
     """
 
     target: Array
@@ -157,6 +163,7 @@ class Training:
     image_gradient: Array | None = None
     points_gradient: Array | None = None
     rate_scale: Array | None = None
+    of_points: Array | None = None
     frames_gradient: Array | None = None
     stops_gradient: Array | None = None
 
@@ -208,6 +215,13 @@ class Engine(ABC):
     @abstractmethod
     def render(self, scene: EngineScene, settings: RasterSettings) -> Array:
         """Draws the scene: (H, W, C) float32, C = 3, or 4 (premultiplied RGBA) without a background."""
+
+    def loss(
+        self, scene: EngineScene, settings: RasterSettings, target: Array, weights: Array | None = None,
+        penalty: Penalty = SQUARED,
+    ) -> float:  # fmt: skip
+        """What the errors of the picture against `target` (H, W, C) cost, without gradients; weights (H, W)."""
+        return float(image_loss(self.render(scene, settings), target, weights, penalty))
 
     def gradients(
         self,

@@ -6,7 +6,6 @@ The structures mirror kernels/cpu/stack.h field by field. Pictures are (H, W, 4)
 from __future__ import annotations
 
 import ctypes
-import weakref
 from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError
-from cubicsplat_cli.raster.cpu import library
+from cubicsplat_cli.raster.cpu import address_of, library
 from cubicsplat_cli.raster.sparse import SparseRows
 
 _OPAQUE = 254.5 / 255.0
@@ -32,7 +31,7 @@ class _Goal(ctypes.Structure):
 class _Stack(ctypes.Structure):
     _fields_ = [
         ("layers", c_int32), ("ends", c_void_p), ("cubics", c_void_p), ("lines", c_void_p), ("signs", c_void_p),
-        ("inks", c_void_p),
+        ("fills", c_void_p),
     ]  # fmt: skip
 
 
@@ -52,7 +51,7 @@ class Goal:
     """The target of a stack and its error model. target: (H, W, 4); channels: the weights of the four; bound: of a
     pixel's weighted residual, beyond which it counts linearly; grid: 0 for exact areas, g for g x g samples a pixel;
     taps: (reach + 1,) weights along a row or column, from the middle on, of what blurs the stack's picture before it is
-    compared; space: (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which inks are too.
+    compared; space: (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which fills are too.
     leak_weight: of the squared share of the background that shows `inside` the target; a blur spreads that, so it
     counts without one."""
 
@@ -80,7 +79,7 @@ class Goal:
         height, width, _ = self.target.shape
         return _Goal(
             width, height, self.grid, self.reach, _at(self.target, np.float64, self.target.shape),
-            _at(self.taps, np.float64, self.taps.shape), None if self.reach else self.inside.ctypes.data,
+            _at(self.taps, np.float64, self.taps.shape), None if self.reach else address_of(self.inside),
             (c_double * 4)(*self.channels), self.bound, self.leak_weight,
         )  # fmt: skip
 
@@ -89,13 +88,13 @@ class Goal:
 class StackPieces:
     """S lines and cubics of L layers, back to front. ends: (L,) int32, how many pieces there are up to and with each
     layer; cubics: (S, 4, 2) px, closed outlines; lines: (S,) bool; signs: (S,) 1, or -1 where an outline runs the wrong
-    way round; inks: (L, 4) premultiplied."""
+    way round; fills: (L, 4) premultiplied."""
 
     ends: np.ndarray
     cubics: np.ndarray
     lines: np.ndarray
     signs: np.ndarray
-    inks: np.ndarray
+    fills: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -150,12 +149,15 @@ class DrawnStack:
         stack = _Stack(
             layers, _at(pieces.ends, np.int32, (layers,)), _at(pieces.cubics, np.float64, (self.count, 4, 2)),
             _at(pieces.lines, np.bool_, (self.count,)), _at(pieces.signs, np.float64, (self.count,)),
-            _at(pieces.inks, np.float64, (layers, 4)),
+            _at(pieces.fills, np.float64, (layers, 4)),
         )  # fmt: skip
         old: int | None = previous._handle if previous is not None and previous.goal is goal else None
         self._handle: int | None = lib.cs_stack_draw(goal._pointers(), stack, old)
         _check(self._handle is None)
-        weakref.finalize(self, lib.cs_stack_free, self._handle)
+
+    def __del__(self) -> None:
+        if getattr(self, "_handle", None):
+            _library().cs_stack_free(self._handle)
 
     @cached_property
     def cost(self) -> float:
@@ -167,8 +169,16 @@ class DrawnStack:
         """The picture (H, W, 4), blurred where the goal is, and the misfit (H, W) of its pixels."""
         height, width, _ = self.goal.target.shape
         image, misfit = np.empty((height, width, 4)), np.empty((height, width))
-        _library().cs_stack_picture(self._handle, image.ctypes.data, misfit.ctypes.data)
+        _library().cs_stack_picture(self._handle, address_of(image), address_of(misfit))
         return image, misfit
+
+    def uppermost(self, rows: slice, columns: slice, least: float) -> np.ndarray:
+        """(h, w) int32 the uppermost layer that covers so much, more than nothing, of each pixel of a window of the
+        canvas; -1 for none."""
+        out = np.empty((rows.stop - rows.start, columns.stop - columns.start), np.int32)
+        box = columns.start, rows.start, *out.shape[::-1]
+        _library().cs_stack_uppermost(self._handle, *box, least, out.ctypes.data)
+        return out
 
     @cached_property
     def crossings(self) -> CoverageJacobian:
@@ -176,7 +186,7 @@ class DrawnStack:
         lib = _library()
         m = lib.cs_stack_crossings(self._handle, None)
         parts = np.empty(m, np.int32), np.empty(m, np.int32), np.empty(m), np.empty((m, 8)), np.empty((m, 4))
-        _check(lib.cs_stack_crossings(self._handle, _Crossings(*(part.ctypes.data for part in parts))) < 0)
+        _check(lib.cs_stack_crossings(self._handle, _Crossings(*(address_of(part) for part in parts))) < 0)
         return CoverageJacobian(*parts)
 
     def growth(
@@ -188,7 +198,7 @@ class DrawnStack:
         group, other: (pieces,) the group of each piece here and there, or -1.
         """
         group, other, found = _numbers(group), _numbers(other), np.empty(count)
-        arrays = group.ctypes.data, other.ctypes.data, count, spread, leaks, found.ctypes.data
+        arrays = address_of(group), address_of(other), count, spread, leaks, address_of(found)
         _check(_library().cs_stack_growth(self._handle, after._handle, *arrays))
         return found
 
@@ -196,7 +206,7 @@ class DrawnStack:
         """(groups,) bool: whether the picture has changed by more than `least` at a pixel that a piece of the group
         crosses. group: (pieces,) of each piece, or -1."""
         group, found = _numbers(group), np.zeros(groups, dtype=bool)
-        _library().cs_stack_changed(before._handle, self._handle, group.ctypes.data, least, found.ctypes.data)
+        _library().cs_stack_changed(before._handle, self._handle, address_of(group), least, address_of(found))
         return found
 
     def step(self, unknowns: Unknowns, chance: float = 0.0) -> Step:
@@ -211,11 +221,11 @@ class DrawnStack:
         variables, outlines = len(unknowns.damping), len(first)
         found = Step(np.empty(variables), np.empty(variables), np.empty(outlines), np.empty(outlines))
         given = _Unknowns(
-            outlines, variables, first.ctypes.data, count.ctypes.data, start.ctypes.data, row.ctypes.data,
-            column.ctypes.data, _at(value, np.float64, value.shape),
+            outlines, variables, address_of(first), address_of(count), address_of(start), address_of(row),
+            address_of(column), _at(value, np.float64, value.shape),
             _at(unknowns.damping, np.float64, (variables,)), unknowns.keep,
         )  # fmt: skip
-        out = (array.ctypes.data for array in (found.values, found.gradient, found.moves, found.misfits))
+        out = (address_of(array) for array in (found.values, found.gradient, found.moves, found.misfits))
         _check(_library().cs_stack_step(self._handle, given, chance, *out))
         return found
 
@@ -228,7 +238,7 @@ def _at(array: np.ndarray, kind: type, shape: tuple[int, ...]) -> int:
     """The address of an array, which must be contiguous, of this type and shape."""
     if array.dtype != kind or array.shape != shape or not array.flags.c_contiguous:
         raise EngineError(f"expected a contiguous {np.dtype(kind)} array {shape}, not {array.dtype} {array.shape}")
-    return int(array.ctypes.data)
+    return address_of(array)
 
 
 def _check(failed: bool) -> None:
@@ -242,6 +252,8 @@ def _library() -> ctypes.CDLL:
     lib.cs_stack_draw.restype, lib.cs_stack_draw.argtypes = c_void_p, [POINTER(_Goal), POINTER(_Stack), c_void_p]
     lib.cs_stack_free.restype, lib.cs_stack_free.argtypes = None, [c_void_p]
     lib.cs_stack_picture.restype, lib.cs_stack_picture.argtypes = None, [c_void_p] * 3
+    lib.cs_stack_uppermost.restype = None
+    lib.cs_stack_uppermost.argtypes = [c_void_p, *[c_int64] * 4, c_double, c_void_p]
     lib.cs_stack_cost.restype, lib.cs_stack_cost.argtypes = c_double, [c_void_p]
     lib.cs_stack_crossings.restype, lib.cs_stack_crossings.argtypes = c_int64, [c_void_p, POINTER(_Crossings)]
     lib.cs_stack_growth.argtypes = [*[c_void_p] * 4, c_int64, c_int32, c_int32, c_void_p]

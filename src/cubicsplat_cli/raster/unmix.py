@@ -28,31 +28,31 @@ def spread(values: np.ndarray, rows: int, columns: int) -> np.ndarray:
     return out
 
 
-def nearest_inks(values: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(...) int32 index of the ink nearest to values (..., 4), and (...) float32 its distance in levels, that of the
+def nearest_fills(values: np.ndarray, palette: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(...) int32 index of the fill nearest to values (..., 4), and (...) float32 its distance in levels, that of the
     channel that is farthest off.
     """
     values, palette = (np.ascontiguousarray(each, np.float32) for each in (values, palette))
     index, gap = np.empty(values.shape[:-1], np.int32), np.empty(values.shape[:-1], np.float32)
-    _native("cs_nearest_inks", index.size, values, len(palette), palette, index, gap, result=None)
+    _native("cs_nearest_fills", index.size, values, len(palette), palette, index, gap, result=None)
     return index, gap
 
 
-def near_inks(inks: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int) -> np.ndarray:
-    """(n, SLOTS) int32 the different inks >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px away along
+def near_fills(fills: np.ndarray, y: np.ndarray, x: np.ndarray, reach: int) -> np.ndarray:
+    """(n, SLOTS) int32 the different fills >= 0 nearest to the pixels y, x of a map (H, W), up to `reach` px away along
     rows and columns; -1 where there are fewer.
     """
-    inks, pixels = _int32(inks), _whole(y * inks.shape[1] + x)
+    fills, pixels = _int32(fills), _whole(y * fills.shape[1] + x)
     near = np.empty((len(pixels), SLOTS), np.int32)
-    _native("cs_near", inks, *inks.shape, len(pixels), pixels, reach, SLOTS, near, None)
+    _native("cs_near", fills, *fills.shape, len(pixels), pixels, reach, SLOTS, near, None)
     return near
 
 
 def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (n, 4) as blends of the pair of near inks (n, SLOTS) that explains them best: the ink with the greater
-    share (n,) int32, and the residual (n,) in levels; -1 and infinity where there is no ink near.
+    """Values (n, 4) as blends of the pair of near fills (n, SLOTS) that explains them best: the fill with the greater
+    share (n,) int32, and the residual (n,) in levels; -1 and infinity where there is no fill near.
 
-    Inks farther away must explain clearly better than nearer ones.
+    Fills farther away must explain clearly better than nearer ones.
     """
     values, palette, near = np.ascontiguousarray(values, np.float32), doubles(palette), _int32(near)
     winner, residual = np.empty(len(values), np.int32), np.empty(len(values))
@@ -61,8 +61,8 @@ def best_blend(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> tup
 
 
 def residual_of_three(values: np.ndarray, palette: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """(n,) levels that values (n, 4) are off the nearest blend of three of the inks near them (n, SLOTS) int32, or of
-    two that explain them about as well; infinity where there are fewer inks.
+    """(n,) levels that values (n, 4) are off the nearest blend of three of the fills near them (n, SLOTS) int32, or of
+    two that explain them about as well; infinity where there are fewer fills.
     """
     values, palette, near = np.ascontiguousarray(values, np.float32), doubles(palette), _int32(near)
     residual = np.empty(len(values))
@@ -71,12 +71,12 @@ def residual_of_three(values: np.ndarray, palette: np.ndarray, near: np.ndarray)
 
 
 def blend_with(
-    values: np.ndarray, ink: np.ndarray, first: np.ndarray, second: np.ndarray
+    values: np.ndarray, fill: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The share (n,) of an ink in values that are its blends with one or both of two others, and the residual (n,) in
-    levels. Each of the four is (n, 4), or (4,) for all; two inks are taken where they explain about as well as three.
+    """The share (n,) of a fill in values that are its blends with one or both of two others, and the residual (n,) in
+    levels. Each of the four is (n, 4), or (4,) for all; two fills are taken where they explain about as well as three.
     """
-    given = [doubles(each) for each in (values, ink, first, second)]
+    given = [doubles(each) for each in (values, fill, first, second)]
     count = max((len(each) for each in given if each.ndim == 2), default=1)
     share, residual = np.empty(count), np.empty(count)
     steps = [part for each in given for part in (each, 4 * (each.ndim - 1))]
@@ -84,7 +84,7 @@ def blend_with(
     return share, residual
 
 
-def inks_of_lines(
+def fills_of_lines(
     values: np.ndarray,
     place: tuple[np.ndarray, np.ndarray],
     palette: np.ndarray,
@@ -92,60 +92,60 @@ def inks_of_lines(
     window: int,
     costs: tuple[float, float, float],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of values (n, 4) at rows and columns (n,) the ink (n,) that explains those in a window of so many px around each
-    best, as blends with the two inks beside them, two of (n, 4); its share (n,) in the value, and the residual (n,).
+    """Of values (n, 4) at rows and columns (n,) the fill (n,) that explains those in a window of so many px around each
+    best, as blends with the two fills beside them, two of (n, 4); its share (n,) in the value, and the residual (n,).
 
-    costs: levels beyond which a residual costs no more, those that an ink costs that has no share, and those that it
-    costs for each ink before it in the palette.
+    costs: levels beyond which a residual costs no more, those that a fill costs that has no share, and those that it
+    costs for each fill before it in the palette.
     """
     values, palette = np.ascontiguousarray(values, np.float32), doubles(palette)
     (y, x), (first, second) = (_whole(each) for each in place), (doubles(each) for each in beside)
-    ink, share, residual = np.empty(len(values), np.int64), np.empty(len(values)), np.empty(len(values))
-    found = (window, *costs, ink, share, residual)
-    _native("cs_line_inks", len(values), values, y, x, len(palette), palette, first, second, *found)
-    return ink, share, residual
+    fill, share, residual = np.empty(len(values), np.int64), np.empty(len(values)), np.empty(len(values))
+    found = (window, *costs, fill, share, residual)
+    _native("cs_line_fills", len(values), values, y, x, len(palette), palette, first, second, *found)
+    return fill, share, residual
 
 
-def distance_to_blends(values: np.ndarray, inks: np.ndarray, first: int = 0) -> np.ndarray:
-    """(n,) the Euclidean distance of values (n, 4) to the nearest blend of two inks of (P, 4), one of them from `first`
-    on; infinite where there is none.
+def distance_to_blends(values: np.ndarray, fills: np.ndarray, first: int = 0) -> np.ndarray:
+    """(n,) the Euclidean distance of values (n, 4) to the nearest blend of two fills of (P, 4), one of them from
+    `first` on; infinite where there is none.
     """
-    values, inks = np.ascontiguousarray(values, np.float32), doubles(inks)
+    values, fills = np.ascontiguousarray(values, np.float32), doubles(fills)
     square = np.empty(len(values))
-    _native("cs_off_blends", len(values), values, len(inks), inks, first, square, result=None)
+    _native("cs_off_blends", len(values), values, len(fills), fills, first, square, result=None)
     return np.sqrt(square)
 
 
-def part_inks(levels: np.ndarray, owner: np.ndarray, even: float, side: float) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 4) the inks that the parts of a picture show, and how many px (P,) each has.
+def part_fills(levels: np.ndarray, owner: np.ndarray, even: float, side: float) -> tuple[np.ndarray, np.ndarray]:
+    """(P, 4) the fills that the parts of a picture show, and how many px (P,) each has.
 
     owner: (H, W) int32 the part of each pixel, from 1 on, 0 for none. even: levels up to which the colours of a part
-    may differ for it to show one ink, the commonest colour, or the median where none has a quarter of it; others show
+    may differ for it to show one fill, the commonest colour, or the median where none has a quarter of it; others show
     the mean in every cell of `side` levels.
     """
     levels, owner = np.ascontiguousarray(levels, np.float32), _int32(owner)
     room = int(np.count_nonzero(owner))
-    inks, sizes = np.empty((room, 4)), np.empty(room)
+    fills, sizes = np.empty((room, 4)), np.empty(room)
     parts = int(owner.max(initial=0))
-    count = _native("cs_part_inks", owner.size, levels, owner, parts, float(even), side, inks, sizes, result=c_int64)
-    return inks[:count].copy(), sizes[:count].copy()
+    count = _native("cs_part_fills", owner.size, levels, owner, parts, float(even), side, fills, sizes, result=c_int64)
+    return fills[:count].copy(), sizes[:count].copy()
 
 
-def joined_inks(inks: np.ndarray, weights: np.ndarray, same: float, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most so many of the inks (P, 4), and their weights: in the given order each joins the nearest one before it
+def joined_fills(fills: np.ndarray, weights: np.ndarray, same: float, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most so many of the fills (P, 4), and their weights: in the given order each joins the nearest one before it
     that is within `same` levels, or is kept.
     """
-    inks, weights = doubles(inks), np.array(weights, np.float64)
-    kept = np.empty(min(len(inks), most), np.int64)
-    count = _native("cs_join_inks", len(inks), inks, weights, same, most, kept, result=c_int64)
-    return inks[kept[:count]], weights[kept[:count]]
+    fills, weights = doubles(fills), np.array(weights, np.float64)
+    kept = np.empty(min(len(fills), most), np.int64)
+    count = _native("cs_join_fills", len(fills), fills, weights, same, most, kept, result=c_int64)
+    return fills[kept[:count]], weights[kept[:count]]
 
 
 @dataclass(frozen=True)
 class LineBlends:
     """The pixels that a line blends. one: levels that are one colour; ground: and of a ground. between: share of the
-    squares that lie amid the ground. off: levels by which a blend is off the line between two inks; shares: the least
-    and the most of the line's ink. more: times as many px as the blend has, that the line's ink has in thin lines.
+    squares that lie amid the ground. off: levels by which a blend is off the line between two fills; shares: the least
+    and the most of the line's fill. more: times as many px as the blend has, that the line's fill has in thin lines.
     """
 
     one: float
@@ -157,17 +157,17 @@ class LineBlends:
 
 
 def are_lines(
-    levels: np.ndarray, thin: np.ndarray, small: tuple[np.ndarray, np.ndarray], inks: np.ndarray, rule: LineBlends
+    levels: np.ndarray, thin: np.ndarray, small: tuple[np.ndarray, np.ndarray], fills: np.ndarray, rule: LineBlends
 ) -> np.ndarray:
-    """(k,) bool: which colours of squares of 2 x 2 px of a picture (H, W, 4) are blends of the ink of a line with a
+    """(k,) bool: which colours of squares of 2 x 2 px of a picture (H, W, 4) are blends of the fill of a line with a
     ground on both sides. thin: (H, W) bool, where lines are. small: the colours (k, 4), and how many px (k,) have them.
-    inks: (P, 4) those of lines and grounds.
+    fills: (P, 4) those of lines and grounds.
     """
     levels, thin = np.ascontiguousarray(levels, np.float32), np.ascontiguousarray(thin, bool)
-    (colours, sizes), inks = (doubles(each) for each in small), doubles(inks)
+    (colours, sizes), fills = (doubles(each) for each in small), doubles(fills)
     lines = np.zeros(len(colours), bool)
     numbers = (rule.one, rule.ground, rule.between, rule.off, *rule.shares, rule.more)
-    sizes_of = (len(colours), colours, sizes, len(inks), inks, *(float(number) for number in numbers))
+    sizes_of = (len(colours), colours, sizes, len(fills), fills, *(float(number) for number in numbers))
     _native("cs_are_lines", levels, *thin.shape, thin, *sizes_of, lines)
     return lines
 

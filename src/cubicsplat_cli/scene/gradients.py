@@ -163,5 +163,5 @@ def gradients_of(paints: Sequence[Gradient | None]) -> Gradients | None:
         kinds[curve], counts[curve] = LINEAR if isinstance(paint, LinearGradient) else RADIAL, len(paint.stops)
         frames[curve] = paint.frame()
         offsets[curve, : len(paint.stops)] = [stop.offset for stop in paint.stops]
-        stops[curve, : len(paint.stops)] = np.array([stop.ink for stop in paint.stops]) / 255.0
+        stops[curve, : len(paint.stops)] = np.array([stop.colour for stop in paint.stops]) / 255.0
     return Gradients(kinds, frames.astype(np.float32), counts, offsets.astype(np.float32), stops.astype(np.float32))

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-Ink = tuple[int, int, int, int]  # sRGB and opacity, 8 bits each, not premultiplied
+Rgba = tuple[int, int, int, int]  # sRGB and opacity, 8 bits each, not premultiplied
 
 
 @dataclass(frozen=True)
 class Stop:
-    """offset: t in [0, 1]. ink: the colour and opacity there."""
+    """offset: t in [0, 1]. colour: sRGB and opacity there."""
 
     offset: float
-    ink: Ink
+    colour: Rgba
 
 
 @dataclass(frozen=True)
@@ -100,15 +100,15 @@ def painted(gradient: Gradient, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(..., 4) premultiplied colours in [0, 1] of a gradient at places x, y in px."""
     t = parameter(gradient, x, y)
     offsets = [stop.offset for stop in gradient.stops]
-    inks = np.array([stop.ink for stop in gradient.stops]) / 255.0
-    colours = np.stack([np.interp(t, offsets, inks[:, k]) for k in range(4)], axis=-1)
+    fills = np.array([stop.colour for stop in gradient.stops]) / 255.0
+    colours = np.stack([np.interp(t, offsets, fills[:, k]) for k in range(4)], axis=-1)
     colours[..., :3] *= colours[..., 3:]
     return colours
 
 
-def mean_ink(gradient: Gradient) -> Ink:
+def mean_fill(gradient: Gradient) -> Rgba:
     """About what a gradient looks like from far away: the mean of its stops."""
-    inks = np.array([stop.ink for stop in gradient.stops], dtype=float)
-    share = inks[:, 3:] / max(float(inks[:, 3].sum()), 1e-9)
-    red, green, blue = (round(float(v)) for v in (inks[:, :3] * share).sum(axis=0))
-    return red, green, blue, round(float(inks[:, 3].mean()))
+    fills = np.array([stop.colour for stop in gradient.stops], dtype=float)
+    share = fills[:, 3:] / max(float(fills[:, 3].sum()), 1e-9)
+    red, green, blue = (round(float(v)) for v in (fills[:, :3] * share).sum(axis=0))
+    return red, green, blue, round(float(fills[:, 3].mean()))

@@ -9,7 +9,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Stroke
 from cubicsplat_cli.artwork.shapes import Shape
-from cubicsplat_cli.scene.paint import Gradient, Ink
+from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 # Two shapes of one colour may be a pair of eyes; this many are lettering or a pattern.
 LEAST_SHAPES = 3
@@ -22,20 +22,21 @@ _MARGIN = 1.0  # px
 
 
 def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
-    """The shapes back to front, those to be written as one together: three or more paths in one opaque ink or gradient;
-    in a drawing of at most FEW_PAINTS of these, where no shape is a stroke, any path and whatever else has its paint.
+    """The shapes back to front, those to be written as one together: three or more paths in one opaque fill or
+    gradient; in a drawing of at most FEW_PAINTS of these, where no shape is a stroke, any path and whatever else has
+    its paint.
 
     The rings of all of them in one path cover what the shapes cover, since every outer ring runs clockwise as seen and
-    every hole the other way. A shape joins an earlier one where nothing of another ink that is drawn between them
-    touches it, so the picture stays the same.
+    every hole the other way. A shape joins an earlier one where nothing of another fill that is drawn between them
+    touches it, so the picture stays the same. Shapes of different groups stay apart.
     """
     boxes = np.array([_box(shape) for shape in shapes]).reshape(-1, 4)
-    paints = [(shape.gradient or shape.ink, _pen(shape.stroke)) for shape in shapes]
+    paints = [(shape.gradient or shape.fill, _pen(shape.stroke), shape.group) for shape in shapes]
     number_of = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
     sign = len(number_of) <= FEW_PAINTS and all(shape.stroke is None for shape in shapes)
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     leaders = np.arange(len(shapes))
-    last: dict[tuple[Ink | Gradient, Pen | None], int] = {}
+    last: dict[tuple[Rgba | Gradient, Pen | None, str], int] = {}
     for index, shape in enumerate(shapes):
         if not _opaque(shape) or (_primitive(shape) and not sign):
             continue
@@ -72,12 +73,12 @@ def _primitive(shape: Shape) -> bool:
 
 def _opaque(shape: Shape) -> bool:
     """Two translucent shapes are not one where they overlap."""
-    inks = [shape.ink] if shape.gradient is None else [stop.ink for stop in shape.gradient.stops]
-    return all(ink[3] == _OPAQUE for ink in inks)
+    fills = [shape.fill] if shape.gradient is None else [stop.colour for stop in shape.gradient.stops]
+    return all(fill[3] == _OPAQUE for fill in fills)
 
 
 def _meets_another(boxes: np.ndarray, numbers: np.ndarray, leader: int, index: int) -> bool:
-    """Whether a shape of another ink that is drawn after the leader and before this one is near this one."""
+    """Whether a shape of another fill that is drawn after the leader and before this one is near this one."""
     between = slice(leader + 1, index)
     left, top, right, bottom = boxes[index]
     others = boxes[between][numbers[between] != numbers[index]]

@@ -1,8 +1,7 @@
-"""Outlines and strokes of artwork in whole steps of the file's grid, and as path data in its shortest form.
+"""Outlines and strokes of artwork as path data in its shortest form.
 
-Equal coordinates stay equal on the grid: lines along an axis stay so, and anchors that shapes share stay shared. Smooth
-joints stay smooth. Path data is as an artist's exporter writes it: lines as H, V and L, cubics as C and S, absolute or
-relative, whichever is shorter.
+It is as an artist's exporter writes it: lines as H, V and L, cubics as C and S, absolute or relative, whichever is
+shorter.
 
 Rectangles with round corners are lines and quarter circles, and read back from these. cairosvg, and whatever is made of
 it, bends two corners of `<rect rx>` wrongly: the second handle of its cubic is as far from the corner of the box as it
@@ -17,97 +16,17 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle, Ring
-from cubicsplat_cli.artwork.geometry.steps import aligned, to_steps
+from cubicsplat_cli.artwork.geometry.steps import to_steps
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path
+from cubicsplat_cli.svg.drawing_grid import MIRROR_REACH, grid_rings, smoothed
 from cubicsplat_cli.svg.markup import format_number
 from cubicsplat_cli.svg.paths import PathSegment, Point
 
-# Steps by which a handle may be off the mirror image of the one before it and be written as that.
-MIRROR_REACH = 1
 # Letters of rounded rectangles: round at the left and right ends, at upper and lower ones, at all corners in either
 # direction.
 LETTERS = ("HAHAZ", "VAVAZ", "HAVAHAVAZ", "VAHAVAHAZ")
 MOST_ON_RECT = 3.0  # px, the radius up to which viewers agree about `<rect rx>` to a tenth of a px
 Step = tuple[int, int]
-
-
-def form_of(ring: Ring) -> bytes:
-    """A key that is equal for rings in whole steps that differ by a translation only."""
-    anchors, controls = ring.anchors - ring.anchors[:1], ring.controls - ring.anchors[:1, None]
-    return b"".join(part.tobytes() for part in (anchors, controls, ring.lines))
-
-
-def grid_ring(ring: Ring, precision: int, exact: bool = False) -> Ring:
-    """The ring in whole steps (int64), without pieces of no extent, so perhaps with none, and begun so that its closing
-    line is the longest to write.
-
-    exact: every point goes to the nearest step, as in the rings that share it; otherwise handles keep joints smooth.
-    """
-    anchors, controls = to_steps(ring.anchors, precision), to_steps(ring.controls, precision)
-    on_grid = Ring(anchors, controls, np.asarray(ring.lines, bool), np.asarray(ring.smooth, bool))
-    on_grid = _begun_after_a_line(_without_points(on_grid))
-    return on_grid if exact else replace(on_grid, controls=_smoothed(on_grid))
-
-
-def _picked(ring: Ring, which: np.ndarray) -> Ring:
-    """The pieces of an index or a mask (A,), each with the anchor that it begins at."""
-    return Ring(ring.anchors[which], ring.controls[which], ring.lines[which], ring.smooth[which])
-
-
-def _without_points(ring: Ring) -> Ring:
-    after = np.roll(ring.anchors, -1, axis=0)
-    moved = (after != ring.anchors).any(axis=1)
-    bent = ~ring.lines & (ring.controls != ring.anchors[:, None]).any(axis=(1, 2))
-    return _picked(ring, moved | bent)
-
-
-def _begun_after_a_line(ring: Ring) -> Ring:
-    """The line with the most digits comes last, since closing the path draws it for nothing."""
-    if not ring.lines.any():
-        return ring
-    steps = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
-    digits = np.where(steps > 0, 1.0 + np.log10(np.maximum(steps, 1)), 0.0).sum(axis=1)
-    last = int(np.argmax(np.where(ring.lines, digits, -1.0)))
-    return _picked(ring, (last + 1 + np.arange(ring.pieces)) % ring.pieces)
-
-
-def _smoothed(ring: Ring, even: bool = True) -> np.ndarray:
-    """Controls whose shorter handle at each smooth joint is moved by at most two steps towards the other's line.
-
-    even: whether handles that are then nearly equal become so.
-    """
-    controls = ring.controls.copy()
-    if not ring.smooth.any():
-        return controls
-    before, after = np.roll(ring.controls[:, 1], 1, axis=0), ring.controls[:, 0]
-    line_before = np.roll(ring.lines, 1)
-    # A line's handle is its other end, which is where it is.
-    before = np.where(line_before[:, None], np.roll(ring.anchors, 1, axis=0), before)
-    after = np.where(ring.lines[:, None], np.roll(ring.anchors, -1, axis=0), after)
-    back, ahead = before - ring.anchors, after - ring.anchors
-    longer_back = (back**2).sum(axis=1) >= (ahead**2).sum(axis=1)
-    joint = ring.smooth & ((back * ahead).sum(axis=1) < 0)
-    move_ahead = joint & ~ring.lines & (longer_back | line_before)
-    move_back = joint & ~line_before & ~move_ahead
-    controls[move_ahead, 0] = (ring.anchors + aligned(ahead, back))[move_ahead]
-    controls[np.roll(move_back, -1), 1] = np.roll(ring.anchors + aligned(back, ahead), -1, axis=0)[
-        np.roll(move_back, -1)
-    ]
-    return _evened(ring, controls, joint & ~ring.lines & ~line_before) if even else controls
-
-
-def _evened(ring: Ring, controls: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Controls of which the two at a joint (A,) bool that are each other's mirror images but for a step are so: both
-    are as the shorter one, whichever direction the ring runs in, so that what is symmetric stays so.
-    """
-    back, ahead = np.roll(controls[:, 1], 1, axis=0) - ring.anchors, controls[:, 0] - ring.anchors
-    even = joint & (np.abs(back + ahead).max(axis=1) <= MIRROR_REACH)
-    shorter = np.where(((back**2).sum(axis=1) < (ahead**2).sum(axis=1))[:, None], back, -ahead)
-    controls = controls.copy()
-    controls[even, 0] = (ring.anchors - shorter)[even]
-    after = np.roll(even, -1)
-    controls[after, 1] = np.roll(ring.anchors + shorter, -1, axis=0)[after]
-    return controls
 
 
 class PathText:
@@ -213,14 +132,16 @@ def _near(first: Step, mirror: Step | None, reach: int) -> bool:
 def add_stroke(path: PathText, line: Path, precision: int) -> None:
     """Appends the centre line of a stroke."""
     if not isinstance(line, Chain):
-        add_ring(path, grid_ring(line.ring(), precision))
+        add_ring(path, grid_rings([line.ring()], precision)[0])
         return
     anchors, controls = to_steps(line.anchors, precision), to_steps(line.controls, precision)
     # A line from the end back to the start, of which nothing is drawn, makes it a ring.
     back = np.stack([anchors[-1:], anchors[:1]], axis=1)
     smooth = np.array([False, *line.smooth[1:-1], False])
     ring = Ring(anchors, np.concatenate([controls, back]), np.append(line.lines, True), smooth)
-    _add_pieces(path, replace(ring, controls=_smoothed(ring, even=False)), range(1, len(anchors)), MIRROR_REACH)
+    following = (np.arange(ring.pieces) + 1) % ring.pieces
+    ring = replace(ring, controls=smoothed(ring, following, even=False))
+    _add_pieces(path, ring, range(1, len(anchors)), MIRROR_REACH)
 
 
 def add_rounded(path: PathText, box: Rectangle, precision: int, *, clockwise: bool) -> None:

@@ -15,21 +15,22 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, R
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQUARE, Chain, Path, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.scene.paint import Ink, mean_ink
+from cubicsplat_cli.scene.paint import Rgba, mean_fill
 from cubicsplat_cli.svg.drawing_paths import rounded_of
 from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
+from cubicsplat_cli.svg.scene_writer import CURVES_ID
 from cubicsplat_cli.svg.values import hex_colour, number
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
 _REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\"()]+?)['\"]?\s*\)")
 _CAPS, _JOINS = (BUTT, ROUND, SQUARE), (MITER, ROUND, BEVEL)
 _LENGTHS = {
-    "svg/circle": ("cx", "cy", "r"),
-    "svg/ellipse": ("cx", "cy", "rx", "ry"),
-    "svg/rect": ("x", "y", "width", "height", "rx"),
-    "svg/path": (),
+    "circle": ("cx", "cy", "r"),
+    "ellipse": ("cx", "cy", "rx", "ry"),
+    "rect": ("x", "y", "width", "height", "rx"),
+    "path": (),
 }
 AnyPath = TypeVar("AnyPath", bound=Path)
 # A joint that turns by less is meant to be smooth.
@@ -37,12 +38,23 @@ _SMOOTH = math.radians(0.5)
 
 
 def holds_drawing(elements: Sequence[OwnElement]) -> bool:
-    """Whether a document has shapes right below its root, as artwork has, and no group of curves.
+    """Whether a document has shapes right below its root or in groups of a name alone, as artwork has, and no group of
+    curves.
 
     The first element that can tell decides; a `rect` may be the background of either.
     """
-    places = [each.place for each in elements if each.place == "svg/g" or each.place in _LENGTHS]
+    places = [
+        each.place for each in elements if (each.place == "svg/g" and not _names_a_group(each)) or _is_shape(each)
+    ]
     return next((place for place in places if place != "svg/rect"), places[0] if places else "svg/g") != "svg/g"
+
+
+def _names_a_group(element: OwnElement) -> bool:
+    return set(element.attributes) == {"id"} and element.attributes["id"] != CURVES_ID
+
+
+def _is_shape(element: OwnElement) -> bool:
+    return element.name in _LENGTHS
 
 
 def read_drawing(text: str | bytes) -> Drawing:
@@ -56,9 +68,9 @@ def drawing_of(elements: Sequence[OwnElement]) -> Drawing:
     gradients = GradientReader(elements)
     shapes: list[Shape] = []
     for element in elements:
-        if element.place == "svg/g":
+        if element.place == "svg/g" and not _names_a_group(element):
             raise element.refused("has an unexpected <g> element")
-        if element.place in _LENGTHS:
+        if _is_shape(element):
             try:
                 shapes += _strokes(element) if element.attributes.get("fill") == "none" else _fills(element, gradients)
             except ValueError as error:
@@ -82,20 +94,20 @@ def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
             groups[-1].append(_rotated(outline, given))
     match = _REFERENCE.fullmatch(given.get("fill", ""))
     if match is None:
-        ink, gradient = _ink(given, "fill"), None
+        fill, gradient = _fill(given, "fill"), None
     else:
         if given.get("fill-opacity", "1") != "1":
             raise ValueError("has a fill-opacity beside a gradient; give its stops the opacity")
         low, high = extent_of([outline.ring() for group in groups for outline in group])
         gradient = gradients.gradient(match[1], (*low.tolist(), *(high - low).tolist()))
-        ink = mean_ink(gradient)
-    return [Shape(ink, tuple(group), given.get("id", ""), gradient=gradient) for group in groups]
+        fill = mean_fill(gradient)
+    return [Shape(fill, tuple(group), given.get("id", ""), gradient=gradient) for group in groups]
 
 
 def _strokes(element: OwnElement) -> list[Shape]:
     """One stroke, of a path one for each of its subpaths."""
     given = element.attributes
-    ink, width = _ink(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
+    fill, width = _fill(given, "stroke"), _coordinate(given.get("stroke-width", "1"))
     if width <= 0.0:
         raise ValueError("has a stroke without a width")
     cap, join = given.get("stroke-linecap", BUTT), given.get("stroke-linejoin", MITER)
@@ -106,10 +118,10 @@ def _strokes(element: OwnElement) -> list[Shape]:
     else:
         paths = [_rotated(_centre_line(subpath), given) for subpath in own_subpaths(element)]
     strokes = [Stroke(path, width, cap, join) for path in paths]
-    return [Shape(ink, outlines_of_stroke(stroke), given.get("id", ""), stroke=stroke) for stroke in strokes]
+    return [Shape(fill, outlines_of_stroke(stroke), given.get("id", ""), stroke=stroke) for stroke in strokes]
 
 
-def _ink(given: dict[str, str], kind: str) -> Ink:
+def _fill(given: dict[str, str], kind: str) -> Rgba:
     """The colour and opacity of a "fill" or "stroke"."""
     opacity = number(given.get(f"{kind}-opacity", "1"))
     if not 0.0 <= opacity <= 1.0:
@@ -125,7 +137,7 @@ def _coordinate(text: str) -> float:
 
 
 def _primitive(element: OwnElement) -> Circle | Ellipse | Rectangle:
-    lengths = [_coordinate(element.attributes.get(name, "0")) for name in _LENGTHS[element.place]]
+    lengths = [_coordinate(element.attributes.get(name, "0")) for name in _LENGTHS[element.name]]
     if min(lengths[2:4]) <= 0.0 or lengths[-1] < 0.0:
         raise ValueError(f"has a <{element.name}> without extent")
     if element.name == "circle":

@@ -25,17 +25,16 @@ from cubicsplat_cli.artwork.geometry.outlines import (
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision, to_steps
 from cubicsplat_cli.artwork.geometry.stroke import BUTT, MITER, Chain, Stroke
 from cubicsplat_cli.artwork.mosaic import CellLayer, Mosaic
-from cubicsplat_cli.artwork.names import colour_name
+from cubicsplat_cli.artwork.names import colour_group, colour_name
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.svg.compound import compounds
+from cubicsplat_cli.svg.drawing_grid import form_of, grid_rings
 from cubicsplat_cli.svg.drawing_paths import (
     MOST_ON_RECT,
     PathText,
     add_ring,
     add_rounded,
     add_stroke,
-    form_of,
-    grid_ring,
 )
 from cubicsplat_cli.svg.markup import (
     GradientElements,
@@ -54,7 +53,7 @@ _ANGLE_DECIMALS = 3  # degrees
 
 def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str, comment: str) -> str:
     """The SVG text of artwork: its shapes in order, the first at the back, nothing else in it; see `compounds`. Of
-    shapes that abut each is a path of its own.
+    shapes that abut each is a path of its own. Shapes in a row that are in one group are in one `<g>`.
 
     precision: decimals of the coordinates in px, 0..6; by default `suggested_precision`. title: any text, shown by
     viewers. comment: one line for an XML comment; the command line knows its own files by it. A shape that is smaller
@@ -68,11 +67,20 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
     gradients = GradientElements(names, precision)
     groups = [[shape] for shape in drawing.shapes] if drawing.abutting else compounds(drawing.shapes)
     rings = _GridRings(drawing.shapes, precision, drawing.abutting)
+    held: tuple[str, ElementTree.Element] = ("", root)
     for group in groups:
         element = _element(group, precision, rings)
-        if element is not None:
-            root.extend(_finished(element, group[0], names, gradients, precision))
+        if element is None:
+            continue
+        if group[0].group != held[0]:
+            held = group[0].group, _group(root, group[0].group, names)
+        held[1].extend(_finished(element, group[0], names, gradients, precision))
     return document(root)
+
+
+def _group(root: ElementTree.Element, name: str, names: Identifiers) -> ElementTree.Element:
+    """A new group of a name; the root for no name."""
+    return ElementTree.SubElement(root, "g", {"id": names.unique(name)}) if name else root
 
 
 def drawn_elements(svg: str) -> int:
@@ -84,7 +92,7 @@ def _finished(
     element: ElementTree.Element, shape: Shape, names: Identifiers, gradients: GradientElements, precision: int
 ) -> list[ElementTree.Element]:
     """The element with its id in front and its paint behind; before it its gradient, where that is new."""
-    red, green, blue, alpha = shape.ink
+    red, green, blue, alpha = shape.fill
     attributes = {"id": names.unique(shape.name), **element.attrib}
     before = None
     if shape.stroke is not None:
@@ -94,7 +102,7 @@ def _finished(
     elif shape.gradient is not None:
         attributes["fill"], before = gradients.fill(shape.gradient)
     else:
-        attributes |= paint(shape.ink)
+        attributes |= paint(shape.fill)
     element.attrib.clear()
     element.attrib.update(attributes)
     return [element] if before is None else [before, element]
@@ -122,6 +130,16 @@ class _GridRings:
         self.exact = exact
         self._precision = precision
         self._cache: dict[tuple[int, bool], tuple[Ring, Ring]] = {}
+        given = {
+            (id(outline), index == 0): outline
+            for shape in shapes
+            if shape.stroke is None
+            for index, outline in enumerate(shape.outlines)
+            if isinstance(outline, Ring)
+        }
+        turned = [_turned_to(ring, clockwise) for (_, clockwise), ring in given.items()]
+        for (key, ring), grid in zip(given.items(), grid_rings(turned, precision, exact), strict=True):
+            self._cache[key] = ring, grid
         forms = Counter(
             form_of(self.of(outline, index == 0))
             for shape in shapes
@@ -135,10 +153,13 @@ class _GridRings:
         """One of them, as seen clockwise or not."""
         cached = self._cache.get((id(ring), clockwise))
         if cached is None:
-            turned = ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
-            cached = ring, grid_ring(turned, self._precision, self.exact)
+            cached = ring, grid_rings([_turned_to(ring, clockwise)], self._precision, self.exact)[0]
             self._cache[id(ring), clockwise] = cached
         return cached[1]
+
+
+def _turned_to(ring: Ring, clockwise: bool) -> Ring:
+    return ring if (signed_area(ring) > 0.0) == clockwise else reversed_ring(ring)
 
 
 def _element(group: Sequence[Shape], precision: int, rings: _GridRings) -> ElementTree.Element | None:
@@ -244,8 +265,10 @@ def _add_ellipse(path: PathText, outline: Circle | Ellipse, precision: int, cloc
     path.close()
 
 
-def write_mosaic(mosaic: Mosaic, *, precision: int | None = None, title: str, comment: str) -> str:
-    """The SVG text of a mosaic; arguments and errors as of `write_drawing`."""
+def write_mosaic(
+    mosaic: Mosaic, *, precision: int | None = None, title: str, comment: str, grouped: bool = False
+) -> str:
+    """The SVG text of a mosaic; arguments and errors as of `write_drawing`. grouped: each colour is in a group."""
     if precision is None:
         precision = suggested_precision(mosaic.width, mosaic.height)
     check_precision(precision)
@@ -253,15 +276,16 @@ def write_mosaic(mosaic: Mosaic, *, precision: int | None = None, title: str, co
     for layer in mosaic.layers:
         data = _layer_path(layer, precision)
         if data:
+            held = _group(root, colour_group(layer.fill) if grouped else "", names)
             name = names.unique(_layer_name(layer, mosaic))
-            root.append(ElementTree.Element("path", {"id": name, "d": data, **paint(layer.ink)}))
+            held.append(ElementTree.Element("path", {"id": name, "d": data, **paint(layer.fill)}))
     return document(root)
 
 
 def _layer_name(layer: CellLayer, mosaic: Mosaic) -> str:
     corners, _ = layer.loops
     whole = len(corners) == 4 and (np.ptp(corners, axis=0) == (mosaic.width, mosaic.height)).all()
-    return "background" if whole else colour_name(layer.ink)
+    return "background" if whole else colour_name(layer.fill)
 
 
 def _layer_path(layer: CellLayer, precision: int) -> str:

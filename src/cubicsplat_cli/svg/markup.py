@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
+from urllib.parse import quote
 from xml.etree import ElementTree
 
-from cubicsplat_cli.scene.paint import Gradient, Ink, LinearGradient
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Rgba
 
 OPAQUE = 255
 
@@ -13,9 +15,13 @@ OPAQUE = 255
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _SPACE = re.compile(r" />(?=\n|<stop|</(?:linear|radial)Gradient)")
 _NOT_ID = re.compile(r"[^A-Za-z0-9_.]+")
+_TAG = re.compile(r"<[^>]*>")
+# Kept as they are in a data URI that stands between double quotes, as in an attribute or in CSS; all else is escaped.
+_SAFE_IN_URI = " !$&'()*+,/:;=?@"
 _DECIMALS = 3  # of offsets and opacities
 
 
+@lru_cache(1 << 16)  # most numbers of a path are small and come again
 def format_number(value: int, precision: int) -> str:
     """`value` * 10^-precision as short decimal text: no leading zero, no trailing zeros, no exponent.
 
@@ -41,6 +47,16 @@ def xml_text(text: str) -> str:
 def comment_text(text: str) -> str:
     """The text as the inside of a comment: "--" is not allowed there, nor a "-" at its end."""
     return f" {re.sub('-(?=-)', '- ', xml_text(text)).strip()} "
+
+
+def data_uri(svg: str) -> str:
+    """An SVG as a `data:` URI for use between double quotes: attributes in single quotes, no XML declaration and no
+    space between elements, and percent signs for what a URI cannot hold. That is shorter than base64.
+    """
+    text = re.sub(r"^<\?xml[^>]*>\s*", "", svg)
+    text = _TAG.sub(lambda tag: tag[0] if "'" in tag[0] else tag[0].replace('"', "'"), text)
+    text = re.sub(r">\s+<", "><", text).strip()
+    return "data:image/svg+xml," + quote(text, safe=_SAFE_IN_URI)
 
 
 class Identifiers:
@@ -81,17 +97,28 @@ def empty_document(width: int, height: int, title: str, comment: str) -> Element
     return root
 
 
+_SIDE = re.compile(r'(?<= )(width|height)="[^"]*"')
+
+
+def with_lengths(svg: str, width: str, height: str) -> str:
+    """A document that says another width and height in its root; its viewBox stays."""
+    sides = {"width": width, "height": height}
+    end = svg.index(">", svg.index("<svg"))
+    return _SIDE.sub(lambda side: f'{side[1]}="{sides[side[1]]}"', svg[:end]) + svg[end:]
+
+
 def document(root: ElementTree.Element) -> str:
-    """The text of a document, with an element of the root on each line."""
-    root.text = "\n"
-    for child in root:
-        child.tail = "\n"
+    """The text of a document, with an element of the root or of a group on each line."""
+    for parent in (root, *root.iterfind("g")):
+        parent.text = "\n"
+        for child in parent:
+            child.tail = "\n"
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{in_short(ElementTree.tostring(root, encoding="unicode"))}\n'
 
 
-def paint(ink: Ink) -> dict[str, str]:
+def paint(fill: Rgba) -> dict[str, str]:
     """The attributes that fill a shape with a colour."""
-    red, green, blue, alpha = ink
+    red, green, blue, alpha = fill
     return {"fill": short_colour(red, green, blue), **opacity_of("fill", alpha)}
 
 
@@ -141,7 +168,7 @@ def gradient_element(gradient: Gradient, precision: int) -> ElementTree.Element:
         element = ElementTree.Element("radialGradient", unit)
     element.set("gradientUnits", "userSpaceOnUse")
     for stop in gradient.stops:
-        red, green, blue, alpha = stop.ink
+        red, green, blue, alpha = stop.colour
         attributes = {"offset": format_number(round(stop.offset * 10**_DECIMALS), _DECIMALS)}
         attributes["stop-color"] = short_colour(red, green, blue)
         attributes |= opacity_of("stop", alpha)

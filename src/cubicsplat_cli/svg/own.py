@@ -18,12 +18,15 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 from cubicsplat_cli.svg.paths import PathSegment, subpaths
+from cubicsplat_cli.svg.shapes import ATTRIBUTES
 from cubicsplat_cli.svg.values import hex_colour, is_transform, number, share, transform_matrix
 
 MAX_OWN_BYTES = 256 * 1024 * 1024
 MAX_ELEMENTS = 2_000_000  # of any SVG that is read
 _MAX_SHOWN = 120  # characters of a message that come from the file
-_PIXELS = re.compile(r"[1-9]\d{0,6}")
+_VIEW = re.compile(r"0 0 ([1-9]\d{0,6}) ([1-9]\d{0,6})")
+_LENGTH = re.compile(r"(\d{1,7}(?:\.\d{1,9})?)(mm|in)?")
+_OF_ONE_SHAPE = 1e-3  # by which the proportions may differ: lengths are rounded
 _PAINT = {"id", "fill", "fill-opacity"}
 _STROKE = {"stroke", "stroke-opacity", "stroke-width", "stroke-linecap", "stroke-linejoin"}
 _GRADIENT = {"id", "gradientUnits", "gradientTransform", "spreadMethod", "href", "xlink:href"}
@@ -33,13 +36,16 @@ _OWN: dict[str, set[str]] = {
     "svg/title": set(),
     "svg/defs": set(),
     "svg/g": {"id", "transform", "fill-rule", "fill", "fill-opacity", *_STROKE},
-    "svg/g/path": {"d", "fill", "fill-opacity", "stroke", "stroke-opacity", "stroke-width"},
     "svg/path": {"d", "transform", *_PAINT, *_STROKE},
     "svg/rect": {"x", "y", "width", "height", "rx", "transform", *_PAINT, *_STROKE},
     "svg/circle": {"cx", "cy", "r", *_PAINT, *_STROKE},
     "svg/ellipse": {"cx", "cy", "rx", "ry", "transform", *_PAINT, *_STROKE},
 }
-for _parent in ("svg", "svg/defs"):
+for _name in ("path", "rect", "circle", "ellipse"):
+    _OWN[f"svg/g/{_name}"] = _OWN[f"svg/{_name}"]
+for _name, _attributes in ATTRIBUTES.items():
+    _OWN[f"svg/g/{_name}"] = {*_OWN.get(f"svg/g/{_name}", ()), *_attributes, "fill", "fill-opacity"}
+for _parent in ("svg", "svg/defs", "svg/g"):
     _OWN[f"{_parent}/linearGradient"] = {"x1", "y1", "x2", "y2", *_GRADIENT}
     _OWN[f"{_parent}/radialGradient"] = {"cx", "cy", "r", "fx", "fy", "fr", *_GRADIENT}
     for _name in ("linearGradient", "radialGradient"):
@@ -81,7 +87,7 @@ def own_elements(text: str | bytes) -> list[OwnElement]:
     """The elements of an SVG that has no others than those that cubicsplat writes, the root first.
 
     Raises InputError for anything else: too large, not XML, a document type or entity declaration, an element or
-    attribute that is not in the table, a size other than whole pixels.
+    attribute that is not in the table, a viewBox other than whole pixels from the origin.
     """
     data = text.encode() if isinstance(text, str) else text
     if len(data) > MAX_OWN_BYTES:
@@ -129,12 +135,16 @@ def _refuse_doctype(*_: object) -> None:
 
 def canvas_size(root: OwnElement) -> tuple[int, int]:
     """Width and height in px of a file of ours. Raises InputError where its root does not say them as ours do."""
-    width, height = (root.attributes.get(name, "") for name in ("width", "height"))
-    if not (_PIXELS.fullmatch(width) and _PIXELS.fullmatch(height)):
-        raise root.refused("needs width and height in whole pixels")
-    if root.attributes.get("viewBox") != f"0 0 {width} {height}":
-        raise root.refused("needs a viewBox equal to its width and height")
-    return int(width), int(height)
+    width, height = (_LENGTH.fullmatch(root.attributes.get(name, "")) for name in ("width", "height"))
+    if width is None or height is None or width[2] != height[2]:
+        raise root.refused("needs width and height in px, mm or in")
+    match = _VIEW.fullmatch(root.attributes.get("viewBox", ""))
+    if match is None:
+        raise root.refused("needs a viewBox of whole pixels from 0 0 on")
+    across, down = float(width[1]) * int(match[2]), float(height[1]) * int(match[1])
+    if abs(across - down) > _OF_ONE_SHAPE * across:
+        raise root.refused("needs a viewBox of the shape of its width and height")
+    return int(match[1]), int(match[2])
 
 
 def own_subpaths(element: OwnElement) -> list[list[PathSegment]]:
@@ -248,8 +258,8 @@ def _stop(attributes: dict[str, str], before: list[Stop]) -> Stop:
     if len(before) >= MOST_STOPS:
         raise ValueError(f"has more than {MOST_STOPS} stops in a gradient")
     opacity, offset = share(attributes.get("stop-opacity", "1")), share(attributes.get("offset", "0"))
-    ink = (*hex_colour(attributes.get("stop-color", "#000")), round(255.0 * opacity))
-    return Stop(max(offset, before[-1].offset if before else 0.0), ink)
+    fill = (*hex_colour(attributes.get("stop-color", "#000")), round(255.0 * opacity))
+    return Stop(max(offset, before[-1].offset if before else 0.0), fill)
 
 
 def _place(text: str, name: str, relative: bool) -> float:

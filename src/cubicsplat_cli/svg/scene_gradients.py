@@ -10,7 +10,7 @@ import numpy as np
 
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.gradients import FLAT, LINEAR, Gradients, ends_of, paint_at
-from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient, Stop, mean_ink, radial_from
+from cubicsplat_cli.scene.paint import Gradient, LinearGradient, RadialGradient, Stop, mean_fill, radial_from
 
 _OPAQUE = 255
 _OFFSETS = 1000  # three decimals
@@ -27,7 +27,7 @@ def gradient_decimals(precision: int) -> int:
 def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], np.ndarray, np.ndarray]:
     """The gradient of each curve in px, None where it is flat, and all colours (N, 3) and opacities (N,).
 
-    Offsets have three decimals, inks 8 bits; coordinates are yet to be rounded. A curve's opacity goes into its stops,
+    Offsets have three decimals, fills 8 bits; coordinates are yet to be rounded. A curve's opacity goes into its stops,
     and comes back from them where they are alike; what nobody can tell from one colour becomes one. precision:
     decimals of the file's points.
     """
@@ -42,16 +42,16 @@ def paints_of(scene: Scene, precision: int) -> tuple[list[Gradient | None], np.n
         middle = np.concatenate(scene.rings(curve)).astype(np.float64).mean(axis=0)
         gradient = _in_px(given, curve, middle, step, float(opacities[curve]))
         paint = paint_at(given, curve, middle)
-        alike = gradient is None or len({stop.ink[3] for stop in gradient.stops}) == 1
-        # Not from the rounded inks: an opacity has three decimals.
+        alike = gradient is None or len({stop.colour[3] for stop in gradient.stops}) == 1
+        # Not from the rounded fills: an opacity has three decimals.
         opacities[curve] = opacities[curve] * paint[3] if alike else 1.0
         colours[curve] = paint[:3]
-        if gradient is None or len({stop.ink for stop in gradient.stops}) == 1:
+        if gradient is None or len({stop.colour for stop in gradient.stops}) == 1:
             continue
         if alike:
-            gradient = replace(gradient, stops=tuple(Stop(s.offset, (*s.ink[:3], _OPAQUE)) for s in gradient.stops))
+            gradient = replace(gradient, stops=tuple(Stop(s.offset, (*s.colour[:3], _OPAQUE)) for s in gradient.stops))
         paints[curve] = gradient
-        colours[curve] = np.array(mean_ink(gradient)[:3]) / _OPAQUE
+        colours[curve] = np.array(mean_fill(gradient)[:3]) / _OPAQUE
     return paints, colours, opacities
 
 
@@ -60,10 +60,10 @@ def _in_px(given: Gradients, curve: int, middle: np.ndarray, step: float, opacit
     count = int(given.counts[curve])
     offsets = np.rint(given.offsets[curve, :count] * _OFFSETS) / _OFFSETS
     values = given.stops[curve, :count] * np.array([1.0, 1.0, 1.0, opacity])
-    inks = np.rint(values * _OPAQUE).astype(int).tolist()
+    fills = np.rint(values * _OPAQUE).astype(int).tolist()
     stops = tuple(
         Stop(offset, (red, green, blue, alpha))
-        for offset, (red, green, blue, alpha) in zip(offsets.tolist(), inks, strict=True)
+        for offset, (red, green, blue, alpha) in zip(offsets.tolist(), fills, strict=True)
     )
     frame = given.frames[curve]
     if int(given.kinds[curve]) == LINEAR:

@@ -11,7 +11,7 @@ from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.gradients import gradients_of
-from cubicsplat_cli.scene.paint import Gradient, mean_ink
+from cubicsplat_cli.scene.paint import Gradient, mean_fill
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
 from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, check_attributes, own_elements, own_subpaths
@@ -19,6 +19,7 @@ from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_gradients import without_noise
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID, CURVES_ID, UNITS_ID
+from cubicsplat_cli.svg.shapes import ATTRIBUTES, points_of_element
 from cubicsplat_cli.svg.values import hex_colour, number
 
 _DECIMALS = 9  # more than any file has
@@ -62,7 +63,7 @@ def curves_of(elements: Sequence[OwnElement]) -> Scene:
 
 
 class _SceneReader:
-    """Follows the elements of one document: svg > (title, defs > gradients, rect, g > path...)."""
+    """Follows the elements of one document: svg > (title, defs > gradients, rect, g > path, ellipse, rect, polygon)."""
 
     gradients: GradientReader
 
@@ -87,8 +88,13 @@ class _SceneReader:
         elif place == "svg/g" and self.mode is None:
             self._add_group(element)
         elif place == "svg/g/path" and self.mode is not None:
-            self._add_path(element, self.mode)
-        elif place.startswith("svg/") and place.count("/") == 1 and element.name not in ("title", "defs"):
+            check_attributes(element, _PATH_ATTRIBUTES[self.mode])
+            self._add_curve(element, self.mode, _rings(own_subpaths(element), self.mode, 10.0**self.shift))
+        elif place.startswith("svg/g/") and self.mode is Mode.CLOSED and element.name in ATTRIBUTES:
+            check_attributes(element, (*ATTRIBUTES[element.name], "fill", "fill-opacity"))
+            points = points_of_element(element.name, element.attributes) / 10.0**self.shift
+            self._add_curve(element, self.mode, [points])
+        elif place.startswith("svg/g/") or (place.count("/") == 1 and element.name not in ("title", "defs")):
             raise ValueError(f"has an unexpected <{element.name}> element")
 
     def _add_background(self, element: OwnElement) -> None:
@@ -120,15 +126,14 @@ class _SceneReader:
         if self.mode is None:
             raise ValueError("has a <g> that says neither closed nor open curves")
 
-    def _add_path(self, element: OwnElement, mode: Mode) -> None:
-        check_attributes(element, _PATH_ATTRIBUTES[mode])
+    def _add_curve(self, element: OwnElement, mode: Mode, rings: list[np.ndarray]) -> None:
         given, kind = element.attributes, "fill" if mode is Mode.CLOSED else "stroke"
-        self.curves.append(_rings(own_subpaths(element), mode, 10.0**self.shift))
+        self.curves.append(rings)
         match = _REFERENCE.fullmatch(given.get(kind, ""))
         gradient = None
         if match is not None:
             gradient = without_noise(self.gradients.gradient(match[1], (0.0, 0.0, 1.0, 1.0)))
-            red, green, blue, _ = mean_ink(gradient)
+            red, green, blue, _ = mean_fill(gradient)
         else:
             red, green, blue = hex_colour(given.get(kind, ""))
         self.paints.append(gradient)

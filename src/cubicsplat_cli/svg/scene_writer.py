@@ -9,10 +9,12 @@ import numpy as np
 import svgwrite
 
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.scene.arrays import as_numpy
+from cubicsplat_cli.settings import ANY, Mode
 from cubicsplat_cli.svg.markup import comment_text, format_number, gradient_element, in_short, xml_text
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, GridScene, ring_slices, to_grid
 from cubicsplat_cli.svg.scene_gradients import gradient_decimals
+from cubicsplat_cli.svg.shapes import shape_element
 
 BACKGROUND_ID, CURVES_ID, UNITS_ID = "background", "curves", "units"
 # Bytes of a path beside its data: its tag, colour and width; and its opacity, where that is not said for all at once.
@@ -22,8 +24,10 @@ OPACITY_MARKUP = {Mode.CLOSED: 20, Mode.OPEN: 22}
 GRADIENT_MARKUP = 34
 
 
-def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str = "") -> str:
+def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str = "", shapes: str = ANY) -> str:
     """The SVG text of `scene`: one path per curve, back to front, readable by any SVG 1.1 viewer.
+
+    shapes: the kind of all curves, which are written as such: `<ellipse>`, `<rect>` or `<polygon>` in place of paths.
 
     precision: decimals of the coordinates in px, 0..6. title: any text, shown by viewers. comment: one line
     for an XML comment; the command line knows its own files by it. Raises InputError that names the curve
@@ -39,6 +43,8 @@ def write_svg(scene: Scene, *, precision: int = 2, title: str = "", comment: str
     definitions, fills = _definitions(grid)
     drawing.add(_curve_group(drawing, grid, fills))
     root = drawing.get_xml()
+    if shapes != ANY:
+        _write_shapes(root[-1], shapes, as_numpy(scene.points) * 10.0**precision)
     _finish(root, title, comment, definitions)
     text = in_short(ElementTree.tostring(root, encoding="unicode"))
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
@@ -106,6 +112,14 @@ def _curve_group(drawing: svgwrite.Drawing, grid: GridScene, fills: list[str]) -
             attributes["stroke_width"] = format_number(widths[index], grid.width_decimals - grid.precision)
         group.add(drawing.path(d=[data[index]], **attributes))
     return group
+
+
+def _write_shapes(group: ElementTree.Element, kind: str, points: np.ndarray) -> None:
+    """Turns the paths of a group into elements of a kind. points: (N, K, 2) of all curves, in units of the file."""
+    for path, each in zip(group, points[::-1], strict=True):
+        path.tag, attributes = shape_element(kind, each)
+        fill = {name: value for name, value in path.attrib.items() if name != "d"}
+        path.attrib = attributes | fill
 
 
 def _finish(root: ElementTree.Element, title: str, comment: str, definitions: ElementTree.Element) -> None:

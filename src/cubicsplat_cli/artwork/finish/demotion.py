@@ -13,7 +13,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle,
 CLEARLY = 0.5
 
 
-def given_up(shape: Circle | Ellipse | Rectangle, chi: float, price: float, crossed: int) -> Ring | None:
+def as_path(shape: Circle | Ellipse | Rectangle, chi: float, price: float, crossed: int) -> Ring | None:
     """The ring to try in a primitive's place; None where all that its pixels hold against it, half of the excess of
     chi^2, is worth less than the ring's further parameters at so many nats each, or is little for the pixels crossed.
 

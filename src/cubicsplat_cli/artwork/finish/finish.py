@@ -13,12 +13,19 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.freedom import NO_PINS, CopyFreedom, Freedom, Held, Pins, freedom_of
+from cubicsplat_cli.artwork.finish.parameters import (
+    NO_PINS,
+    Constraints,
+    CopyParameters,
+    Parameters,
+    Pins,
+    parametrised,
+)
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces, Unknowns
-from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.scene.paint import Rgba
 
 ROUNDS = 14
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
@@ -40,12 +47,12 @@ WHITE = np.sqrt(np.array([1.0, 1.0, 1.0, 2.0]))  # weight of the channels, so th
 
 @dataclass
 class Layer:
-    """A shape while it is optimised. ink: (4,) premultiplied, in the goal's coordinates; signs:
+    """A shape while it is optimised. fill: (4,) premultiplied, in the goal's coordinates; signs:
     (outlines,) +1 where a ring runs as it must."""
 
     shape: Shape
-    ink: np.ndarray
-    outlines: list[Freedom]
+    fill: np.ndarray
+    outlines: list[Parameters]
     signs: list[float]
 
 
@@ -68,7 +75,7 @@ class State:
             np.concatenate([o.cubics for o in outlines]),
             np.concatenate([o.lines for o in outlines]),
             np.repeat([sign for layer in layers for sign in layer.signs], sizes),
-            np.array([layer.ink for layer in layers]),
+            np.array([layer.fill for layer in layers]),
         )
         return cls(layers, goal, DrawnStack(pieces, goal, previous.stack if previous else None))
 
@@ -77,7 +84,7 @@ class State:
         return State.of(layers, self.goal, self)
 
     @cached_property
-    def outlines(self) -> list[Freedom]:
+    def outlines(self) -> list[Parameters]:
         """Those of all layers."""
         return [o for layer in self.layers for o in layer.outlines]
 
@@ -157,21 +164,25 @@ def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:
 
 def layers_of(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> list[Layer]:
     """The layers of a drawing; what is pinned stays where it is."""
-    held = Held(drawing.width, drawing.height, pins)
-    return [_layer(shape, held, goal.space) for shape in drawing.shapes]
+    constraints = Constraints(drawing.width, drawing.height, pins)
+    return [_layer(shape, constraints, goal.space) for shape in drawing.shapes]
 
 
-def settle(state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True) -> State:
+def settle(
+    state: State, goal: Goal, rounds: int = ROUNDS, *, trim: bool = True, changed: np.ndarray | None = None
+) -> State:
     """The nearest state to the picture that has the same pieces; trim: less those that become too short to matter.
 
-    Outlines whose steps gain hardly anything rest, until the picture beneath them changes.
+    Outlines whose steps gain hardly anything rest, until the picture beneath them changes. changed: (outlines,) bool,
+    those that do not rest at first; by default all.
     """
-    damping, awake = np.full(len(state.outlines), START), np.ones(len(state.outlines), dtype=bool)
+    damping = np.full(len(state.outlines), START)
+    awake = np.ones(len(state.outlines), dtype=bool) if changed is None else changed
     for _ in range(rounds):
         work().at()
         following, awake = _improved(state, damping, awake)
         gain = state.value - following.value
-        state = _trimmed(following, awake) if trim else following
+        state = trimmed(following, awake) if trim else following
         retried = awake & (damping > RELAXED) & (damping < HOPELESS)
         if not awake.any() or (gain < ENOUGH * state.value and not retried.any()):
             break
@@ -213,51 +224,53 @@ def _improved(state: State, damping: np.ndarray, awake: np.ndarray) -> tuple[Sta
     return trial, moving | noticed
 
 
-def _trimmed(state: State, awake: np.ndarray) -> State:
-    """The state without pieces that have become too short to matter, of outlines that may have moved."""
-    trimmed = [o.trimmed() if moves else o for o, moves in zip(state.outlines, awake.tolist(), strict=True)]
-    if all(a is b for a, b in zip(state.outlines, trimmed, strict=True)):
+def trimmed(state: State, moved: np.ndarray) -> State:
+    """The state without pieces that have become too short to matter. moved: (outlines,) bool, those that may have."""
+    outlines = [o.trimmed() if moves else o for o, moves in zip(state.outlines, moved.tolist(), strict=True)]
+    if all(a is b for a, b in zip(state.outlines, outlines, strict=True)):
         return state
-    return state.with_layers(with_outlines(state.layers, iter(trimmed)))
+    return state.with_layers(with_outlines(state.layers, iter(outlines)))
 
 
-def with_outlines(layers: list[Layer], outlines: Iterator[Freedom]) -> list[Layer]:
+def with_outlines(layers: list[Layer], outlines: Iterator[Parameters]) -> list[Layer]:
     """The layers with other outlines."""
-    return [replace(layer, outlines=[next(outlines) for _ in layer.outlines]) for layer in layers]
+    return [Layer(each.shape, each.fill, [next(outlines) for _ in each.outlines], each.signs) for each in layers]
 
 
 def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
     """The new layers, with the old outlines where the new ones are worse."""
     refused = iter(worse.tolist())
     return [
-        replace(b, outlines=[x if next(refused) else y for x, y in zip(a.outlines, b.outlines, strict=True)])
+        Layer(
+            b.shape, b.fill, [x if next(refused) else y for x, y in zip(a.outlines, b.outlines, strict=True)], b.signs
+        )
         for a, b in zip(old, new, strict=True)
     ]
 
 
-def _layer(shape: Shape, held: Held, space: np.ndarray) -> Layer:
-    ink = premultiplied(shape.ink) @ space
-    return layer_of(shape, ink, [freedom_of(outline, held) for outline in shape.outlines])
+def _layer(shape: Shape, constraints: Constraints, space: np.ndarray) -> Layer:
+    fill = premultiplied(shape.fill) @ space
+    return layer_of(shape, fill, [parametrised(outline, constraints) for outline in shape.outlines])
 
 
-def premultiplied(ink: Ink) -> np.ndarray:
-    """(4,) in [0, 1] an ink of 8 bits."""
-    r, g, b, a = (v / 255.0 for v in ink)
+def premultiplied(fill: Rgba) -> np.ndarray:
+    """(4,) in [0, 1] a fill of 8 bits."""
+    r, g, b, a = (v / 255.0 for v in fill)
     return np.array([r * a, g * a, b * a, a])
 
 
-def layer_of(shape: Shape, ink: np.ndarray, outlines: list[Freedom]) -> Layer:
+def layer_of(shape: Shape, fill: np.ndarray, outlines: list[Parameters]) -> Layer:
     """The layer of a shape with its outlines, the outer one first."""
     signs = []
     for i, outline in enumerate(outlines):
         ring = Ring(outline.cubics[:, 0], outline.cubics[:, 1:3], outline.lines, outline.lines)
         signs.append(1.0 if (signed_area(ring) > 0.0) == (i == 0) else -1.0)
-    return Layer(shape, ink, outlines, signs)
+    return Layer(shape, fill, outlines, signs)
 
 
-def _families(outlines: list[Freedom]) -> np.ndarray:
+def _families(outlines: list[Parameters]) -> np.ndarray:
     """(outlines,) of each whose variables move it: the number of its model, or its own."""
-    return np.array([o.source if isinstance(o, CopyFreedom) else k for k, o in enumerate(outlines)])
+    return np.array([o.source if isinstance(o, CopyParameters) else k for k, o in enumerate(outlines)])
 
 
 def _stepped(
@@ -295,6 +308,6 @@ def _stepped(
             following[k] = outlines[k].moved(found.values[own] * min(1.0, LONGEST / moves[k]))
     for k in free:
         copy = outlines[k]
-        if isinstance(copy, CopyFreedom) and moving[copy.source]:
+        if isinstance(copy, CopyParameters) and moving[copy.source]:
             following[k], moving[k] = copy.following(following[copy.source]), True
     return with_outlines(state.layers, iter(following)), moving

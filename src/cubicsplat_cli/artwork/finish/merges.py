@@ -7,24 +7,23 @@ description of the picture becomes shorter: half of chi^2 over the pixels it cro
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, with_outlines
-from cubicsplat_cli.artwork.finish.freedom import ON_BORDER, Held, freedom_of
+from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, trimmed, with_outlines
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN, floor_of, shorter
-from cubicsplat_cli.artwork.geometry.beziers import bernstein, points_at
+from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
+from cubicsplat_cli.artwork.geometry.beziers import bernstein
 from cubicsplat_cli.artwork.geometry.outlines import Ring
-from cubicsplat_cli.raster.cubics import newton_steps
+from cubicsplat_cli.raster.cubics import found_merges
 from cubicsplat_cli.raster.stack import Goal
 
 LONGEST_RUN, LONGEST_HIDDEN = 3, 12  # pieces that are merged at once, where they show and where none does
 # Px to which a place is known by a pixel where an outline shows, as coverages are, and how far hidden parts may move.
 SEEN_SIGMA, HIDDEN_SIGMA = SHARE_SIGMA, 1.0
 HOPEFUL = 0.5  # of the cost before it is settled, that counts against a merge when runs are chosen
-MOST_TURN = np.cos(np.radians(100.0))  # cosine of the angle by which a run turns from start to end
+MOST_TURN = float(np.cos(np.radians(100.0)))  # cosine of the angle by which a run turns from start to end
 FEW = 24  # points of a piece suffice
 FEWEST_PIECES = 3  # of a ring that is left
 ROUNDS = 6
@@ -43,27 +42,32 @@ class Merge:
     net: float
 
 
-def with_merges(state: State, goal: Goal, held: Held, detail: float, error: float = 0.0) -> State:
+def with_merges(state: State, goal: Goal, constraints: Constraints, detail: float, error: float = 0.0) -> State:
     """The state with runs of pieces merged wherever that makes the description shorter; the same where none do.
 
     detail as in ArtworkSettings. error: of pixels on edges beyond that of a clean picture, of full scale.
     """
     rings = [o.outline() for o in state.outlines]
     plans = [
-        _plan(ring, Visibility.of(state, k), held, detail) if isinstance(ring, Ring) else []
+        _plan(ring, Visibility.of(state, k), constraints, detail) if isinstance(ring, Ring) else []
         for k, ring in enumerate(rings)
     ]
     if not any(plans):
         return state
-    trial = settle(_with(state, plans, held), goal, ROUNDS, trim=False)
-    plans = _paying(state, trial, plans, detail, error)
-    if not any(plans):
-        return state
-    trial = settle(_with(state, plans, held), goal, ROUNDS)
     changed = np.array([bool(plan) for plan in plans])
+    trial = settle(_with(state, plans, constraints), goal, ROUNDS, trim=False, changed=changed)
+    paying = _paying(state, trial, plans, detail, error)
+    if not any(paying):
+        return state
+    differ = np.array([len(fewer) < len(plan) for fewer, plan in zip(paying, plans, strict=True)])
+    if differ.any():
+        fewer = kept(trial.layers, _with(state, paying, constraints).layers, ~differ)
+        trial = settle(trial.with_layers(fewer), goal, ROUNDS, changed=differ)
+    changed = np.array([bool(plan) for plan in paying])
+    trial = trimmed(trial, changed)
     refused = shorter(state, trial, changed, detail, error)
     if refused.any():
-        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2)
+        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2, changed=refused)
     return trial
 
 
@@ -107,35 +111,44 @@ class Visibility:
         return np.where(crossed & self.seen[near], SEEN_SIGMA**-2, HIDDEN_SIGMA**-2)
 
 
-def samples_along(ring: Ring, sight: Visibility, most: int) -> list[tuple[np.ndarray, np.ndarray, float]]:
-    """Of each piece points (n, 2) px, their weights (n,) 1/px^2, and how many px each stands for: one, unless the piece
-    is shorter than 4 px or longer than `most`."""
+@dataclass(frozen=True)
+class Samples:
+    """Points along a ring, one piece after the other. points: (n, 2) px; weights: (n,) 1/px^2; px: (n,) the length that
+    each stands for: one, unless its piece is short or long; ends: (pieces,) where those of each piece end."""
+
+    points: np.ndarray
+    weights: np.ndarray
+    px: np.ndarray
+    ends: np.ndarray
+
+
+def samples_along(ring: Ring, visibility: Visibility, most: int) -> Samples:
+    """The samples of a ring: of each piece one per px, but at least 4 and at most so many."""
     lengths = np.hypot(*np.diff(ring.cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
     counts = np.clip(np.ceil(lengths), 4, most).astype(int)
     ends = np.cumsum(counts)
     piece = np.repeat(np.arange(ring.pieces), counts)
     t = (np.arange(len(piece)) - (ends - counts)[piece] + 0.5) / counts[piece]
-    points, weights = np.einsum("nk,nkc->nc", bernstein(t), ring.cubics[piece]), sight.weights(piece, t)
-    parts = zip(np.split(points, ends[:-1]), np.split(weights, ends[:-1]), (lengths / counts).tolist(), strict=True)
-    return list(parts)
+    points = np.einsum("nk,nkc->nc", bernstein(t), ring.cubics[piece])
+    return Samples(points, visibility.weights(piece, t), (lengths / counts)[piece], ends)
 
 
-def _plan(ring: Ring, sight: Visibility, held: Held, detail: float) -> list[Merge]:
+def _plan(ring: Ring, visibility: Visibility, constraints: Constraints, detail: float) -> list[Merge]:
     """The merges of a ring that are worth a trial, none of which overlap, from the best on."""
-    cubics = ring.cubics
-    samples = [(points, weights * px) for points, weights, px in samples_along(ring, sight, FEW)]
-    border = np.array([held.width, held.height])
+    samples = samples_along(ring, visibility, FEW)
+    border = np.array([constraints.width, constraints.height])
     fixed = (np.abs(ring.anchors) < ON_BORDER).any(axis=1) | (np.abs(ring.anchors - border) < ON_BORDER).any(axis=1)
-    found = []
-    shows = np.isin(np.arange(ring.pieces), sight.piece[sight.seen])
-    moments = np.stack([_moments(points - ring.anchors[0], weights) for points, weights in samples])
-    for first in range(ring.pieces):
-        for count in range(1, min(LONGEST_HIDDEN, ring.pieces - FEWEST_PIECES) + 1):
-            last = (first + count - 1) % ring.pieces
-            if (count > 1 and fixed[last]) or (count > LONGEST_RUN and (shows[last] or shows[first])):
-                break
-            run = (first + np.arange(count)) % ring.pieces
-            found += _trials(ring, cubics, run, samples, moments, detail)
+    shows = np.isin(np.arange(ring.pieces), visibility.piece[visibility.seen])
+    numbers, cubics, nets = found_merges(
+        (ring.cubics, ring.lines, ring.smooth, fixed, shows),
+        (samples.points, samples.weights * samples.px, samples.ends),
+        (PRICE / detail, HOPEFUL, MOST_TURN),
+        (LONGEST_RUN, LONGEST_HIDDEN, FEWEST_PIECES),
+    )
+    found = [
+        Merge(first, count, cubic, bool(line), saved, net)
+        for (first, count, line, saved), cubic, net in zip(numbers.tolist(), cubics, nets.tolist(), strict=True)
+    ]
     taken = np.zeros(ring.pieces, dtype=bool)
     chosen: list[Merge] = []
     left = ring.pieces
@@ -148,114 +161,12 @@ def _plan(ring: Ring, sight: Visibility, held: Held, detail: float) -> list[Merg
     return chosen
 
 
-def _trials(
-    ring: Ring,
-    cubics: np.ndarray,
-    run: np.ndarray,
-    samples: list[tuple[np.ndarray, np.ndarray]],
-    moments: np.ndarray,
-    detail: float,
-) -> list[Merge]:
-    """The line and the cubic that may stand for a run, where they look worth it; samples, moments: of all pieces."""
-    count, first = len(run), int(run[0])
-    a, b = cubics[run[0], 0], cubics[run[-1], 3]
-    chord = b - a
-    span = float(np.hypot(*chord))
-    ahead, back = _tangent(cubics[run[0]]), _tangent(cubics[run[-1]][::-1])
-    if span < 1e-6 or -(ahead @ back) < MOST_TURN:
-        return []
-    inner = ring.smooth[run[1:]]
-    curves = int((~ring.lines[run]).sum())
-    parameters = 2 * (count - 1) + 4 * curves - int(inner.sum())
-    found = []
-    if curves or count > 1:
-        saved = parameters
-        line = a + chord * np.array([[0.0], [1.0 / 3.0], [2.0 / 3.0], [1.0]])
-        net = PRICE * saved / detail - HOPEFUL * _line_cost(moments[run].sum(axis=0))
-        if net > 0.0:
-            found.append(Merge(first, count, line, True, saved, net))
-    saved = parameters - 4
-    if count > 1 and saved > 0 and not found:
-        points, weights = (np.concatenate([samples[i][c] for i in run.tolist()]) for c in (0, 1))
-        cubic, cost = _cubic(
-            a, b, ahead, back, ring.smooth[first], ring.smooth[(run[-1] + 1) % ring.pieces], points, weights
-        )
-        net = PRICE * saved / detail - HOPEFUL * cost
-        if net > 0.0:
-            found.append(Merge(first, count, cubic, False, saved, net))
-    return found
-
-
-def _tangent(cubic: np.ndarray) -> np.ndarray:
-    """(2,) the unit direction in which a cubic starts."""
-    for k in (1, 2, 3):
-        way = cubic[k] - cubic[0]
-        size = float(np.hypot(*way))
-        if size > 1e-6:
-            return way / size
-    return np.array([1.0, 0.0])
-
-
-def _moments(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(6,) the sums of the weights, and of these times x, y, x^2, x y and y^2."""
-    x, y = points.T
-    return np.array([weights.sum(), *(weights @ v for v in (x, y, x * x, x * y, y * y))])
-
-
-def _line_cost(moments: np.ndarray) -> float:
-    """Half of chi^2 of points with such moments (6,) from the straight line nearest to them."""
-    total, x, y, xx, xy, yy = moments.tolist()
-    xx, xy, yy = xx - x * x / total, xy - x * y / total, yy - y * y / total
-    return max(0.25 * (xx + yy - math.hypot(xx - yy, 2.0 * xy)), 0.0)
-
-
-def _cubic(
-    a: np.ndarray,
-    b: np.ndarray,
-    ahead: np.ndarray,
-    back: np.ndarray,
-    smooth_a: bool,
-    smooth_b: bool,
-    points: np.ndarray,
-    weights: np.ndarray,
-) -> tuple[np.ndarray, float]:
-    """The cubic from a to b nearest to points in their order, with half of its chi^2; at smooth ends it keeps the
-    direction."""
-    along = np.concatenate([[np.hypot(*(points[0] - a))], np.hypot(*np.diff(points, axis=0).T)])
-    t = np.cumsum(along)
-    t = t / (t[-1] + np.hypot(*(b - points[-1])))
-    ways = np.zeros((4, 2, 2))  # unknowns, control point, coordinate
-    if smooth_a:
-        ways[0, 0] = ahead
-    else:
-        ways[0, 0], ways[1, 0] = [1.0, 0.0], [0.0, 1.0]
-    if smooth_b:
-        ways[2, 1] = back
-    else:
-        ways[2, 1], ways[3, 1] = [1.0, 0.0], [0.0, 1.0]
-    ways = ways[np.abs(ways).sum(axis=(1, 2)) > 0.0]
-    root = np.sqrt(weights)[:, None]
-    cubic = np.stack([a, a, b, b])
-    for _ in range(3):
-        w = bernstein(t)
-        rest = points - (w[:, :1] + w[:, 1:2]) * a - (w[:, 2:3] + w[:, 3:]) * b
-        columns = [((w[:, 1:2] * way[0] + w[:, 2:3] * way[1]) * root).ravel() for way in ways]
-        values = np.linalg.lstsq(np.stack(columns, axis=1), (rest * root).ravel(), rcond=None)[0]
-        handles = (values[:, None, None] * ways).sum(axis=0)
-        cubic = np.stack([a, a + handles[0], b + handles[1], b])
-        t = np.clip(newton_steps(np.broadcast_to(cubic, (len(t), 4, 2)), points[:, None], t[:, None])[:, 0], 0.0, 1.0)
-    if handles[0] @ ahead <= 0.0 or handles[1] @ back <= 0.0:
-        return cubic, np.inf
-    off = points - points_at(cubic[None], t[None])[0]
-    return cubic, 0.5 * float((weights * (off**2).sum(axis=1)).sum())
-
-
-def _with(state: State, plans: list[list[Merge]], held: Held) -> State:
+def _with(state: State, plans: list[list[Merge]], constraints: Constraints) -> State:
     outlines = list(state.outlines)
     for k, plan in enumerate(plans):
         ring = outlines[k].outline()
         if plan and isinstance(ring, Ring):
-            outlines[k] = freedom_of(merged(ring, plan), held)
+            outlines[k] = parametrised(merged(ring, plan), constraints)
     return state.with_layers(with_outlines(state.layers, iter(outlines)))
 
 

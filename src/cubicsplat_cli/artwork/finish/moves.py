@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.demotion import given_up
+from cubicsplat_cli.artwork.finish.demotion import as_path
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State
-from cubicsplat_cli.artwork.finish.freedom import Freedom, Held, freedom_of
+from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 
 # Coverages are known to this much: drawing programs take 4x4 samples a pixel.
@@ -39,7 +39,9 @@ class Complaint:
     end: float
 
 
-def with_moves(state: State, held: Held, detail: float, error: float = 0.0) -> tuple[list[Layer], np.ndarray]:
+def with_moves(
+    state: State, constraints: Constraints, detail: float, error: float = 0.0
+) -> tuple[list[Layer], np.ndarray]:
     """Layers with a piece more wherever the pixels ask for one, and which outlines have changed (outlines,) bool.
 
     error: of pixels on edges beyond that of a clean picture, of full scale.
@@ -48,11 +50,11 @@ def with_moves(state: State, held: Held, detail: float, error: float = 0.0) -> t
     found = complaints(state, error)
     first = number = 0
     for layer in state.layers:
-        outlines: list[Freedom] = []
+        outlines: list[Parameters] = []
         for outline in layer.outlines:
             own = {i - first: c for i, c in found.items() if first <= i < first + len(outline.lines)}
             first += len(outline.lines)
-            better = _edited(outline, own, held, detail, int(state.marks[number + 1] - state.marks[number]))
+            better = _edited(outline, own, constraints, detail, int(state.marks[number + 1] - state.marks[number]))
             outlines.append(better or outline)
             changed[number] = better is not None
             number += 1
@@ -88,19 +90,21 @@ def _floor(state: State, own: slice, error: float) -> np.ndarray:
     return SHARE_SIGMA**2 * state.sharing * slopes + error**2
 
 
-def _edited(outline: Freedom, own: dict[int, Complaint], held: Held, detail: float, crossed: int) -> Freedom | None:
+def _edited(
+    outline: Parameters, own: dict[int, Complaint], constraints: Constraints, detail: float, crossed: int
+) -> Parameters | None:
     """The outline, which crosses so many pixels, with the moves that its complaints suggest, from the last piece on;
     None without any."""
     ring = outline.outline()
     if not isinstance(ring, Ring):
-        other = given_up(ring, detail * sum(complaint.chi for complaint in own.values()), PRICE, crossed)
-        return None if other is None else freedom_of(other, held)
+        other = as_path(ring, detail * sum(complaint.chi for complaint in own.values()), PRICE, crossed)
+        return None if other is None else parametrised(other, constraints)
     found = {i: complaint for i, complaint in own.items() if complaint.chi * detail > WORTH}
     done = ring
     joints: set[int] = set()
     for i in sorted(found, reverse=True):
         done = _move(done, i, found[i], joints)
-    return None if done is ring else freedom_of(done, held)
+    return None if done is ring else parametrised(done, constraints)
 
 
 def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from cubicsplat_cli.artwork.finish.finish import ROUNDS, State, begin, drawn, kept, settle
-from cubicsplat_cli.artwork.finish.freedom import Held
 from cubicsplat_cli.artwork.finish.merges import with_merges
 from cubicsplat_cli.artwork.finish.moves import shorter, with_moves
+from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import Goal
@@ -26,7 +26,7 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
     pieces = drawing.segments
     if not 0 < pieces <= MOST:
         return drawing
-    held = Held(drawing.width, drawing.height)
+    constraints = Constraints(drawing.width, drawing.height)
     at = work().at
     at("fitting to the pixels", 0.5)
     state = begin(drawing, goal)
@@ -35,16 +35,17 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
         at("merging pieces", 0.6)
         # What was traced in edges made sharp again has many pieces too many.
         for _ in range(MERGES if goal.reach and pieces <= CROWDED else 1):
-            following = with_merges(state, goal, held, detail, error) if pieces <= FULL else state
+            following = with_merges(state, goal, constraints, detail, error) if pieces <= FULL else state
             if following is state:
                 break
             state = following
         at("fitting to the pixels", 0.7)
         for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
-            following = _moved(state, goal, held, detail, error)
+            following = _moved(state, goal, constraints, detail, error)
             if following is state:
                 break
             state = following
+        state = settle(state, goal, min(TRIAL_ROUNDS, _rounds(pieces)))
     return drawn(drawing, state)
 
 
@@ -54,13 +55,13 @@ def _rounds(pieces: int) -> int:
     return TRIAL_ROUNDS if pieces <= MANY else FEWEST_ROUNDS
 
 
-def _moved(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
+def _moved(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
     """The state after one pass of moves, the same where none paid."""
-    layers, changed = with_moves(state, held, detail, error)
+    layers, changed = with_moves(state, constraints, detail, error)
     if not changed.any():
         return state
-    trial = settle(state.with_layers(layers), goal, TRIAL_ROUNDS)
+    trial = settle(state.with_layers(layers), goal, TRIAL_ROUNDS, changed=changed)
     refused = shorter(state, trial, changed, detail, error)
     if refused.any():
-        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2)
+        trial = settle(trial.with_layers(kept(state.layers, trial.layers, refused)), goal, 2, changed=refused)
     return trial if not refused[changed].all() else state

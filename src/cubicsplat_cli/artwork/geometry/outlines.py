@@ -15,6 +15,13 @@ from cubicsplat_cli.artwork.geometry.beziers import bernstein
 
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
 QUARTER_HANDLE = 4.0 / 3.0 * math.tan(math.pi / 8.0)
+# (4, 4, 2) the quarters of a unit circle, from the rightmost point on, in the direction of growing angles.
+_QUARTER = np.array([[1.0, 0.0], [1.0, QUARTER_HANDLE], [QUARTER_HANDLE, 1.0], [0.0, 1.0]])
+_UNIT_CIRCLE = np.stack(
+    [_QUARTER @ np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), turns) for turns in range(4)]
+)
+# Green's theorem for a cubic in Bernstein form: what x of one control point and y of another add to the area.
+_GREEN = np.array([[0, 6, 3, 1], [-6, 0, 3, 3], [-3, -3, 0, 6], [-1, -3, -6, 0]]) / 20.0
 
 
 @dataclass(frozen=True)
@@ -39,13 +46,15 @@ class Ring:
     @property
     def cubics(self) -> np.ndarray:
         """(A, 4, 2) the control points of every piece, ends included."""
-        ends = np.roll(self.anchors, -1, axis=0)
-        return np.concatenate([self.anchors[:, None], self.controls, ends[:, None]], axis=1)
+        out = np.empty((len(self.anchors), 4, 2), np.result_type(self.anchors, self.controls))
+        out[:, 0], out[:, 1:3] = self.anchors, self.controls
+        out[:-1, 3], out[-1, 3] = self.anchors[1:], self.anchors[0]
+        return out
 
     @property
     def coordinates(self) -> int:
         """Numbers in its path data: 2 to start, 6 a cubic, 2 a line (1 along an axis, 0 for the closing)."""
-        steps = np.roll(self.anchors, -1, axis=0) - self.anchors
+        steps = following(self.anchors) - self.anchors
         axis = (np.abs(steps) < 1e-9).any(axis=1)
         numbers = np.where(self.lines, np.where(axis, 1, 2), 6)
         if self.lines[-1]:
@@ -82,6 +91,7 @@ class Circle:
     cy: float
     r: float
 
+    pieces = 4
     coordinates = 3
     parameters = 3
 
@@ -100,6 +110,8 @@ class Ellipse:
     ry: float
     angle: float = 0.0
 
+    pieces = 4
+
     @property
     def coordinates(self) -> int:
         """4, and the angle where there is one."""
@@ -112,11 +124,7 @@ class Ellipse:
 
     def ring(self) -> Ring:
         """Four cubics, from the end of the first half-axis on, in the direction of growing angles."""
-        k = QUARTER_HANDLE
-        quarter = np.array([[1.0, 0.0], [1.0, k], [k, 1.0], [0.0, 1.0]])
-        turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
-        unit = np.stack([quarter @ np.linalg.matrix_power(turn, i) for i in range(4)])
-        return ring_of_cubics(_placed(unit * [self.rx, self.ry], self.angle, (self.cx, self.cy)), smooth=True)
+        return ring_of_cubics(_placed(_UNIT_CIRCLE * [self.rx, self.ry], self.angle, (self.cx, self.cy)), smooth=True)
 
 
 @dataclass(frozen=True)
@@ -132,6 +140,11 @@ class Rectangle:
     height: float
     radius: float = 0.0
     angle: float = 0.0
+
+    @property
+    def pieces(self) -> int:
+        """The lines and cubics of its ring: 4, or 8 with a radius."""
+        return 8 if self.radius > 0.0 else 4
 
     @property
     def coordinates(self) -> int:
@@ -169,7 +182,7 @@ class Rectangle:
 
 def polygon(anchors: np.ndarray) -> Ring:
     """A ring of straight lines through the anchors (A, 2)."""
-    steps = np.roll(anchors, -1, axis=0) - anchors
+    steps = following(anchors) - anchors
     controls = anchors[:, None] + steps[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
     count = len(anchors)
     return Ring(np.asarray(anchors, dtype=float), controls, np.ones(count, dtype=bool), np.zeros(count, dtype=bool))
@@ -178,6 +191,11 @@ def polygon(anchors: np.ndarray) -> Ring:
 def _placed(points: np.ndarray, angle: float, middle: tuple[float, float]) -> np.ndarray:
     cos, sin = math.cos(angle), math.sin(angle)
     return points @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(middle)
+
+
+def following(points: np.ndarray) -> np.ndarray:
+    """(n, ...) of each of the points of a loop the next one; `np.roll` takes ten times as long for short ones."""
+    return np.concatenate([points[1:], points[:1]])
 
 
 Outline = Ring | Circle | Ellipse | Rectangle
@@ -195,7 +213,7 @@ def flattened(ring: Ring, step: float = 0.5) -> np.ndarray:
 
 def dense(corners: np.ndarray, step: float) -> np.ndarray:
     """The corners (n, 2) of a closed polyline, and points between those that are farther apart than `step` px."""
-    after = np.roll(corners, -1, axis=0)
+    after = following(corners)
     counts = np.maximum(np.ceil(np.hypot(*(after - corners).T) / step).astype(int), 1)
     owner = np.repeat(np.arange(len(corners)), counts)
     share = (np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[owner]
@@ -204,17 +222,9 @@ def dense(corners: np.ndarray, step: float) -> np.ndarray:
 
 def signed_area(ring: Ring) -> float:
     """Area in px^2, exact for the cubics; positive when it runs clockwise as seen (y grows downwards)."""
-    p = ring.cubics
-    x, y = p[..., 0], p[..., 1]
-
-    def cross(i: int, j: int) -> np.ndarray:
-        return x[:, i] * y[:, j] - x[:, j] * y[:, i]
-
-    # Green's theorem for a cubic in Bernstein form.
-    inner = (
-        6.0 * cross(0, 1) + 3.0 * cross(0, 2) + cross(0, 3) + 3.0 * cross(1, 2) + 3.0 * cross(1, 3) + 6.0 * cross(2, 3)
-    )
-    return float(inner.sum() / 20.0)
+    # From the first anchor, so that what is far from the origin is as exact.
+    p = ring.cubics - ring.anchors[0]
+    return float(((p[..., 0] @ _GREEN) * p[..., 1]).sum())
 
 
 def reversed_ring(ring: Ring) -> Ring:

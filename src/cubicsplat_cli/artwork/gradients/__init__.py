@@ -1,1 +1,1 @@
-"""Areas of evenly changing colour: the gradient that each follows, and the picture with flat inks in their place."""
+"""Areas of evenly changing colour: the gradient that each follows, and the picture with flat fills in their place."""

@@ -1,6 +1,6 @@
 """The gradients that the even parts of a picture follow.
 
-An area that no single gradient explains is divided: what has one colour is left to the inks, and each part of the rest
+An area that no single gradient explains is divided: what has one colour is left to the fills, and each part of the rest
 is looked at by itself.
 """
 
@@ -86,8 +86,8 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
     """Adds the gradients of a part to those found."""
     if len(part) < LEAST_AREA or part.range() <= LEAST_RANGE or depth > DEEPEST:
         return
-    ink, even = plateau(part)
-    clear = ink[3] <= CLEAR and even.any()
+    fill, even = plateau(part)
+    clear = fill[3] <= CLEAR and even.any()
     if not clear:
         shade = search.shade(part.pixels)
         if shade is None:
@@ -99,7 +99,7 @@ def _explain(part: Part, search: _Search, depth: int) -> None:
     if clear or even.mean() >= LEAST_PLATEAU:
         first = len(search.found)
         for piece in part.pieces(~even):
-            _fading(part, piece, ink, search, depth)
+            _fading(part, piece, fill, search, depth)
         search.found[first:] = [_filled(part, area) for area in search.found[first:]]
         return
     _largest(part, search, depth)
@@ -115,7 +115,7 @@ def _with_rests(part: Part, off: np.ndarray) -> Patch:
 
 
 def _filled(part: Part, area: ShadedArea) -> ShadedArea:
-    """The area with its holes that its gradient explains too: bands of it that were taken for another ink."""
+    """The area with its holes that its gradient explains too: bands of it that were taken for another fill."""
     patch = area.patch
     holes = replace(patch, mask=ndimage.holes_of(patch.mask))
     own = part.patch.at(*holes.places())
@@ -128,8 +128,8 @@ def _filled(part: Part, area: ShadedArea) -> ShadedArea:
     return replace(area, patch=replace(patch, mask=mask))
 
 
-def _fading(whole: Part, piece: Part, ink: np.ndarray, search: _Search, depth: int) -> None:
-    """Adds the gradient of a piece of a part that fades into the ink beside it, or else those within the piece."""
+def _fading(whole: Part, piece: Part, fill: np.ndarray, search: _Search, depth: int) -> None:
+    """Adds the gradient of a piece of a part that fades into the fill beside it, or else those within the piece."""
     if len(piece) < LEAST_AREA or piece.range() <= LEAST_RANGE:
         return
     around = piece.patch.grown(RING, whole.levels.shape)
@@ -145,24 +145,24 @@ def _fading(whole: Part, piece: Part, ink: np.ndarray, search: _Search, depth: i
         if len(piece) < 0.9 * len(whole):
             _explain(piece, search, depth + 1)
         return
-    fading = _faded(shade, ink)
+    fading = _faded(shade, fill)
     if fading is None:
         search.found.append(ShadedArea(shade, piece.patch))
         return
     shade, rim, inwards = fading
     t = shade.t(wider.pixels.x, wider.pixels.y)
     own = known & ((t < rim) if inwards else (t > rim))
-    search.found.append(ShadedArea(shade, wider.within(own), ink, rim, inwards))
+    search.found.append(ShadedArea(shade, wider.within(own), fill, rim, inwards))
 
 
-def _faded(shade: Shade, ink: np.ndarray) -> tuple[Shade, float, bool] | None:
-    """The shade with its end that has about the ink made exactly that, its t there, and whether the rest is below."""
+def _faded(shade: Shade, fill: np.ndarray) -> tuple[Shade, float, bool] | None:
+    """The shade with its end that has about the fill made exactly that, its t there, and whether the rest is below."""
     colours, knots = shade.ramp.colours.copy(), shade.ramp.knots
-    gaps = [float(np.abs(colours[end] - ink).max()) for end in (0, -1)]
+    gaps = [float(np.abs(colours[end] - fill).max()) for end in (0, -1)]
     if min(gaps) > CLOSE:
         return None
     last = gaps[1] < gaps[0]
-    colours[-1 if last else 0] = ink
+    colours[-1 if last else 0] = fill
     ramp = type(shade.ramp)(knots, colours)
     return Shade(shade.frame, shade.radial, ramp, shade.parameters), float(knots[-1 if last else 0]), last
 

@@ -1,8 +1,8 @@
-"""A picture with gradients as one of flat inks: each gradient becomes an ink that stands for it.
+"""A picture with gradients as one of flat fills: each gradient becomes a fill that stands for it.
 
 Where a gradient and its neighbour share a pixel, the share follows from what the gradient has at that very place; the
-same share of the ink that stands for it makes the flat picture's pixel. So whatever comes after, from regions to the
-polish, draws gradients as exactly as flat inks, and knows nothing of them.
+same share of the fill that stands for it makes the flat picture's pixel. So whatever comes after, from regions to the
+polish, draws gradients as exactly as flat fills, and knows nothing of them.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from cubicsplat_cli.scene.paint import Gradient, painted
 REACH, SLOTS = 3, 4  # px in which the paints of a blend are sought, and how many
 WIDER = 5.0  # standard deviations of a blur, by which paints are sought farther
 STRANGE = 24.0  # levels that no two paints explain: something thin lies there
-APART = 24.0  # levels between the inks that stand for gradients and all others
-LEAST_OPACITY, MOST_CLEAR = 32.0, 240.0  # levels of an ink for a gradient that is translucent somewhere
+APART = 24.0  # levels between the fills that stand for gradients and all others
+LEAST_OPACITY, MOST_CLEAR = 32.0, 240.0  # levels of a fill for a gradient that is translucent somewhere
 SHIFTS = (0.0, 24.0, -24.0, 48.0, -48.0, 80.0, -80.0, 120.0, -120.0)
 
 
 @dataclass(frozen=True)
 class Flattened:
-    """levels: (H, W, 4) the picture in flat inks. inks: (G, 4) levels, whole numbers, those that stand for gradients;
+    """levels: (H, W, 4) the picture in flat fills. fills: (G, 4) levels, whole numbers, those that stand for gradients;
     gradients: what they stand for."""
 
     levels: np.ndarray
-    inks: np.ndarray
+    fills: np.ndarray
     gradients: tuple[Gradient, ...]
 
-    def gradient(self, ink: np.ndarray) -> Gradient | None:
-        """What an ink (4,) in levels stands for, None where only for itself."""
-        own = np.flatnonzero((self.inks == np.rint(ink)).all(axis=1))
+    def gradient(self, fill: np.ndarray) -> Gradient | None:
+        """What a fill (4,) in levels stands for, None where only for itself."""
+        own = np.flatnonzero((self.fills == np.rint(fill)).all(axis=1))
         return self.gradients[int(own[0])] if len(own) else None
 
 
@@ -69,8 +69,8 @@ def without_areas(levels: np.ndarray, parts: np.ndarray, areas: list[ShadedArea]
     out = flat.flat()
     for area in areas:
         if area.ground is not None:
-            _fade(out, levels, area, flat.inks[number[id(area.shade)]])
-    return Flattened(out, flat.inks, tuple(gradients))
+            _fade(out, levels, area, flat.fills[number[id(area.shade)]])
+    return Flattened(out, flat.fills, tuple(gradients))
 
 
 Colours = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -78,13 +78,13 @@ Colours = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 class Paints:
     """The paints of a picture. paint: (H, W) int32, below G one that changes, from G on what is even, -1 an edge.
-    colours: what each that changes has, (n, 4) levels at columns and rows (n,). inks: (G, 4) levels that stand for
+    colours: what each that changes has, (n, 4) levels at columns and rows (n,). fills: (G, 4) levels that stand for
     it."""
 
     def __init__(
-        self, levels: np.ndarray, paint: np.ndarray, colours: Sequence[Colours], inks: np.ndarray, blur: float = 0.0
+        self, levels: np.ndarray, paint: np.ndarray, colours: Sequence[Colours], fills: np.ndarray, blur: float = 0.0
     ) -> None:
-        self.levels, self.paint, self.colours, self.inks = levels, paint, colours, inks
+        self.levels, self.paint, self.colours, self.fills = levels, paint, colours, fills
         self.reach, self.blurred = REACH + math.ceil(WIDER * blur), blur > 0.0
 
     def at(self, paint: np.ndarray, y: np.ndarray, x: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -97,11 +97,11 @@ class Paints:
             out[own] = self.colours[k](x[own], y[own])
         return out
 
-    def standing(self, paint: np.ndarray, value: np.ndarray) -> np.ndarray:
+    def placeholders(self, paint: np.ndarray, value: np.ndarray) -> np.ndarray:
         """(n, 4) what stands for paints (n,)."""
         out = value.astype(float)
         own = (paint >= 0) & (paint < len(self.colours))
-        out[own] = self.inks[paint[own]]
+        out[own] = self.fills[paint[own]]
         return out
 
     def flat(self) -> np.ndarray:
@@ -109,7 +109,7 @@ class Paints:
         count = len(self.colours)
         inside = (self.paint >= 0) & (self.paint < count)
         out = self.levels.copy()
-        out[inside] = self.inks[self.paint[inside]]
+        out[inside] = self.fills[self.paint[inside]]
         near = ndimage.binary_dilation(inside, np.ones((3, 3), dtype=bool), iterations=self.reach)
         y, x = np.nonzero(near & (self.paint < 0))
         if len(y) == 0:
@@ -119,7 +119,7 @@ class Paints:
         value, found = (self.levels.reshape(-1, 4)[at] for at in (y * width + x, places.ravel()))
         each = paints.ravel()
         colours = self.at(each, np.repeat(y, SLOTS), np.repeat(x, SLOTS), found).reshape(-1, SLOTS, 4)
-        flats = self.standing(each, found).reshape(-1, SLOTS, 4)
+        flats = self.placeholders(each, found).reshape(-1, SLOTS, 4)
         # Where three paints meet a blur blends them over many pixels.
         flat, left = blends(value, paints, colours, flats, self.blurred)
         # A thin line over a gradient: as much of it as of its strongest pixel near.
@@ -139,8 +139,8 @@ class Paints:
         return value + (1.0 - share) * (flat - under)
 
 
-def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, ink: np.ndarray) -> None:
-    """Where a gradient ends without an edge, an edge of its own is drawn, along the line at which it does. ink: (4,)
+def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarray) -> None:
+    """Where a gradient ends without an edge, an edge of its own is drawn, along the line at which it does. fill: (4,)
     what stands for the gradient."""
     y, x = area.patch.grown(2, levels.shape).places()
     t = area.shade.t(x + 0.5, y + 0.5)
@@ -154,7 +154,7 @@ def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, ink: np.ndarray
     ground = largest(np.abs(levels[y, x] - area.ground)) <= 1.5
     own = area.patch.at(y, x)
     at_rim = (share > 0.0) & (share < 1.0) & (own | ground)
-    out[y[at_rim], x[at_rim]] = area.ground + share[at_rim, None] * (ink - area.ground)
+    out[y[at_rim], x[at_rim]] = area.ground + share[at_rim, None] * (fill - area.ground)
     # What is left of the ground beyond the rim, and was held for the gradient, is ground.
     beyond = own & (share <= 0.0)
     out[y[beyond], x[beyond]] = area.ground
@@ -167,23 +167,23 @@ def _standing_for(levels: np.ndarray, paint: np.ndarray, gradients: list[Gradien
     inside = (paint >= 0) & (paint < count)
     sums = [np.bincount(paint[inside], levels[inside][:, k], count) for k in range(4)]
     means = np.stack(sums, axis=1) / np.bincount(paint[inside], minlength=count)[:, None]
-    inks = []
+    fills = []
     for mean, gradient in zip(means, gradients, strict=True):
-        clear = any(stop.ink[3] < 255 for stop in gradient.stops)
+        clear = any(stop.colour[3] < 255 for stop in gradient.stops)
         alpha = float(np.clip(mean[3], LEAST_OPACITY, MOST_CLEAR)) if clear else 255.0
         best, most = None, -1.0
         for shift in SHIFTS:
             for channel in (0, 1, 2):
-                ink = np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha)
-                ink[channel] += shift
-                ink = np.rint(np.concatenate([np.clip(ink[:3], 0.0, alpha), ink[3:]]))
-                gap = float(largest(np.abs(taken - ink)).min(initial=255.0))
+                fill = np.append(mean[:3] * (alpha / max(mean[3], 1e-9)), alpha)
+                fill[channel] += shift
+                fill = np.rint(np.concatenate([np.clip(fill[:3], 0.0, alpha), fill[3:]]))
+                gap = float(largest(np.abs(taken - fill)).min(initial=255.0))
                 if gap > most + 1e-9 and most < APART:
-                    best, most = ink, gap
+                    best, most = fill, gap
         assert best is not None
-        inks.append(best)
+        fills.append(best)
         taken = np.vstack([taken, best])
-    return np.array(inks)
+    return np.array(fills)
 
 
 def _some_colours(levels: np.ndarray) -> np.ndarray:

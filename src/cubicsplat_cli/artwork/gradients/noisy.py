@@ -20,9 +20,9 @@ from cubicsplat_cli.raster.shades import Pixels
 
 WINDOW = 7  # px
 # What a plane leaves of a window: times the noise, of which what is white or black shows half, but in a JPEG it is that
-# near edges; and levels. Levels per px, beyond which a ramp may be two inks.
+# near edges; and levels. Levels per px, beyond which a ramp may be two fills.
 LEFT, JPEG_LEFT, LEFT_LEVELS, STEEPEST = 1.6, 1.25, 0.7, 6.0
-# A ramp that does most of its change within so many px is an edge between two inks.
+# A ramp that does most of its change within so many px is an edge between two fills.
 SHORTEST, MOST_CHANGE = 12.0, 0.5
 # Times as far as in a clean picture are windows off their gradient: of a JPEG; and of noise, per level beyond once.
 JPEG_ROUGH, NOISE_ROUGH = 3.0, 0.5
@@ -91,7 +91,7 @@ def _rougher(shade: Shade, times: float) -> Shade:
 
 
 def is_step(shade: Shade, shortest: float = SHORTEST) -> bool:
-    """Whether a ramp is an edge between two inks: does most of its change within less than `shortest` px."""
+    """Whether a ramp is an edge between two fills: does most of its change within less than `shortest` px."""
     length = np.diff(shade.ramp.knots) / max(float(np.hypot(*shade.frame[0, :2])), 1e-9)
     change = np.abs(np.diff(shade.ramp.colours, axis=0)).max(axis=1)
     return bool((change[length < shortest] >= MOST_CHANGE * np.ptp(shade.ramp.colours, axis=0).max()).any())

@@ -20,7 +20,7 @@ from cubicsplat_cli.raster.shades import Pixels
 BEND, STEEP = 2.6, 12.0
 LEAST_AREA, FEW = 64, 16  # px, of a gradient, and in which one changes
 MOST_PIECES = 8  # that a part is divided into
-SAME_INK, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and share of the area that has it
+SAME_FILL, LEAST_PLATEAU = 1.0, 0.04  # levels around the commonest colour, and share of the area that has it
 CLEAR = 0.5  # levels of opacity
 OUTER = 0.02  # share of a part's values at either end that do not count for its range
 RING = 4  # px of its surroundings that a part is looked at with
@@ -165,9 +165,9 @@ def plateau(part: Part) -> tuple[np.ndarray, np.ndarray]:
     code = np.rint(values).astype(np.int64) @ (256 ** np.arange(4))
     _, first, index, counts = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
     best = int(counts.argmax())
-    ink = values[index.reshape(-1) == best].mean(axis=0)
-    near = largest(np.abs(values - np.rint(values[first[best]]))) <= SAME_INK
+    fill = values[index.reshape(-1) == best].mean(axis=0)
+    near = largest(np.abs(values - np.rint(values[first[best]]))) <= SAME_FILL
     # A gradient passes through its colours in bands; what is even around about is none of them.
     even = ndimage.binary_erosion(part.within(near).mask, SQUARE, iterations=RING)
     even = ndimage.binary_dilation(even, SQUARE, iterations=RING)
-    return ink, near & even[part.rows - part.patch.top, part.columns - part.patch.left]
+    return fill, near & even[part.rows - part.patch.top, part.columns - part.patch.left]

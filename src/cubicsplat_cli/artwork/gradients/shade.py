@@ -131,8 +131,8 @@ def gradient_of(shade: Shade) -> Gradient:
     first = knots[0] if not shade.radial else 0.0
     span = max(float(knots[-1] - first), 1e-9)
     stops = tuple(
-        Stop(float(np.clip((knot - first) / span, 0.0, 1.0)), ink)
-        for knot, ink in zip(knots.tolist(), _inks(shade.ramp.colours), strict=True)
+        Stop(float(np.clip((knot - first) / span, 0.0, 1.0)), fill)
+        for knot, fill in zip(knots.tolist(), _fills(shade.ramp.colours), strict=True)
     )
     if not shade.radial:
         slope = shade.frame[0, :2]
@@ -145,14 +145,14 @@ def gradient_of(shade: Shade) -> Gradient:
     return radial_from(np.column_stack([turn * span, -turn @ shade.frame[:, 2]]), stops)
 
 
-def _inks(colours: np.ndarray) -> list[tuple[int, int, int, int]]:
-    """8-bit inks of premultiplied colours (K, 4) in levels; a clear one has the colour of the stop beside it."""
-    inks: list[tuple[int, int, int, int]] = []
+def _fills(colours: np.ndarray) -> list[tuple[int, int, int, int]]:
+    """8-bit fills of premultiplied colours (K, 4) in levels; a clear one has the colour of the stop beside it."""
+    fills: list[tuple[int, int, int, int]] = []
     alpha = np.clip(colours[:, 3], 0.0, 255.0)
     visible = np.flatnonzero(alpha >= CLEAR)
     for i in range(len(colours)):
         own = i if alpha[i] >= CLEAR or not len(visible) else int(visible[np.abs(visible - i).argmin()])
         straight = np.clip(np.rint(colours[own, :3] * 255.0 / max(float(alpha[own]), 1e-9)), 0, 255)
         r, g, b = (int(v) for v in straight)
-        inks.append((r, g, b, round(float(alpha[i]))))
-    return inks
+        fills.append((r, g, b, round(float(alpha[i]))))
+    return fills

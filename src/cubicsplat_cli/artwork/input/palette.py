@@ -1,4 +1,4 @@
-"""The inks of a picture with noise: where it is calm, the commonest colours and all that noise makes of them."""
+"""The fills of a picture with noise: where it is calm, the commonest colours and all that noise makes of them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.regions import has_square
 from cubicsplat_cli.raster import ndimage
 
-# Levels: what differs less is one ink, or times the noise.
+# Levels: what differs less is one fill, or times the noise.
 SAME, SAME_NOISE = 8.0, 4.0
 CALM = 1.5  # times the noise that 3 x 3 px may deviate, and a level for rounding
-FEWEST, LEAST_SHARE = 16, 1e-4  # calm pixels that show an ink, and their share of the picture
+FEWEST, LEAST_SHARE = 16, 1e-4  # calm pixels that show a fill, and their share of the picture
 MOST = 64
-# Near edges, px, where 3 x 3 px span so many levels, an ink is only what differs so many times as much from those found
+# Near edges, px, where 3 x 3 px span so many levels, a fill is only what differs so many times as much from those found
 # farther away.
 NEAR, EDGE, FAR = 8, 24.0, 2.5
 # A fill colour is missing where the mean residual of WINDOW x WINDOW px is over UNLIKE in luma or chroma, about 3 to 4
@@ -35,10 +35,11 @@ def calm_pixels(levels: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarra
     return deviation <= CALM * noise + 1.0, mean
 
 
-def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float) -> np.ndarray:
-    """(P, 4) float64 the inks of a picture (H, W, 4) in levels, the commonest first.
+def noisy_fills(levels: np.ndarray, seen: np.ndarray, noise: float) -> np.ndarray:
+    """(P, 4) float64 the fills of a picture (H, W, 4) in levels, the commonest first.
 
-    seen: (H, W, 4) the picture in coordinates whose distances tell inks apart. noise: its standard deviation in levels.
+    seen: (H, W, 4) the picture in coordinates whose distances tell fills apart. noise: its standard deviation in
+    levels.
     """
     calm, mean = calm_pixels(seen, noise)
     spread = ndimage.maximum_filter(seen, (3, 3, 1)) - ndimage.minimum_filter(seen, (3, 3, 1))
@@ -46,22 +47,22 @@ def noisy_inks(levels: np.ndarray, seen: np.ndarray, noise: float) -> np.ndarray
     away = calm & ~ndimage.maximum_filter(edge, 2 * NEAR + 1)
     reach = max(SAME, SAME_NOISE * noise)
     least = max(FEWEST, LEAST_SHARE * levels[..., 0].size)
-    inks: list[np.ndarray] = []
+    fills: list[np.ndarray] = []
     sizes: list[float] = []
     places = np.zeros((0, 4))
     for where, apart in ((away, 0.0), (calm & ~away, FAR * reach)):
         new = modes(mean[where], reach, least, places)
-        known = list(inks)
+        known = list(fills)
         for place in new:
             own = where & (np.abs(mean - place).max(axis=-1) <= reach)
-            ink = np.median(levels[own], axis=0)
-            if len(inks) < MOST and all(np.abs(ink - other).max() > apart for other in known):
-                inks.append(ink)
+            fill = np.median(levels[own], axis=0)
+            if len(fills) < MOST and all(np.abs(fill - other).max() > apart for other in known):
+                fills.append(fill)
                 sizes.append(float(own.sum()))
         places = np.concatenate([places, new])
-    if not inks:
+    if not fills:
         return np.median(levels.reshape(-1, 4), axis=0).astype(float)[None]
-    return np.array(inks, dtype=float)[np.argsort(-np.array(sizes), kind="stable")]
+    return np.array(fills, dtype=float)[np.argsort(-np.array(sizes), kind="stable")]
 
 
 def missing_colours(

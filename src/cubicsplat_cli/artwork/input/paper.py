@@ -24,7 +24,7 @@ SMOOTH, PRIOR = 2.0, 0.05  # cells, and of a cell's pixels that the polynomial c
 # What a scan is. Levels of grain; of the paper at its lightest, and its darkest over that; by which it changes.
 GRAIN, LIGHTEST, DARKEST, UNEVEN = (0.6, 14.0), 110.0, 0.3, 6.0
 # Shares of the pixels: paper, lighter than paper, and ink; and levels by which those are off the paper.
-PAPER, GLARE, INK, OFF = 0.6, 0.004, 0.0005, 24.0
+PAPER, GLARE, FILL, OFF = 0.6, 0.004, 0.0005, 24.0
 FAINT, BESIDE = 4.0, 3  # standard deviations of smoothed grain that count as ink, and px around it that stay
 
 
@@ -61,7 +61,7 @@ def scan_of(levels: np.ndarray) -> Scan | None:
     if even or light.max() < LIGHTEST or light.min() < DARKEST * light.max():
         return None
     far = max(OFF, 2.0 * NEAR * grain)
-    if own.mean() < PAPER or (off > far).mean() > GLARE or (off < -far).mean() < INK:
+    if own.mean() < PAPER or (off > far).mean() > GLARE or (off < -far).mean() < FILL:
         return None
     bare = colours * (255.0 / np.maximum(surface, 1.0))
     white = np.clip(bare, 0.0, 255.0)

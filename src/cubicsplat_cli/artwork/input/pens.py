@@ -26,7 +26,7 @@ ALIKE, ERROR = 6.0, 0.3
 USUAL, SPREAD = 0.85, 0.15
 THIN, THINNER = 1.2, 0.2  # px that lines are rarely narrower than, and the standard deviation of those that are
 MOST_BLUR = 3.0  # px
-SAME_INK, SAME_SHARE = 2.5, 0.25  # standard errors, and share of the depth, within which two kinds have one ink
+SAME_FILL, SAME_SHARE = 2.5, 0.25  # standard errors, and share of the depth, within which two kinds have one ink
 THINNEST, MOST_DARKER = 1.5, 2.0  # standard deviations of the blur, and times the depth
 # An area is what is so many times as wide as the widest line and its blur. Levels by which its ink is none of those
 # known, and the most that it may cover, as a share of what lines do.
@@ -155,7 +155,7 @@ def _inks(
     for kind in np.argsort(errors / depths, kind="stable").tolist():
         for number, known in enumerate(first):
             off = abs(depths[kind] - depths[known])
-            near = off <= max(SAME_INK * float(np.hypot(errors[kind], errors[known])), SAME_SHARE * depths[known])
+            near = off <= max(SAME_FILL * float(np.hypot(errors[kind], errors[known])), SAME_SHARE * depths[known])
             thin = masses[kind] < THINNEST * blur * depths[kind]
             near |= thin and depths[known] < depths[kind] < MOST_DARKER * depths[known]
             if near and np.abs(tints[kind] - tints[known]).max() <= TINT:

@@ -1,7 +1,8 @@
-"""A picture with noise as it was before: inks that are even again, and blends of two where these meet.
+"""A picture with noise as it was before: fills that are even again, and blends of two where these meet.
 
-Every pixel is one ink, or a blend of it with another one near it of which it has less than half. Which, is decided for
-all pixels between the solid parts of inks together, since neighbours mostly have the same ink. Edges keep their shares.
+Every pixel is one fill, or a blend of it with another one near it of which it has less than half. Which, is decided for
+all pixels between the solid parts of fills together, since neighbours mostly have the same fill. Edges keep their
+shares.
 """
 
 from __future__ import annotations
@@ -11,29 +12,29 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.input.condition import Condition
-from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, colours_of_lines, missing_colours, noisy_inks
-from cubicsplat_cli.artwork.input.squares import square_inks
+from cubicsplat_cli.artwork.input.palette import FAR, SAME, SAME_NOISE, colours_of_lines, missing_colours, noisy_fills
+from cubicsplat_cli.artwork.input.squares import square_fills
+from cubicsplat_cli.artwork.regions.fills import picture_fills
 from cubicsplat_cli.artwork.regions.hairlines import REACH, solid_labels, with_lines
-from cubicsplat_cli.artwork.regions.hidden_inks import hidden_inks, overshoots
-from cubicsplat_cli.artwork.regions.inks import picture_inks
+from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, overshoots
 from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import near_inks
+from cubicsplat_cli.raster.unmix import near_fills
 
 # Levels by which pixels are off the model beyond their noise, and how many times the noise that is near the edges of a
 # JPEG; residuals count up to MOST standard deviations.
 MISFIT, JPEG_TIMES, MOST = 1.0, 4.0, 4.0
 # Chroma of a JPEG, of half the size, tells that much less.
 CHROMA = 0.4
-# Nats for each neighbour of another ink, and for an ink of which nothing solid is near.
+# Nats for each neighbour of another fill, and for a fill of which nothing solid is near.
 NEIGHBOUR, STRANGE = 0.7, 3.0
 ROUNDS = 6
-MOST_THICK = 24  # inks, beyond which those of thin lines are not sought
+MOST_THICK = 24  # fills, beyond which those of thin lines are not sought
 # Times the misfit that the colour of a thin line is off all blends of two others; levels that are one colour, and px
 # that show it.
-STRANGE_INK, ONE_COLOUR, FEWEST = 6.0, 16.0, 24
+STRANGE_FILL, ONE_COLOUR, FEWEST = 6.0, 16.0, 24
 SNAP = 0.08  # shares this near to 0 or 1 are
-# Rounds in which a blurred picture is made sharp again, and levels by which it is off its inks then; standard
+# Rounds in which a blurred picture is made sharp again, and levels by which it is off its fills then; standard
 # deviations beyond which nothing is left of a blur.
 SHARPER, SHARP_MISFIT, BLUR_REACH = 4, 2.0, 3.0
 # Times the misfit that pixels are off which the labels do not explain; the least share of a thin line in its pixels.
@@ -41,7 +42,7 @@ OFF, THIN = 4.0, 0.25
 # Times the error without a blur that the error with it may be, as enlarging blurs by no Gaussian: it is up to 1.3 times
 # in pictures that were enlarged by 1.5, and 2.3 to 33 times in clean ones.
 CLEARER = 2.0
-LEAST_CONTRAST = 3.0  # times the misfit, for shares of two inks to be told
+LEAST_CONTRAST = 3.0  # times the misfit, for shares of two fills to be told
 # (4, 4) what rows of RGBA are multiplied by for luma, chroma and opacity.
 LUMA_CHROMA = np.array(
     [
@@ -62,7 +63,7 @@ def seen_as(condition: Condition) -> np.ndarray:
 
 def explained_by_blur(levels: np.ndarray, condition: Condition) -> bool:
     """Whether a picture (H, W, 4) in levels, restored and blurred again, is about as near to how it came as it is
-    restored as if nothing had blurred it, with blends of two inks one pixel wide; or nearer.
+    restored as if nothing had blurred it, with blends of two fills one pixel wide; or nearer.
     """
     blur = (condition.blur, condition.blur, 0.0)
     sharp = restored(levels, condition, lines=False).levels
@@ -77,7 +78,7 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
         return FlatPicture(_sharpened(levels, condition.blur))
     space = seen_as(condition)
     seen = (levels @ space).astype(np.float32)
-    palette = noisy_inks(levels, seen, condition.noise)
+    palette = noisy_fills(levels, seen, condition.noise)
     sigma = condition.noise * (JPEG_TIMES if condition.jpeg else 1.0) + MISFIT
     nearest, _ = _nearest(seen, palette @ space)
     new = missing_colours(levels, palette, nearest, LUMA_CHROMA, condition.noise, jpeg=condition.jpeg)
@@ -87,13 +88,13 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
         _, gap = _nearest(seen, palette @ space)
         far = gap > MOST * sigma
         reach = max(SAME, SAME_NOISE * condition.noise)
-        # What a JPEG's chroma smears beside edges is no ink.
+        # What a JPEG's chroma smears beside edges is no fill.
         apart = reach * (FAR if condition.jpeg else 1.0)
-        palette = np.vstack([palette, square_inks(levels, seen, palette @ space, sigma, reach, apart)])
-        hidden = hidden_inks(seen[far], palette @ space, STRANGE_INK * sigma, ONE_COLOUR, FEWEST)
+        palette = np.vstack([palette, square_fills(levels, seen, palette @ space, sigma, reach, apart)])
+        hidden = hidden_fills(seen[far], palette @ space, STRANGE_FILL * sigma, ONE_COLOUR, FEWEST)
         palette = np.vstack([palette, np.clip(hidden @ np.linalg.inv(space), 0.0, 255.0)])
     labels = _labels(seen, palette @ space, sigma, thick)
-    palette = _settled_inks(levels, palette, labels)
+    palette = _settled_fills(levels, palette, labels)
     if lines:
         lined = with_lines(seen, palette @ space, labels, OFF * sigma, THIN)
         new = colours_of_lines(levels, palette, labels, lined)
@@ -105,21 +106,21 @@ def restored(levels: np.ndarray, condition: Condition, *, lines: bool = True) ->
     return FlatPicture(out, palette, labels)
 
 
-def in_colours(levels: np.ndarray, labels: np.ndarray, inks: np.ndarray, painted: np.ndarray) -> np.ndarray:
+def in_colours(levels: np.ndarray, labels: np.ndarray, fills: np.ndarray, painted: np.ndarray) -> np.ndarray:
     """A clean picture (H, W, 4) in levels with other colours in place of its own, float32; blends keep their shares.
 
     labels: (H, W) int, which of the colours (K, 4) each pixel has most of. painted: (K, 4) what becomes of these.
     """
-    return _with_shares(levels, inks, labels, MISFIT, 0.0, painted, snap=0.0)
+    return _with_shares(levels, fills, labels, MISFIT, 0.0, painted, snap=0.0)
 
 
 def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
     """A picture (H, W, 4) in levels that is only blurred as it was before.
 
-    What the restored picture, blurred again, lacks is added to it, and pixels become inks and blends of two once more
+    What the restored picture, blurred again, lacks is added to it, and pixels become fills and blends of two once more
     (van Cittert's iteration, between projections onto what drawings are).
     """
-    palette = picture_inks(levels)
+    palette = picture_fills(levels)
     thick = len(palette)
     labels = _labels(levels, palette, MISFIT, thick)
     out = _with_shares(levels, palette, labels, MISFIT, blur, palette)
@@ -129,26 +130,26 @@ def _sharpened(levels: np.ndarray, blur: float) -> np.ndarray:
         if number == 0 and thick <= MOST_THICK:
             _, gap = _nearest(sharp, palette)
             far = gap > MOST * SHARP_MISFIT
-            new = hidden_inks(sharp[far], palette, STRANGE_INK * SHARP_MISFIT, ONE_COLOUR, FEWEST)
-            palette = np.vstack([palette, *(ink[None] for ink in new if not overshoots(ink, palette))])
+            new = hidden_fills(sharp[far], palette, STRANGE_FILL * SHARP_MISFIT, ONE_COLOUR, FEWEST)
+            palette = np.vstack([palette, *(fill[None] for fill in new if not overshoots(fill, palette))])
         labels = _labels(sharp, palette, SHARP_MISFIT, thick)
         out = _with_shares(sharp, palette, labels, MISFIT, 0.0, palette)
     return out
 
 
-def _labels(seen: np.ndarray, inks: np.ndarray, sigma: float, thick: int) -> np.ndarray:
-    """(H, W) int32 the ink that each pixel has most of; of inks from `thick` on there are only thin lines."""
-    nearest, gap = _nearest(seen, inks)
+def _labels(seen: np.ndarray, fills: np.ndarray, sigma: float, thick: int) -> np.ndarray:
+    """(H, W) int32 the fill that each pixel has most of; of fills from `thick` on there are only thin lines."""
+    nearest, gap = _nearest(seen, fills)
     pure = np.where(gap <= MOST * sigma, nearest, -1).astype(np.int32)
     solid = np.where(pure >= thick, pure, solid_labels(pure))
     y, x = np.nonzero(solid < 0)
     labels = np.where(solid >= 0, solid, nearest).astype(np.int32)
     if not len(y):
         return labels
-    near = near_inks(solid, y, x, REACH)
+    near = near_fills(solid, y, x, REACH)
     own = nearest[y, x]
     candidates = np.concatenate([near, np.where((near == own[:, None]).any(axis=1), -1, own)[:, None]], axis=1)
-    cost = _costs(seen[y, x], inks, candidates) / (2.0 * sigma**2)
+    cost = _costs(seen[y, x], fills, candidates) / (2.0 * sigma**2)
     cost = np.minimum(cost, 0.5 * MOST**2)
     cost[:, -1] += STRANGE
     cost[candidates < 0] = np.inf
@@ -165,21 +166,21 @@ def _labels(seen: np.ndarray, inks: np.ndarray, sigma: float, thick: int) -> np.
     return labels
 
 
-def _nearest(seen: np.ndarray, inks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(H, W) the nearest ink, and its distance."""
+def _nearest(seen: np.ndarray, fills: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) the nearest fill, and its distance."""
     best = np.full(seen.shape[:2], np.inf, dtype=np.float32)
     index = np.zeros(seen.shape[:2], dtype=np.int32)
-    for k, ink in enumerate(inks.astype(np.float32)):
-        gap = np.sqrt(((seen - ink) ** 2).sum(axis=-1))
+    for k, fill in enumerate(fills.astype(np.float32)):
+        gap = np.sqrt(((seen - fill) ** 2).sum(axis=-1))
         better = gap < best
         best[better], index[better] = gap[better], k
     return index, best
 
 
-def _costs(values: np.ndarray, inks: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+def _costs(values: np.ndarray, fills: np.ndarray, candidates: np.ndarray) -> np.ndarray:
     """(n, k) the least squared residual of values (n, 4) as blends of each candidate, by half or more, with another."""
     out = np.full(candidates.shape, np.inf)
-    colours = inks[np.maximum(candidates, 0)]
+    colours = fills[np.maximum(candidates, 0)]
     for i in range(candidates.shape[1]):
         base, rest = colours[:, i], values - colours[:, i]
         out[:, i] = (rest * rest).sum(axis=1)
@@ -194,8 +195,8 @@ def _costs(values: np.ndarray, inks: np.ndarray, candidates: np.ndarray) -> np.n
     return out
 
 
-def _settled_inks(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """The palette by the median of the pixels of each ink, those farthest from edges."""
+def _settled_fills(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """The palette by the median of the pixels of each fill, those farthest from edges."""
     edge = (ndimage.maximum_filter(labels, 3) != ndimage.minimum_filter(labels, 3)).astype(np.uint8)
     depth = ndimage.distance_transform_cdt(edge == 0, metric="chessboard")
     out = palette.copy()
@@ -212,7 +213,7 @@ def _settled_inks(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray) -
 
 def _with_shares(
     seen: np.ndarray,
-    inks: np.ndarray,
+    fills: np.ndarray,
     labels: np.ndarray,
     sigma: float,
     blur: float,
@@ -232,7 +233,7 @@ def _with_shares(
     for dy in range(-reach, reach + 1):
         for dx in range(-reach, reach + 1):
             beside = padded[y + reach + dy, x + reach + dx]
-            base, span = inks[own], inks[beside] - inks[own]
+            base, span = fills[own], fills[beside] - fills[own]
             length = (span * span).sum(axis=1)
             rest = seen[y, x] - base
             t = np.clip((rest * span).sum(axis=1) / np.maximum(length, 1e-9), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Inks of small pictures with noise: what fills squares of 2 x 2 px, where hardly anything fills more."""
+"""Fills of small pictures with noise: what fills squares of 2 x 2 px, where hardly anything fills more."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import numpy as np
 
 SMALL = 128  # px of the longer side, up to which details are so small
 CALM = 1.5  # times the misfit that a square may deviate
-FEWEST, MOST = 3, 24  # squares that show an ink, and inks
+FEWEST, MOST = 3, 24  # squares that show a fill, and fills
 # A square lies on a ramp where its colour is a blend of those up to so many px to either side of it: shares, and times
 # the misfit that it is off that and these are apart.
 REACH, BLENDED, MISFITS, CONTRAST = 2, (0.15, 0.85), 2.0, 6.0
 
 
-def square_inks(
+def square_fills(
     levels: np.ndarray, seen: np.ndarray, known: np.ndarray, sigma: float, reach: float, apart: float
 ) -> np.ndarray:
-    """(k, 4) inks in levels that squares of 2 x 2 px show and that are none of those known, the commonest first.
+    """(k, 4) fills in levels that squares of 2 x 2 px show and that are none of those known, the commonest first.
 
-    levels: (H, W, 4) the picture; seen: (H, W, 4) the same in coordinates whose distances tell inks apart; known:
-    (P, 4) in these; sigma: levels by which pixels are off there; reach: levels within which colours are one ink;
+    levels: (H, W, 4) the picture; seen: (H, W, 4) the same in coordinates whose distances tell fills apart; known:
+    (P, 4) in these; sigma: levels by which pixels are off there; reach: levels within which colours are one fill;
     apart: levels beyond which they are two.
     """
     if min(levels.shape[:2]) < 4 or max(levels.shape[:2]) > SMALL:
@@ -33,8 +33,8 @@ def square_inks(
         return np.zeros((0, 4))
     from scipy.spatial import cKDTree  # takes a while to import, and few pictures have such squares
 
-    inks: list[np.ndarray] = []
-    while len(y) and len(inks) < MOST:
+    fills: list[np.ndarray] = []
+    while len(y) and len(fills) < MOST:
         values = mean[y, x]
         # As many of the squares as there are within reach of each.
         around = cKDTree(values).query_ball_point(values, reach, p=np.inf, return_length=True)
@@ -43,9 +43,9 @@ def square_inks(
             break
         gap = np.abs(values - densest).max(axis=1)
         own = gap <= reach
-        inks.append(np.median([levels[y[own] + dy, x[own] + dx] for dy in (0, 1) for dx in (0, 1)], axis=(0, 1)))
+        fills.append(np.median([levels[y[own] + dy, x[own] + dx] for dy in (0, 1) for dx in (0, 1)], axis=(0, 1)))
         y, x = y[gap > apart], x[gap > apart]
-    return np.array(inks, dtype=float).reshape(-1, 4)
+    return np.array(fills, dtype=float).reshape(-1, 4)
 
 
 def _on_ramps(seen: np.ndarray, mean: np.ndarray, sigma: float) -> np.ndarray:

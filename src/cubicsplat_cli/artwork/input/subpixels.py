@@ -23,8 +23,8 @@ ROUNDING = 1.0  # levels, the root of the mean square, which 8-bit values are of
 EXPLAINED = 0.5  # share of the squares of a part's colour fringes that offset channels explain, in text
 # Px by which red and blue seem to be offset, since the difference of two pixels is less than the slope between them.
 LEAST_OFFSET, MOST_OFFSET = 1.0 / 6.0, 2.0 / 3.0
-ALIKE = 0.1  # share by which the contrast of two parts in one ink may differ
-WEAK = 0.3  # share of the strongest channel's contrast, below which one does not tell how strong an ink is
+ALIKE = 0.1  # share by which the contrast of two parts in one fill may differ
+WEAK = 0.3  # share of the strongest channel's contrast, below which one does not tell how strong a fill is
 ROUNDS = 40  # of Landweber's iteration
 
 
@@ -64,10 +64,10 @@ def without_subpixels(levels: np.ndarray) -> np.ndarray:
     if not chosen.any():
         return levels
     text = parts.only(chosen)
-    inks = _inks(text, totals, chosen)
-    share = _shares(text, inks, order, colours.shape[:2])
+    fills = _fills(text, totals, chosen)
+    share = _shares(text, fills, order, colours.shape[:2])
     out = levels.copy()
-    values = text.grounds[text.own] + share[:, None] * inks[text.own]
+    values = text.grounds[text.own] + share[:, None] * fills[text.own]
     out.reshape(-1, 4)[text.at, :3] = np.clip(np.rint(values), 0.0, 255.0)
     return out
 
@@ -97,7 +97,7 @@ def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> np.ndar
     """(k,) px by which blue lies to the right of green in each part, and red to the left of it, if that explains the
     colours of its edges; else 0.
 
-    totals: (k, 3) the sums of what they are off, which is the contrast of their ink times what they cover.
+    totals: (k, 3) the sums of what they are off, which is the contrast of their fill times what they cover.
     """
     square = np.maximum((totals**2).sum(axis=1), 1e-9)
     contrast = totals[parts.own]
@@ -120,8 +120,8 @@ def _offset(parts: _Parts, totals: np.ndarray, size: tuple[int, int]) -> np.ndar
     return np.where(seen & explained & likely, offset, 0.0)
 
 
-def _inks(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """(k, 3) levels by which the ink of each part differs from its ground: the same in parts of about one colour, and
+def _fills(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """(k, 3) levels by which the fill of each part differs from its ground: the same in parts of about one colour, and
     as strong as the strongest sample of these.
     """
     strongest = np.maximum(np.abs(totals).max(axis=1, keepdims=True), 1e-9)
@@ -130,26 +130,26 @@ def _inks(text: _Parts, totals: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     peaks = np.zeros(len(totals))
     telling = np.where(np.abs(own) > WEAK, text.off / np.where(own == 0.0, 1.0, own), 0.0)
     np.maximum.at(peaks, text.own, telling.max(axis=1))
-    inks, left = np.zeros(totals.shape), np.flatnonzero(chosen)
+    fills, left = np.zeros(totals.shape), np.flatnonzero(chosen)
     left = left[np.argsort(-strongest[left, 0], kind="stable")]
     while len(left):
         first = left[0]
         along = (contrast[left] @ contrast[first]) / (contrast[first] @ contrast[first])
         off = np.abs(contrast[left] - along[:, None] * contrast[first]).max(axis=1)
         same = (text.grounds[left] == text.grounds[first]).all(axis=1) & (off <= ALIKE)
-        inks[left[same]] = contrast[first] * peaks[left[same]].max()
+        fills[left[same]] = contrast[first] * peaks[left[same]].max()
         left = left[~same]
-    return inks
+    return fills
 
 
-def _shares(text: _Parts, inks: np.ndarray, order: float, size: tuple[int, int]) -> np.ndarray:
-    """(n,) what the ink covers of the pixels of the text. order: of their subpixels, 1 for red first, -1 for blue."""
+def _shares(text: _Parts, fills: np.ndarray, order: float, size: tuple[int, int]) -> np.ndarray:
+    """(n,) what the fill covers of the pixels of the text. order: of their subpixels, 1 for red first, -1 for blue."""
     canvas = np.zeros((*size, 3))
-    contrast = inks[text.own]
+    contrast = fills[text.own]
     canvas.reshape(-1, 3)[text.at] = text.off / np.where(contrast == 0.0, 1.0, contrast)
     weight = np.zeros((*size, 3))
     weight.reshape(-1, 3)[text.at] = np.abs(contrast)
-    # Two pixels without ink keep the rows of one part apart from the next.
+    # Two pixels without fill keep the rows of one part apart from the next.
     near = np.zeros(size, dtype=bool)
     near.ravel()[text.at] = True
     near = ndimage.binary_dilation(near, np.ones((1, 5), dtype=bool))

@@ -6,6 +6,7 @@ way is good when the outline covers what shows and nothing else does.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,14 +20,13 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     dense,
     flattened,
     polygon,
-    signed_area,
 )
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.artwork.layers.extents import Contour, Extent
 from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
-from cubicsplat_cli.artwork.layers.taut import SLACK, Room, taut
+from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
-from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline
+from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.raster import ndimage
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
@@ -40,6 +40,7 @@ LEVEL = 1e-6  # px that the ends of a level line may differ
 MOST_TIPS = 3  # corners, the first of them twice, that enclose nothing
 SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it
 FEWEST = 8  # points of a contour, below which it is drawn as a polygon
+BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
 SQUARE = np.ones((3, 3), dtype=bool)
 
 
@@ -94,43 +95,50 @@ class _Window:
         return beyond & (x > 0.0) & (y > 0.0) & (x < self.canvas[1]) & (y < self.canvas[0])
 
 
-def _sound(contour: Contour, outline: Outline) -> bool:
-    """Whether an outline encloses what its points do, to a tenth of a px along them."""
-    x, y = contour.points.T
-    area = 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
-    length = float(np.hypot(*(contour.points - np.roll(contour.points, 1, axis=0)).T).sum())
-    return abs(abs(signed_area(outline.ring())) - abs(area)) <= 0.1 * length + 1.0
+def outlines_of(extent: Extent, canvas: tuple[int, int], detail: float) -> tuple[Outline, ...]:
+    """The fitted outlines of a part of a layer, the outer one first: see `outlines_of_all`."""
+    return next(outlines_of_all([extent], canvas, detail))
 
 
-def _visible(contour: Contour, detail: float) -> Outline:
-    """The outline of a contour that shows all around; where the fit has gone astray, ever closer to its points."""
-    for factor in (1.0, 4.0, 16.0):
-        outline = fit_outline(contour.points, contour.sigma, detail * factor)
-        if _sound(contour, outline):
-            return outline
-    return few_lines(contour.points)
-
-
-def outlines_of(
-    extent: Extent, canvas: tuple[int, int], detail: float, whole: bool = True, sought: bool = True
-) -> tuple[Outline, ...]:
-    """The fitted outlines of a part of a layer, the outer one first.
+def outlines_of_all(
+    extents: Sequence[Extent], canvas: tuple[int, int], detail: float, whole: bool = True, sought: bool = True
+) -> Iterator[tuple[Outline, ...]]:
+    """The fitted outlines of each of some parts of layers, the outer one first.
 
     canvas: its height and width, px. Contours of fewer than FEWEST points become polygons. whole: hidden parts go on as
     what shows suggests, rather than end as shortly as they may. sought: they do either, rather than run along their
     contour, a few px beneath what hides them.
     """
-    surroundings = _Surroundings(extent, canvas)
+    for some in _batches(extents):
+        plain = [contour for extent in some for contour in extent.contours if _shows_all(contour, sought)]
+        sigmas = [contour.sigma if sought else _known(contour.sigma) for contour in plain]
+        fitted = iter(fit_outlines([contour.points for contour in plain], sigmas, detail))
+        for extent in some:
+            surroundings = _Surroundings(extent, canvas)
+            outlines = []
+            for contour in extent.contours:
+                if _shows_all(contour, sought):
+                    outlines.append(next(fitted))
+                elif len(contour.points) < FEWEST:
+                    outlines.append(few_lines(contour.points if sought else _thinned(contour)))
+                else:
+                    outlines.append(_completed(contour, surroundings, detail, whole))
+            yield without_stray_holes(tuple(outlines), extent) if sought else tuple(outlines)
 
-    def outline(contour: Contour) -> Outline:
-        if len(contour.points) < FEWEST:
-            return few_lines(contour.points if sought else _thinned(contour))
-        if not sought:
-            return _visible(replace(contour, sigma=_known(contour.sigma)), detail)
-        return _completed(contour, surroundings, detail, whole)
 
-    fitted = tuple(outline(contour) for contour in extent.contours)
-    return without_stray_holes(fitted, extent) if sought else fitted
+def _batches(extents: Sequence[Extent]) -> Iterator[Sequence[Extent]]:
+    """The extents in runs of BATCH points and more, whose outlines are fitted together."""
+    first, points = 0, 0
+    for number, extent in enumerate(extents, start=1):
+        points += sum(len(contour.points) for contour in extent.contours)
+        if points >= BATCH or number == len(extents):
+            yield extents[first:number]
+            first, points = number, 0
+
+
+def _shows_all(contour: Contour, sought: bool) -> bool:
+    """Whether an outline is fitted to all points of a contour, as they lie."""
+    return len(contour.points) >= FEWEST and (not sought or bool(np.isfinite(contour.sigma).all()))
 
 
 def polygons_of(extent: Extent) -> tuple[Outline, ...]:
@@ -160,8 +168,6 @@ class _Surroundings:
 
 def _completed(contour: Contour, surroundings: _Surroundings, detail: float, whole: bool) -> Outline:
     runs = hidden_runs(contour.sigma)
-    if not runs:
-        return _visible(contour, detail)
     window, room = surroundings.window, surroundings.room
     window = window.hole(contour, surroundings.extent) if contour.hole else window
     if np.isfinite(contour.sigma).sum() < FEWEST_SEEN:
@@ -251,7 +257,7 @@ def _with_corners(
 def _unseen(contour: Contour, window: _Window, room: Room) -> Outline:
     """Few straight lines in place of a contour of which hardly anything shows."""
     end = End(contour.points[0], None, False)
-    for corners in taut(contour.points, end, end, room):
+    for corners in min_link_path(contour.points, end, end, room):
         outline = polygon(corners[:-1])
         if len(corners) > MOST_TIPS and len(window.wrong(outline)) <= ALLOWED:
             return outline

@@ -19,9 +19,9 @@ from cubicsplat_cli.raster.outlines import hull_mask
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3
-# Levels of opacity from which an ink hides what is beneath it.
+# Levels of opacity from which a fill hides what is beneath it.
 OPAQUE = 254.0
-SHEET = -1  # in place of the layer of what is of none
+OVERLAY = -1  # in place of the layer of what is of none
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Extent:
 def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[Extent]:
     """The parts of all layers, back to front."""
     depth = stack.rank[regions.labels]
-    opaque = regions.inks[:, 3] >= OPAQUE
+    opaque = regions.fills[:, 3] >= OPAQUE
     boxes = ndimage.find_objects(depth + 1)
     for place in range(len(stack.layers)):
         box = boxes[place]
@@ -63,12 +63,12 @@ def extents(regions: Regions, stack: Stack, found: EdgePositions) -> Iterator[Ex
 
 
 def extents_of(cover: np.ndarray, above: np.ndarray, found: EdgePositions) -> Iterator[Extent]:
-    """The parts of a translucent sheet, which is of no layer. cover: (H, W) bool, where it shows; above: (H, W) bool,
+    """The parts of a translucent overlay, which is of no layer. cover: (H, W) bool, where it shows; above: (H, W) bool,
     what hides it.
     """
     rows, columns = _widened(ndimage.find_objects(cover.astype(np.uint8))[0])
     view = cover[rows, columns]
-    yield from _parts(SHEET, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)
+    yield from _parts(OVERLAY, (rows.start, columns.start), view, above[rows, columns] & ~view, found, joined=False)
 
 
 def _parts(

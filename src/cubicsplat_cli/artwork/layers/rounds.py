@@ -15,9 +15,9 @@ from cubicsplat_cli.artwork.regions.cracks import CrackLoop, trace
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
 from cubicsplat_cli.artwork.tracing.fitting import FINEST_SIGMA, PLAIN_MISFIT, parameter_price
-from cubicsplat_cli.artwork.tracing.layout import independent
 from cubicsplat_cli.artwork.tracing.primitives import fit_primitive
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.contours import independent
 
 VOTE = 3.0  # more than the two places count where the outlines of two regions usually meet a third
 LEAST = 100  # px^2 of the box around a region, below which anything is round

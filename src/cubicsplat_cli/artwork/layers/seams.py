@@ -1,7 +1,7 @@
 """The seams of the input itself: where two shapes abut within a pixel, what is beneath them shines through.
 
 A shape in front covers a share a of the pixel, the one behind 1 - a, and of what the front leaves only: the pixel is
-a F + (1 - a)^2 B + a (1 - a) G. Nobody wants to see the ground G there, and taken for a blend of the two inks such a
+a F + (1 - a)^2 B + a (1 - a) G. Nobody wants to see the ground G there, and taken for a blend of the two fills such a
 pixel says the wrong place; what it should have been follows from a. Where three opaque shapes meet nothing should shine
 through either; the shares of the three are in what the pixel shows without it.
 """
@@ -13,14 +13,14 @@ import numpy as np
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 
-# Levels: a pixel that its two inks explain worse than this, and a seam between them better than that, is a seam.
+# Levels: a pixel that its two fills explain worse than this, and a seam between them better than that, is a seam.
 ODD, SEEN = 6.0, 4.0
 RUN = 9  # px
 STEPS = 32  # of the share
 MOST_ODD = 20_000  # pixels, beyond which a picture is no clean drawing
 OPAQUE = 254.5  # levels
 AROUND = [(i, j) for i in range(-2, 3) for j in range(-2, 3)]  # px
-MOST_GROUNDS = 8  # inks, beside none at all, that may shine through: the commonest
+MOST_GROUNDS = 8  # fills, beside none at all, that may shine through: the commonest
 CHUNK = 4096  # pixels at a time
 
 
@@ -30,13 +30,13 @@ def without_seams(levels: np.ndarray, regions: Regions) -> np.ndarray:
     y, x, other = _odd(levels, regions)
     if not 0 < len(y) <= MOST_ODD:
         return levels
-    nothing, inks = np.zeros((1, 4)), _common_inks(regions)
+    nothing, fills = np.zeros((1, 4)), _common_fills(regions)
     clear = _shares(levels, regions, (y, x), other, nothing)
-    share = np.where(np.isnan(clear), _along_runs(_shares(levels, regions, (y, x), other, inks)), clear)[y, x]
+    share = np.where(np.isnan(clear), _along_runs(_shares(levels, regions, (y, x), other, fills)), clear)[y, x]
     seam = ~np.isnan(share)
     y, x, other, share = y[seam], x[seam], other[seam], share[seam]
     healed = levels.copy()
-    own, beside = regions.inks[regions.labels[y, x]], regions.inks[other]
+    own, beside = regions.fills[regions.labels[y, x]], regions.fills[other]
     healed[y, x] = own + (beside - own) * share[:, None]
     return healed
 
@@ -45,7 +45,7 @@ def _closed_junctions(levels: np.ndarray, regions: Regions) -> np.ndarray:
     """The picture with pixels within two px of where three opaque regions meet, and beside no other, opaque."""
     labels = regions.labels
     y, x = np.nonzero((levels[..., 3] < OPAQUE) & (levels[..., 3] > 0.0))
-    solid = regions.inks[:, 3] >= OPAQUE
+    solid = regions.fills[:, 3] >= OPAQUE
     inside = ndimage.minimum_filter(solid[labels], 3)[y, x]
     y, x = y[inside], x[inside]
     if not len(y):
@@ -67,20 +67,20 @@ def _shares(
     other: np.ndarray,
     grounds: np.ndarray,
 ) -> np.ndarray:
-    """(H, W) the share of the other ink in pixels that are seams over one of the grounds, NaN elsewhere."""
+    """(H, W) the share of the other fill in pixels that are seams over one of the grounds, NaN elsewhere."""
     out = np.full(regions.labels.shape, np.nan)
     y, x = place
     for start in range(0, len(y), CHUNK):
         part = slice(start, start + CHUNK)
         rows, columns = y[part], x[part]
-        own, beside = regions.inks[regions.labels[rows, columns]], regions.inks[other[part]]
+        own, beside = regions.fills[regions.labels[rows, columns]], regions.fills[other[part]]
         share, rest = _best_share(levels[rows, columns], own, beside, grounds)
         out[rows, columns] = np.where(rest <= SEEN, share, np.nan)
     return out
 
 
 def _along_runs(shares: np.ndarray) -> np.ndarray:
-    """The shares (H, W) that are the same along a level or upright run of RUN px: another ink than those two explains
+    """The shares (H, W) that are the same along a level or upright run of RUN px: another fill than those two explains
     single pixels in many ways.
     """
     known = np.nan_to_num(shares, nan=-9.0)
@@ -101,24 +101,24 @@ def _odd(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray, 
     # Where three regions meet nothing is certain.
     two = (low == own) | (high == own)
     y, x, own, other = y[two], x[two], own[two], other[two]
-    base, span = regions.inks[own], regions.inks[other] - regions.inks[own]
+    base, span = regions.fills[own], regions.fills[other] - regions.fills[own]
     value = levels[y, x]
     t = np.clip(((value - base) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9), 0.0, 1.0)
     odd = np.abs(value - base - t[:, None] * span).max(axis=1) > ODD
     return y[odd], x[odd], other[odd]
 
 
-def _common_inks(regions: Regions) -> np.ndarray:
-    """(k, 4) the commonest inks."""
-    inks, index = np.unique(regions.inks, axis=0, return_inverse=True)
-    areas = np.bincount(index.reshape(-1), regions.areas(), len(inks))
-    return inks[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
+def _common_fills(regions: Regions) -> np.ndarray:
+    """(k, 4) the commonest fills."""
+    fills, index = np.unique(regions.fills, axis=0, return_inverse=True)
+    areas = np.bincount(index.reshape(-1), regions.areas(), len(fills))
+    return fills[np.argsort(-areas, kind="stable")[:MOST_GROUNDS]]
 
 
 def _best_share(
     values: np.ndarray, own: np.ndarray, beside: np.ndarray, grounds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) the share of the ink beside in seams, and (n,) the residual in levels, inf without a third ink."""
+    """(n,) the share of the fill beside in seams, and (n,) the residual in levels, inf without a third fill."""
     a = (np.arange(STEPS + 1) / STEPS)[None, :, None]
     best, rest = np.zeros(len(values)), np.full(len(values), np.inf)
     for ground in grounds:

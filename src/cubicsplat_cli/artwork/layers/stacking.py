@@ -1,8 +1,8 @@
 """The regions that make one shape, and the order of shapes.
 
 Evidence that a region lies above another: it is enclosed by it; its outline runs straight on where three regions
-meet; it is a whole circle or ellipse; little of it lies in the other's convex hull. Regions of one ink with only higher
-regions between them are pieces of one shape that continues beneath.
+meet; it is a whole circle or ellipse; little of it lies in the other's convex hull. Regions of one fill with only
+higher regions between them are pieces of one shape that continues beneath.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from cubicsplat_cli.artwork.layers.junctions import junction_votes
 from cubicsplat_cli.artwork.layers.rounds import round_votes
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED
-from cubicsplat_cli.artwork.regions.inks import CLEAR
+from cubicsplat_cli.artwork.regions.fills import CLEAR
 from cubicsplat_cli.artwork.regions.neighbours import enclosures, on_the_border, touching
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
@@ -52,10 +52,10 @@ class Stack:
 
 
 def stack(regions: Regions, found: EdgePositions, joined: bool = True) -> Stack:
-    """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one ink may
+    """The layers of a picture's regions, back to front. found: where their outlines run. joined: pieces of one fill may
     be one beneath what hides it. Of more than MOST_COMPLETED regions only those that enclose others are known to lie
     beneath these, and all others lie in the order of their sizes."""
-    clear = regions.inks[:, 3] <= CLEAR
+    clear = regions.fills[:, 3] <= CLEAR
     facts = _Facts(regions, found, clear)
     group = _merged(facts, MOST_HULL_PIXELS if joined else 0)
     order = _ordered(facts, group)
@@ -133,16 +133,16 @@ def _merged(facts: _Facts, budget: int) -> np.ndarray:
 
 
 def _candidates(facts: _Facts) -> list[tuple[int, int]]:
-    """Pairs of regions of one ink with a common neighbour that is drawn, the largest first."""
+    """Pairs of regions of one fill with a common neighbour that is drawn, the largest first."""
     pairs = set()
     for between, beside in facts.touching.items():
         if facts.clear[between]:
             continue
-        by_ink: dict[int, list[int]] = {}
+        by_fill: dict[int, list[int]] = {}
         for i in beside:
             if not facts.clear[i]:
-                by_ink.setdefault(int(facts.regions.ink_of[i]), []).append(i)
-        for same in by_ink.values():
+                by_fill.setdefault(int(facts.regions.fill_of[i]), []).append(i)
+        for same in by_fill.values():
             same.sort(key=lambda i: (-facts.areas[i], i))
             hub = same[0]
             pairs |= {(hub, i) for i in same[1:]}

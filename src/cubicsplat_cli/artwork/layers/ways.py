@@ -15,7 +15,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.layers.continuation import continued
 from cubicsplat_cli.artwork.layers.ends import REACH, End, end_of
-from cubicsplat_cli.artwork.layers.taut import Room, along_edge, taut
+from cubicsplat_cli.artwork.layers.min_link import Room, along_edge, min_link_path
 
 CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on
 # The most that such a cubic turns, radians: an edge less likely turns by more than a right angle.
@@ -95,7 +95,7 @@ def simply(loop: HiddenLoop, run: np.ndarray, ends: tuple[End, End] | None = Non
     """The ways by the fewest and shortest straight lines."""
     points = loop.points[run]
     first, last = ends or tuple(end_of(loop.points, loop.sigma, run[k], step) for k, step in ((0, -1), (-1, 1)))
-    for corners in taut(points, first, last, loop.room):
+    for corners in min_link_path(points, first, last, loop.room):
         yield from _by_lines(loop, run, (first, last), corners)
     yield from _by_lines(loop, run, (first, last), along_edge(points))
 

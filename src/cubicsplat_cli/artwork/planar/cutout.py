@@ -13,7 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
 from cubicsplat_cli.artwork.planar.borders import Borders, borders_of
 from cubicsplat_cli.artwork.planar.edges import Edges, edges_of_borders
-from cubicsplat_cli.artwork.planar.faces import NOTHING, faces_of
+from cubicsplat_cli.artwork.planar.faces import NOTHING, Faces, faces_of
 from cubicsplat_cli.artwork.planar.gridded import on_grid
 from cubicsplat_cli.artwork.planar.snapping import snapped_segments
 from cubicsplat_cli.artwork.planar.sources import Sources, sources_of
@@ -31,25 +31,34 @@ def cut_out(drawing: Drawing, precision: int) -> Drawing:
         return drawing
     sources = sources_of(drawing)
     faces = faces_of(snapped_segments(sources), sources.shape)
-    region, shown = visible_regions(faces, _inks(drawing))
-    borders = borders_of(faces, region, sources)
-    edges = on_grid(edges_of_borders(borders, faces, sources), precision)
-    whole = _whole_outlines(borders, sources)
-    found = []
-    for number, cycles in borders.cycles.items():
-        if shown[number] == NOTHING:
-            continue
-        outlines = [outline for cycle in cycles if (outline := _outline(cycle, edges, borders, whole)) is not None]
-        # The outer border is the largest, since it goes around the others.
-        outlines.sort(key=lambda outline: -abs(signed_area(outline.ring())))
-        if outlines:
-            found.append((int(shown[number]), tuple(outlines)))
+    region, shown = visible_regions(faces, _fills(drawing))
+    outlines_of = outlines_of_regions(faces, region, shown != NOTHING, sources, precision)
+    found = [(int(shown[number]), outlines) for number, outlines in outlines_of.items()]
     found.sort(key=lambda each: (each[0], -abs(signed_area(each[1][0].ring()))))
     shapes = tuple(replace(drawing.shapes[shape], outlines=outlines, stroke=None) for shape, outlines in found)
     return replace(drawing, shapes=shapes, abutting=True)
 
 
-def _inks(drawing: Drawing) -> np.ndarray:
+def outlines_of_regions(
+    faces: Faces, region: np.ndarray, wanted: np.ndarray, sources: Sources, precision: int
+) -> dict[int, tuple[Outline, ...]]:
+    """The outlines of the wanted (R,) of the regions (F,) of a planar map by their numbers, the outer ones first."""
+    borders = borders_of(faces, region, sources)
+    edges = on_grid(edges_of_borders(borders, faces, sources), precision)
+    whole = _whole_outlines(borders, sources)
+    found = {}
+    for number, cycles in borders.cycles.items():
+        if not wanted[number]:
+            continue
+        outlines = [outline for cycle in cycles if (outline := _outline(cycle, edges, borders, whole)) is not None]
+        # The outer border is the largest, since it goes around the others.
+        outlines.sort(key=lambda outline: -abs(signed_area(outline.ring())))
+        if outlines:
+            found[number] = tuple(outlines)
+    return found
+
+
+def _fills(drawing: Drawing) -> np.ndarray:
     """(shapes,) a number for each way to be painted."""
     known: dict[Shape, int] = {}
     alike = [replace(shape, outlines=(), name="", stroke=None) for shape in drawing.shapes]

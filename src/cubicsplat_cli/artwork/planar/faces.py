@@ -18,7 +18,8 @@ class Faces:
     (2 E,) the half-edge after each along its face, half-edge 2 e running along edge e and 2 e + 1 back; face: (2 E,)
     the face beside each half-edge, where its direction has it if x grows to the right and y upwards on the left; face 0
     is all around. areas: (F,) square steps, infinite for face 0. runs: of each edge the (piece, t at tail, t at head)
-    that lie on it, the uppermost shape's first; shown: (F,) the uppermost shape on each face, NOTHING without.
+    that lie on it, the uppermost shape's first; covers: of each face the shapes that cover it, none beyond the canvas;
+    shown: (F,) the uppermost of these, NOTHING without.
     """
 
     vertices: np.ndarray
@@ -28,6 +29,7 @@ class Faces:
     face: np.ndarray
     areas: np.ndarray
     runs: list[list[tuple[int, float, float]]]
+    covers: list[list[int]]
     shown: np.ndarray
 
 
@@ -43,9 +45,9 @@ def faces_of(segments: Segments, shape: np.ndarray) -> Faces:
     sizes = np.zeros(int(face_of_cycle.max(initial=0)) + 1)
     np.add.at(sizes, face_of_cycle, 0.5 * areas)
     sizes[0] = np.inf
-    return Faces(
-        vertices, tail, head, following, face, sizes, runs, _shown(face, changes, len(sizes), int(shape.max()))
-    )
+    covers = _covers(face, changes, len(sizes), int(shape.max()))
+    shown = np.array([max(shapes, default=NOTHING) for shapes in covers])
+    return Faces(vertices, tail, head, following, face, sizes, runs, covers, shown)
 
 
 def _edges(
@@ -159,8 +161,8 @@ def _nearest(at: np.ndarray, edges: np.ndarray, x0: np.ndarray, x1: np.ndarray, 
     return int(edges[np.lexsort((lean, np.round(at, 9)))[-1]])
 
 
-def _shown(face: np.ndarray, changes: list[dict[int, int]], count: int, canvas: int) -> np.ndarray:
-    """(count,) the uppermost shape on each face within the canvas."""
+def _covers(face: np.ndarray, changes: list[dict[int, int]], count: int, canvas: int) -> list[list[int]]:
+    """The shapes that cover each of `count` faces within the canvas."""
     beside: list[list[tuple[int, int, int]]] = [[] for _ in range(count)]
     for e in range(len(changes)):
         left, right = int(face[2 * e]), int(face[2 * e + 1])
@@ -169,12 +171,12 @@ def _shown(face: np.ndarray, changes: list[dict[int, int]], count: int, canvas: 
     windings: list[dict[int, int] | None] = [None] * count
     windings[0] = {}
     queue = deque([0])
-    shown = np.full(count, NOTHING)
+    covers: list[list[int]] = [[] for _ in range(count)]
     while queue:
         here = queue.popleft()
         own = windings[here] or {}
         if canvas in own:
-            shown[here] = max((shape for shape in own if shape != canvas), default=NOTHING)
+            covers[here] = [shape for shape in own if shape != canvas]
         for other, e, sign in beside[here]:
             if windings[other] is not None:
                 continue
@@ -187,4 +189,4 @@ def _shown(face: np.ndarray, changes: list[dict[int, int]], count: int, canvas: 
                     there.pop(shape, None)
             windings[other] = there
             queue.append(other)
-    return shown
+    return covers

@@ -20,6 +20,7 @@ MOST_CHORDS = 4096  # of a piece
 MOST_ROUNDS = 200
 # A vertex nearer than 3/4 of a step to a segment is on it: a crossing is at most sqrt(1/2) off its grid point.
 _NEAR = (9, 16)
+_SAME_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,12 @@ class Segments:
         return Segments(self.start[which], self.end[which], self.piece[which], self.t[which])
 
 
-def snapped_segments(sources: Sources) -> Segments:
-    """The pieces as chords that meet at their ends only; those that lie on each other are all there."""
-    segments = _chords(sources)
+def snapped_segments(sources: Sources, live: np.ndarray | None = None) -> Segments:
+    """The pieces as chords that meet at their ends only; those that lie on each other are all there.
+
+    live: (P,) bool, which pieces are taken; all by default.
+    """
+    segments = _chords(sources, np.ones(len(sources.lines), dtype=bool) if live is None else live)
     fresh = np.ones(len(segments.piece), dtype=bool)
     for _ in range(MOST_ROUNDS):
         which, points, at = _cuts(segments, fresh)
@@ -49,12 +53,12 @@ def snapped_segments(sources: Sources) -> Segments:
     raise EngineError("the outlines of this drawing cannot be told apart; use --stacking stacked")
 
 
-def _chords(sources: Sources) -> Segments:
+def _chords(sources: Sources, live: np.ndarray) -> Segments:
     cubics = sources.cubics
     bend = np.abs(cubics[:, :2] - 2.0 * cubics[:, 1:3] + cubics[:, 2:]).max(axis=(1, 2))
     length = np.hypot(*np.diff(cubics, axis=1).transpose(2, 0, 1)).sum(axis=1)
     counts = np.where(sources.lines, 0.0, np.sqrt(0.75 * bend / FLAT))
-    counts = np.clip(np.ceil(np.maximum(counts, length / LONGEST)), 1, MOST_CHORDS).astype(np.int64)
+    counts = np.clip(np.ceil(np.maximum(counts, length / LONGEST)), 1, MOST_CHORDS).astype(np.int64) * live
     piece = np.repeat(np.arange(len(cubics)), counts)
     local = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
     t = np.stack([local / counts[piece], (local + 1) / counts[piece]], axis=1)
@@ -103,12 +107,15 @@ def _crossings(
     size = np.abs(turn)
     proper = (turn != 0) & (u * sign > 0) & (u * sign < size) & (v * sign > 0) & (v * sign < size)
     i, j = i[proper], j[proper]
-    u, v = u[proper] / turn[proper], v[proper] / turn[proper]
-    at = np.rint(a[i] + u[:, None] * ab[proper]).astype(np.int64)
+    at = np.rint(a[i] + (u[proper] / turn[proper])[:, None] * ab[proper]).astype(np.int64)
     out = []
-    for seg, share in ((i, u), (j, v)):
+    for seg in (i, j):
         inner = (at != a[seg]).any(axis=1) & (at != b[seg]).any(axis=1)
-        out.append((seg[inner], at[inner], share[inner]))
+        own, point = seg[inner], at[inner]
+        way = b[own] - a[own]
+        # Where the grid point lies along the segment: in another order a chain would run to and fro.
+        share = (way * (point - a[own])).sum(axis=1) / (way * way).sum(axis=1)
+        out.append((own, point, share))
     return out
 
 
@@ -118,8 +125,11 @@ def _cross(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 def _cut(segments: Segments, which: np.ndarray, points: np.ndarray, at: np.ndarray) -> tuple[Segments, np.ndarray]:
     """The segments with some cut, and which of them are new."""
-    order = np.lexsort((at, which))
+    order = np.lexsort((*points.T, at, which))
+    # A segment goes to one of two points that face each other across it: between these it would be cut again, for ever.
     which, points, at = which[order], points[order], at[order]
+    apart = np.append(True, (which[1:] != which[:-1]) | (np.diff(at) > _SAME_SHARE))
+    which, points, at = which[apart], points[apart], at[apart]
     kept = np.ones(len(segments.piece), dtype=bool)
     kept[which] = False
     # Chains of points, each segment's own ends around its cuts.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     ring_of_cubics,
     signed_area,
 )
-from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
 
 @dataclass(frozen=True)
@@ -44,19 +45,33 @@ class Sources:
 
 def sources_of(drawing: Drawing) -> Sources:
     """The pieces of a drawing, outer rings clockwise as seen and holes the other way; arcs in eighths of a turn."""
-    edge = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [drawing.width, drawing.height]
     rings: list[Ring] = []
     owners: list[int] = []
     outlines: list[Outline] = []
     for number, shape in enumerate(drawing.shapes):
-        for index, outline in enumerate(shape.outlines):
-            ring = _ring(outline)
-            rings.append(ring if (signed_area(ring) > 0.0) == (index == 0) else reversed_ring(ring))
-            owners.append(number)
-            outlines.append(outline)
-    rings.append(polygon(edge))
-    owners.append(len(drawing.shapes))
-    outlines.append(rings[-1])
+        rings += rings_of(shape)
+        owners += [number] * len(shape.outlines)
+        outlines += shape.outlines
+    return sources_from(rings, owners, outlines, canvas_ring(drawing), len(drawing.shapes))
+
+
+def rings_of(shape: Shape) -> list[Ring]:
+    """The rings of a shape, the outer one clockwise as seen, holes the other way; arcs in eighths of a turn."""
+    rings = [_ring(outline) for outline in shape.outlines]
+    right = [(signed_area(ring) > 0.0) == (index == 0) for index, ring in enumerate(rings)]
+    return [ring if as_it_is else reversed_ring(ring) for ring, as_it_is in zip(rings, right, strict=True)]
+
+
+def canvas_ring(drawing: Drawing) -> Ring:
+    """The edge of a drawing's canvas."""
+    return polygon(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * [drawing.width, drawing.height])
+
+
+def sources_from(
+    rings: Sequence[Ring], owners: Sequence[int], outlines: Sequence[Outline], canvas: Ring, count: int
+) -> Sources:
+    """The pieces of rings, whose windings count, each of one of so many shapes and of an outline, and of a canvas."""
+    rings, owners, outlines = [*rings, canvas], [*owners, count], [*outlines, canvas]
     sizes = np.array([ring.pieces for ring in rings])
     starts = np.cumsum(sizes) - sizes
     after = np.concatenate([start + (np.arange(size) + 1) % size for start, size in zip(starts, sizes, strict=True)])

@@ -1,4 +1,4 @@
-"""The visible regions of a planar map: faces of one ink that touch along an edge, without slivers."""
+"""The visible regions of a planar map: faces of one fill that touch along an edge, without slivers."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ LEAST_AREA, LEAST_WIDTH = 0.02, 0.05  # px^2, px
 PASSES = 4
 
 
-def visible_regions(faces: Faces, inks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def visible_regions(faces: Faces, fills: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(F,) the region of each face, and (R,) the shape that each region shows, NOTHING where the ground does.
 
-    inks: (shapes,) int, equal where two shapes look alike.
+    fills: (shapes,) int, equal where two shapes look alike.
     """
     shown = faces.shown.copy()
     left, right = faces.face[0::2], faces.face[1::2]
@@ -24,7 +24,7 @@ def visible_regions(faces: Faces, inks: np.ndarray) -> tuple[np.ndarray, np.ndar
     lengths = np.hypot(*steps.T) / GRID
     areas = faces.areas / GRID**2
     for _ in range(PASSES):
-        region = _connected(_classes(shown, inks), left, right)
+        region = connected(_classes(shown, fills), left, right)
         size = np.bincount(region, areas)
         apart = region[left] != region[right]
         around = np.bincount(region[left[apart]], lengths[apart], len(size))
@@ -33,15 +33,16 @@ def visible_regions(faces: Faces, inks: np.ndarray) -> tuple[np.ndarray, np.ndar
         if not slivers.any():
             break
         _absorbed(shown, region, slivers, (left, right, lengths))
-    region = _connected(_classes(shown, inks), left, right)
+    region = connected(_classes(shown, fills), left, right)
     return region, _shapes(shown, region, areas)
 
 
-def _classes(shown: np.ndarray, inks: np.ndarray) -> np.ndarray:
-    return np.where(shown >= 0, np.append(inks, 0)[shown], NOTHING)
+def _classes(shown: np.ndarray, fills: np.ndarray) -> np.ndarray:
+    return np.where(shown >= 0, np.append(fills, 0)[shown], NOTHING)
 
 
-def _connected(classes: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+def connected(classes: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(F,) numbers of the groups of faces of one class that touch along edges. left, right: (E,) the faces of each."""
     same = classes[left] == classes[right]
     return linked_groups(len(classes), left[same], right[same])[1].astype(np.int64)
 

@@ -1,1 +1,1 @@
-"""The regions of a flat picture, and their inks; lines too thin to have an interior."""
+"""The regions of a flat picture, and their fills; lines too thin to have an interior."""

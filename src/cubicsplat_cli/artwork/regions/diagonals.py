@@ -1,44 +1,44 @@
-"""Slanting thin lines kept in one piece: pixels of one ink that only touch at a corner are joined through a third.
+"""Slanting thin lines kept in one piece: pixels of one fill that only touch at a corner are joined through a third.
 
 Regions connect along the sides of pixels, so that a line of a pixel or two falls apart wherever its pixels meet at
-corners only. The third pixel is the one of the two beside the corner that has the more of the line's ink in it.
+corners only. The third pixel is the one of the two beside the corner that has the more of the line's fill in it.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-LEAST_SHARE = 0.15  # of the line's ink in the pixel that joins; a line of one px across has a quarter at the corners
+LEAST_SHARE = 0.15  # of the line's fill in the pixel that joins; a line of one px across has a quarter at the corners
 REACH = 3  # px to each side of the pixel, in which a line has at most half of the pixels, and less than what it cuts
 PASSES = 3
 
 
-def joined_at_corners(inks: np.ndarray, levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
-    """(H, W) the inks of the pixels of a picture (H, W, 4), levels, with the diagonals of thin lines joined.
+def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray) -> np.ndarray:
+    """(H, W) the fills of the pixels of a picture (H, W, 4), levels, with the diagonals of thin lines joined.
 
-    inks: (H, W) indices into the palette (P, 4), levels.
+    fills: (H, W) indices into the palette (P, 4), levels.
     """
-    inks = inks.copy()
+    fills = fills.copy()
     for _ in range(PASSES):
-        y, x, own = _corners(inks)
-        base = palette[inks[y, x]]
+        y, x, own = _corners(fills)
+        base = palette[fills[y, x]]
         span = palette[own][:, None] - base
         share = ((levels[y, x] - base) * span).sum(axis=2) / np.maximum((span * span).sum(axis=2), 1e-9)
         at, best = np.arange(len(y)), share.argmax(axis=1)
         y, x = y[at, best], x[at, best]
         good = share[at, best] >= LEAST_SHARE
-        good[good] = _thin(inks, own[good], y[good], x[good])
+        good[good] = _thin(fills, own[good], y[good], x[good])
         if not good.any():
             break
-        inks[y[good], x[good]] = own[good]
-    return inks
+        fills[y[good], x[good]] = own[good]
+    return fills
 
 
-def _corners(inks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where two pixels of one ink meet at a corner only: rows (n, 2) and columns (n, 2) of the two others there, and
-    the ink (n,).
+def _corners(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where two pixels of one fill meet at a corner only: rows (n, 2) and columns (n, 2) of the two others there, and
+    the fill (n,).
     """
-    a, b, c, d = inks[:-1, :-1], inks[:-1, 1:], inks[1:, :-1], inks[1:, 1:]
+    a, b, c, d = fills[:-1, :-1], fills[:-1, 1:], fills[1:, :-1], fills[1:, 1:]
     falling = np.argwhere((a == d) & (a != b) & (a != c))
     rising = np.argwhere((b == c) & (b != a) & (b != d))
     y = np.concatenate([falling[:, :1] + [0, 1], rising[:, :1] + [0, 1]])
@@ -46,11 +46,11 @@ def _corners(inks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return y, x, np.concatenate([a[tuple(falling.T)], b[tuple(rising.T)]])
 
 
-def _thin(inks: np.ndarray, own: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(n,) bool: around the pixels y, x an ink is thin, and thinner than theirs."""
-    padded = np.pad(inks, REACH, constant_values=-1)
+def _thin(fills: np.ndarray, own: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(n,) bool: around the pixels y, x a fill is thin, and thinner than theirs."""
+    padded = np.pad(fills, REACH, constant_values=-1)
     mine, others = np.zeros(len(y), dtype=int), np.zeros(len(y), dtype=int)
-    theirs = inks[y, x]
+    theirs = fills[y, x]
     side = 2 * REACH + 1
     for dy in range(side):
         for dx in range(side):

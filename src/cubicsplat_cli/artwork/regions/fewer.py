@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.scene.paint import Rgba
 
 # More colours are gathered in bins before they are compared in pairs.
 MOST_COMPARED = 512
@@ -57,9 +57,9 @@ def nearest_colours(colours: np.ndarray, palette: tuple[tuple[int, int, int], ..
     return known, owner
 
 
-def nearest_in(palette: tuple[tuple[int, int, int], ...], ink: Ink) -> Ink:
+def nearest_in(palette: tuple[tuple[int, int, int], ...], fill: Rgba) -> Rgba:
     """The same opacity of the colour of a palette that is nearest."""
-    red, green, blue, alpha = ink
+    red, green, blue, alpha = fill
     found = nearest_colours(np.array([[red, green, blue, 255.0]]), palette)[0][0]
     return round(found[0]), round(found[1]), round(found[2]), alpha
 

@@ -1,6 +1,6 @@
-"""Lines too thin to show their ink anywhere near: every pixel of one is a blend of it with what lies beside it.
+"""Lines too thin to show their fill anywhere near: every pixel of one is a blend of it with what lies beside it.
 
-Such pixels are no blend of the inks around them, but they are one of those with some other ink of the picture, all
+Such pixels are no blend of the fills around them, but they are one of those with some other fill of the picture, all
 along the line the same one.
 """
 
@@ -12,35 +12,35 @@ import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.unmix import best_blend, blend_with, inks_of_lines, near_inks, residual_of_three, spread
+from cubicsplat_cli.raster.unmix import best_blend, blend_with, fills_of_lines, near_fills, residual_of_three, spread
 
-# Residuals, in levels, of a blend that the inks beside it explain, and that the ink of a line must explain; lines are
-# sought with the MOST_INKS commonest inks.
+# Residuals, in levels, of a blend that the fills beside it explain, and that the fill of a line must explain; lines are
+# sought with the MOST_FILLS commonest fills.
 STRANGE, CLOSE = 24.0, 10.0
-MOST_INKS = 32
-WINDOW = 7  # px around a pixel in which a line keeps its ink
+MOST_FILLS = 32
+WINDOW = 7  # px around a pixel in which a line keeps its fill
 # Two rows of one colour each that lie side by side for so many px, further apart than ALIKE levels.
 LONG, ALIKE = 5, 8.0
 # A pixel is a line's by this share, or by LESS where its neighbours to either side have less of it.
 # Where two shapes share a pixel up to a quarter of what is beneath shows through, which is no line.
 SHARE, LESS = 0.5, 0.3
-# An ink that no flat pixel has is that of LEAST_PIXELS pixels and more, of such inks at most MOST_NEW are taken.
+# A fill that no flat pixel has is that of LEAST_PIXELS pixels and more, of such fills at most MOST_NEW are taken.
 LEAST_PIXELS, MOST_NEW = 24, 8
 SOLID = 254.0  # levels of opacity: a translucent line is a seam where two shapes meet within a pixel
 
-# Inks are sought up to so many px around a blend.
+# Fills are sought up to so many px around a blend.
 REACH = 3
-# Levels beyond which a pixel that an ink does not explain counts no more against it, and by which each ink must explain
-# a line better than commoner ones.
+# Levels beyond which a pixel that a fill does not explain counts no more against it, and by which each fill must
+# explain a line better than commoner ones.
 MOST_RESIDUAL, LATER = 40.0, 0.1
 LENGTH = 8  # px along which pixels hang together that the labels do not explain, for a line to be there
-FAINT = 8.0  # levels by which an ink must explain a line better, of which it would have hardly anything
+FAINT = 8.0  # levels by which a fill must explain a line better, of which it would have hardly anything
 
 
 @dataclass(frozen=True)
 class LineSearch:
     """close: levels by which the pixels of a line are off. less: share from which a pixel on its middle is the line's.
-    window: px in which it keeps its ink. faint: levels that it costs an ink to have no share in its pixels.
+    window: px in which it keeps its fill. faint: levels that it costs a fill to have no share in its pixels.
     """
 
     close: float = CLOSE
@@ -49,8 +49,8 @@ class LineSearch:
     faint: float = 0.0
 
 
-def strangers(values: np.ndarray, palette: np.ndarray, near: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """(n,) bool: values (n, 4) that are no blend of two, nor of three, of the inks near them (n, slots)."""
+def unexplained(values: np.ndarray, palette: np.ndarray, near: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """(n,) bool: values (n, 4) that are no blend of two, nor of three, of the fills near them (n, slots)."""
     strange = residual > STRANGE
     strange[strange] = residual_of_three(values[strange], palette, near[strange]) > CLOSE
     return strange
@@ -60,9 +60,9 @@ def level_lines(
     levels: np.ndarray, place: tuple[np.ndarray, np.ndarray], palette: np.ndarray, beside: np.ndarray
 ) -> np.ndarray:
     """(n,) bool: the strange pixels of a picture (H, W, 4), at rows and columns (n,), in which a level or upright line
-    lies that shares two rows of pixels with what is on either side of it, in an ink of the palette.
+    lies that shares two rows of pixels with what is on either side of it, in a fill of the palette.
 
-    Such rows are of one colour each, as if they were lines in inks of their own. beside: (n, 4) the inks beside them.
+    Such rows are of one colour each, as if they were lines in fills of their own. beside: (n, 4) the fills beside them.
     """
     out, strange = np.zeros(len(beside), dtype=bool), np.zeros(levels.shape[:2], dtype=bool)
     strange[place] = True
@@ -73,9 +73,9 @@ def level_lines(
         [largest(np.abs(levels[y, x] - _beside(levels, y, x, axis, step))) > ALIKE for step in (-1, 1)]
         for axis in (0, 1)
     ]
-    for ink in palette[:MOST_INKS] if len(some) else ():
+    for fill in palette[:MOST_FILLS] if len(some) else ():
         near = np.zeros(strange.shape, dtype=bool)
-        near[y, x] = blend_with(levels[y, x], ink, beside[some], beside[some])[1] <= CLOSE
+        near[y, x] = blend_with(levels[y, x], fill, beside[some], beside[some])[1] <= CLOSE
         for axis in (0, 1):
             own = near & long[axis]
             for step, differs in zip((-1, 1), apart[axis], strict=True):
@@ -95,9 +95,9 @@ def _long(levels: np.ndarray, axis: int) -> np.ndarray:
     return ndimage.binary_dilation(spread(levels, rows, columns) <= 1.0, np.ones((rows, columns), dtype=bool))
 
 
-def missing_inks(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
-    """(k, 4) inks of lines, that the palette lacks: common colours among strange values (n, 4), of which the others
-    are blends with the ink beside them (n, 4).
+def missing_fills(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """(k, 4) fills of lines, that the palette lacks: common colours among strange values (n, 4), of which the others
+    are blends with the fill beside them (n, 4).
     """
     found: list[np.ndarray] = []
     left = np.ones(len(values), dtype=bool)
@@ -108,15 +108,15 @@ def missing_inks(values: np.ndarray, beside: np.ndarray) -> np.ndarray:
         common = (counts >= LEAST_PIXELS) & (colours[:, 3] >= SOLID)
         if not common.any():
             break
-        ink = colours[int(np.where(common, far, -1.0).argmax())]
-        found.append(ink)
+        fill = colours[int(np.where(common, far, -1.0).argmax())]
+        found.append(fill)
         own = np.flatnonzero(left)
-        left[own[blend_with(values[own], ink, beside[own], beside[own])[1] <= CLOSE]] = False
-        left[own[(np.rint(values[own]) == ink).all(axis=1)]] = False
+        left[own[blend_with(values[own], fill, beside[own], beside[own])[1] <= CLOSE]] = False
+        left[own[(np.rint(values[own]) == fill).all(axis=1)]] = False
     return np.array(found).reshape(-1, 4)
 
 
-def nearest_line_inks(
+def nearest_line_fills(
     values: np.ndarray,
     place: tuple[np.ndarray, np.ndarray],
     size: tuple[int, ...],
@@ -124,18 +124,18 @@ def nearest_line_inks(
     near: np.ndarray,
     search: LineSearch | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) the ink of the line that each strange value (n, 4), at rows and columns (n,), belongs to, -1 for none; and
+    """(n,) the fill of the line that each strange value (n, 4), at rows and columns (n,), belongs to, -1 for none; and
     whether it is mostly or by its place the line's (n,).
     """
     search = search or LineSearch()
     first = palette[near[:, 0]]
     second = palette[np.where(near[:, 1] >= 0, near[:, 1], near[:, 0])]
     costs = (MOST_RESIDUAL, search.faint, LATER)
-    ink, share, gap = inks_of_lines(values, place, palette[:MOST_INKS], (first, second), search.window, costs)
-    ink = np.where(gap <= search.close, ink, -1)
+    fill, share, gap = fills_of_lines(values, place, palette[:MOST_FILLS], (first, second), search.window, costs)
+    fill = np.where(gap <= search.close, fill, -1)
     shares = np.zeros(size)
-    shares[place] = np.where(ink >= 0, share, 0.0)
-    return ink, (ink >= 0) & ((share >= SHARE) | ((share >= search.less) & _ridge(shares)[place]))
+    shares[place] = np.where(fill >= 0, share, 0.0)
+    return fill, (fill >= 0) & ((share >= SHARE) | ((share >= search.less) & _ridge(shares)[place]))
 
 
 def _ridge(shares: np.ndarray) -> np.ndarray:
@@ -163,22 +163,22 @@ def with_lines(levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, off:
     away[inner] = largest(np.abs(levels[inner] - palette[labels[inner]])) > off
     y, x = np.nonzero(away)
     far = away.copy()
-    far[y, x] = best_blend(levels[y, x], palette, near_inks(labels, y, x, 1))[1] > off
+    far[y, x] = best_blend(levels[y, x], palette, near_fills(labels, y, x, 1))[1] > off
     square = np.ones((3, 3), dtype=bool)
     seen = ndimage.binary_dilation(far | (solid < 0), square)
     place = _long_parts(seen, seen) & (away | (solid < 0))
     y, x = np.nonzero(place)
-    near = near_inks(solid, y, x, REACH)
+    near = near_fills(solid, y, x, REACH)
     y, x, near = (each[near[:, 0] >= 0] for each in (y, x, near))
     if not len(y):
         return labels
     search = LineSearch(max(CLOSE, off), less, 3 * LENGTH, FAINT)
-    ink, own = nearest_line_inks(levels[y, x], (y, x), labels.shape, palette, near, search)
+    fill, own = nearest_line_fills(levels[y, x], (y, x), labels.shape, palette, near, search)
     # What lies beside an area of the line's colour is its edge.
     own &= away[y, x] | (solid[y, x] < 0)
-    own &= ~(near_inks(solid, y, x, 1) == ink[:, None]).any(axis=1)
+    own &= ~(near_fills(solid, y, x, 1) == fill[:, None]).any(axis=1)
     out = labels.copy()
-    out[y[own], x[own]] = ink[own]
+    out[y[own], x[own]] = fill[own]
     new = _long_parts((solid < 0) | (out != labels), out != labels)
     return np.where(new, out, labels)
 

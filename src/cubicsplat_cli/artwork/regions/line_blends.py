@@ -1,7 +1,7 @@
-"""Inks that are none: what lines of another ink make, again and again, of the pixels that they fill in part.
+"""Fills that are none: what lines of another fill make, again and again, of the pixels that they fill in part.
 
 Drawing programs take few samples a pixel, so that lines of less than two px leave many pixels, and squares of them, the
-same blend of their ink with the ground.
+same blend of their fill with the ground.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ import numpy as np
 
 from cubicsplat_cli.raster import ndimage
 
-BLEND_LEVELS, SHARES = 1.5, (0.1, 0.95)  # levels that a blend is off, and shares of the line's ink in it
-FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which an ink is one
+BLEND_LEVELS, SHARES = 1.5, (0.1, 0.95)  # levels that a blend is off, and shares of the line's fill in it
+FLAT = 2  # pixels amid a square of 3 x 3 px of one colour, beyond which a fill is one
 # Px within which line and ground show beside such a blend, the share of its pixels for which they do, and of the ground
 # alone.
 NEAR, BESIDE_BOTH, BESIDE_GROUND = 2, 0.25, 0.7
 
 
 def line_blends(palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """(P,) bool: the inks of a palette (P, 4) in levels that only show where lines of another ink and what they lie on
-    show as well, are a blend of the two, and have fewer pixels than there are thin ones of the line's.
+    """(P,) bool: the fills of a palette (P, 4) in levels that only show where lines of another fill and what they lie
+    on show as well, are a blend of the two, and have fewer pixels than there are thin ones of the line's.
 
-    pure: (H, W) int, the ink of every pixel that is one, -1 of others; flat: (H, W) bool, those amid a square of one
+    pure: (H, W) int, the fill of every pixel that is one, -1 of others; flat: (H, W) bool, those amid a square of one
     colour.
     """
-    inks = np.arange(len(palette))
+    fills = np.arange(len(palette))
     doubtful = np.bincount(pure[flat & (pure >= 0)], minlength=len(palette)) <= FLAT
     counts = np.bincount(pure[pure >= 0], minlength=len(palette))
     thin = ~ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool)) & (pure >= 0)
     lines = np.bincount(pure[thin], minlength=len(palette))
     out = np.zeros(len(palette), dtype=bool)
-    beside = [ndimage.maximum_filter(pure == k, 2 * NEAR + 1) for k in inks] if doubtful.any() else []
-    for k in inks[doubtful & (counts > 0)]:
+    beside = [ndimage.maximum_filter(pure == k, 2 * NEAR + 1) for k in fills] if doubtful.any() else []
+    for k in fills[doubtful & (counts > 0)]:
         own = pure == k
-        for line, ground in permutations(inks[inks != k], 2):
+        for line, ground in permutations(fills[fills != k], 2):
             if lines[line] <= counts[k] or not _blends(palette[k], palette[line], palette[ground]):
                 continue
             by_ground = beside[ground][own]
@@ -44,9 +44,9 @@ def line_blends(palette: np.ndarray, pure: np.ndarray, flat: np.ndarray) -> np.n
     return out
 
 
-def _blends(ink: np.ndarray, line: np.ndarray, ground: np.ndarray) -> bool:
-    """Whether an ink (4,) is a blend of two others."""
+def _blends(fill: np.ndarray, line: np.ndarray, ground: np.ndarray) -> bool:
+    """Whether a fill (4,) is a blend of two others."""
     span = line - ground
-    share = float((ink - ground) @ span / max(float(span @ span), 1e-9))
-    off = float(np.abs(ink - ground - share * span).max())
+    share = float((fill - ground) @ span / max(float(span @ span), 1e-9))
+    off = float(np.abs(fill - ground - share * span).max())
     return SHARES[0] <= share <= SHARES[1] and off <= BLEND_LEVELS

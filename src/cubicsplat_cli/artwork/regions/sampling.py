@@ -11,7 +11,7 @@ import numpy as np
 from cubicsplat_cli.artwork.regions.regions import Regions
 
 SAMPLES = 16
-LEAST_CONTRAST = 100.0  # levels between two inks, whose blends tell sixteenths apart
+LEAST_CONTRAST = 100.0  # levels between two fills, whose blends tell sixteenths apart
 NEAR = 0.12  # of a sample
 FEWEST, MOST = 40, 20_000  # blends looked at
 SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
@@ -24,7 +24,7 @@ def samples_across(levels: np.ndarray, regions: Regions) -> int:
         first, second = (np.swapaxes(a, 0, axis) for a in (labels, labels))
         own, beside = first[:-1], second[1:]
         y, x = np.nonzero(own != beside)
-        base, span = regions.inks[own[y, x]], regions.inks[beside[y, x]] - regions.inks[own[y, x]]
+        base, span = regions.fills[own[y, x]], regions.fills[beside[y, x]] - regions.fills[own[y, x]]
         size = (span * span).sum(axis=1)
         value = np.swapaxes(levels, 0, axis)[y, x]
         share = ((value - base) * span).sum(axis=1) / np.maximum(size, 1e-9)

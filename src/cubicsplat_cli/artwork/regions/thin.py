@@ -1,9 +1,9 @@
 """The edges of lines so thin that no pixel across them is purely theirs.
 
-Down a column across a line of ink T, with ink B above and C below, lie the edges e1 and e2. Whatever their slopes, the
-pixels of the column from row r0 to r1 sum up to B (e1 - r0) + T (e2 - e1) + C (r1 - e2), a linear equation in e1 and e2
-for each channel. Where B, T and C lie on one line of colours it tells only one of them; then the line's middle is taken
-from the centroid of what differs from its ground.
+Down a column across a line of fill T, with fill B above and C below, lie the edges e1 and e2. Whatever their slopes,
+the pixels of the column from row r0 to r1 sum up to B (e1 - r0) + T (e2 - e1) + C (r1 - e2), a linear equation in e1
+and e2 for each channel. Where B, T and C lie on one line of colours it tells only one of them; then the line's middle
+is taken from the centroid of what differs from its ground.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ def thin_edges(
     good = found & clean & also
     top = np.where(sign > 0, start, stop)
     bottom = np.where(sign > 0, stop, start)
-    above = regions.inks[labels[np.where(sign > 0, near, far), x]].astype(float)
-    below = regions.inks[labels[np.where(sign > 0, far, near), x]].astype(float)
+    above = regions.fills[labels[np.where(sign > 0, near, far), x]].astype(float)
+    below = regions.fills[labels[np.where(sign > 0, far, near), x]].astype(float)
     total, moment = np.zeros((len(y), 4)), np.zeros((len(y), 4))
-    ink = regions.inks[own].astype(float)
+    fill = regions.fills[own].astype(float)
     for step in range(3 * MOST + 2):
         row = top + step
         inside = (row <= bottom)[:, None]
         value = np.where(inside, levels[np.clip(row, 0, height - 1), x], 0.0)
         total += value
         moment += value * (row + 0.5)[:, None]
-    upper, lower = _solved(total, moment, top.astype(float), bottom + 1.0, (above, ink, below))
+    upper, lower = _solved(total, moment, top.astype(float), bottom + 1.0, (above, fill, below))
     edge = upper if sign > 0 else lower
     good &= np.isfinite(edge) & (lower - upper > THINNEST) & (np.abs(edge - y) < FARTHEST)
     return np.where(good, edge, y), good
@@ -72,27 +72,27 @@ def _beyond(
 def _pure(
     levels: np.ndarray, regions: Regions, row: np.ndarray, x: np.ndarray, sign: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The first row from `row` on that is purely the ink of its region, and whether there is one within MOST px."""
+    """The first row from `row` on that is purely the fill of its region, and whether there is one within MOST px."""
     height = levels.shape[0]
     label = regions.labels[row, x]
-    ink = regions.inks[label]
+    fill = regions.fills[label]
     at, found = row.copy(), np.zeros(len(row), dtype=bool)
     lost = found.copy()
     for step in range(MOST):
         here = np.clip(row + sign * step, 0, height - 1)
         lost |= regions.labels[here, x] != label
-        pure = ~found & ~lost & (np.abs(levels[here, x] - ink).max(axis=1) <= PURE)
+        pure = ~found & ~lost & (np.abs(levels[here, x] - fill).max(axis=1) <= PURE)
         at[pure] = here[pure]
         found |= pure
     return at, found
 
 
 def _solved(
-    total: np.ndarray, moment: np.ndarray, r0: np.ndarray, r1: np.ndarray, inks: tuple[np.ndarray, ...]
+    total: np.ndarray, moment: np.ndarray, r0: np.ndarray, r1: np.ndarray, fills: tuple[np.ndarray, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Both edges (n,) of lines by the sums of their columns (n, 4), and by the moments where those do not tell."""
-    above, ink, below = inks
-    a, c = above - ink, ink - below
+    above, fill, below = fills
+    a, c = above - fill, fill - below
     rest = total + above * r0[:, None] - below * r1[:, None]
     aa, cc, ac = (a * a).sum(1), (c * c).sum(1), (a * c).sum(1)
     ra, rc = (rest * a).sum(1), (rest * c).sum(1)
@@ -100,9 +100,9 @@ def _solved(
     sure = det > APART * aa * cc
     safe = np.where(sure, det, 1.0)
     upper, lower = (ra * cc - rc * ac) / safe, (rc * aa - ra * ac) / safe
-    # On one line of colours: how much ink, and around which height, above a ground that is the same on both sides.
+    # On one line of colours: how much fill, and around which height, above a ground that is the same on both sides.
     alike = ~sure & (np.abs(above - below).max(axis=1) <= PURE)
-    base, span = 0.5 * (above + below), ink - 0.5 * (above + below)
+    base, span = 0.5 * (above + below), fill - 0.5 * (above + below)
     length = np.maximum((span * span).sum(1), 1e-9)
     amount = ((total - base * (r1 - r0)[:, None]) * span).sum(1) / length
     about = ((moment - base * (0.5 * (r1 * r1 - r0 * r0))[:, None]) * span).sum(1) / length

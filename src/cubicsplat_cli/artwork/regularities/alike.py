@@ -33,11 +33,11 @@ class Track:
     whole: bool
 
     @classmethod
-    def of(cls, ring: Ring, sight: Visibility) -> Track:
+    def of(cls, ring: Ring, visibility: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
-        samples = samples_along(ring, sight, MOST)
-        shown = np.concatenate([w > 0.5 * SEEN_SIGMA**-2 for _, w, _ in samples])
-        return cls(points, PointTree(points), np.concatenate([p for p, _, _ in samples])[shown], bool(shown.all()))
+        samples = samples_along(ring, visibility, MOST)
+        shown = samples.weights > 0.5 * SEEN_SIGMA**-2
+        return cls(points, PointTree(points), samples.points[shown], bool(shown.all()))
 
     @cached_property
     def extent(self) -> np.ndarray:

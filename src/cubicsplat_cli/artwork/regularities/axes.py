@@ -17,10 +17,10 @@ def found_axes(rings: dict[int, tuple[Ring, Visibility]], size: tuple[int, int])
     """Of rings by number the axes of those that are their own mirror images, on half steps of the file's grid; size:
     px of the canvas."""
     found: dict[int, Symmetry] = {}
-    for k, (ring, sight) in rings.items():
+    for k, (ring, visibility) in rings.items():
         if is_box(ring):
             continue
-        track = Track.of(ring, sight)
+        track = Track.of(ring, visibility)
         symmetries = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
         good = [s for s in symmetries if s.most < FARTHEST and s.mean < MEAN]
         if good:

@@ -37,7 +37,7 @@ class Slope:
 def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list[Slope]]:
     """The lines of rings by number that are in the directions of a family, where the drawing has clearly more of these
     than chance would put there."""
-    lines = [(k, *line) for k, (ring, sight) in rings.items() for line in _sloping(ring, sight)]
+    lines = [(k, *line) for k, (ring, visibility) in rings.items() for line in _sloping(ring, visibility)]
     found: dict[int, list[Slope]] = {}
     for family in FAMILIES:
         score, hits = 0.0, []
@@ -54,13 +54,13 @@ def found_slopes(rings: Mapping[int, tuple[Ring, Visibility]]) -> dict[int, list
     return found
 
 
-def _sloping(ring: Ring, sight: Visibility) -> Iterable[tuple[int, float, float]]:
+def _sloping(ring: Ring, visibility: Visibility) -> Iterable[tuple[int, float, float]]:
     """Number, length, px, and direction, radians, of the lines of a ring that show and slope."""
     ways = np.roll(ring.anchors, -1, axis=0) - ring.anchors
     for i in np.flatnonzero(ring.lines & (np.abs(ways) > LEVEL).all(axis=1)).tolist():
         length = float(np.hypot(*ways[i]))
         if length >= SHORTEST:
-            weights = sight.weights(i, (np.arange(math.ceil(length)) + 0.5) / math.ceil(length))
+            weights = visibility.weights(i, (np.arange(math.ceil(length)) + 0.5) / math.ceil(length))
             if (weights > 0.5 * SEEN_SIGMA**-2).mean() >= SHOWN:
                 yield i, length, math.atan2(ways[i, 1], ways[i, 0])
 

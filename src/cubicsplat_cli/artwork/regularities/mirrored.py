@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import divided
-from cubicsplat_cli.artwork.finish.freedom import Held, ring_pieces
+from cubicsplat_cli.artwork.finish.parameters import Constraints, ring_pieces
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.regularities.tied import TiedRing
@@ -195,9 +195,9 @@ def _without(found: MirroredRing, i: int, handles: np.ndarray) -> MirroredRing:
     return MirroredRing(shorter, found.axis, number[found.partner[rest]])
 
 
-def mirrored_freedom(found: MirroredRing, held: Held) -> TiedRing:
-    """A ring that is its own mirror image and stays so: the freedom of one half; the axis stays where it is."""
-    pieces = ring_pieces(found.ring, held)
+def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> TiedRing:
+    """A ring that is its own mirror image and stays so: the parametrisation of one half; the axis stays where it is."""
+    pieces = ring_pieces(found.ring, constraints)
     numbering = Numbering(pieces)
     return TiedRing(pieces, tie_matrix(numbering.total, list(_ties(numbering, found))))
 

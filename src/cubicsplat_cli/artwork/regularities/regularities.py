@@ -14,19 +14,19 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, layer_of, settle
-from cubicsplat_cli.artwork.finish.freedom import (
-    NO_PINS,
-    ON_BORDER,
-    CopyFreedom,
-    Freedom,
-    Held,
-    PrimitiveFreedom,
-    RingFreedom,
-    freedom_of,
-    ring_pieces,
-)
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
 from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of, gains
+from cubicsplat_cli.artwork.finish.parameters import (
+    NO_PINS,
+    ON_BORDER,
+    Constraints,
+    CopyParameters,
+    Parameters,
+    PrimitiveParameters,
+    RingParameters,
+    parametrised,
+    ring_pieces,
+)
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
@@ -35,7 +35,7 @@ from cubicsplat_cli.artwork.regularities.axes import found_axes, is_box
 from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.directions import directed, found_slopes, has_diagonal
 from cubicsplat_cli.artwork.regularities.grid import on_grid
-from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_freedom, mirrored_rings
+from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_parameters, mirrored_rings
 from cubicsplat_cli.artwork.regularities.rotational import rotated
 from cubicsplat_cli.artwork.regularities.tied import TiedRing, tied_ring
 from cubicsplat_cli.artwork.shapes import Drawing
@@ -60,45 +60,47 @@ def regularised(drawing: Drawing, goal: Goal, detail: float = 1.0, grid: int = 0
     if pins != NO_PINS:
         goal = replace(goal, grid=grid)
         state = settle(begin(done, goal, pins), goal, ROUNDS)
-    held = Held(drawing.width, drawing.height, pins)
-    state = with_circles(state, goal, held, detail, error)
-    state = with_symmetries(state, goal, held, detail, error)
+    constraints = Constraints(drawing.width, drawing.height, pins)
+    state = with_circles(state, goal, constraints, detail, error)
+    state = with_symmetries(state, goal, constraints, detail, error)
     state = with_directions(state, goal, detail, error)
-    state = with_copies(state, goal, held, detail, error)
+    state = with_copies(state, goal, constraints, detail, error)
     state = with_rotations(state, goal, detail, error)
-    return drawn(done, _on_steps(state, 10.0 ** -suggested_precision(held.width, held.height)))
+    return drawn(done, _on_steps(state, 10.0 ** -suggested_precision(constraints.width, constraints.height)))
 
 
-def with_circles(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
+def with_circles(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
     """The state with the ellipses that hardly are none made circles; the same without any."""
-    tied: dict[int, Freedom] = {}
-    for k, freedom in enumerate(state.outlines):
-        one = freedom.outline()
+    tied: dict[int, Parameters] = {}
+    for k, parameters in enumerate(state.outlines):
+        one = parameters.outline()
         if isinstance(one, Ellipse) and abs(one.rx - one.ry) <= 2.0 * FARTHEST:
-            tied[k] = freedom_of(Circle(one.cx, one.cy, 0.5 * (one.rx + one.ry)), held)
+            tied[k] = parametrised(Circle(one.cx, one.cy, 0.5 * (one.rx + one.ry)), constraints)
     return _settled(state, tied, goal, detail, error)
 
 
-def with_symmetries(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
+def with_symmetries(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
     """The state with the rings that are their own mirror images made and kept such; the same without any."""
     outlines = state.outlines
     rings = {k: ring for k, o in enumerate(outlines) if isinstance(ring := o.outline(), Ring)}
-    axes = found_axes({k: (ring, Visibility.of(state, k)) for k, ring in rings.items()}, (held.width, held.height))
-    tied = {k: freedom for k, axis in axes.items() if (freedom := _mirrored(rings[k], axis, held)) is not None}
+    shown = {k: (ring, Visibility.of(state, k)) for k, ring in rings.items()}
+    axes = found_axes(shown, (constraints.width, constraints.height))
+    mirrored = {k: _mirrored(rings[k], axis, constraints) for k, axis in axes.items()}
+    tied = {k: parameters for k, parameters in mirrored.items() if parameters is not None}
     return _settled(state, tied, goal, detail, error)
 
 
-def _mirrored(ring: Ring, axis: Axis, held: Held) -> TiedRing | None:
-    """The freedom of a ring as its own mirror image, of the side with fewer variables; None where it cannot be one, or
-    only with clearly more coordinates."""
-    found = [mirrored_freedom(one, held) for one in mirrored_rings(ring, axis) if _fits(one, held)]
+def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> TiedRing | None:
+    """The parameters of a ring as its own mirror image, of the side with fewer variables; None where it cannot be one,
+    or only with clearly more coordinates."""
+    found = [mirrored_parameters(one, constraints) for one in mirrored_rings(ring, axis) if _fits(one, constraints)]
     found = [one for one in found if one.outline().ring().coordinates <= ring.coordinates + MORE_NUMBERS]
-    return min(found, key=lambda freedom: freedom.jacobian.shape[1], default=None)
+    return min(found, key=lambda parameters: parameters.jacobian.shape[1], default=None)
 
 
-def _fits(found: MirroredRing, held: Held) -> bool:
+def _fits(found: MirroredRing, constraints: Constraints) -> bool:
     """Whether a ring is still its own mirror image with what is held where it must be, such as the canvas's border."""
-    anchors = ring_pieces(found.ring, held).anchors
+    anchors = ring_pieces(found.ring, constraints).anchors
     return bool(np.abs(found.axis.mirrored(anchors)[found.partner] - anchors).max() < EXACT)
 
 
@@ -112,53 +114,54 @@ def with_directions(state: State, goal: Goal, detail: float, error: float) -> St
     return _settled(state, tied, goal, detail, error)
 
 
-def with_copies(state: State, goal: Goal, held: Held, detail: float, error: float) -> State:
+def with_copies(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
     """The state with the outlines that are like another one, moved, mirrored or turned, made and kept such."""
-    outlines, size = state.outlines, (held.width, held.height)
+    outlines, size = state.outlines, (constraints.width, constraints.height)
     tracks = {}
-    for k, freedom in enumerate(outlines):
-        shape = freedom.outline()
-        if not freedom.jacobian.shape[1]:
+    for k, parameters in enumerate(outlines):
+        shape = parameters.outline()
+        if not parameters.jacobian.shape[1]:
             continue
         track = Track.of(shape if isinstance(shape, Ring) else fine_ring(shape), Visibility.of(state, k))
         inside = (track.extent[0] > ON_BORDER).all() and (track.extent[1] < np.array(size) - ON_BORDER).all()
         # What is held on the border would not stay there; primitives are held by their numbers alone.
-        if inside or isinstance(freedom, PrimitiveFreedom):
+        if inside or isinstance(parameters, PrimitiveParameters):
             tracks[k] = track
     order = sorted(tracks, key=lambda k: (outlines[k].jacobian.shape[1], k))
     numbers = {k: outlines[k].jacobian.shape[1] for k in order}
     copies = found_copies({k: tracks[k] for k in order}, numbers, 10.0 ** -suggested_precision(*size), size)
-    tied = {k: CopyFreedom(outlines[copy.model], copy.way, copy.model) for k, copy in copies.items()}
+    tied = {k: CopyParameters(outlines[copy.model], copy.way, copy.model) for k, copy in copies.items()}
     return _settled(state, tied, goal, detail, error)
 
 
 def with_rotations(state: State, goal: Goal, detail: float, error: float) -> State:
     """The state with the rings that are their own images by parts of a turn, and their copies, made and kept such."""
     outlines = state.outlines
-    tied: dict[int, Freedom] = {}
-    for k, freedom in enumerate(outlines):
-        ring = freedom.outline()
-        if isinstance(freedom, RingFreedom | TiedRing) and isinstance(ring, Ring) and not is_box(ring):
-            found = rotated(freedom, Track.of(ring, Visibility.of(state, k)))
+    tied: dict[int, Parameters] = {}
+    for k, parameters in enumerate(outlines):
+        ring = parameters.outline()
+        if isinstance(parameters, RingParameters | TiedRing) and isinstance(ring, Ring) and not is_box(ring):
+            found = rotated(parameters, Track.of(ring, Visibility.of(state, k)))
             tied |= {k: found} if found is not None else {}
     tied |= _followers(outlines, tied)
     return _settled(state, tied, goal, detail, error)
 
 
-def _followers(outlines: list[Freedom], models: Mapping[int, Freedom]) -> dict[int, Freedom]:
+def _followers(outlines: list[Parameters], models: Mapping[int, Parameters]) -> dict[int, Parameters]:
     """The copies, by number, of outlines that have become others."""
-    copies = {k: o for k, o in enumerate(outlines) if isinstance(o, CopyFreedom) and o.source in models}
+    copies = {k: o for k, o in enumerate(outlines) if isinstance(o, CopyParameters) and o.source in models}
     return {k: copy.following(models[copy.source]) for k, copy in copies.items()}
 
 
-def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: float, error: float) -> State:
+def _settled(state: State, tied: Mapping[int, Parameters], goal: Goal, detail: float, error: float) -> State:
     """The state with some outlines tied, less those that cost more than they save: of a model and its copies, where
     these do together, first the copies that do, and then all that are left."""
     if not tied:
         return state
-    trial = settle(_with(state, tied), goal, ROUNDS, trim=False)
+    changed = np.isin(np.arange(len(state.outlines)), list(tied))
+    trial = settle(_with(state, tied), goal, ROUNDS, trim=False, changed=changed)
     # What has been a copy before stays one of whatever its model becomes.
-    new = [isinstance(tied.get(k), CopyFreedom) and _variables(old) > 0 for k, old in enumerate(state.outlines)]
+    new = [isinstance(tied.get(k), CopyParameters) and _variables(old) > 0 for k, old in enumerate(state.outlines)]
     copies = np.array(new)
     for able in (copies, np.ones_like(copies)):
         families, saved = _saved(state, trial, tied, detail, error)
@@ -166,13 +169,13 @@ def _settled(state: State, tied: Mapping[int, Freedom], goal: Goal, detail: floa
         if able is copies:
             refused &= saved < 0.0
         if refused.any():
-            trial = settle(_back(trial, state, refused), goal, AFTER_REFUSALS, trim=False)
-            tied = {k: freedom for k, freedom in tied.items() if not refused[k]}
+            trial = settle(_back(trial, state, refused), goal, AFTER_REFUSALS, trim=False, changed=refused)
+            tied = {k: parameters for k, parameters in tied.items() if not refused[k]}
     return trial
 
 
 def _saved(
-    state: State, trial: State, tied: Mapping[int, Freedom], detail: float, error: float
+    state: State, trial: State, tied: Mapping[int, Parameters], detail: float, error: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Of each outline the number of the model that it follows, or its own, and the nats that it saves by its ties.
 
@@ -180,9 +183,9 @@ def _saved(
     """
     outlines = state.outlines
     families, saved = np.arange(len(outlines)), np.zeros(len(outlines))
-    for k, freedom in tied.items():
-        if isinstance(freedom, CopyFreedom):
-            families[k] = freedom.source
+    for k, parameters in tied.items():
+        if isinstance(parameters, CopyParameters):
+            families[k] = parameters.source
     wanted = np.zeros(len(outlines), dtype=bool)
     wanted[[*tied, *families[list(tied)].tolist()]] = True
     gained = gains(state, trial, wanted, error)
@@ -191,20 +194,20 @@ def _saved(
         known = 1.0 - error**2 / max(floor_of(state, k, error), error**2, TINY)
         allowed = 0.5 * crossed * known * (SYSTEMATIC / SEEN_SIGMA) ** 2
         saved[k] = (gained[k] + allowed) * detail
-    for k, freedom in tied.items():
-        saved[k] += PRICE * (_variables(outlines[k]) - _variables(freedom))
+    for k, parameters in tied.items():
+        saved[k] += PRICE * (_variables(outlines[k]) - _variables(parameters))
     return families, saved
 
 
-def _variables(freedom: Freedom) -> int:
+def _variables(parameters: Parameters) -> int:
     """How many variables an outline has of its own."""
-    return 0 if isinstance(freedom, CopyFreedom) else freedom.jacobian.shape[1]
+    return 0 if isinstance(parameters, CopyParameters) else parameters.jacobian.shape[1]
 
 
 def _on_steps(state: State, step: float) -> State:
     """The state with rings of lines at 45 degrees, and their copies, on whole steps of the file's grid, px."""
     outlines = state.outlines
-    moved: dict[int, Freedom] = {}
+    moved: dict[int, Parameters] = {}
     for k, outline in enumerate(outlines):
         if isinstance(outline, TiedRing) and isinstance(ring := outline.outline(), Ring) and has_diagonal(ring):
             moved[k] = outline.on_steps(step)
@@ -217,12 +220,12 @@ def _back(trial: State, state: State, refused: np.ndarray) -> State:
     return _with(trial, {k: state.outlines[k] for k in np.flatnonzero(refused).tolist()})
 
 
-def _with(state: State, tied: Mapping[int, Freedom]) -> State:
+def _with(state: State, tied: Mapping[int, Parameters]) -> State:
     """The state with other freedoms for the outlines of some numbers."""
     number, layers = 0, []
     for layer in state.layers:
         numbers = range(number, number + len(layer.outlines))
         outlines = [tied.get(k, o) for k, o in zip(numbers, layer.outlines, strict=True)]
-        layers.append(layer_of(layer.shape, layer.ink, outlines))
+        layers.append(layer_of(layer.shape, layer.fill, outlines))
         number += len(layer.outlines)
     return state.with_layers(layers)

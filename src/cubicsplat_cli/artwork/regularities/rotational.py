@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.freedom import RingFreedom
+from cubicsplat_cli.artwork.finish.parameters import RingParameters
 from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, Track
 from cubicsplat_cli.artwork.regularities.tied import TiedRing
@@ -43,10 +43,10 @@ class Rotation:
         return replace(turn, shift=(x, y))
 
 
-def rotated(freedom: RingFreedom | TiedRing, track: Track) -> TiedRing | None:
+def rotated(parameters: RingParameters | TiedRing, track: Track) -> TiedRing | None:
     """A ring that is its own image by parts of a turn, the smallest that it is, as one that stays so; None where it is
     none, or where what that saves might be chance. track: of the ring."""
-    count = len(freedom.pieces.anchors)
+    count = len(parameters.pieces.anchors)
     if len(track.seen) < FEWEST:
         return None
     walk = Walk.of(track)
@@ -54,12 +54,12 @@ def rotated(freedom: RingFreedom | TiedRing, track: Track) -> TiedRing | None:
     beyond = np.fft.fftfreq(STEPS, 1.0 / STEPS).astype(int) - 1
     for parts in range(min(MOST_PARTS, count), 1, -1):
         unlike = power[beyond % parts != 0].sum() > NEAR**2
-        if count % parts or unlike or not _alike(freedom.pieces, parts):
+        if count % parts or unlike or not _alike(parameters.pieces, parts):
             continue
         middle = _middle(track, parts, np.array([walk.middle.real, walk.middle.imag]))
-        found = None if middle is None else rotational(freedom, Rotation(parts, middle))
+        found = None if middle is None else rotational(parameters, Rotation(parts, middle))
         if found is not None:
-            saved = freedom.jacobian.shape[1] - found.jacobian.shape[1]
+            saved = parameters.jacobian.shape[1] - found.jacobian.shape[1]
             return found if walk.tells(saved + 3, MOST_PARTS) else None
     return None
 
@@ -84,14 +84,14 @@ def _middle(track: Track, parts: int, middle: np.ndarray) -> np.ndarray | None:
     return middle if size.max() <= FARTHEST and np.sqrt((size**2).mean()) <= ROUGHLY else None
 
 
-def rotational(freedom: RingFreedom | TiedRing, rotation: Rotation) -> TiedRing | None:
+def rotational(parameters: RingParameters | TiedRing, rotation: Rotation) -> TiedRing | None:
     """A ring that is brought to be its own image by parts of a turn and stays so, wherever its middle goes, with the
     ties that it has; None where these, or what is held, do not let it."""
-    if isinstance(freedom, RingFreedom):
-        pieces = _freed(freedom.pieces, rotation.parts)
+    if isinstance(parameters, RingParameters):
+        pieces = _freed(parameters.pieces, rotation.parts)
         ring = TiedRing(pieces, SparseRows.identity(Variables(pieces).total))
     else:
-        ring = freedom
+        ring = parameters
     count = ring.ties.shape[1]
     rows, off = _constraints(ring.variables, rotation)
     # Behind the free variables of the ring come the x and y of the middle.

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.freedom import Freedom, RingFreedom
+from cubicsplat_cli.artwork.finish.parameters import Parameters, RingParameters
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 from cubicsplat_cli.raster.sparse import SparseRows
@@ -49,11 +49,11 @@ class TiedRing:
         return moved if bool((np.abs(steps - np.rint(steps)) < ON_STEP).all()) else self
 
 
-def tied_ring(freedom: Freedom) -> TiedRing | None:
+def tied_ring(parameters: Parameters) -> TiedRing | None:
     """A ring with nothing tied that it has not been already; None for what is no ring of its own."""
-    if isinstance(freedom, TiedRing):
-        return freedom
-    if isinstance(freedom, RingFreedom) and freedom.origin is None:
-        total = Variables(freedom.pieces).total
-        return TiedRing(freedom.pieces, SparseRows.identity(total))
+    if isinstance(parameters, TiedRing):
+        return parameters
+    if isinstance(parameters, RingParameters) and parameters.origin is None:
+        total = Variables(parameters.pieces).total
+        return TiedRing(parameters.pieces, SparseRows.identity(total))
     return None

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, layers_of, premultiplied, settle
-from cubicsplat_cli.artwork.finish.freedom import Still
 from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
+from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, Picture, areas
 from cubicsplat_cli.artwork.residual.proposals import Canvas, Outlined, Placed, proposals
@@ -22,7 +22,7 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import Goal
 
-SHAPE_PARAMETERS, INK_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new ink
+SHAPE_PARAMETERS, FILL_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new fill
 ROUNDS = 10
 PASSES = 3
 MOST_TRIED = 400  # areas
@@ -53,7 +53,7 @@ def with_added(
         added = trials.best()
         if added is trials.drawing or (most is not None and len(added.shapes) > most):
             break
-        after = _Trials(added, goal, picture, detail, trials.before)
+        after = _Trials(added, goal, picture, detail, trials)
         if len(after.found) >= len(trials.found):
             break  # such as the colour fringes of text for an LCD: shapes do not explain what is there
         trials = after
@@ -84,14 +84,18 @@ class _Way:
 
 
 class _Trials:
-    """New shapes tried in a drawing, whose own stay as they are."""
+    """New shapes tried in a drawing, whose own stay as they are. previous: in one with most of its shapes, or None."""
+
+    still: list[Layer]
+    before: State
 
     def __init__(
-        self, drawing: Drawing, goal: Goal, picture: Picture, detail: float, previous: State | None = None
+        self, drawing: Drawing, goal: Goal, picture: Picture, detail: float, previous: _Trials | None = None
     ) -> None:
         self.drawing, self.goal, self.picture, self.detail = drawing, goal, picture, detail
-        self.still = [self._still(shape) for shape in drawing.shapes]
-        self.before = State.of(self.still, goal, previous)
+        known = {id(layer.shape): layer for layer in previous.still} if previous is not None else {}
+        self.still = [known.get(id(shape)) or self._still(shape) for shape in drawing.shapes]
+        self.before = State.of(self.still, goal, previous.before if previous is not None else None)
         self.size = self.before.image.shape[:2]
         self.painted = self.before.image @ _back(goal)
         self.found = areas(picture, self.painted)
@@ -114,7 +118,7 @@ class _Trials:
 
     def _ways(self, found: list[Area]) -> list[list[_Way]]:
         """The ways to explain each area, the first ones of all areas tried together, and so on."""
-        canvas = Canvas(self.drawing)
+        canvas = Canvas(self.drawing, self.before.stack)
         proposed: list[list[list[Placed]]] = []
         for area in found:
             work().at()
@@ -150,7 +154,7 @@ class _Trials:
         if not own.any():
             return _Change(0.0, UNSEEN, price)
         errors = self.picture.model.noise + self.picture.ringing[window][own][:, 0]
-        slope = (premultiplied(shape.ink) @ self.goal.space - self.before.image[window][own]) * WHITE
+        slope = (premultiplied(shape.fill) @ self.goal.space - self.before.image[window][own]) * WHITE
         floor = SHARE_SIGMA**2 * float((slope**2).sum(axis=1).mean()) + float(((errors / 255.0) ** 2).mean())
         return _Change(float(falls[window][own].sum()), max(floor, UNSEEN), price)
 
@@ -161,12 +165,12 @@ class _Trials:
     def _shortest(self, ways: list[_Way]) -> list[Placed]:
         """The shapes of the way that shortens the description most, less those that do not; none where none does."""
         floor = max((_floor(way.changes) for way in ways), default=UNSEEN)
-        known = {shape.ink for shape in self.drawing.shapes}
+        known = {shape.fill for shape in self.drawing.shapes}
         most, best = 0.0, list[Placed]()
         for way in ways:
             good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
-            new = {way.shapes[k].shape.ink for k in good} - known
-            price = sum(way.changes[k].price for k in good) + PRICE * INK_PARAMETERS * len(new)
+            new = {way.shapes[k].shape.fill for k in good} - known
+            price = sum(way.changes[k].price for k in good) + PRICE * FILL_PARAMETERS * len(new)
             # What two of its shapes change is theirs once.
             fall = min(way.fall, sum(way.changes[k].fall for k in good))
             total = self.detail * fall / floor - price
@@ -176,8 +180,8 @@ class _Trials:
 
     def _still(self, shape: Shape) -> Layer:
         """The layer of a shape that stays as it is."""
-        ink = premultiplied(shape.ink) @ self.goal.space
-        return layer_of(shape, ink, [Still(outline) for outline in shape.outlines])
+        fill = premultiplied(shape.fill) @ self.goal.space
+        return layer_of(shape, fill, [Still(outline) for outline in shape.outlines])
 
 
 def _back(goal: Goal) -> np.ndarray:

@@ -16,12 +16,13 @@ from cubicsplat_cli.artwork.layers.completion import outlines_of
 from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents_of
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.regions.diagonals import joined_at_corners
-from cubicsplat_cli.artwork.regions.inks import eight_bit
+from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.residual.areas import SQUARE, Area, Picture
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
-from cubicsplat_cli.artwork.tracing.contours import ROUNDING, crossings
+from cubicsplat_cli.artwork.tracing.contours import ROUNDING, edge_positions
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.stack import DrawnStack
 from cubicsplat_cli.raster.unmix import blend_with
 
 DOT = 4  # px of a shape, below which it becomes a circle
@@ -43,31 +44,19 @@ class Placed:
 
 
 class Canvas:
-    """Which shapes of a drawing show where."""
+    """Which shapes of a drawing show where. stack: they, as drawn."""
 
-    def __init__(self, drawing: Drawing) -> None:
+    def __init__(self, drawing: Drawing, stack: DrawnStack) -> None:
         self.size = drawing.height, drawing.width
-        self.inks = np.array([_premultiplied(shape.ink) for shape in drawing.shapes])
-        self.palette = np.unique(self.inks, axis=0)
-        self._painted = [Outlined.of(shape) for shape in drawing.shapes]
-        self._lows = np.array([each.low for each in self._painted])
-        self._highs = np.array([each.high for each in self._painted])
+        self.fills = np.array([_premultiplied(shape.fill) for shape in drawing.shapes])
+        self.palette = np.unique(self.fills, axis=0)
+        self._stack = stack
 
     def owners(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         """(h, w) the number of the uppermost shape that covers half or more of each pixel of a window, and that of the
         uppermost one that shows in it; -1 for none.
         """
-        out = np.full((2, rows.stop - rows.start, columns.stop - columns.start), -1)
-        corner, far = np.array([columns.start, rows.start]), np.array([columns.stop, rows.stop])
-        for k in np.flatnonzero(((self._lows < far) & (self._highs > corner)).all(axis=1)).tolist():
-            each = self._painted[k]
-            x0, y0 = np.maximum(each.low, corner).tolist()
-            x1, y1 = np.minimum(each.high, far).tolist()
-            cover = each.coverage(slice(y0, y1), slice(x0, x1))
-            view = out[:, y0 - rows.start : y1 - rows.start, x0 - columns.start : x1 - columns.start]
-            view[0][cover >= HALF] = k
-            view[1][cover >= SHOWS] = k
-        return out[0], out[1]
+        return self._stack.uppermost(rows, columns, HALF), self._stack.uppermost(rows, columns, SHOWS)
 
 
 @dataclass(frozen=True)
@@ -117,10 +106,10 @@ def proposals(
             if cover.any():
                 contrast = max(float(np.median(largest(np.abs(colour - ground[cover])))), 1.0)
                 drawn = _Drawn(area, share, cover, owners, touching, canvas)
-                ink = eight_bit(colour)
+                fill = eight_bit(colour)
                 for beneath, outlines in drawn.outlines(model.smallest, model.error / contrast, detail):
-                    name = shape_name(ink, outlines, *canvas.size[::-1])
-                    found.append(Placed(Shape(ink, outlines, name), beneath))
+                    name = shape_name(fill, outlines, *canvas.size[::-1])
+                    found.append(Placed(Shape(fill, outlines, name), beneath))
         yield found
 
 
@@ -153,7 +142,7 @@ class _Drawn:
         """
         regions = Regions(self.cover.astype(np.int32), np.array([_EMPTY, _FULL]), np.arange(2))
         levels = np.repeat((255.0 * self.share)[..., None], 4, axis=2)
-        found = crossings(levels, regions, max(ROUNDING, 255.0 * error))
+        found = edge_positions(levels, regions, max(ROUNDING, 255.0 * error))
         parts, _ = ndimage.label(self.cover)
         sizes = np.bincount(parts.ravel())
         for number in (1 + np.flatnonzero(sizes[1:] >= smallest)).tolist():
@@ -162,7 +151,7 @@ class _Drawn:
             if sizes[number] <= DOT:
                 yield beneath, (self._dot(own),)
                 continue
-            opaque = self.canvas.inks[np.maximum(self.owners, 0), 3] >= OPAQUE
+            opaque = self.canvas.fills[np.maximum(self.owners, 0), 3] >= OPAQUE
             for extent in extents_of(own, (self.owners > beneath) & opaque & ~self.cover, found):
                 yield beneath, outlines_of(self._placed(extent), self.canvas.size, detail)
 
@@ -210,11 +199,11 @@ def _colours(
     if new and (farthest[3] >= OPAQUE or inner.sum() >= SOLID):
         yield farthest[None]
     best, chosen = CLOSE, None
-    for ink in palette:
-        share, rest = blend_with(value, ink, beside, beside)
+    for fill in palette:
+        share, rest = blend_with(value, fill, beside, beside)
         cost = float(rest.mean())
         if np.median(share[strongest]) >= LESS and cost < best:
-            best, chosen = cost, ink
+            best, chosen = cost, fill
     if chosen is not None:
         yield chosen[None]
     places = modes(values[inner], SAME, SOLID, np.zeros((0, 4)))
@@ -223,6 +212,6 @@ def _colours(
         yield np.array([np.median(values[inner][each], axis=0) for each in own])
 
 
-def _premultiplied(ink: tuple[int, int, int, int]) -> np.ndarray:
-    r, g, b, a = ink
+def _premultiplied(fill: tuple[int, int, int, int]) -> np.ndarray:
+    r, g, b, a = fill
     return np.array([r * a / 255.0, g * a / 255.0, b * a / 255.0, a])

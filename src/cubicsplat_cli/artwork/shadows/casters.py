@@ -33,9 +33,9 @@ SQUARE = np.ones((3, 3), dtype=bool)
 
 @dataclass(frozen=True)
 class Ground:
-    """An even ground with a shadow on it. ink: (4,) premultiplied levels; mask: (H, W) bool."""
+    """An even ground with a shadow on it. fill: (4,) premultiplied levels; mask: (H, W) bool."""
 
-    ink: np.ndarray
+    fill: np.ndarray
     mask: np.ndarray
 
 
@@ -50,8 +50,8 @@ class Shaded:
         """(h, w) how much each pixel of a window is shaded, 0 off the grounds. levels: (h, w, 4) of it."""
         out = np.zeros(levels.shape[:2])
         for ground in self.grounds:
-            line, own = self.colour - ground.ink, ground.mask[window]
-            out[own] = (levels[own] - ground.ink) @ line / float(line @ line)
+            line, own = self.colour - ground.fill, ground.mask[window]
+            out[own] = (levels[own] - ground.fill) @ line / float(line @ line)
         return out
 
 
@@ -78,11 +78,11 @@ def shaded_grounds(levels: np.ndarray, parts: np.ndarray, count: int) -> Shaded 
 
 def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray, float] | None:
     """A ground in a picture (H, W), the direction (4,) in which its colours leave it, and how many levels far."""
-    ink, even = plateau(part)
+    fill, even = plateau(part)
     if even.mean() < LEAST_PLATEAU:
         return None
-    ink = np.rint(ink)
-    off = part.pixels.values - ink
+    fill = np.rint(fill)
+    off = part.pixels.values - fill
     total = off.sum(axis=0)
     length = float(np.linalg.norm(total))
     if length == 0.0:
@@ -94,32 +94,32 @@ def _line(part: Part, shape: tuple[int, int]) -> tuple[Ground, np.ndarray, float
         return None
     mask = np.zeros(shape, dtype=bool)
     mask[part.rows, part.columns] = True
-    return Ground(ink, mask), direction, float(along.max())
+    return Ground(fill, mask), direction, float(along.max())
 
 
 def _meeting(found: list[tuple[Ground, np.ndarray, float]]) -> np.ndarray:
     """(4,) the colour that all grounds tend to."""
-    ends = [_end(ground.ink, direction) for ground, direction, _ in found]
+    ends = [_end(ground.fill, direction) for ground, direction, _ in found]
     first, one, least = found[0]
     for (second, other, farthest), end in zip(found[1:], ends[1:], strict=True):
-        if np.abs(end - ends[0]).max() <= SAME_COLOUR or np.abs(first.ink - second.ink).max() < APART:
+        if np.abs(end - ends[0]).max() <= SAME_COLOUR or np.abs(first.fill - second.fill).max() < APART:
             continue
         # first + a one = second + b other
-        (a, b), *_ = np.linalg.lstsq(np.stack([one, -other], axis=1), second.ink - first.ink, rcond=None)
+        (a, b), *_ = np.linalg.lstsq(np.stack([one, -other], axis=1), second.fill - first.fill, rcond=None)
         if a >= least and b >= farthest:
-            meeting = 0.5 * (first.ink + a * one + second.ink + b * other)
+            meeting = 0.5 * (first.fill + a * one + second.fill + b * other)
             return np.append(np.clip(meeting[:3], 0.0, 255.0), 255.0)
     return ends[0]
 
 
-def _end(ink: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """The last colour (4,), opaque, in the direction from an ink."""
-    if ink[3] < 254.5:
-        lengths = [(255.0 - ink[3]) / max(float(direction[3]), 1e-9)]
+def _end(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """The last colour (4,), opaque, in the direction from a fill."""
+    if fill[3] < 254.5:
+        lengths = [(255.0 - fill[3]) / max(float(direction[3]), 1e-9)]
     else:
         moving = np.flatnonzero(np.abs(direction[:3]) > 1e-6)
-        lengths = [float((0.0 if direction[k] < 0 else 255.0) - ink[k]) / float(direction[k]) for k in moving]
-    return np.append(np.clip((ink + min(lengths) * direction)[:3], 0.0, 255.0), 255.0)
+        lengths = [float((0.0 if direction[k] < 0 else 255.0) - fill[k]) / float(direction[k]) for k in moving]
+    return np.append(np.clip((fill + min(lengths) * direction)[:3], 0.0, 255.0), 255.0)
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list
     labels, count = ndimage.label(rest, SQUARE)
     if count > MOST_CASTERS:
         return []
-    least = LEAST_SHADE / float(np.abs(shaded.colour - shaded.grounds[0].ink).max())
+    least = LEAST_SHADE / float(np.abs(shaded.colour - shaded.grounds[0].fill).max())
     silhouettes = [
         Patch(box[0].start, box[1].start, labels[box] == k)
         for k, box in enumerate(ndimage.find_objects(labels), start=1)

@@ -87,11 +87,11 @@ def shadow_of(levels: np.ndarray, parts: np.ndarray, count: int, tried: set[tupl
     if shaded_ is None:
         return None
     seen = shaded_.share(levels)
-    scale = float(np.abs(shaded_.colour - shaded_.grounds[0].ink).max())
+    scale = float(np.abs(shaded_.colour - shaded_.grounds[0].fill).max())
     if scale * float(seen.max()) < LEAST_STRENGTH:
         return None
     best = None
-    grounds = tuple((*ground.ink.tolist(), int(ground.mask.sum())) for ground in shaded_.grounds)
+    grounds = tuple((*ground.fill.tolist(), int(ground.mask.sum())) for ground in shaded_.grounds)
     for casters in casters_of(shaded_, seen, parts > 0):
         case = grounds, tuple(caster.box for caster in casters)
         if case in tried:
@@ -139,7 +139,7 @@ class _ShadowSearch:
     def best(self) -> list[Layers | None] | None:
         """The layers of each caster, None for one without a shadow; None where they leave much unexplained."""
         everyone = list(range(len(self.casters)))
-        whole = self._sight(everyone, [None] * len(everyone))
+        whole = self._samples(everyone, [None] * len(everyone))
         if self.dark.sum() < FEWEST:
             return None
         shared = self._layers(whole, (), MOST_LAYERS if len(everyone) == 1 else 1, [])
@@ -159,11 +159,11 @@ class _ShadowSearch:
         found: list[Layers | None] = [None] * len(self.casters)
         for sweep in range(SWEEPS):
             for k in range(len(self.casters)):
-                sight = self._sight([k], found)
+                samples = self._samples([k], found)
                 if (self.dark & (self.nearest == k)).sum() < FEWEST:
                     continue
                 known = list(dict.fromkeys(own for own in found if own is not None))
-                found[k] = self._layers(sight, found[k] or (), 1 if sweep == 0 else MOST_LAYERS, known)
+                found[k] = self._layers(samples, found[k] or (), 1 if sweep == 0 else MOST_LAYERS, known)
             if not sweep and not (any(found) and self._explained(found).mean() >= HALFWAY):
                 break
             if all(self._good(k, found) for k in range(len(self.casters))):
@@ -174,7 +174,7 @@ class _ShadowSearch:
         own = self.nearest[self.dark][:CHECKED] == k
         return own.sum() < FEWEST or bool(self._explained(found)[own].mean() >= EXPLAINED)
 
-    def _sight(self, own: list[int], found: Sequence[Layers | None]) -> ShadowSamples:
+    def _samples(self, own: list[int], found: Sequence[Layers | None]) -> ShadowSamples:
         """What is seen of the shadows of some casters, next to them."""
         near = np.isin(self.nearest, own)
         at = np.concatenate([np.flatnonzero(near & self.dark)[:DARK], np.flatnonzero(near & ~self.dark)[:LIGHT]])
@@ -196,14 +196,14 @@ class _ShadowSearch:
             out = out * self._seen([k], at, out).light(layers) if layers else out
         return out
 
-    def _layers(self, sight: ShadowSamples, begun: Layers, most: int, known: list[Layers]) -> Layers | None:
-        """The fewest layers that explain a sight, or those that come nearest; None where one is unlikely."""
-        begins = [begun] if begun else [(self._begin(sight, sigma),) for sigma in BEGIN]
-        best = _nearest(sight, [*begins, *known])
-        return _more(sight, best, most) if all(map(_likely, best)) else None
+    def _layers(self, samples: ShadowSamples, begun: Layers, most: int, known: list[Layers]) -> Layers | None:
+        """The fewest layers that explain a samples, or those that come nearest; None where one is unlikely."""
+        begins = [begun] if begun else [(self._begin(samples, sigma),) for sigma in BEGIN]
+        best = _nearest(samples, [*begins, *known])
+        return _more(samples, best, most) if all(map(_likely, best)) else None
 
-    def _begin(self, sight: ShadowSamples, sigma: float) -> BlurredBox:
-        return BlurredBox(0.0, 1.0, -1.0, 0.0, sigma, min(1.5 * float(sight.seen.max()), 0.9))
+    def _begin(self, samples: ShadowSamples, sigma: float) -> BlurredBox:
+        return BlurredBox(0.0, 1.0, -1.0, 0.0, sigma, min(1.5 * float(samples.seen.max()), 0.9))
 
     def _explained(self, found: Sequence[Layers | None]) -> np.ndarray:
         """(n,) bool which of the shaded pixels the shadows explain."""
@@ -218,39 +218,39 @@ class _ShadowSearch:
         return len(at) == 0 or bool((self.scale * (1.0 - light) <= CLOSE).mean() >= EXPLAINED)
 
 
-def _more(sight: ShadowSamples, best: Layers, most: int) -> Layers:
+def _more(samples: ShadowSamples, best: Layers, most: int) -> Layers:
     """The layers, and as many more, up to so many, as bring them nearer to what is seen until they are exact."""
-    while len(best) < most and _explained(sight, best) >= HALFWAY:
-        if _explained(sight, best) >= EXPLAINED and _rough(sight, best) <= ROUGH:
+    while len(best) < most and _explained(samples, best) >= HALFWAY:
+        if _explained(samples, best) >= EXPLAINED and _rough(samples, best) <= ROUGH:
             break
         last = best[-1]
         weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best]
-        more = _nearest(sight, [(*weaker, replace(last, sigma=s, alpha=0.4 * last.alpha)) for s in MORE])
-        if not all(map(_likely, more)) or _rough(sight, more) >= _rough(sight, best):
+        more = _nearest(samples, [(*weaker, replace(last, sigma=s, alpha=0.4 * last.alpha)) for s in MORE])
+        if not all(map(_likely, more)) or _rough(samples, more) >= _rough(samples, best):
             break
         best = more
     return best
 
 
-def _nearest(sight: ShadowSamples, begins: list[Layers]) -> Layers:
+def _nearest(samples: ShadowSamples, begins: list[Layers]) -> Layers:
     """The layers that come nearest to what is seen, from those to begin with: first to some of the pixels."""
-    few = sight.every(FEW)
+    few = samples.every(FEW)
     fits = [few.settled(layers) for layers in begins]
     unlikely, _, best = min(
         ((not all(map(_likely, layers)), left, layers) for layers, left in fits), key=lambda fit: fit[:2]
     )
-    return best if unlikely or _explained(few, best) < HALFWAY else sight.settled(best)[0]
+    return best if unlikely or _explained(few, best) < HALFWAY else samples.settled(best)[0]
 
 
-def _explained(sight: ShadowSamples, layers: Layers) -> float:
-    """The share of the shaded pixels in a sight that layers explain."""
-    dark = sight.scale * sight.seen > FAINT
-    return float((np.abs(sight.off(layers)) <= CLOSE)[dark].mean()) if dark.any() else 0.0
+def _explained(samples: ShadowSamples, layers: Layers) -> float:
+    """The share of the shaded pixels in a samples that layers explain."""
+    dark = samples.scale * samples.seen > FAINT
+    return float((np.abs(samples.off(layers)) <= CLOSE)[dark].mean()) if dark.any() else 0.0
 
 
-def _rough(sight: ShadowSamples, layers: Layers) -> float:
+def _rough(samples: ShadowSamples, layers: Layers) -> float:
     """Levels, the root of the mean square, by which layers are off what is seen shaded."""
-    off = sight.off(layers)[sight.scale * sight.seen > FAINT]
+    off = samples.off(layers)[samples.scale * samples.seen > FAINT]
     return float(np.sqrt((off * off).mean())) if len(off) else 0.0
 
 

@@ -1,6 +1,6 @@
 """A picture without its soft shadow: every pixel of a shaded ground becomes that ground again, at edges its share does.
 
-What casts a shadow and has the ground's own colour, a white card on white, would be lost with it: it gets an ink that
+What casts a shadow and has the ground's own colour, a white card on white, would be lost with it: it gets a fill that
 stands for its own until the drawing is finished.
 """
 
@@ -13,12 +13,12 @@ import numpy as np
 from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
 from cubicsplat_cli.artwork.gradients.parts import BEND, smooth_parts
 from cubicsplat_cli.artwork.names import shape_name
-from cubicsplat_cli.artwork.regions.inks import SAME, eight_bit
+from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground
 from cubicsplat_cli.artwork.shadows.found import CLOSE, Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.scene.paint import Rgba
 
 SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur
 NEAR, BESIDE = 1.0, 6  # levels by which a pixel so many px beside a ground may be off to belong to it
@@ -28,23 +28,23 @@ LEAST_PART, EVEN = 12, 1.5  # px of a small ground that is all in the shade, and
 @dataclass(frozen=True)
 class Lifted:
     """levels: (H, W, 4) the picture without its shadow. shadow: that, None where there is none; shaded: (H, W) bool the
-    pixels that showed it; inks: what some inks stand for."""
+    pixels that showed it; fills: what some fills stand for."""
 
     levels: np.ndarray
     shadow: Shadow | None = None
     shaded: np.ndarray | None = None
-    inks: tuple[tuple[Ink, Ink], ...] = ()
+    fills: tuple[tuple[Rgba, Rgba], ...] = ()
 
     def meant(self, drawing: Drawing) -> Drawing:
-        """The drawing with the inks that are meant in place of those that stand for them."""
-        meant = dict(self.inks)
+        """The drawing with the fills that are meant in place of those that stand for them."""
+        meant = dict(self.fills)
         if not meant:
             return drawing
         shapes = []
         for shape in drawing.shapes:
-            if shape.gradient is None and shape.ink in meant:
-                ink = meant[shape.ink]
-                shape = replace(shape, ink=ink, name=shape_name(ink, shape.outlines, drawing.width, drawing.height))
+            if shape.gradient is None and shape.fill in meant:
+                fill = meant[shape.fill]
+                shape = replace(shape, fill=fill, name=shape_name(fill, shape.outlines, drawing.width, drawing.height))
             shapes.append(shape)
         return replace(drawing, shapes=tuple(shapes))
 
@@ -59,9 +59,9 @@ def lifted(levels: np.ndarray) -> Lifted:
     grounds = _all_grounds(levels, parts, shadow, shares)
     owner = _owner(levels, shadow, shares, grounds)
     cards = _like_ground(levels, parts, shadow, grounds)
-    stands = _stand_ins(levels, [ink for ink, _ in cards])
-    colours = [_shaded_ink(ground.ink, shadow.shaded.colour, shares.on(ground.mask)) for ground in grounds]
-    colours += [_constant(ink) for ink, _ in cards]
+    stands = _stand_ins(levels, [fill for fill, _ in cards])
+    colours = [_shaded_fill(ground.fill, shadow.shaded.colour, shares.on(ground.mask)) for ground in grounds]
+    colours += [_constant(fill) for fill, _ in cards]
     total = len(colours)
     paint = np.where(parts > 0, parts + total - 1, -1).astype(np.int32)
     for ground in grounds:
@@ -69,9 +69,9 @@ def lifted(levels: np.ndarray) -> Lifted:
     paint[owner >= 0] = owner[owner >= 0]
     for k, (_, mask) in enumerate(cards):
         paint[mask] = len(grounds) + k
-    inks = np.array([ground.ink for ground in grounds] + stands)
-    meant = tuple((eight_bit(s), eight_bit(ink)) for s, (ink, _) in zip(stands, cards, strict=True))
-    return Lifted(Paints(levels, paint, colours, inks).flat(), shadow, owner >= 0, meant)
+    fills = np.array([ground.fill for ground in grounds] + stands)
+    meant = tuple((eight_bit(s), eight_bit(fill)) for s, (fill, _) in zip(stands, cards, strict=True))
+    return Lifted(Paints(levels, paint, colours, fills).flat(), shadow, owner >= 0, meant)
 
 
 def _found(levels: np.ndarray) -> tuple[Shadow, np.ndarray] | None:
@@ -89,12 +89,12 @@ def _found(levels: np.ndarray) -> tuple[Shadow, np.ndarray] | None:
     return best
 
 
-def _shaded_ink(ink: np.ndarray, colour: np.ndarray, share: np.ndarray) -> Colours:
-    return lambda x, y: ink + share[y, x][:, None] * (colour - ink)
+def _shaded_fill(fill: np.ndarray, colour: np.ndarray, share: np.ndarray) -> Colours:
+    return lambda x, y: fill + share[y, x][:, None] * (colour - fill)
 
 
-def _constant(ink: np.ndarray) -> Colours:
-    return lambda x, y: np.repeat(ink[None], len(x), axis=0)
+def _constant(fill: np.ndarray) -> Colours:
+    return lambda x, y: np.repeat(fill[None], len(x), axis=0)
 
 
 def _all_grounds(levels: np.ndarray, parts: np.ndarray, shadow: Shadow, shares: Shares) -> list[Ground]:
@@ -115,10 +115,10 @@ def _all_grounds(levels: np.ndarray, parts: np.ndarray, shadow: Shadow, shares: 
         s = shares.on(mask)[box][own][:, None]
         if s.max() > 0.95 or s.max() == 0.0:
             continue
-        ink = np.rint(np.median((values - s * colour) / (1.0 - s), axis=0))
-        off = np.abs(ink + s * (colour - ink) - values).max(axis=1)
-        if (off <= CLOSE).mean() >= 0.95 and ink.min() >= 0.0 and ink.max() <= 255.0:
-            grounds.append(Ground(ink, mask))
+        fill = np.rint(np.median((values - s * colour) / (1.0 - s), axis=0))
+        off = np.abs(fill + s * (colour - fill) - values).max(axis=1)
+        if (off <= CLOSE).mean() >= 0.95 and fill.min() >= 0.0 and fill.max() <= 255.0:
+            grounds.append(Ground(fill, mask))
     return grounds
 
 
@@ -131,7 +131,7 @@ def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: list[Gro
         for cast in shadow.casts:
             if falls_on(cast.caster, ground.mask):
                 casters |= cast.caster.mask
-        off = np.abs(ground.ink + shares.on(ground.mask)[..., None] * (colour - ground.ink) - levels).max(axis=2)
+        off = np.abs(ground.fill + shares.on(ground.mask)[..., None] * (colour - ground.fill) - levels).max(axis=2)
         near = ndimage.binary_dilation(ground.mask, SQUARE, iterations=BESIDE) & ~casters & (off <= NEAR)
         out[(ground.mask & (off <= CLOSE + 0.5)) | (near & (out < 0))] = k
     return out
@@ -140,7 +140,7 @@ def _owner(levels: np.ndarray, shadow: Shadow, shares: Shares, grounds: list[Gro
 def _like_ground(
     levels: np.ndarray, parts: np.ndarray, shadow: Shadow, grounds: list[Ground]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The inks (4,) of what casts the shadow that a ground has too, and (H, W) bool where they are."""
+    """The fills (4,) of what casts the shadow that a ground has too, and (H, W) bool where they are."""
     casters = np.logical_or.reduce([cast.caster.mask for cast in shadow.casts])
     taken = np.logical_or.reduce([ground.mask for ground in grounds])
     out: list[tuple[np.ndarray, np.ndarray]] = []
@@ -150,32 +150,32 @@ def _like_ground(
         box = boxes[name - 1]
         own = parts[box] == name
         values = levels[box][own]
-        ink = np.rint(np.median(values, axis=0)).astype(float)
-        if np.abs(values - ink).max() > EVEN or min(np.abs(g.ink - ink).max() for g in grounds) > SAME:
+        fill = np.rint(np.median(values, axis=0)).astype(float)
+        if np.abs(values - fill).max() > EVEN or min(np.abs(g.fill - fill).max() for g in grounds) > SAME:
             continue
         mask = np.zeros(parts.shape, dtype=bool)
         mask[box] = own
-        same = [i for i, (other, _) in enumerate(out) if np.array_equal(other, ink)]
+        same = [i for i, (other, _) in enumerate(out) if np.array_equal(other, fill)]
         if same:
-            out[same[0]] = (ink, out[same[0]][1] | mask)
+            out[same[0]] = (fill, out[same[0]][1] | mask)
         else:
-            out.append((ink, mask))
+            out.append((fill, mask))
     return out
 
 
-def _stand_ins(levels: np.ndarray, inks: list[np.ndarray]) -> list[np.ndarray]:
-    """For each ink (4,) one near it that nothing in the picture has."""
+def _stand_ins(levels: np.ndarray, fills: list[np.ndarray]) -> list[np.ndarray]:
+    """For each fill (4,) one near it that nothing in the picture has."""
     colours, counts = np.unique(
         np.rint(levels.reshape(-1, 4)[:: max(levels[..., 0].size // 100_000, 1)]), axis=0, return_counts=True
     )
     taken = colours[counts > 1]
     out = []
-    for ink in inks:
+    for fill in fills:
         trials = []
         for channel in (0, 1, 2):
             for shift in SHIFTS[1:]:
-                trial = ink.copy()
-                trial[channel] = np.clip(trial[channel] + shift, 0.0, ink[3])
+                trial = fill.copy()
+                trial[channel] = np.clip(trial[channel] + shift, 0.0, fill[3])
                 trials.append((min(float(np.abs(taken - trial).max(axis=1).min()), APART), trial))
         best = max(trials, key=lambda t: t[0])[1]
         out.append(best)

@@ -18,7 +18,7 @@ from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.artwork.shadows.found import Cast
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.raster.shades import Pixels
-from cubicsplat_cli.scene.paint import Gradient, mean_ink, painted
+from cubicsplat_cli.scene.paint import Gradient, mean_fill, painted
 
 NAME = "shadow"
 FAINT = 0.5  # levels of shade that a piece begins at
@@ -102,16 +102,16 @@ def _piece(cut: Cut, outline: Rectangle | Ellipse) -> Shape:
     gradient: Gradient | None = None
     if 255.0 * float(np.ptp(alpha)) > 2.0 * FAINT:
         gradient = gradient_of(shade_of(Pixels(columns + dx + 0.5, rows + dy + 0.5, values)))
-        ink = mean_ink(gradient)
+        fill = mean_fill(gradient)
     else:
         red, green, blue = (round(float(v)) for v in cut.colour)
-        ink = (red, green, blue, round(255.0 * float(alpha.mean())))
+        fill = (red, green, blue, round(255.0 * float(alpha.mean())))
     moved: Outline
     if isinstance(outline, Rectangle):
         moved = Rectangle(outline.x + dx, outline.y + dy, outline.width, outline.height)
     else:
         moved = Ellipse(outline.cx + dx, outline.cy + dy, outline.rx, outline.ry)
-    return Shape(ink, (moved,), NAME, gradient)
+    return Shape(fill, (moved,), NAME, gradient)
 
 
 def _covered(outline: Outline, shape: tuple[int, ...]) -> np.ndarray:
@@ -138,7 +138,7 @@ def _worst(cut: Cut, shapes: list[Shape]) -> float:
             own = _covered(Ellipse(outline.cx - dx, outline.cy - dy, outline.rx, outline.ry), alpha.shape)
         y, x = np.nonzero(own)
         if shape.gradient is None:
-            alpha[own] = shape.ink[3] / 255.0
+            alpha[own] = shape.fill[3] / 255.0
         else:
             alpha[own] = painted(shape.gradient, x + dx + 0.5, y + dy + 0.5)[:, 3]
     off = 255.0 * np.abs(alpha - cut.share)[rows, columns]

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import State, layer_of, premultiplied, settle
-from cubicsplat_cli.artwork.finish.freedom import Freedom, Held, Still
+from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, Still
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, pieces_of
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.artwork.strokes.freedom import StrokeFreedom
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
+from cubicsplat_cli.artwork.strokes.parameters import StrokeParameters
 from cubicsplat_cli.raster.stack import Goal
 
 FIRST_ROUNDS, LAST_ROUNDS = 24, 6
@@ -21,7 +21,7 @@ MOST_PIECES = 600  # of centre lines; more take minutes
 def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
     """The drawing with its strokes fitted to its goal, all else as it is; strokes that have one width keep one."""
     strokes = [shape.stroke for shape in drawing.shapes if shape.stroke is not None]
-    if not strokes or sum(len(pieces_of(stroke.path)[1]) for stroke in strokes) > MOST_PIECES:
+    if not strokes or sum(stroke.path.pieces for stroke in strokes) > MOST_PIECES:
         return drawing
     state = settle(_state(drawing, goal, fixed=False), goal, FIRST_ROUNDS)
     tied = _with_common_widths(drawing, _strokes(state))
@@ -30,18 +30,18 @@ def fitted_strokes(drawing: Drawing, goal: Goal) -> Drawing:
 
 def _state(drawing: Drawing, goal: Goal, fixed: bool) -> State:
     """The drawing against its picture; fixed: widths stay."""
-    held = Held(drawing.width, drawing.height)
+    constraints = Constraints(drawing.width, drawing.height)
     layers = []
     for shape in drawing.shapes:
-        outlines: list[Freedom] = [Still(outline) for outline in shape.outlines]
+        outlines: list[Parameters] = [Still(outline) for outline in shape.outlines]
         if shape.stroke is not None:
-            outlines = [StrokeFreedom.of(shape.stroke, held, fixed)]
-        layers.append(layer_of(shape, premultiplied(shape.ink) @ goal.space, outlines))
+            outlines = [StrokeParameters.of(shape.stroke, constraints, fixed)]
+        layers.append(layer_of(shape, premultiplied(shape.fill) @ goal.space, outlines))
     return State.of(layers, goal)
 
 
 def _strokes(state: State) -> list[Stroke]:
-    return [o.stroke for layer in state.layers for o in layer.outlines if isinstance(o, StrokeFreedom)]
+    return [o.stroke for layer in state.layers for o in layer.outlines if isinstance(o, StrokeParameters)]
 
 
 def _with(drawing: Drawing, strokes: list[Stroke]) -> Drawing:

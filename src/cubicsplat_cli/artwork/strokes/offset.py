@@ -76,6 +76,14 @@ def outlines_of_stroke(stroke: Stroke) -> tuple[Outline, ...]:
     return (_ring_of([*left, (across, True), *back, (home, True)]),)
 
 
+def offset_ring(ring: Ring, reach: float) -> Ring:
+    """The outline at `reach` px to the left of a ring, as seen, with mitred corners; it crosses itself where the ring
+    bends back. A nonzero fill of it covers what the ring encloses on its right, and what is within the reach.
+    """
+    cubics, lines = _lasting(ring.cubics, ring.lines)
+    return _ring(_side(cubics, lines, -reach, Stroke(ring, 2.0 * reach), plan_of(cubics, lines)))
+
+
 def rings_around(cubics: np.ndarray, lines: np.ndarray, stroke: Stroke, plan: OffsetPlan) -> list[list[Piece]]:
     """The pieces of the outline of a stroke along cubics (S, 4, 2) that have a length, lines (S,) bool of them: one
     ring, or of a closed stroke that on the side of the normal (-y, x) and the other one, run the other way.

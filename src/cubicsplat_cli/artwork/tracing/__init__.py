@@ -1,1 +1,1 @@
-"""From the borders between inks to outlines: points, corners, the fewest lines and cubics, primitives."""
+"""From the borders between fills to outlines: points, corners, the fewest lines and cubics, primitives."""

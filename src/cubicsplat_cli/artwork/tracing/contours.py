@@ -1,6 +1,6 @@
-"""Positions of the border between two inks within the pixels that it crosses.
+"""Positions of the border between two fills within the pixels that it crosses.
 
-The blends on an edge say how much of each pixel either ink covers. Summed along a column across a border that runs
+The blends on an edge say how much of each pixel either fill covers. Summed along a column across a border that runs
 rather level (or along a row across a steep one) the shares give the border's mean height over that column exactly,
 whatever its slope, because a pixel's share is an area. That is taken as a point at the column's middle.
 """
@@ -19,15 +19,15 @@ from cubicsplat_cli.artwork.regions.thin import thin_edges
 WALK = 3
 # Shares this near to 0 or 1 end the walk.
 PURE_SHARE = 0.02
-# Residuals, in levels, of a blend that only its two inks explain.
+# Residuals, in levels, of a blend that only its two fills explain.
 CLEAN_RESIDUAL = 10.0
-# Standard errors in px: of drawing programs with 4x4 samples a pixel; beside a third ink; without a clean walk.
+# Standard errors in px: of drawing programs with 4x4 samples a pixel; beside a third fill; without a clean walk.
 FLOOR, NEAR_THIRD, GUESS = 0.04, 0.3, 0.5
 THIN = 0.1  # of an edge of a line without a pure pixel
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
-# Of what ends with the canvas; and levels by which a pixel there must differ from its ink for an edge to be sought.
+# Of what ends with the canvas; and levels by which a pixel there must differ from its fill for an edge to be sought.
 RIM_SIGMA, RIM_LEVELS = 0.02, 4.0
-# Px; the first row of a picture that is not clean is one ink or the other. Times that, where what touches the border,
+# Px; the first row of a picture that is not clean is one fill or the other. Times that, where what touches the border,
 # and does not cross it, still is not far away; 4 for circles.
 RIM, TANGENT = 1.0, 6.0
 
@@ -48,10 +48,10 @@ class EdgePositions:
     rim: float = 0.0
 
 
-def crossings(levels: np.ndarray, regions: Regions, error: float = ROUNDING) -> EdgePositions:
+def edge_positions(levels: np.ndarray, regions: Regions, error: float = ROUNDING) -> EdgePositions:
     """Positions for all cracks between different regions of a picture (H, W, 4) in levels, known to an error."""
     rows, row_sigma = _level(levels, regions, error)
-    turned = Regions(regions.labels.T, regions.inks, regions.ink_of)
+    turned = Regions(regions.labels.T, regions.fills, regions.fill_of)
     columns, column_sigma = _level(levels.transpose(1, 0, 2), turned, error)
     return EdgePositions(rows, row_sigma, columns.T, column_sigma.T, RIM if error > ROUNDING else 0.0)
 
@@ -65,7 +65,7 @@ def _level(levels: np.ndarray, regions: Regions, error: float) -> tuple[np.ndarr
         at[y + 1, x], sigma[y + 1, x] = _heights(levels, regions, y + 1, x, error)
     depth, sigma[0] = _rim(levels, regions)
     at[0] = depth
-    depth, sigma[-1] = _rim(levels[::-1], Regions(regions.labels[::-1], regions.inks, regions.ink_of))
+    depth, sigma[-1] = _rim(levels[::-1], Regions(regions.labels[::-1], regions.fills, regions.fill_of))
     at[-1] = height - depth
     return at, sigma
 
@@ -73,11 +73,11 @@ def _level(levels: np.ndarray, regions: Regions, error: float) -> tuple[np.ndarr
 def _rim(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
     """How deep below the canvas's upper border, px, the topmost regions begin, (W,), and the standard errors.
 
-    An edge may run within the first row: what is beyond it, nothing or another ink, shows in its pixels only.
+    An edge may run within the first row: what is beyond it, nothing or another fill, shows in its pixels only.
     """
     labels = regions.labels
     own = labels[0]
-    base = regions.inks[own]
+    base = regions.fills[own]
     depth, sigma = np.zeros(len(own)), np.full(len(own), RIM_SIGMA)
     mixed = np.abs(levels[0] - base).max(axis=1) > RIM_LEVELS
     if not mixed.any():
@@ -99,13 +99,13 @@ def _rim(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _beyond(values: np.ndarray, base: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
-    """From their own inks (n, 4) to what values (n, 4) blend with, (n, 4), and the residuals (n,): nothing, or the ink
-    that explains clearly more.
+    """From their own fills (n, 4) to what values (n, 4) blend with, (n, 4), and the residuals (n,): nothing, or the
+    fill that explains clearly more.
     """
     span = -base
     rest = _share(values, base, span)[1]
-    for ink in np.unique(regions.inks, axis=0):
-        other = ink - base
+    for fill in np.unique(regions.fills, axis=0):
+        other = fill - base
         residual = _share(values, base, other)[1]
         better = residual + RIM_LEVELS < rest
         span[better], rest[better] = other[better], residual[better]
@@ -116,8 +116,8 @@ def _heights(
     levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray, error: float
 ) -> tuple[np.ndarray, np.ndarray]:
     above, below = regions.labels[y - 1, x], regions.labels[y, x]
-    base = regions.inks[below]
-    span = regions.inks[above] - base
+    base = regions.fills[below]
+    span = regions.fills[above] - base
     contrast = np.sqrt((span * span).sum(axis=1))
     shift = np.zeros(len(y))
     clean = np.ones(len(y), dtype=bool)
@@ -135,7 +135,7 @@ def _heights(
             missing = 1.0 - share if sign < 0 else share
             walked += np.where(here, missing, 0.0)
             third |= here & ((residual > CLEAN_RESIDUAL) | _third_beside(regions.labels, row, x, above, below))
-            # Walking off the canvas or into another region without having met the pure ink is no clean end.
+            # Walking off the canvas or into another region without having met the pure fill is no clean end.
             ended |= (here & (missing <= PURE_SHARE)) | (~inside & (step > 0))
         clean &= ended
         line = np.flatnonzero(~ended & (regions.labels[np.clip(y + sign * WALK, 0, levels.shape[0] - 1), x] != own))
@@ -148,7 +148,7 @@ def _heights(
 
 
 def _share(values: np.ndarray, base: np.ndarray, span: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The share (n,) of the upper ink in a blend, and what it leaves unexplained in levels."""
+    """The share (n,) of the upper fill in a blend, and what it leaves unexplained in levels."""
     length = np.maximum((span * span).sum(axis=1), 1e-9)
     share = np.clip(((values - base) * span).sum(axis=1) / length, 0.0, 1.0)
     return share, np.abs(values - base - share[:, None] * span).max(axis=1)

@@ -23,10 +23,14 @@ def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tupl
     if found is None:
         return None
     kind, values, cost, misfit = found
+    return primitive_of(kind, values), cost, misfit
+
+
+def primitive_of(form: int, values: np.ndarray) -> Outline:
+    """The primitive of a form, CIRCLE, ELLIPSE or BOX, and its values (6,): see `nearest_primitive`."""
     x, y, a, b, radius, angle = values.tolist()
-    outline: Outline = Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, radius, angle)
-    if kind == CIRCLE:
-        outline = Circle(x, y, a)
-    elif kind == ELLIPSE:
-        outline = Ellipse(x, y, a, b, angle)
-    return outline, cost, misfit
+    if form == CIRCLE:
+        return Circle(x, y, a)
+    if form == ELLIPSE:
+        return Ellipse(x, y, a, b, angle)
+    return Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, radius, angle)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.tracing.variables import Pieces
-from cubicsplat_cli.raster.cubics import refined
+from cubicsplat_cli.raster.cubics import Division, refined
 
 ROUNDS = 8
 
@@ -22,6 +22,14 @@ class Feet:
 
     piece: np.ndarray
     u: np.ndarray
+
+
+def feet_of(division: Division) -> Feet:
+    """Where the points of a division belong, to begin with: evenly along its pieces."""
+    sizes = division.sizes
+    piece = np.repeat(np.arange(len(sizes)), sizes)
+    place = np.arange(len(piece)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return Feet(piece, (place + 0.5) / sizes[piece])
 
 
 def refine(

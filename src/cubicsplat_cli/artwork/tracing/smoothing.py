@@ -49,9 +49,9 @@ def arc_lengths(points: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def most_misfit(freedom: int) -> float:
+def most_misfit(parameters: int) -> float:
     """Mean squared residual, in sigmas, up to which a fit with that many degrees of freedom is believed."""
-    return 1.0 + 2.0 * math.sqrt(2.0 / freedom)
+    return 1.0 + 2.0 * math.sqrt(2.0 / parameters)
 
 
 def local_fits(points: np.ndarray, weights: np.ndarray, closed: bool) -> LocalFits:

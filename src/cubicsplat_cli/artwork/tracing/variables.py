@@ -5,12 +5,12 @@ Which there are follows from what its joints are, and how its control points mov
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.raster.cubics import Joints, moved_outline, outline_jacobian
+from cubicsplat_cli.raster.cubics import Joints, moved_outline, outline_cubics, outline_jacobian
 from cubicsplat_cli.raster.sparse import SparseRows
 
 PAIR = np.array([0, 1])
@@ -51,14 +51,7 @@ class Pieces:
     @cached_property
     def cubics(self) -> np.ndarray:
         """(S, 4, 2) control points, not to be written to; those of a line lie at its thirds."""
-        count, ends = len(self.lines), self.ends
-        found = np.empty((count, 4, 2))
-        a, b = self.anchors[:count], self.anchors[ends]
-        third = (b - a) / 3.0
-        lines = self.lines[:, None]
-        found[:, 0], found[:, 3] = a, b
-        found[:, 1] = a + np.where(lines, third, self.outgoing[:count])
-        found[:, 2] = b + np.where(lines, -third, self.incoming[ends])
+        found = outline_cubics(self.lines, (self.anchors, self.incoming, self.outgoing))
         found.flags.writeable = False
         return found
 
@@ -135,7 +128,7 @@ class Variables:
         """The pieces after a step of the variables (one 0 appended, for the fixed ones at index -1)."""
         p = self.pieces
         anchors, incoming, outgoing = moved_outline(p.joints, (p.anchors, p.incoming, p.outgoing), step)
-        return replace(p, anchors=anchors, incoming=incoming, outgoing=outgoing)
+        return Pieces(anchors, incoming, outgoing, p.lines, p.smooth, p.level, p.tied)
 
 
 def _norm(vectors: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Regions as they are without the translucent sheets that cover them."""
+"""Regions as they are without the translucent overlays that cover them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cubicsplat_cli.artwork.translucent.paint import LEAST_SEEN, ROUNDED, Paint
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import linked_groups
 
-MOST_BESIDE = 5  # sheets beside a region that several of them may make
+MOST_BESIDE = 5  # overlays beside a region that several of them may make
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class Overlay:
     """paint: of a translucent shape. cover: (H, W) bool, the pixels that show it."""
 
     paint: Paint
@@ -27,18 +27,18 @@ def merged(regions: Regions, grounds: dict[int, int], fixed: np.ndarray) -> tupl
     """The regions with some joined to what lies beneath them (region that is covered: region beneath it), and which of
     them are fixed.
     """
-    ink = regions.ink_of.copy()
+    fill = regions.fill_of.copy()
     for covered, ground in grounds.items():
-        ink[covered] = regions.ink_of[ground]
+        fill[covered] = regions.fill_of[ground]
     labels = regions.labels
-    joined = [(a, b) for a, b in _touching(labels) if ink[a] == ink[b] and (a in grounds or b in grounds)]
+    joined = [(a, b) for a, b in _touching(labels) if fill[a] == fill[b] and (a in grounds or b in grounds)]
     rows, columns = (np.array([pair[i] for pair in joined], dtype=int) for i in (0, 1))
     count, name = linked_groups(regions.count, rows, columns)
-    inks, ink_of, stays = np.zeros((count, 4)), np.zeros(count, dtype=ink.dtype), np.zeros(count, dtype=bool)
+    fills, fill_of, stays = np.zeros((count, 4)), np.zeros(count, dtype=fill.dtype), np.zeros(count, dtype=bool)
     under = np.arange(regions.count)
     under[list(grounds)] = list(grounds.values())
-    inks[name], ink_of[name], stays[name] = regions.inks[under], ink, fixed
-    return Regions(name[labels].astype(np.int32), inks, ink_of), stays
+    fills[name], fill_of[name], stays[name] = regions.fills[under], fill, fixed
+    return Regions(name[labels].astype(np.int32), fills, fill_of), stays
 
 
 def _touching(labels: np.ndarray) -> list[tuple[int, int]]:
@@ -50,60 +50,62 @@ def _touching(labels: np.ndarray) -> list[tuple[int, int]]:
     return sorted(found)
 
 
-def with_covered(regions: Regions, fixed: np.ndarray, sheets: list[Sheet]) -> tuple[Regions, np.ndarray, list[Sheet]]:
-    """The regions without those that sheets make of a neighbour, which of them are fixed, and the sheets, uppermost
+def with_covered(
+    regions: Regions, fixed: np.ndarray, overlays: list[Overlay]
+) -> tuple[Regions, np.ndarray, list[Overlay]]:
+    """The regions without those that overlays make of a neighbour, which of them are fixed, and the overlays, uppermost
     first, that cover these as well.
 
-    What lies beneath one sheet only where another one lies too meets it in no X of its own.
+    What lies beneath one overlay only where another one lies too meets it in no X of its own.
     """
     left = True
-    while sheets and left:
+    while overlays and left:
         left = False
         for above, below in (pair for a, b in _touching(regions.labels) for pair in ((a, b), (b, a))):
-            over = () if fixed[[above, below]].any() else _over(regions, sheets, above, below)
+            over = () if fixed[[above, below]].any() else _over(regions, overlays, above, below)
             if over:
                 mask = regions.labels == above
-                sheets = [replace(s, cover=s.cover | mask) if s in over else s for s in _ordered(sheets, over)]
+                overlays = [replace(s, cover=s.cover | mask) if s in over else s for s in _ordered(overlays, over)]
                 regions, fixed = merged(regions, {above: below}, fixed)
                 left = True
                 break
-    return regions, fixed, sheets
+    return regions, fixed, overlays
 
 
-def _over(regions: Regions, sheets: list[Sheet], region: int, ground: int) -> tuple[Sheet, ...]:
-    """The sheets beside a region that make its colour of another one's, uppermost first; () where none do."""
+def _over(regions: Regions, overlays: list[Overlay], region: int, ground: int) -> tuple[Overlay, ...]:
+    """The overlays beside a region that make its colour of another one's, uppermost first; () where none do."""
     rows, columns = ndimage.find_objects((regions.labels == region).astype(np.uint8))[0]
     window = tuple(slice(max(side.start - 1, 0), side.stop + 1) for side in (rows, columns))
     mask = regions.labels[window] == region
     rim = ndimage.binary_dilation(mask) & ~mask
-    beside = [s for s in sheets if s.cover[window][rim].any() and not s.cover[window][mask].any()]
+    beside = [s for s in overlays if s.cover[window][rim].any() and not s.cover[window][mask].any()]
     if len(beside) > MOST_BESIDE:
         return ()
-    ink, under = regions.inks[region], regions.inks[ground]
+    fill, under = regions.fills[region], regions.fills[ground]
     for count in range(1, len(beside) + 1):
-        # Sheets that were seen to overlap nowhere may lie over each other in either order.
+        # Overlays that were seen to overlap nowhere may lie over each other in either order.
         for some in permutations(beside, count):
-            if np.abs(_through(some, under) - ink).max() > ROUNDED:
+            if np.abs(_through(some, under) - fill).max() > ROUNDED:
                 continue
-            # Many sheets make the same of anything: each must change it.
+            # Many overlays make the same of anything: each must change it.
             fewer = [_through(some[:k] + some[k + 1 :], under) for k in range(count)]
-            if min(np.abs(other - ink).max() for other in fewer) >= LEAST_SEEN and _ordered(sheets, some):
+            if min(np.abs(other - fill).max() for other in fewer) >= LEAST_SEEN and _ordered(overlays, some):
                 return some
     return ()
 
 
-def _through(some: tuple[Sheet, ...], ink: np.ndarray) -> np.ndarray:
-    """(4,) levels of what sheets, uppermost first, make of an ink."""
+def _through(some: tuple[Overlay, ...], fill: np.ndarray) -> np.ndarray:
+    """(4,) levels of what overlays, uppermost first, make of a fill."""
     for each in reversed(some):
-        ink = each.paint.over(ink[None])[0]
-    return ink
+        fill = each.paint.over(fill[None])[0]
+    return fill
 
 
-def _ordered(sheets: list[Sheet], some: tuple[Sheet, ...]) -> list[Sheet]:
-    """The sheets, uppermost first, with some of them in this order and those that overlap in the order that they have;
-    empty where that cannot be.
+def _ordered(overlays: list[Overlay], some: tuple[Overlay, ...]) -> list[Overlay]:
+    """The overlays, uppermost first, with some of them in this order and those that overlap in the order that they
+    have; empty where that cannot be.
     """
-    left, out = list(sheets), []
+    left, out = list(overlays), []
     while left:
         free = [
             each

@@ -1,6 +1,6 @@
-"""The paint of a translucent sheet, from inks beneath it and what it makes of them.
+"""The paint of a translucent overlay, from fills beneath it and what it makes of them.
 
-A sheet of paint F and opacity a shows C = a F + (1 - a) G over an ink G. Two grounds say both, as C1 - C2 is
+An overlay of paint F and opacity a shows C = a F + (1 - a) G over a fill G. Two grounds say both, as C1 - C2 is
 (1 - a)(G1 - G2) in all channels (Metelli 1974, "The perception of transparency"); premultiplied ones, so that opacity
 is a channel like the others.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.scene.paint import Ink
+from cubicsplat_cli.scene.paint import Rgba
 
 # Levels that colours are off by what drawing programs round; by which the grounds, and what is seen of them, differ.
 ROUNDED, LEAST_APART, LEAST_SEEN = 1.6, 24.0, 8.0
@@ -21,19 +21,19 @@ _OPACITIES = np.arange(5, 251)  # of 8 bits: 0.02 to 0.98
 
 @dataclass(frozen=True)
 class Paint:
-    """ink: sRGB and opacity, 8 bits each. misfit: levels that the greatest of all channels is off."""
+    """fill: sRGB and opacity, 8 bits each. misfit: levels that the greatest of all channels is off."""
 
-    ink: Ink
+    fill: Rgba
     misfit: float
 
     def over(self, grounds: np.ndarray) -> np.ndarray:
         """(n, 4) premultiplied levels of what it makes of grounds (n, 4)."""
-        return self.premultiplied + (1.0 - self.ink[3] / FULL) * grounds
+        return self.premultiplied + (1.0 - self.fill[3] / FULL) * grounds
 
     @property
     def premultiplied(self) -> np.ndarray:
         """(4,) in levels."""
-        return np.array([*(v * self.ink[3] / FULL for v in self.ink[:3]), float(self.ink[3])])
+        return np.array([*(v * self.fill[3] / FULL for v in self.fill[:3]), float(self.fill[3])])
 
 
 def paint_of(seen: np.ndarray, grounds: np.ndarray) -> Paint | None:
@@ -54,15 +54,15 @@ def paint_of(seen: np.ndarray, grounds: np.ndarray) -> Paint | None:
     return Paint((r, g, b, int(_OPACITIES[k])), float(off[k].max()))
 
 
-def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Ink:
-    """Of the inks that make what is `seen` (n, 4) of `grounds` (n, 4) the likeliest one: that with which a drawing
+def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Rgba:
+    """Of the fills that make what is `seen` (n, 4) of `grounds` (n, 4) the likeliest one: that with which a drawing
     program gets the very same numbers, at an opacity in whole twentieths, black or white.
 
     Programs round what an opacity leaves of a ground to the nearest number, or, as (v + 255) >> 8, mostly up; what they
     were given follows from what they made only by trying. Of a faint paint many colours make the same.
     """
     best: tuple[float, bool, bool, float] | None = None
-    ink = (0, 0, 0, 0)
+    fill = (0, 0, 0, 0)
     colours = np.arange(int(FULL) + 1)
     for opacity in _OPACITIES.tolist():
         through = grounds * (FULL - opacity)
@@ -80,5 +80,5 @@ def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Ink:
             whole = abs(opacity - FULL * round(20.0 * opacity / FULL) / 20.0) <= 0.5
             score = (float(least.sum() + clear), not whole, not plain, misfit)
             if best is None or score < best:
-                best, ink = score, paint.ink
-    return ink
+                best, fill = score, paint.fill
+    return fill

@@ -1,4 +1,5 @@
-"""The parts of a drawing back to front: those of its layers, with translucent sheets above what shows through them."""
+"""The parts of a drawing back to front: those of its layers, with translucent overlays above what shows through
+them."""
 
 from __future__ import annotations
 
@@ -10,15 +11,15 @@ from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents, exten
 from cubicsplat_cli.artwork.layers.stacking import Stack, stack
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
-from cubicsplat_cli.artwork.translucent.merging import Sheet
-from cubicsplat_cli.artwork.translucent.sheets import without_sheets
+from cubicsplat_cli.artwork.translucent.merging import Overlay
+from cubicsplat_cli.artwork.translucent.overlays import without_overlays
 
 
 @dataclass(frozen=True)
 class TranslucentPart:
-    """ink: (4,) premultiplied levels. extent: how far the part reaches."""
+    """fill: (4,) premultiplied levels. extent: how far the part reaches."""
 
-    ink: np.ndarray
+    fill: np.ndarray
     extent: Extent
 
 
@@ -26,34 +27,34 @@ def parts_of(regions: Regions, found: EdgePositions, joined: bool, fixed: np.nda
     """The parts of regions, back to front.
 
     found: where the outlines of the regions run. joined: as of `stack`. fixed: (R,) bool, regions that lie beneath no
-    translucent sheet and show none; None for no sheets at all.
+    translucent overlay and show none; None for no overlays at all.
     """
-    sheets: tuple[Sheet, ...] = ()
+    overlays: tuple[Overlay, ...] = ()
     if fixed is not None:
-        regions, sheets = without_sheets(regions, found, fixed)
+        regions, overlays = without_overlays(regions, found, fixed)
     layers = stack(regions, found, joined)
     parts = [
-        TranslucentPart(regions.inks[layers.layers[each.layer].region], each)
+        TranslucentPart(regions.fills[layers.layers[each.layer].region], each)
         for each in extents(regions, layers, found)
     ]
-    return _with_sheets(parts, sheets, layers, regions, found) if sheets else parts
+    return _with_overlays(parts, overlays, layers, regions, found) if overlays else parts
 
 
-def _with_sheets(
-    parts: list[TranslucentPart], sheets: tuple[Sheet, ...], layers: Stack, regions: Regions, found: EdgePositions
+def _with_overlays(
+    parts: list[TranslucentPart], overlays: tuple[Overlay, ...], layers: Stack, regions: Regions, found: EdgePositions
 ) -> list[TranslucentPart]:
-    """The parts of layers with those of sheets, each behind the layers that are in front of all that it covers."""
+    """The parts of layers with those of overlays, each behind the layers that are in front of all that it covers."""
     depth = layers.rank[regions.labels]
-    opaque = regions.inks[regions.labels, 3] >= OPAQUE
+    opaque = regions.fills[regions.labels, 3] >= OPAQUE
     reached = depth.copy()
     behind: dict[int, list[TranslucentPart]] = {}
-    # A sheet was found without those above it: the lowest come first, and the others go above them.
-    for sheet in reversed(sheets):
-        place = int(reached[sheet.cover].max())
-        reached[sheet.cover] = place
+    # An overlay was found without those above it: the lowest come first, and the others go above them.
+    for overlay in reversed(overlays):
+        place = int(reached[overlay.cover].max())
+        reached[overlay.cover] = place
         above = (depth > place) & opaque
         behind.setdefault(place, []).extend(
-            TranslucentPart(sheet.paint.premultiplied, each) for each in extents_of(sheet.cover, above, found)
+            TranslucentPart(overlay.paint.premultiplied, each) for each in extents_of(overlay.cover, above, found)
         )
     out = behind.get(-1, [])
     for k, part in enumerate(parts):

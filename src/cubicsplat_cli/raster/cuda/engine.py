@@ -138,9 +138,9 @@ class CudaEngine(Engine):
         frame = self._training_frame(scene, settings, training)
         values = self._training_values(scene, settings, training)
         pictures = (training.target, training.weights, training.image_gradient)
-        of_fills = (training.frames_gradient, training.stops_gradient)
+        found = (training.of_points, training.frames_gradient, training.stops_gradient)
         with self._driver.active():
-            plan = self._plan(frame, scene, (scene, *pictures, *of_fills, training.state))
+            plan = self._plan(frame, scene, (scene, *pictures, *found, training.state))
             if training.image is None and (image := self._picture_for(scene, training.wanted_importance)) is not None:
                 values.image = image.data_ptr()
             loss = torch.empty((), dtype=torch.float64, device=self.device)
@@ -242,7 +242,8 @@ class CudaEngine(Engine):
         pictures = {"target": training.target, "weights": training.weights}
         put(frame, scene.addresses(self._pointer, pictures | vars(training.state)))
         renamed = {
-            "gradient": "image_gradient", "out_frames": "frames_gradient", "out_stops": "stops_gradient",
+            "gradient": "image_gradient", "out_points": "of_points", "out_frames": "frames_gradient",
+            "out_stops": "stops_gradient",
         }  # fmt: skip
         found = scene.addresses(self._pointer, {name: getattr(training, name) for name in renamed.values()})
         put(frame, {field: found[name] for field, name in renamed.items()})

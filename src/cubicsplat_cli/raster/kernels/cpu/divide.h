@@ -1,5 +1,5 @@
 // The best division of a run of points between two corners into lines and cubics, by dynamic programming. What pieces cost
-// is said in artwork/tracing/layout.py.
+// is said in raster/cubics.py (`laid_out`).
 #pragma once
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 // Whole loops of points divided into lines and cubics: which corners are real, and the runs between them. What is meant is
-// said in artwork/tracing/layout.py.
+// said in raster/cubics.py (`laid_out`).
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

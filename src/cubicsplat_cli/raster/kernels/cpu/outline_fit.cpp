@@ -225,6 +225,20 @@ CS_EXPORT int32_t cs_move_outline(int64_t anchors, int64_t pieces, const uint8_t
   return 0;
 }
 
+// The control points, pieces x 8, of an outline of handles relative to its anchors; those of a line lie at its thirds.
+CS_EXPORT void cs_outline_cubics(int64_t anchors, int64_t pieces, const uint8_t* lines, const double* at,
+                                 const double* incoming, const double* outgoing, double* cubics) {
+  for (int64_t i = 0; i < pieces; i++) {
+    const int64_t start = 2 * i, end = 2 * ((i + 1) % anchors);
+    for (int c = 0; c < 2; c++) {
+      const double a = at[start + c], b = at[end + c], third = (b - a) / 3.0;
+      double* out = cubics + 8 * i + c;
+      out[0] = a, out[2] = a + (lines[i] ? third : outgoing[start + c]);
+      out[4] = b + (lines[i] ? -third : incoming[end + c]), out[6] = b;
+    }
+  }
+}
+
 // How the control points of an outline move with its variables, as a sparse matrix by rows, 8 to a piece. starts: 8 x
 // pieces + 1; columns, values: room for 8 entries a row. -1 where there is no memory, else their number.
 CS_EXPORT int64_t cs_outline_jacobian(int64_t anchors, int64_t pieces, const uint8_t* lines, const uint8_t* smooth,

@@ -1,4 +1,4 @@
-// The best line and the best cubic for a run of points between two nodes. What they cost is in artwork/tracing/layout.py.
+// The best line and the best cubic for a run of points between two nodes. What they cost is in raster/cubics.py (`laid_out`).
 #pragma once
 
 #include <algorithm>
@@ -31,13 +31,21 @@ void solve(double (*a)[kValues], double* x) {
   }
 }
 
-constexpr int kSamples = 20, kRounds = 3;
+constexpr int kSamples = 20, kRounds = 3;           // samples: a multiple of 4
 constexpr double kShortest = 0.03, kLongest = 1.0;  // handles, of the run's length
 constexpr double kOutlying = 3.0;                   // standard errors beyond which a distance counts linearly
 constexpr double kHopeless =
     400.0;  // misfit, per price of a parameter and per point, of a rough cubic without a future
 constexpr double kLineSlack = 0.00872664625997165;  // radians, between a line and the tangent where it meets a cubic
 constexpr double kSteepest = 30.0;                  // such slacks, beyond which the angle counts no more
+
+// The sum of products of the samples, in four parts, which vectors hold.
+inline double sum_of_products(const double* a, const double* b) {
+  double sums[4] = {};
+  for (int k = 0; k < kSamples; k += 4)
+    for (int lane = 0; lane < 4; lane++) sums[lane] += a[k + lane] * b[k + lane];
+  return (sums[0] + sums[1]) + (sums[2] + sums[3]);
+}
 
 double huber(double size) { return size <= kOutlying ? size * size : kOutlying * (2.0 * size - kOutlying); }
 
@@ -210,26 +218,26 @@ struct Sampled {
   void improve(const double* cubic, const double* at, const double* expected, const double* stiffness,
                double* values) const {
     double gram[kValues][kValues] = {}, slope[kValues];
-    for (int v = 0; v < kValues; v++) gram[v][v] = stiffness[v], slope[v] = stiffness[v] * (expected[v] - values[v]);
     const Powers of(cubic);
+    // The columns of the matrix, and what is to be explained, of all samples.
+    double columns[kValues][kSamples], rest[kSamples];
     for (int i = 0; i < kSamples; i++) {
       const double t = at[i], v = 1.0 - t, b[4] = {v * v * v, 3.0 * v * v * t, 3.0 * v * t * t, t * t * t};
       const double vx = of.first_x(t), vy = of.first_y(t), speed = std::max(std::sqrt(vx * vx + vy * vy), kLeast);
-      const Point normal{-vy / speed, vx / speed};
-      const double rest = dot({x[i] - of.x(t), y[i] - of.y(t)}, normal);
-      const double across[2] = {dot({-tangents[0].y, tangents[0].x}, normal),
-                                dot({-tangents[1].y, tangents[1].x}, normal)};
-      const double column[kValues] = {b[1] * dot(tangents[0], normal),
-                                      -b[2] * dot(tangents[1], normal),
-                                      (b[0] + b[1]) * across[0],
-                                      (b[2] + b[3]) * across[1],
-                                      b[1] * across[0],
-                                      b[2] * across[1]};
-      for (int v = 0; v < kValues; v++) {
-        const double weighted = weights[i] * column[v];
-        slope[v] += weighted * rest;
-        for (int w = 0; w <= v; w++) gram[v][w] += weighted * column[w];
-      }
+      const double nx = -vy / speed, ny = vx / speed;
+      rest[i] = (x[i] - of.x(t)) * nx + (y[i] - of.y(t)) * ny;
+      const double across[2] = {tangents[0].x * ny - tangents[0].y * nx, tangents[1].x * ny - tangents[1].y * nx};
+      columns[0][i] = b[1] * (tangents[0].x * nx + tangents[0].y * ny);
+      columns[1][i] = -b[2] * (tangents[1].x * nx + tangents[1].y * ny);
+      columns[2][i] = (b[0] + b[1]) * across[0], columns[3][i] = (b[2] + b[3]) * across[1];
+      columns[4][i] = b[1] * across[0], columns[5][i] = b[2] * across[1];
+    }
+    for (int v = 0; v < kValues; v++) {
+      double weighted[kSamples];
+      for (int i = 0; i < kSamples; i++) weighted[i] = weights[i] * columns[v][i];
+      slope[v] = stiffness[v] * (expected[v] - values[v]) + sum_of_products(weighted, rest);
+      for (int w = 0; w <= v; w++) gram[v][w] = sum_of_products(weighted, columns[w]);
+      gram[v][v] += stiffness[v];
     }
     solve(gram, slope);
     for (int v = 0; v < kValues; v++) values[v] += slope[v];

@@ -3,6 +3,7 @@
 // The order of elimination is a nested dissection: what lies on one side of a line across the middle is eliminated first,
 // then what lies on the other side, and what connects them last. Then the matrix is L D L' with a sparse L, found row by
 // row: row k of L solves a triangular system whose nonzeros are the ancestors of those of row k in the elimination tree.
+// The factors of very large systems fill up with many times what the matrix has: these are solved step by step.
 #pragma once
 
 #include <algorithm>
@@ -14,9 +15,29 @@
 namespace cs::sparse {
 
 struct Entry {
-  int32_t row, column;  // in either triangle; those given more than once are summed
+  int32_t row, column;  // in either triangle
   double value;
 };
+
+// The same entries, of `count` variables, in one triangle and each only once.
+inline std::vector<Entry> summed(const std::vector<Entry>& entries, int32_t count) {
+  std::vector<int64_t> ends(size_t(count) + 1, 0);
+  for (const Entry& e : entries) ends[std::min(e.row, e.column) + 1]++;
+  std::partial_sum(ends.begin(), ends.end(), ends.begin());
+  std::vector<std::pair<int32_t, double>> sorted(entries.size());  // column and value, by row
+  for (const Entry& e : entries) sorted[ends[std::min(e.row, e.column)]++] = {std::max(e.row, e.column), e.value};
+  std::vector<Entry> out;
+  out.reserve(entries.size() / 2);
+  std::vector<int64_t> place(count, -1);  // of each column in the last row that has it
+  int64_t n = 0;
+  for (int32_t row = 0; row < count; row++)
+    for (const int64_t first = int64_t(out.size()); n < ends[row]; n++) {
+      const auto [column, value] = sorted[n];
+      if (place[column] < first) place[column] = int64_t(out.size()), out.push_back({row, column, 0.0});
+      out[place[column]].value += value;
+    }
+  return out;
+}
 
 class Dissection {
  public:
@@ -69,72 +90,165 @@ class Dissection {
   double at(int axis, int32_t v) const { return (*at_[axis])[v]; }
 };
 
-// Solves the system for `values`, in place; false where the matrix is not positive definite. order: of elimination.
-inline bool solve(const std::vector<Entry>& entries, const std::vector<int32_t>& order, std::vector<double>& values) {
-  const int32_t n = int32_t(order.size());
-  std::vector<int32_t> place(n), parent(n, -1), mark(n), row, pattern(n);
-  std::vector<int64_t> starts(n + 1, 0), l_starts(n + 1, 0);
-  for (int32_t k = 0; k < n; k++) place[order[k]] = k;
-  // The upper triangle by columns.
-  const auto ends = [&](const Entry& e) { return std::minmax(place[e.row], place[e.column]); };
-  for (const Entry& e : entries) starts[std::max(place[e.row], place[e.column])]++;
-  std::partial_sum(starts.begin(), starts.end(), starts.begin());
-  std::vector<double> value(entries.size());
-  row.resize(entries.size());
-  for (const Entry& e : entries) {
-    const auto [low, high] = ends(e);
-    const int64_t at = --starts[high];
-    row[at] = low, value[at] = e.value;
+// The factor of a matrix.
+class Factor {
+ public:
+  // order: of elimination.
+  Factor(const std::vector<Entry>& entries, std::vector<int32_t> order)
+      : order_(std::move(order)), n_(int32_t(order_.size())), starts_(n_ + 1, 0), diagonal_(n_) {
+    std::vector<int32_t> place(n_), parent(n_, -1), mark(n_), row, pattern(n_);
+    std::vector<int64_t> starts(n_ + 1, 0);
+    for (int32_t k = 0; k < n_; k++) place[order_[k]] = k;
+    // The upper triangle by columns.
+    const auto ends = [&](const Entry& e) { return std::minmax(place[e.row], place[e.column]); };
+    for (const Entry& e : entries) starts[std::max(place[e.row], place[e.column])]++;
+    std::partial_sum(starts.begin(), starts.end(), starts.begin());
+    std::vector<double> value(entries.size());
+    row.resize(entries.size());
+    for (const Entry& e : entries) {
+      const auto [low, high] = ends(e);
+      const int64_t at = --starts[high];
+      row[at] = low, value[at] = e.value;
+    }
+    // The rows above k that row k of L reaches: up the elimination tree from its own, until one is reached again.
+    const auto climb = [&](int32_t k, int32_t i, auto visit) {
+      for (; mark[i] != k; i = parent[i]) visit(i), mark[i] = k;
+    };
+    std::vector<int64_t> count(n_, 0);
+    for (int32_t k = 0; k < n_; k++) {
+      mark[k] = k;
+      for (int64_t p = starts[k]; p < starts[k + 1]; p++)
+        climb(k, row[p], [&](int32_t i) {
+          if (parent[i] < 0) parent[i] = k;
+          count[i]++;
+        });
+    }
+    for (int32_t k = 0; k < n_; k++) starts_[k + 1] = starts_[k] + count[k];
+    row_.resize(starts_[n_]), value_.resize(starts_[n_]);
+    std::vector<double> sums(n_, 0.0);
+    std::fill(count.begin(), count.end(), 0);
+    std::fill(mark.begin(), mark.end(), -1);
+    std::vector<int32_t> path;
+    for (int32_t k = 0; k < n_ && positive_; k++) {
+      int32_t top = n_;
+      mark[k] = k;
+      for (int64_t p = starts[k]; p < starts[k + 1]; p++) {
+        sums[row[p]] += value[p];
+        path.clear();
+        climb(k, row[p], [&](int32_t i) { path.push_back(i); });
+        while (!path.empty()) pattern[--top] = path.back(), path.pop_back();
+      }
+      diagonal_[k] = sums[k], sums[k] = 0.0;
+      for (; top < n_; top++) {
+        const int32_t i = pattern[top];
+        const double sum = sums[i], share = sum / diagonal_[i];
+        sums[i] = 0.0;
+        const int64_t end = starts_[i] + count[i]++;
+        for (int64_t p = starts_[i]; p < end; p++) sums[row_[p]] -= value_[p] * sum;
+        diagonal_[k] -= share * sum;
+        row_[end] = k, value_[end] = share;
+      }
+      positive_ = diagonal_[k] > 0.0;
+    }
   }
-  // The rows above k that row k of L reaches: up the elimination tree from its own, until one is reached again.
-  const auto climb = [&](int32_t k, int32_t i, auto visit) {
-    for (; mark[i] != k; i = parent[i]) visit(i), mark[i] = k;
+
+  // Whether the matrix is positive definite: only then it has a factor.
+  bool positive() const { return positive_; }
+
+  // Solves the system for `values`, in place.
+  void solve(std::vector<double>& values) const {
+    std::vector<double> x(n_);
+    for (int32_t k = 0; k < n_; k++) x[k] = values[order_[k]];
+    for (int32_t k = 0; k < n_; k++)
+      for (int64_t p = starts_[k]; p < starts_[k + 1]; p++) x[row_[p]] -= value_[p] * x[k];
+    for (int32_t k = n_; k-- > 0;) {
+      x[k] /= diagonal_[k];
+      for (int64_t p = starts_[k]; p < starts_[k + 1]; p++) x[k] -= value_[p] * x[row_[p]];
+    }
+    for (int32_t k = 0; k < n_; k++) values[order_[k]] = x[k];
+  }
+
+ private:
+  std::vector<int32_t> order_;
+  int32_t n_;
+  std::vector<int64_t> starts_;  // of the columns of L
+  std::vector<int32_t> row_;
+  std::vector<double> value_, diagonal_;
+  bool positive_ = true;
+};
+
+// A matrix by rows: of each the entries up to the diagonal, each once.
+class Matrix {
+ public:
+  Matrix(const std::vector<Entry>& entries, int32_t n) : starts_(n + 1, 0) {
+    std::vector<int64_t> next(n + 1, 0);
+    for (const Entry& e : entries) next[std::max(e.row, e.column) + 1]++;
+    std::partial_sum(next.begin(), next.end(), next.begin());
+    const std::vector<int64_t> begin = next;
+    std::vector<std::pair<int32_t, double>> given(entries.size());
+    for (const Entry& e : entries) given[next[std::max(e.row, e.column)]++] = {std::min(e.row, e.column), e.value};
+    std::vector<int64_t> place(n, -1);  // of each column in the row
+    for (int32_t row = 0; row < n; row++) {
+      for (int64_t p = begin[row]; p < begin[row + 1]; p++) {
+        const auto [column, value] = given[p];
+        if (place[column] < starts_[row]) {
+          place[column] = int64_t(column_.size());
+          column_.push_back(column), value_.push_back(0.0);
+        }
+        value_[place[column]] += value;
+      }
+      starts_[row + 1] = int64_t(column_.size());
+    }
+  }
+
+  void multiply(const std::vector<double>& x, std::vector<double>& out) const {
+    std::fill(out.begin(), out.end(), 0.0);
+    for (size_t row = 0; row < out.size(); row++) {
+      double sum = 0.0;
+      for (int64_t p = starts_[row]; p < starts_[row + 1]; p++) {
+        sum += value_[p] * x[column_[p]];
+        if (column_[p] != int32_t(row)) out[column_[p]] += value_[p] * x[row];
+      }
+      out[row] += sum;
+    }
+  }
+
+ private:
+  std::vector<int64_t> starts_;
+  std::vector<int32_t> column_;
+  std::vector<double> value_;
+};
+
+// Solves a system for `values`, in place, until the residual is `enough` of what it was, in the norm of the preconditioner;
+// false where the matrix is not positive definite. Method: conjugate gradients (M. Hestenes and E. Stiefel, "Methods of
+// Conjugate Gradients for Solving Linear Systems", 1952), preconditioned by the factor of a part of the matrix.
+inline bool iterate(const std::vector<Entry>& entries, const Factor& part, double enough, std::vector<double>& values) {
+  constexpr int kMost = 200;  // steps
+  const size_t n = values.size();
+  if (!part.positive()) return false;
+  const Matrix matrix(entries, int32_t(n));
+  const auto dot = [n](const std::vector<double>& a, const std::vector<double>& b) {
+    double sum = 0.0;
+    for (size_t k = 0; k < n; k++) sum += a[k] * b[k];
+    return sum;
   };
-  std::vector<int64_t> count(n, 0);
-  for (int32_t k = 0; k < n; k++) {
-    mark[k] = k;
-    for (int64_t p = starts[k]; p < starts[k + 1]; p++)
-      climb(k, row[p], [&](int32_t i) {
-        if (parent[i] < 0) parent[i] = k;
-        count[i]++;
-      });
+  std::vector<double> x(n, 0.0), rest = values, ahead = rest, way, product(n);
+  part.solve(ahead);
+  way = ahead;
+  double size = dot(rest, ahead);
+  const double least = enough * enough * size;
+  for (int step = 0; step < kMost && size > least; step++) {
+    matrix.multiply(way, product);
+    const double curved = dot(way, product);
+    if (!(curved > 0.0)) return false;
+    for (size_t k = 0; k < n; k++) x[k] += size / curved * way[k], rest[k] -= size / curved * product[k];
+    ahead = rest;
+    part.solve(ahead);
+    const double next = dot(rest, ahead);
+    for (size_t k = 0; k < n; k++) way[k] = ahead[k] + next / size * way[k];
+    size = next;
   }
-  for (int32_t k = 0; k < n; k++) l_starts[k + 1] = l_starts[k] + count[k];
-  std::vector<int32_t> l_row(l_starts[n]);
-  std::vector<double> l_value(l_starts[n]), diagonal(n), sums(n, 0.0);
-  std::fill(count.begin(), count.end(), 0);
-  std::fill(mark.begin(), mark.end(), -1);
-  std::vector<int32_t> path;
-  for (int32_t k = 0; k < n; k++) {
-    int32_t top = n;
-    mark[k] = k;
-    for (int64_t p = starts[k]; p < starts[k + 1]; p++) {
-      sums[row[p]] += value[p];
-      path.clear();
-      climb(k, row[p], [&](int32_t i) { path.push_back(i); });
-      while (!path.empty()) pattern[--top] = path.back(), path.pop_back();
-    }
-    diagonal[k] = sums[k], sums[k] = 0.0;
-    for (; top < n; top++) {
-      const int32_t i = pattern[top];
-      const double sum = sums[i], share = sum / diagonal[i];
-      sums[i] = 0.0;
-      const int64_t end = l_starts[i] + count[i]++;
-      for (int64_t p = l_starts[i]; p < end; p++) sums[l_row[p]] -= l_value[p] * sum;
-      diagonal[k] -= share * sum;
-      l_row[end] = k, l_value[end] = share;
-    }
-    if (!(diagonal[k] > 0.0)) return false;
-  }
-  std::vector<double> x(n);
-  for (int32_t k = 0; k < n; k++) x[k] = values[order[k]];
-  for (int32_t k = 0; k < n; k++)
-    for (int64_t p = l_starts[k]; p < l_starts[k + 1]; p++) x[l_row[p]] -= l_value[p] * x[k];
-  for (int32_t k = n; k-- > 0;) {
-    x[k] /= diagonal[k];
-    for (int64_t p = l_starts[k]; p < l_starts[k + 1]; p++) x[k] -= l_value[p] * x[l_row[p]];
-  }
-  for (int32_t k = 0; k < n; k++) values[order[k]] = x[k];
+  values = x;
   return true;
 }
 

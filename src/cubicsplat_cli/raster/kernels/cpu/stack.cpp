@@ -37,8 +37,12 @@ struct Groups {
 class Growth {
  public:
   Growth(const CsPicture& before, const CsPicture& after, int32_t spread, bool leaks)
-      : before_(before), after_(after), spread_(spread), leaks_(leaks),
-        counted_(size_t(before.goal.width) * before.goal.height, -1) {}
+      : before_(before), after_(after), spread_(spread), leaks_(leaks), first_(before.tiles.size(), -1) {
+    int64_t pixels = 0;
+    for (size_t n = 0; n < first_.size(); n++)
+      if (before.tiles[n] != after.tiles[n]) first_[n] = pixels, pixels += kTile * kTile;
+    counted_.assign(pixels, -1);
+  }
 
   void add(const CsPicture& picture, int32_t piece, int32_t group, double& sum) {
     const int width = picture.goal.width, height = picture.goal.height;
@@ -55,11 +59,14 @@ class Growth {
   const CsPicture &before_, &after_;
   int32_t spread_;
   bool leaks_;
+  std::vector<int64_t> first_;    // of the pixels of each tile that differs, among all of them; -1 for the others
   std::vector<int32_t> counted_;  // the group that has counted a pixel last
 
   void count(int32_t pixel, Address at, int32_t group, double& sum) {
-    if (before_.tiles[at.tile] == after_.tiles[at.tile] || counted_[pixel] == group) return;
-    counted_[pixel] = group;
+    if (first_[at.tile] < 0) return;
+    int32_t& counted = counted_[first_[at.tile] + at.place];
+    if (counted == group) return;
+    counted = group;
     sum += cost(after_, at, pixel, leaks_) - cost(before_, at, pixel, leaks_);
   }
 };
@@ -78,6 +85,23 @@ void cs_stack_picture(const CsPicture* picture, double* image, double* misfit) {
       std::copy(colour, colour + 4, image + 4 * pixel);
       misfit[pixel] = picture->tiles[at.tile]->misfit[at.place];
     }
+}
+
+void cs_stack_uppermost(const CsPicture* picture, int64_t left, int64_t top, int64_t width, int64_t height,
+                        double least, int32_t* out) {
+  std::fill(out, out + width * height, -1);
+  const int64_t right = left + width, bottom = top + height;
+  for (size_t k = 0; k < picture->layers.size(); k++) {
+    const cs::stack::Trace& trace = *picture->layers[k];
+    if (trace.left >= right || trace.right <= left) continue;
+    for (int64_t row = std::max<int64_t>(top, trace.top); row < std::min<int64_t>(bottom, trace.bottom); row++) {
+      const cs::stack::Span* end = trace.spans.data() + trace.rows[row - trace.top + 1];
+      for (const cs::stack::Span* s = trace.spans.data() + trace.rows[row - trace.top]; s < end; s++)
+        if (s->covered >= least && s->first < right && s->last > left)
+          std::fill(out + (row - top) * width + std::max<int64_t>(s->first - left, 0),
+                    out + (row - top) * width + std::min<int64_t>(s->last - left, width), int32_t(k));
+    }
+  }
 }
 
 double cs_stack_cost(const CsPicture* picture) {

@@ -25,7 +25,7 @@ struct CsStack {
   const double* cubics;  // pieces x 4 x 2, px
   const uint8_t* lines;  // pieces
   const double* signs;   // pieces: 1, or -1 where an outline runs the wrong way round
-  const double* inks;    // layers x 4, premultiplied
+  const double* fills;   // layers x 4, premultiplied
 };
 
 // For each pixel that a piece crosses (twice where it comes back to one), in the order of the pieces.
@@ -53,13 +53,18 @@ struct CsUnknowns {
 
 struct CsPicture;  // a stack as it is drawn
 
-// The picture of a stack, to be freed; null where there is no memory. previous: of the same goal, or null; what lies the
-// same as in that one is not drawn again.
+// The picture of a stack, to be freed; null where there is no memory. previous: of the same goal, or null; what lies
+// the same as in that one is not drawn again.
 CS_EXPORT CsPicture* cs_stack_draw(const CsGoal*, const CsStack*, const CsPicture* previous);
 CS_EXPORT void cs_stack_free(CsPicture*);
 
 // image: H x W x 4, blurred where the goal is, and misfit: H x W, written.
 CS_EXPORT void cs_stack_picture(const CsPicture*, double* image, double* misfit);
+
+// out: height x width, the uppermost layer that covers so much, more than nothing, of each pixel of a window with its
+// corner at (left, top), on the canvas; -1 for none.
+CS_EXPORT void cs_stack_uppermost(const CsPicture*, int64_t left, int64_t top, int64_t width, int64_t height,
+                                  double least, int32_t* out);
 
 // The sum of the misfit, and of what shows of the background where it may not.
 CS_EXPORT double cs_stack_cost(const CsPicture*);
@@ -67,9 +72,9 @@ CS_EXPORT double cs_stack_cost(const CsPicture*);
 // How many crossings there are; these, written, where `out` is not null. -1 where there is no memory.
 CS_EXPORT int64_t cs_stack_crossings(const CsPicture*, const CsCrossings* out);
 
-// growth: groups, by how much the misfit (leaks: and what shows of the background) grows from `before` to `after` on the
-// pixels that the pieces of a group change in either picture, px around those that they cross: `spread`. group_before,
-// group_after: of each piece, or -1. Returns 0, or 1 where there is no memory.
+// growth: groups, by how much the misfit (leaks: and what shows of the background) grows from `before` to `after` on
+// the pixels that the pieces of a group change in either picture, px around those that they cross: `spread`.
+// group_before, group_after: of each piece, or -1. Returns 0, or 1 where there is no memory.
 CS_EXPORT int32_t cs_stack_growth(const CsPicture* before, const CsPicture* after, const int32_t* group_before,
                                   const int32_t* group_after, int64_t groups, int32_t spread, int32_t leaks,
                                   double* growth);
@@ -79,9 +84,9 @@ CS_EXPORT int32_t cs_stack_growth(const CsPicture* before, const CsPicture* afte
 CS_EXPORT void cs_stack_changed(const CsPicture* before, const CsPicture* after, const int32_t* group, double least,
                                 uint8_t* changed);
 
-// The damped Gauss-Newton step of some variables, the gradient of half of the cost, by how many px at most each outline's
-// control points move, and the misfit of the pixels that it crosses, with `chance` for each. Returns 0, or 1 where there
-// is no memory.
+// The damped Gauss-Newton step of some variables, the gradient of half of the cost, by how many px at most each
+// outline's control points move, and the misfit of the pixels that it crosses, with `chance` for each. Returns 0, or 1
+// where there is no memory.
 CS_EXPORT int32_t cs_stack_step(const CsPicture*, const CsUnknowns*, double chance, double* step, double* gradient,
                                 double* moves, double* misfits);
 }

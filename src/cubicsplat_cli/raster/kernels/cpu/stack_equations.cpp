@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <exception>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -15,6 +16,9 @@
 
 namespace cs::stack {
 namespace {
+
+constexpr int32_t kMostAtOnce = 4000;  // variables: beyond, a factor of all takes longer than a dozen of its parts
+constexpr double kEnough = 1e-3;       // of the residual of a step, which is right to first order at best
 
 using Block = std::array<double, 64>;
 
@@ -59,26 +63,28 @@ class Equations {
   bool solve(double* step, double* gradient) {
     PiecePairs pairs(int64_t(pieces_.size()));
     multiply(pairs);
-    std::vector<sparse::Entry> entries;
-    project(pairs, entries);
-    std::vector<double> diagonal(unknowns_.variables, 0.0), x(unknowns_.variables, 0.0), y = x, shares = x;
+    std::vector<sparse::Entry> entries = project(pairs);
+    std::vector<double> diagonal(unknowns_.variables, 0.0), x(unknowns_.variables, 0.0), y = x;
     for (const sparse::Entry& e : entries)
       if (e.row == e.column) diagonal[e.row] += e.value;
     for (int32_t v = 0; v < unknowns_.variables; v++)
       entries.push_back({v, v, unknowns_.keep + unknowns_.damping[v] * diagonal[v]});
-    place(x, y, shares);
+    entries = sparse::summed(entries, unknowns_.variables);
+    place(x, y);
+    pull();
     std::copy(gradient_.begin(), gradient_.end(), gradient);
     for (double& value : gradient_) value = -value;
-    const bool solved = sparse::solve(entries, sparse::Dissection(x, y, entries).order, gradient_);
+    const bool solved = unknowns_.variables <= kMostAtOnce ? solved_at_once(entries, x, y) : iterated(entries, x, y);
     std::copy(gradient_.begin(), gradient_.end(), step);
     return solved;
   }
 
  private:
+  // first, count: of its variables among those of all pieces. pull: of half of the cost with its control points.
   struct Piece {
     const double* cubic;
-    int64_t first_row;
-    int32_t start;  // the outline's first variable
+    size_t first, count;
+    double pull[8];
   };
 
   const CsPicture& picture_;
@@ -86,8 +92,29 @@ class Equations {
   const CsUnknowns& unknowns_;
   std::vector<Piece> pieces_;
   std::vector<Crossing> crossings_;
+  std::vector<int32_t> variables_;  // that move the pieces, one piece after the other
+  std::vector<double> ways_;        // x 8: how they move its control points
   std::vector<double> gradient_, overlap_;
   std::vector<std::vector<double>> slopes_;
+
+  bool solved_at_once(const std::vector<sparse::Entry>& entries, const std::vector<double>& x,
+                      const std::vector<double>& y) {
+    const sparse::Factor factor(entries, sparse::Dissection(x, y, entries).order);
+    if (factor.positive()) factor.solve(gradient_);
+    return factor.positive();
+  }
+
+  // Outlines share little with each other, so a dozen steps suffice, each of which solves for all outlines alone.
+  bool iterated(const std::vector<sparse::Entry>& entries, const std::vector<double>& x, const std::vector<double>& y) {
+    std::vector<int32_t> outline(unknowns_.variables, 0);
+    for (int32_t k = 0; k < unknowns_.outlines; k++) outline[unknowns_.start[k]] = unknowns_.start[k];
+    std::partial_sum(outline.begin(), outline.end(), outline.begin(),
+                     [](int32_t a, int32_t b) { return std::max(a, b); });
+    std::vector<sparse::Entry> own;
+    for (const sparse::Entry& e : entries)
+      if (outline[e.row] == outline[e.column]) own.push_back(e);
+    return sparse::iterate(entries, {own, sparse::Dissection(x, y, own).order}, kEnough, gradient_);
+  }
 
   void collect() {
     std::vector<uint8_t> wanted(picture_.layers.size(), 0);
@@ -104,9 +131,23 @@ class Equations {
       for (int32_t p = first; p < first + unknowns_.count[k]; p++, row += 8) {
         for (int64_t n = trace.starts[p]; n < trace.starts[p + 1]; n++)
           add(trace, n, &slopes_[layer][4 * n], int32_t(pieces_.size()));
-        pieces_.push_back({&trace.cubics[8 * int64_t(p)], row, unknowns_.start[k]});
+        add_variables(&trace.cubics[8 * int64_t(p)], row, unknowns_.start[k]);
       }
     }
+  }
+
+  // A piece with the variables from `start` on that its rows of the sparse matrix, 8 from `first` on, have.
+  void add_variables(const double* cubic, int64_t first, int32_t start) {
+    Piece piece{cubic, variables_.size(), 0, {}};
+    for (int r = 0; r < 8; r++)
+      for (int64_t n = unknowns_.rows[first + r]; n < unknowns_.rows[first + r + 1]; n++) {
+        const int32_t variable = start + unknowns_.column[n];
+        const size_t k = std::find(variables_.begin() + piece.first, variables_.end(), variable) - variables_.begin();
+        if (k == variables_.size()) variables_.push_back(variable), ways_.resize(ways_.size() + 8, 0.0);
+        ways_[8 * k + r] += unknowns_.value[n];
+      }
+    piece.count = variables_.size() - piece.first;
+    pieces_.push_back(piece);
   }
 
   void add(const Trace& trace, int64_t n, const double* slope, int32_t piece) {
@@ -201,7 +242,6 @@ class Equations {
     for (size_t n = 0; n < crossings_.size(); n++) order[next[pixel_of(crossings_[n])]++] = int32_t(n);
     for (const int32_t m : order) {
       const Crossing& a = crossings_[m];
-      pull(a);
       for (int row = std::max(top, a.y - reach); row <= std::min(bottom, a.y + reach); row++) {
         const size_t line = size_t(row - top) * width;
         const int32_t last = starts[line + std::min(width - 1, a.x + reach) + 1];
@@ -220,60 +260,49 @@ class Equations {
     }
   }
 
-  void pull(const Crossing& c) {
-    const Piece& piece = pieces_[c.piece];
-    for (int r = 0; r < 8; r++)
-      for (int64_t n = unknowns_.rows[piece.first_row + r]; n < unknowns_.rows[piece.first_row + r + 1]; n++)
-        gradient_[piece.start + unknowns_.column[n]] += c.pull * c.change[r] * unknowns_.value[n];
-  }
-
-  // The variables that move a piece, and how they move its control points (x 8).
-  void columns(const Piece& piece, std::vector<int32_t>& variables, std::vector<double>& values) const {
-    variables.clear(), values.clear();
-    for (int r = 0; r < 8; r++)
-      for (int64_t n = unknowns_.rows[piece.first_row + r]; n < unknowns_.rows[piece.first_row + r + 1]; n++) {
-        const int32_t variable = piece.start + unknowns_.column[n];
-        const size_t k = std::find(variables.begin(), variables.end(), variable) - variables.begin();
-        if (k == variables.size()) variables.push_back(variable), values.resize(values.size() + 8, 0.0);
-        values[8 * k + r] += unknowns_.value[n];
-      }
+  void pull() {
+    for (const Crossing& c : crossings_)
+      for (int r = 0; r < 8; r++) pieces_[c.piece].pull[r] += c.pull * c.change[r];
+    for (const Piece& piece : pieces_)
+      for (size_t k = piece.first; k < piece.first + piece.count; k++)
+        for (int r = 0; r < 8; r++) gradient_[variables_[k]] += piece.pull[r] * ways_[8 * k + r];
   }
 
   // The Gram matrix of the variables, each entry in one of the triangles.
-  void project(const PiecePairs& pairs, std::vector<sparse::Entry>& out) const {
-    std::vector<std::vector<int32_t>> variables(pieces_.size());
-    std::vector<std::vector<double>> values(pieces_.size());
-    for (size_t n = 0; n < pieces_.size(); n++) columns(pieces_[n], variables[n], values[n]);
+  std::vector<sparse::Entry> project(const PiecePairs& pairs) const {
+    std::vector<sparse::Entry> out;
+    size_t most = unknowns_.variables;
+    for (const auto& [i, j] : pairs.pieces) most += pieces_[i].count * pieces_[j].count;
+    out.reserve(most);
     for (size_t n = 0; n < pairs.blocks.size(); n++) {
       const auto [i, j] = pairs.pieces[n];
-      for (size_t b = 0; b < variables[j].size(); b++) {
+      const Piece &one = pieces_[i], &other = pieces_[j];
+      for (size_t b = other.first; b < other.first + other.count; b++) {
         double half[8] = {};
-        for (int p = 0; p < 8; p++)
-          for (int q = 0; q < 8; q++) half[p] += pairs.blocks[n][8 * p + q] * values[j][8 * b + q];
-        for (size_t a = 0; a < variables[i].size(); a++) {
-          const int32_t row = variables[i][a], column = variables[j][b];
+        for (int q = 0; q < 8; q++)
+          for (int p = 0; p < 8; p++) half[p] += pairs.blocks[n][8 * p + q] * ways_[8 * b + q];
+        for (size_t a = one.first; a < one.first + one.count; a++) {
+          const int32_t row = variables_[a], column = variables_[b];
           if (i == j && row > column) continue;
           double value = 0.0;
-          for (int p = 0; p < 8; p++) value += values[i][8 * a + p] * half[p];
+          for (int p = 0; p < 8; p++) value += ways_[8 * a + p] * half[p];
           // Pairs of two pieces count both ways round.
           out.push_back({row, column, i != j && row == column ? 2.0 * value : value});
         }
       }
     }
+    return out;
   }
 
   // Where the variables are: in the middle of what they move.
-  void place(std::vector<double>& x, std::vector<double>& y, std::vector<double>& shares) const {
-    std::vector<int32_t> variables;
-    std::vector<double> values;
-    for (const Piece& piece : pieces_) {
-      columns(piece, variables, values);
-      for (size_t k = 0; k < variables.size(); k++) {
-        const int32_t v = variables[k];
+  void place(std::vector<double>& x, std::vector<double>& y) const {
+    std::vector<double> shares(x.size(), 0.0);
+    for (const Piece& piece : pieces_)
+      for (size_t k = piece.first; k < piece.first + piece.count; k++) {
+        const int32_t v = variables_[k];
         for (int p = 0; p < 4; p++) x[v] += piece.cubic[2 * p], y[v] += piece.cubic[2 * p + 1];
         shares[v] += 4.0;
       }
-    }
     for (size_t v = 0; v < x.size(); v++) x[v] /= std::max(shares[v], 1.0), y[v] /= std::max(shares[v], 1.0);
   }
 };

@@ -22,12 +22,13 @@ class Matches {
     std::unordered_map<uint64_t, std::vector<int>> known;
     for (int k = 0; k < int(old.layers.size()); k++) {
       const Trace& trace = *old.layers[k];
-      known[hash(trace.cubics.data(), trace.pieces(), &old.inks[4 * k])].push_back(k);
+      known[hash(trace.cubics.data(), trace.pieces(), &old.fills[4 * k])].push_back(k);
     }
     int next = 0;
     for (int i = 0, first = 0; i < stack.layers; first = stack.ends[i++]) {
       int match = -1;
-      const auto found = known.find(hash(stack.cubics + 8 * int64_t(first), stack.ends[i] - first, &stack.inks[4 * i]));
+      const auto found = known.find(
+          hash(stack.cubics + 8 * int64_t(first), stack.ends[i] - first, &stack.fills[4 * i]));
       for (size_t n = 0; found != known.end() && n < found->second.size() && match < 0; n++)
         if (found->second[n] >= next && same(i, first, found->second[n])) match = found->second[n];
       if (match >= 0) next = match + 1;
@@ -41,7 +42,7 @@ class Matches {
   const CsStack& stack_;
   const CsPicture& old_;
 
-  static uint64_t hash(const double* cubics, int64_t pieces, const double* ink) {
+  static uint64_t hash(const double* cubics, int64_t pieces, const double* fill) {
     uint64_t sum = 1469598103934665603u;
     const auto take = [&](const double* values, int64_t count) {
       for (int64_t n = 0; n < count; n++) {
@@ -51,7 +52,7 @@ class Matches {
         sum ^= sum >> 29;
       }
     };
-    take(cubics, 8 * pieces), take(ink, 4);
+    take(cubics, 8 * pieces), take(fill, 4);
     return sum;
   }
 
@@ -59,7 +60,7 @@ class Matches {
     const Trace& trace = *old_.layers[other];
     const int64_t count = stack_.ends[layer] - first;
     return trace.pieces() == count &&
-           std::equal(stack_.inks + 4 * layer, stack_.inks + 4 * layer + 4, &old_.inks[4 * other]) &&
+           std::equal(stack_.fills + 4 * layer, stack_.fills + 4 * layer + 4, &old_.fills[4 * other]) &&
            std::equal(stack_.lines + first, stack_.lines + first + count, trace.lines.begin()) &&
            std::equal(stack_.signs + first, stack_.signs + first + count, trace.signs.begin()) &&
            std::equal(trace.cubics.begin(), trace.cubics.end(), stack_.cubics + 8 * int64_t(first));

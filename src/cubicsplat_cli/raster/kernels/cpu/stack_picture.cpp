@@ -22,19 +22,20 @@ Window window_of(const CsGoal& goal, const std::vector<double>& cubics) {
   return {left, top, std::max(right - left, 0), std::max(bottom - top, 0), {}};
 }
 
-// Sorts the crossings of a trace by the tile that they are in.
+// Sorts the crossings of a trace by the tile that they are in: runs of them, since neighbours mostly share theirs.
 void sort_by_tile(Trace& trace, const CsPicture& picture) {
   const int64_t count = int64_t(trace.pixel.size());
-  std::vector<std::pair<int32_t, int64_t>> keys(count);
+  std::vector<std::pair<int32_t, int64_t>> runs;  // the tile and the first crossing
+  trace.address.reserve(count), trace.by_tile.reserve(count);
   for (int64_t n = 0; n < count; n++) {
     trace.address.push_back(picture.at(trace.pixel[n] % picture.goal.width, trace.pixel[n] / picture.goal.width));
-    keys[n] = {trace.address[n].tile, n};
+    if (n == 0 || trace.address[n].tile != trace.address[n - 1].tile) runs.push_back({trace.address[n].tile, n});
   }
-  std::sort(keys.begin(), keys.end());
-  for (int64_t k = 0; k < count; k++) {
-    if (k == 0 || keys[k].first != keys[k - 1].first)
-      trace.tiles.push_back(keys[k].first), trace.tile_starts.push_back(k);
-    trace.by_tile.push_back(keys[k].second);
+  std::sort(runs.begin(), runs.end());
+  for (const auto& [tile, first] : runs) {
+    if (trace.tiles.empty() || trace.tiles.back() != tile)
+      trace.tiles.push_back(tile), trace.tile_starts.push_back(int64_t(trace.by_tile.size()));
+    for (int64_t n = first; n < count && trace.address[n].tile == tile; n++) trace.by_tile.push_back(n);
   }
   trace.tile_starts.push_back(count);
 }
@@ -44,6 +45,12 @@ std::shared_ptr<const Trace> traced(const CsStack& s, int first, int last, const
   trace->cubics.assign(s.cubics + 8 * int64_t(first), s.cubics + 8 * int64_t(last));
   trace->signs.assign(s.signs + first, s.signs + last), trace->lines.assign(s.lines + first, s.lines + last);
   Window w = window_of(picture.goal, trace->cubics);
+  // Room for about what is crossed; where outlines reach beyond the canvas it is too much.
+  double length = 0.0;
+  for (size_t n = 2; n < trace->cubics.size(); n++)
+    if (n % 8 > 1) length += std::fabs(trace->cubics[n] - trace->cubics[n - 2]);
+  const size_t room = size_t(std::min(length, 1e6)) + 2 * trace->lines.size();
+  trace->pixel.reserve(room), trace->t.reserve(room), trace->change.reserve(8 * room), w.steps.reserve(4 * room);
   Crossings crossings(*trace, picture.goal.width, picture.goal.height);
   Tracer tracer(w, crossings, picture.goal.grid);
   for (int64_t n = 0; n < trace->pieces(); n++)
@@ -70,8 +77,8 @@ Mask adopt(CsPicture& picture, const CsStack& stack, const CsPicture& old) {
     const bool paired = i - first == match - begin;
     for (int n = 0; n < i - first; n++) {
       const Trace &fresh = *picture.layers[first + n], &before = *old.layers[paired ? begin + n : 0];
-      const double* ink = &picture.inks[4 * (first + n)];
-      if (paired && std::equal(ink, ink + 4, &old.inks[4 * (begin + n)]))
+      const double* fill = &picture.fills[4 * (first + n)];
+      if (paired && std::equal(fill, fill + 4, &old.fills[4 * (begin + n)]))
         differences.mark(fresh, before);
       else
         differences.mark(fresh), paired ? differences.mark(before) : void();
@@ -113,11 +120,11 @@ void each_run(const Trace& trace, int left, int top, Paint paint) {
   }
 }
 
-void lay(const Trace& trace, const double* ink, int left, int top, double* colours) {
+void lay(const Trace& trace, const double* fill, int left, int top, double* colours) {
   each_run(trace, left, top, [&](int place, int count, float covered) {
-    const double share = covered, passes = 1.0 - ink[3] * share;
+    const double share = covered, passes = 1.0 - fill[3] * share;
     double add[4];
-    for (int k = 0; k < 4; k++) add[k] = share * ink[k];
+    for (int k = 0; k < 4; k++) add[k] = share * fill[k];
     for (double* p = colours + 4 * place; count > 0; count--, p += 4)
       for (int k = 0; k < 4; k++) p[k] = p[k] * passes + add[k];
   });
@@ -176,7 +183,7 @@ void paint(CsPicture& picture, const Mask& dirty) {
     auto colours = std::make_shared<Colours>();
     colours->fill(0.0);
     for (const int k : layers[n])
-      lay(*picture.layers[k], &picture.inks[4 * k], n % across * kTile, n / across * kTile, colours->data());
+      lay(*picture.layers[k], &picture.fills[4 * k], n % across * kTile, n / across * kTile, colours->data());
     auto tile = std::make_shared<Tile>();
     tile->sharp = tile->seen = colours;
     if (picture.goal.reach == 0) compare(picture, n, *tile);
@@ -202,7 +209,7 @@ void paint(CsPicture& picture, const Mask& dirty) {
 CsPicture* drawn(const CsGoal& goal, const CsStack& stack, const CsPicture* previous) {
   auto picture = std::make_unique<CsPicture>();
   picture->goal = goal;
-  picture->inks.assign(stack.inks, stack.inks + 4 * int64_t(stack.layers));
+  picture->fills.assign(stack.fills, stack.fills + 4 * int64_t(stack.layers));
   picture->starts.assign(1, 0);
   picture->starts.insert(picture->starts.end(), stack.ends, stack.ends + stack.layers);
   Mask dirty(size_t(picture->across()) * picture->down(), 1);
@@ -244,18 +251,18 @@ std::vector<std::vector<double>> slopes(const CsPicture& picture, const std::vec
     };
     colours.fill(0.0), open.fill(1.0f);
     for (const int layer : layers[n]) {
-      const double* ink = &picture.inks[4 * layer];
+      const double* fill = &picture.fills[4 * layer];
       crossings(layer, [&](double* slope, int place) {
-        for (int k = 0; k < 4; k++) slope[k] = ink[k] - ink[3] * colours[4 * place + k];
+        for (int k = 0; k < 4; k++) slope[k] = fill[k] - fill[3] * colours[4 * place + k];
       });
-      lay(*picture.layers[layer], ink, left, top, colours.data());
+      lay(*picture.layers[layer], fill, left, top, colours.data());
     }
     for (size_t i = layers[n].size(); i-- > 0;) {
       const int layer = layers[n][i];
       crossings(layer, [&](double* slope, int place) {
         for (int k = 0; k < 4; k++) slope[k] *= open[place];
       });
-      const float opacity = float(picture.inks[4 * layer + 3]);
+      const float opacity = float(picture.fills[4 * layer + 3]);
       each_run(*picture.layers[layer], left, top, [&](int place, int count, float covered) {
         for (int p = place; p < place + count; p++) open[p] *= 1.0f - opacity * covered;
       });

@@ -45,7 +45,7 @@ inline double leak(const CsGoal& goal, const double* colour, int64_t pixel) {
 
 struct CsPicture {
   CsGoal goal;
-  std::vector<double> inks;     // layers x 4
+  std::vector<double> fills;    // layers x 4
   std::vector<int32_t> starts;  // layers + 1: the first piece of each
   std::vector<std::shared_ptr<const cs::stack::Trace>> layers;
   std::vector<std::shared_ptr<const cs::stack::Tile>> tiles;

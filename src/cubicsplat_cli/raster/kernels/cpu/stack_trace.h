@@ -100,11 +100,10 @@ struct Window {
     for (int j = 0; j < height; j++) ends[j + 1] += ends[j];
     std::vector<Step> sorted(steps.size());
     for (size_t n = steps.size(); n-- > 0;) sorted[--ends[steps[n].first + 1]] = steps[n].second;
-    const auto before = [](const Step& a, const Step& b) { return a.column < b.column; };
     for (int j = 0; j < height; j++) {
       Step* const begin = sorted.data() + ends[j + 1];
       Step* const end = j + 1 < height ? sorted.data() + ends[j + 2] : sorted.data() + sorted.size();
-      std::stable_sort(begin, end, before);
+      sort(begin, end);
       double sum = 0.0;
       for (const Step* at = begin; at < end;) {
         const int first = at->column;
@@ -116,6 +115,19 @@ struct Window {
         if (covered > kNothing && first < last) out.push_back({left + first, left + last, covered});
       }
       rows.push_back(int64_t(out.size()));
+    }
+  }
+
+  // By columns; those in one column stay in their order. A row mostly has few, for which the library would ask for memory.
+  static void sort(Step* begin, Step* end) {
+    constexpr int64_t kFew = 64;
+    const auto before = [](const Step& a, const Step& b) { return a.column < b.column; };
+    if (end - begin > kFew) return std::stable_sort(begin, end, before);
+    for (Step* at = begin + 1; at < end; at++) {
+      const Step step = *at;
+      Step* to = at;
+      for (; to > begin && before(step, to[-1]); to--) *to = to[-1];
+      *to = step;
     }
   }
 

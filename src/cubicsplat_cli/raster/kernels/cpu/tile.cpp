@@ -8,7 +8,7 @@
 #endif
 
 #include "images.h"
-#include "ink.h"
+#include "fill.h"
 
 namespace cs {
 namespace CS_ISA {
@@ -24,7 +24,7 @@ struct Finished {
   }
 };
 
-template <int C, class Ink>
+template <int C, class Fill>
 class BlockWork {
  public:
   BlockWork(const TileTask& task, const Outlines& outlines, Record* records, int number)
@@ -73,14 +73,14 @@ class BlockWork {
     Record* next = records_;
     visited_ = 0;
     outlines_.each_visible(block_, [&](const Outline& o) {
-      const Ink ink(task_, o, block_);
+      const Fill fill(task_, o, block_);
       Lanes coverage(1.0f);
       if (mixed(o)) {
         cover(o, *next);
         coverage = next++->cover.coverage;
       }
-      const Lanes alpha = minimum(ink.opacity * coverage, Lanes(kMaxAlpha));
-      composite<C>(alpha, ink.colour, transmittance_, accumulated_);
+      const Lanes alpha = minimum(fill.opacity * coverage, Lanes(kMaxAlpha));
+      composite<C>(alpha, fill.colour, transmittance_, accumulated_);
       visited_++;
       return any(transmittance_ >= Lanes(kMinTransmittance));
     });
@@ -120,26 +120,26 @@ class BlockWork {
   }
 
   CS_INLINE void return_to(const Outline& o, const Record* record, const Finished<C>& done, Backward<Lanes>& pixel) {
-    const Ink ink(task_, o, block_);
+    const Fill fill(task_, o, block_);
     const Lanes coverage = record ? record->cover.coverage : Lanes(1.0f);
-    const Lanes raw = ink.opacity * coverage, alpha = minimum(raw, Lanes(kMaxAlpha));
-    Lanes weight, d_alpha = composite_backward<C>(alpha, ink.colour, done.gradient, pixel, weight);
+    const Lanes raw = fill.opacity * coverage, alpha = minimum(raw, Lanes(kMaxAlpha));
+    Lanes weight, d_alpha = composite_backward<C>(alpha, fill.colour, done.gradient, pixel, weight);
     d_alpha = select(raw > Lanes(kMaxAlpha), Lanes(0.0f), d_alpha);
-    ink.give_back(task_, o, block_, {weight, d_alpha, coverage, done.gradient});
-    if (task_.settings->importance) o.pair->gradient.importance += sum(importance(alpha, weight, ink, done));
+    fill.give_back(task_, o, block_, {weight, d_alpha, coverage, done.gradient});
+    if (task_.settings->importance) o.pair->gradient.importance += sum(importance(alpha, weight, fill, done));
     if (!record) return;
-    const Lanes d_coverage = d_alpha * ink.opacity;
+    const Lanes d_coverage = d_alpha * fill.opacity;
     add_cover_gradient(*task_.scene, o, *record, d_coverage);
     pull_edges(o, block_, *record, d_coverage);
   }
 
-  CS_INLINE Lanes importance(Lanes alpha, Lanes weight, const Ink& ink, const Finished<C>& done) {
+  CS_INLINE Lanes importance(Lanes alpha, Lanes weight, const Fill& fill, const Finished<C>& done) {
     if (task_.settings->importance == 1) return weight * done.factor;
-    return leave_one_out<C>(alpha, weight, ink.colour, done.colour, done.error, penalty(), accumulated_) * done.factor;
+    return leave_one_out<C>(alpha, weight, fill.colour, done.colour, done.error, penalty(), accumulated_) * done.factor;
   }
 };
 
-template <int C, class Ink>
+template <int C, class Fill>
 void raster(const TileTask& task) {
   Arena arena{task.scratch};
   const Outlines outlines = Gatherer(task, arena).run();
@@ -147,7 +147,7 @@ void raster(const TileTask& task) {
   Lanes loss(0.0f), background[C];
   for (Lanes& b : background) b = Lanes(0.0f);
   for (int number = 0; number < kBlocks; number++) {
-    BlockWork<C, Ink> work(task, outlines, records, number);
+    BlockWork<C, Fill> work(task, outlines, records, number);
     if (!work.empty()) work.run(loss, background);
     ask_for_next_row(task, task.images->target, number);
   }
@@ -167,9 +167,9 @@ size_t tile_scratch(const TileTask& task) {
 void raster_tile(const TileTask& task) {
   const bool flat = !task.scene->kinds;
   if (task.scene->channels == 3)
-    flat ? raster<3, FlatInk>(task) : raster<3, GradientInk>(task);
+    flat ? raster<3, FlatFill>(task) : raster<3, GradientFill>(task);
   else
-    flat ? raster<4, FlatInk>(task) : raster<4, GradientInk>(task);
+    flat ? raster<4, FlatFill>(task) : raster<4, GradientFill>(task);
 }
 
 }  // namespace CS_ISA

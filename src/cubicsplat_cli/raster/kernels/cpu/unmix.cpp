@@ -1,5 +1,5 @@
-// Fill colours in pixels: the nearest one, those near a pixel, and the shares of at most three of them in a blend. Colours
-// are premultiplied RGBA in levels of 0..255. What is computed is said in raster/unmix.py.
+// Fill colours in pixels: the nearest one, those near a pixel, and the shares of at most three of them in a blend.
+// Colours are premultiplied RGBA in levels of 0..255. What is computed is said in raster/unmix.py.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -17,16 +17,16 @@ namespace {
 constexpr double kSimpler = 2.0;       // levels by which a blend of three colours must be better than one of two
 constexpr double kDeterminate = 1e-3;  // squared sine between the edges of three colours' triangle that tells shares
 
-// A value as a blend of an ink with one or both of two others.
-Blend among(const Colour& value, const Colour& ink, const Colour& first, const Colour& second) {
-  const Colour a = ink - first, b = second - first, v = value - first;
+// A value as a blend of a fill with one or both of two others.
+Blend among(const Colour& value, const Colour& fill, const Colour& first, const Colour& second) {
+  const Colour a = fill - first, b = second - first, v = value - first;
   const double aa = a.dot(a), bb = b.dot(b), ab = a.dot(b), av = a.dot(v), bv = b.dot(v);
   const double square = aa * bb - ab * ab, det = std::max(square, 1e-6);
   const double t = (av * bb - bv * ab) / det, u = (bv * aa - av * ab) / det;
   Blend best{0.0, INFINITY};
   if (t >= 0.0 && u >= 0.0 && t + u <= 1.0 && square > kDeterminate * aa * bb) best = {t, v.off(t, a, u, b)};
   for (const Colour& base : {first, second}) {
-    const Blend two = between(value - base, ink - base);
+    const Blend two = between(value - base, fill - base);
     if (two.residual <= best.residual + kSimpler) best = two;
   }
   return best;
@@ -123,9 +123,9 @@ CS_EXPORT int32_t cs_spread(const float* values, int64_t height, int64_t width, 
   return 0;
 }
 
-// The nearest ink (n) to each of n values, by the channel that is farthest off, and how far it is.
-CS_EXPORT void cs_nearest_inks(int64_t count, const float* values, int64_t inks, const float* palette, int32_t* nearest,
-                               float* gap) {
+// The nearest fill (n) to each of n values, by the channel that is farthest off, and how far it is.
+CS_EXPORT void cs_nearest_fills(int64_t count, const float* values, int64_t fills, const float* palette,
+                                int32_t* nearest, float* gap) {
   // Pictures have few colours, so most were looked up before.
   int64_t known[4096];
   std::fill(std::begin(known), std::end(known), -1);
@@ -141,7 +141,7 @@ CS_EXPORT void cs_nearest_inks(int64_t count, const float* values, int64_t inks,
     }
     float least = INFINITY;
     int32_t best = 0;
-    for (int64_t k = 0; k < inks; k++) {
+    for (int64_t k = 0; k < fills; k++) {
       float most = 0.0f;
       for (int c = 0; c < 4; c++) most = std::max(most, std::fabs(value[c] - palette[4 * k + c]));
       if (most < least) least = most, best = int32_t(k);
@@ -151,9 +151,9 @@ CS_EXPORT void cs_nearest_inks(int64_t count, const float* values, int64_t inks,
   }
 }
 
-// The different numbers >= 0 of a map (height x width), at most `slots`, nearest to n of its pixels within `reach` px to
-// all sides, -1 where there are fewer; and, unless null, the pixels (n x slots) where they are. Returns 1 where there is no
-// memory, else 0.
+// The different numbers >= 0 of a map (height x width), at most `slots`, nearest to n of its pixels within `reach` px
+// to all sides, -1 where there are fewer; and, unless null, the pixels (n x slots) where they are. Returns 1 where
+// there is no memory, else 0.
 CS_EXPORT int32_t cs_near(const int32_t* map, int64_t height, int64_t width, int64_t count, const int64_t* pixels,
                           int64_t reach, int64_t slots, int32_t* near, int64_t* places) {
   struct Step {
@@ -185,7 +185,7 @@ CS_EXPORT int32_t cs_near(const int32_t* map, int64_t height, int64_t width, int
   return 0;
 }
 
-// The pair of near inks (n x slots) that blends best to n values: the ink with the greater share, and the residual.
+// The pair of near fills (n x slots) that blends best to n values: the fill with the greater share, and the residual.
 CS_EXPORT void cs_unmix(int64_t count, const float* values, const double* palette, int64_t slots, const int32_t* near,
                         int32_t* winner, double* residual) {
   using namespace cs;
@@ -210,7 +210,7 @@ CS_EXPORT void cs_unmix(int64_t count, const float* values, const double* palett
   }
 }
 
-// The least residual of each of n values as a blend of three of the inks near it (n x slots); infinite where there are
+// The least residual of each of n values as a blend of three of the fills near it (n x slots); infinite where there are
 // fewer.
 CS_EXPORT void cs_unmix_three(int64_t count, const float* values, const double* palette, int64_t slots,
                               const int32_t* near, double* residual) {
@@ -230,25 +230,27 @@ CS_EXPORT void cs_unmix_three(int64_t count, const float* values, const double* 
   }
 }
 
-// The share of an ink in n values that are its blends with one or both of two others, and the residual. *_step: 4, or 0
+// The share of a fill in n values that are its blends with one or both of two others, and the residual. *_step: 4, or 0
 // where all values have the same one.
-CS_EXPORT void cs_blend_with(int64_t count, const double* values, int64_t value_step, const double* ink,
-                             int64_t ink_step, const double* first, int64_t first_step, const double* second,
+CS_EXPORT void cs_blend_with(int64_t count, const double* values, int64_t value_step, const double* fill,
+                             int64_t fill_step, const double* first, int64_t first_step, const double* second,
                              int64_t second_step, double* share, double* residual) {
   using namespace cs;
   for (int64_t i = 0; i < count; i++) {
-    const Blend found = among(colour(values + value_step * i), colour(ink + ink_step * i),
+    const Blend found = among(colour(values + value_step * i), colour(fill + fill_step * i),
                               colour(first + first_step * i), colour(second + second_step * i));
     share[i] = found.share, residual[i] = found.residual;
   }
 }
 
-// Of n values at pixels y, x the ink that explains those in the window around each best as blends with the two inks beside
-// them, first and second (n x 4), and its share and residual there. most: a larger residual counts as that; faint: cost
-// of an ink without a share; later: cost of every ink before it in the palette. Returns 1 where there is no memory.
-CS_EXPORT int32_t cs_line_inks(int64_t count, const float* values, const int64_t* y, const int64_t* x, int64_t inks,
-                               const double* palette, const double* first, const double* second, int64_t window,
-                               double most, double faint, double later, int64_t* ink, double* share, double* residual) {
+// Of n values at pixels y, x the fill that explains those in the window around each best as blends with the two fills
+// beside them, first and second (n x 4), and its share and residual there. most: a larger residual counts as that;
+// faint: cost of a fill without a share; later: cost of every fill before it in the palette. Returns 1 where there is
+// no memory.
+CS_EXPORT int32_t cs_line_fills(int64_t count, const float* values, const int64_t* y, const int64_t* x, int64_t fills,
+                                const double* palette, const double* first, const double* second, int64_t window,
+                                double most, double faint, double later, int64_t* fill, double* share,
+                                double* residual) {
   using namespace cs;
   if (!count) return 0;
   try {
@@ -256,8 +258,8 @@ CS_EXPORT int32_t cs_line_inks(int64_t count, const float* values, const int64_t
     std::vector<double> around(count), best(count, INFINITY);
     std::vector<Blend> blends(count);
     sums.gather(count, y, x, [](int64_t) { return 1.0; });
-    for (int64_t i = 0; i < count; i++) around[i] = sums.around(y[i], x[i]), ink[i] = -1, share[i] = residual[i] = 0.0;
-    for (int64_t k = 0; k < inks; k++) {
+    for (int64_t i = 0; i < count; i++) around[i] = sums.around(y[i], x[i]), fill[i] = -1, share[i] = residual[i] = 0.0;
+    for (int64_t k = 0; k < fills; k++) {
       const Colour own = colour(palette + 4 * k);
       for (int64_t i = 0; i < count; i++)
         blends[i] = among(colour(values + 4 * i), own, colour(first + 4 * i), colour(second + 4 * i));
@@ -265,7 +267,7 @@ CS_EXPORT int32_t cs_line_inks(int64_t count, const float* values, const int64_t
                   [&](int64_t i) { return std::min(blends[i].residual, most) + faint * (1.0 - blends[i].share); });
       for (int64_t i = 0; i < count; i++) {
         const double mean = sums.around(y[i], x[i]) / around[i] + later * double(k);
-        if (mean < best[i]) best[i] = mean, ink[i] = k, share[i] = blends[i].share, residual[i] = blends[i].residual;
+        if (mean < best[i]) best[i] = mean, fill[i] = k, share[i] = blends[i].share, residual[i] = blends[i].residual;
       }
     }
   } catch (const std::exception&) {
@@ -274,12 +276,12 @@ CS_EXPORT int32_t cs_line_inks(int64_t count, const float* values, const int64_t
   return 0;
 }
 
-// The squared distance of n values to the nearest blend of two inks, one of them from `from` on.
-CS_EXPORT void cs_off_blends(int64_t count, const float* values, int64_t inks, const double* palette, int64_t from,
+// The squared distance of n values to the nearest blend of two fills, one of them from `from` on.
+CS_EXPORT void cs_off_blends(int64_t count, const float* values, int64_t fills, const double* palette, int64_t from,
                              double* square) {
   using namespace cs;
   for (int64_t i = 0; i < count; i++) square[i] = INFINITY;
-  for (int64_t a = from; a < inks; a++)
+  for (int64_t a = from; a < fills; a++)
     for (int64_t b = 0; b <= a; b++) {
       const Colour base = colour(palette + 4 * a), span = colour(palette + 4 * b) - base;
       const double length = std::max(span.dot(span), kTiny);

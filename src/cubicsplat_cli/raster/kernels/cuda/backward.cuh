@@ -1,7 +1,7 @@
 // Stage raster, the way back: gradients of the curves that a tile's pixels see, and what each curve is worth.
 #pragma once
 
-#include "ink.cuh"
+#include "fill.cuh"
 
 namespace cs {
 
@@ -56,9 +56,9 @@ CS_INLINE float factor_of(const Frame& f, const Place& p) {
   return f.weights && p.inside(f) ? f.weights[p.index(f) / kChannels] : 1.0f;
 }
 
-// What the curve is worth in the pixel. Counted from F, so that F itself is not needed: acc - F in place of acc, and 0 in
-// place of F. The error is read again from the pictures: in the few steps that ask for it this costs less than registers
-// in all others.
+// What the curve is worth in the pixel. Counted from F, so that F itself is not needed: acc - F in place of acc, and 0
+// in place of F. The error is read again from the pictures: in the few steps that ask for it this costs less than
+// registers in all others.
 CS_INLINE float importance_of(const Frame& f, const Place& p, int kind, float alpha, float weight, const float* colour,
                               Pixel& pixel) {
   if (!p.inside(f)) return 0.0f;
@@ -134,17 +134,17 @@ CS_INLINE void return_pair(const Frame& f, const Lists& s, const Place& p, int p
   const float* attributes = s.attributes(pair);
   const int edge = int(seeing.found.nearest.edge);
   if (!any(seeing.cover.coverage > 0.0f || edge >= 0)) return;
-  const Ink ink(f, attributes, curve, p.px, p.py);
-  const float raw = ink.opacity * seeing.cover.coverage, alpha = limited(raw);
-  float weight, d_alpha = composite_backward<kChannels>(alpha, ink.colour, pixel.gradient, pixel.state, weight);
+  const Fill fill(f, attributes, curve, p.px, p.py);
+  const float raw = fill.opacity * seeing.cover.coverage, alpha = limited(raw);
+  float weight, d_alpha = composite_backward<kChannels>(alpha, fill.colour, pixel.gradient, pixel.state, weight);
   if (raw > kMaxAlpha) d_alpha = 0.0f;
-  const float d_coverage = d_alpha * ink.opacity;
+  const float d_coverage = d_alpha * fill.opacity;
   float values[8];
   for (int c = 0; c < 3; c++) values[c] = weight * pixel.gradient[c];
   values[kSumOpacity] = d_alpha * seeing.cover.coverage;
-  ink.give_back(f, attributes, curve, p.px, p.py, p.lane, values);
+  fill.give_back(f, attributes, curve, p.px, p.py, p.lane, values);
   values[kSumHalfWidth] = d_coverage * seeing.cover.widening;
-  values[kSumImportance] = kind == 0 ? 0.0f : importance_of(f, p, kind, alpha, weight, ink.colour, pixel);
+  values[kSumImportance] = kind == 0 ? 0.0f : importance_of(f, p, kind, alpha, weight, fill.colour, pixel);
   values[kSumEdgeWidth] = d_coverage * seeing.cover.softening;
   values[7] = 0.0f;
   // Colour and opacity come first; a fill of common edge width has no more when nobody asks for its importance.

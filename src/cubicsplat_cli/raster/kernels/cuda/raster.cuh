@@ -36,7 +36,8 @@ CS_INLINE Seeing look_at(const Frame& f, const Lists& s, const Place& p, int pai
   return seeing;
 }
 
-// Lets the strip's pixels see the batch's pairs, until none of them can be seen any more. Returns whether one still can.
+// Lets the strip's pixels see the batch's pairs, until none of them can be seen any more. Returns whether one still
+// can.
 template <bool Exact>
 CS_INLINE bool visit_batch(const Frame& f, const Lists& s, const Place& p, int first, int count, const Way& way,
                            Pixel& pixel) {
@@ -52,9 +53,9 @@ CS_INLINE bool visit_batch(const Frame& f, const Lists& s, const Place& p, int f
     if (way.back) {
       return_pair(f, s, p, pair, curve, outline, seeing, f.step->importance_kind, pixel);
     } else {
-      const Ink ink(f, s.attributes(pair), curve, p.px, p.py);
-      const float alpha = limited(ink.opacity * seeing.cover.coverage);
-      composite<kChannels>(alpha, ink.colour, pixel.state.transmittance, pixel.colour);
+      const Fill fill(f, s.attributes(pair), curve, p.px, p.py);
+      const float alpha = limited(fill.opacity * seeing.cover.coverage);
+      composite<kChannels>(alpha, fill.colour, pixel.state.transmittance, pixel.colour);
     }
     live = any(pixel.state.transmittance >= kMinTransmittance);
   }

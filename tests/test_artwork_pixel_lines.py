@@ -7,10 +7,10 @@ import pytest
 
 from benchmarks.artwork.degradations import degraded
 from benchmarks.artwork.document import Document
-from cubicsplat_cli.artwork.input.intake import as_levels
-from cubicsplat_cli.artwork.regions.inks import picture_inks
+from cubicsplat_cli.artwork.input.prepare import as_levels
+from cubicsplat_cli.artwork.regions.fills import picture_fills
+from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
 from cubicsplat_cli.artwork.regions.regions import find_regions
-from cubicsplat_cli.artwork.regions.rules import with_rules
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.convert import as_picture
 
@@ -29,23 +29,23 @@ def page(grey: int, inside: str = "#fff") -> np.ndarray:
     return degraded(Document(text.encode(), "x", 120), "clean")
 
 
-def inks_of_regions(pixels: np.ndarray) -> set[tuple[int, ...]]:
+def fills_of_regions(pixels: np.ndarray) -> set[tuple[int, ...]]:
     levels = as_levels(as_picture(pixels).target())
-    regions = find_regions(levels, picture_inks(levels))
-    return {tuple(int(v) for v in ink) for ink in np.rint(regions.inks)}
+    regions = find_regions(levels, picture_fills(levels))
+    return {tuple(int(v) for v in fill) for fill in np.rint(regions.fills)}
 
 
 @pytest.mark.parametrize("grey", [170, 221, 238])
-def test_rules_have_their_own_ink_beside_a_darker_one(grey):
-    assert inks_of_regions(page(grey)) == {WHITE, BLACK, (grey, grey, grey, 255)}
+def test_rules_have_their_own_fill_beside_a_darker_one(grey):
+    assert fills_of_regions(page(grey)) == {WHITE, BLACK, (grey, grey, grey, 255)}
 
 
-def test_a_frame_between_two_grounds_has_its_own_ink():
-    assert (221, 221, 221, 255) in inks_of_regions(page(221, "#f0f2f6"))
+def test_a_frame_between_two_grounds_has_its_own_fill():
+    assert (221, 221, 221, 255) in fills_of_regions(page(221, "#f0f2f6"))
 
 
 def test_a_frame_is_drawn_in_one_piece():
-    drawn = [shape for shape in draw(as_picture(page(170)).target()).shapes if shape.ink == (170, 170, 170, 255)]
+    drawn = [shape for shape in draw(as_picture(page(170)).target()).shapes if shape.fill == (170, 170, 170, 255)]
     assert len(drawn) == 2
     assert sorted(len(shape.outlines) for shape in drawn) == [1, 2]
 
@@ -53,13 +53,13 @@ def test_a_frame_is_drawn_in_one_piece():
 def test_edges_within_a_row_of_pixels_are_no_rules():
     levels = np.full((40, 60, 4), 255.0, dtype=np.float32)
     levels[20:, :, :3] = (20, 90, 160)
-    levels[20, :, :3] = (150, 183, 214)  # what the edge between two inks leaves
+    levels[20, :, :3] = (150, 183, 214)  # what the edge between two fills leaves
     levels[5:7, :, :3] = 128  # a line that two rows share
     palette = np.array([WHITE, (20, 90, 160, 255), BLACK], dtype=float)
     pure = np.full((40, 60), -1, dtype=np.int32)
-    inks, found = with_rules(levels, palette, pure, None)
-    assert len(inks) == 3 and (found == -1).all()
+    fills, found = with_pixel_lines(levels, palette, pure, None)
+    assert len(fills) == 3 and (found == -1).all()
     levels[6, :, :3] = 255
-    inks, found = with_rules(levels, palette, pure, None)
-    assert inks[3:].tolist() == [[128, 128, 128, 255]] and (found[5, :59] == 3).all() and (found[6] == -1).all()
-    assert len(with_rules(levels, palette, pure, 3)[0]) == 3
+    fills, found = with_pixel_lines(levels, palette, pure, None)
+    assert fills[3:].tolist() == [[128, 128, 128, 255]] and (found[5, :59] == 3).all() and (found[6] == -1).all()
+    assert len(with_pixel_lines(levels, palette, pure, 3)[0]) == 3

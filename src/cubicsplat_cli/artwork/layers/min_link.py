@@ -61,7 +61,7 @@ class Room:
         return np.asarray(inside & mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)])
 
 
-def taut(run: np.ndarray, first: End, last: End, room: Room) -> Iterator[np.ndarray]:
+def min_link_path(run: np.ndarray, first: End, last: End, room: Room) -> Iterator[np.ndarray]:
     """(k, 2) corners of the fewest lines from one end of a hidden run to the other, where such are found: well beneath
     what hides it, then with no room to spare.
 

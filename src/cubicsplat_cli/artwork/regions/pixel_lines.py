@@ -1,6 +1,6 @@
 """Rules: level and upright lines exactly one px wide, as the frames and dividers of pages and programs have them.
 
-A pale one has a colour that a thinner line of a dark ink would leave as well, so that its ink counts as a blend. But
+A pale one has a colour that a thinner line of a dark fill would leave as well, so that its fill counts as a blend. But
 thinner lines hardly lie within one row of pixels each, and none of the drawings looked at has any that does.
 """
 
@@ -13,16 +13,17 @@ import numpy as np
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
 
-# Levels that are one colour along a rule, and by which it must differ from what is on either side of it.
+# Levels that are one colour along a pixel line, and by which it must differ from what is on either side of it.
 ALIKE, APART = 0.5, 8.0
-GROUND = 2.5  # levels by which the ground beside it may be off an ink
-# Px from which a rule tells its ink, and from which it is one where others have told it; ink of the most rules.
+GROUND = 2.5  # levels by which the ground beside it may be off a fill
+# Px from which a pixel line tells its fill, and from which it is one where others have told it; fill of the most pixel
+# lines.
 LONG, SHORT, MOST_RULES = 24, 5, 16
 # Between two grounds, where seams lie as well, so many long ones in both directions tell it.
 FRAMES = 3
 SOLID = 254.0  # levels of opacity
-# Px of a frame's corner, between its sides, and the share of the rule's ink from which a pixel there is its; grounds
-# of one ink's rules that are looked at.
+# Px of a frame's corner, between its sides, and the share of the pixel line's fill from which a pixel there is its;
+# grounds of one fill's pixel lines that are looked at.
 CORNER, SHARE, MOST_GROUNDS = 24, 0.5, 4
 
 
@@ -44,34 +45,34 @@ class _LineRuns:
         return _LineRuns(*(getattr(self, name)[keep] for name in self.__dataclass_fields__))
 
 
-def with_rules(
+def with_pixel_lines(
     levels: np.ndarray, palette: np.ndarray, pure: np.ndarray, most: int | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The palette (P, 4) of a picture (H, W, 4) in levels with the inks of its rules, at most `most` inks in all, and
-    the ink of every pixel that is one, (H, W) int32, -1 of others, with those of the rules.
+    """The palette (P, 4) of a picture (H, W, 4) in levels with the fills of its pixel lines, at most `most` fills in
+    all, and the fill of every pixel that is one, (H, W) int32, -1 of others, with those of the pixel lines.
     """
     found = _runs(levels)
     told = (largest(np.abs(found.before - found.behind)) <= GROUND) | ~_between(found)
     grounds = np.maximum(_gap(found.before, palette), _gap(found.behind, palette))
     found = found.where(told & (grounds <= GROUND))
-    out, inks = pure.copy(), palette
+    out, fills = pure.copy(), palette
     for colour in _colours(found):
-        gaps = largest(np.abs(inks - colour))
+        gaps = largest(np.abs(fills - colour))
         if gaps.min() > ALIKE:
-            if len(inks) >= min(most or 256, 256):
+            if len(fills) >= min(most or 256, 256):
                 continue
-            inks, gaps = np.vstack([inks, colour]), np.append(gaps, 0.0)
+            fills, gaps = np.vstack([fills, colour]), np.append(gaps, 0.0)
         own = found.where(largest(np.abs(found.colour - colour)) <= ALIKE)
         on = np.zeros(out.shape, dtype=bool)
         for y, x, length, upright in zip(own.y, own.x, own.length, own.upright, strict=True):
             on[(slice(y, y + length), x) if upright else (y, slice(x, x + length))] = True
         out[(on | _corners(on, levels, pure, own)) & (pure < 0)] = gaps.argmin()
-    return inks, out
+    return fills, out
 
 
 def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRuns) -> np.ndarray:
-    """(H, W) bool: the pixels `on` rules of one ink, and those that go on from them around corners: blends of it with a
-    ground, of which it has most.
+    """(H, W) bool: the pixels `on` pixel lines of one fill, and those that go on from them around corners: blends of it
+    with a ground, of which it has most.
     """
     blends = np.zeros(on.shape, dtype=bool)
     y, x = np.nonzero(pure < 0)
@@ -85,7 +86,7 @@ def _corners(on: np.ndarray, levels: np.ndarray, pure: np.ndarray, own: _LineRun
 
 
 def _colours(found: _LineRuns) -> list[np.ndarray]:
-    """The colours that long rules have, those of the most px first."""
+    """The colours that long pixel lines have, those of the most px first."""
     long = found.where(found.length >= LONG)
     colours, index = np.unique(np.rint(long.colour), axis=0, return_inverse=True)
     index = index.reshape(-1)
@@ -106,10 +107,10 @@ def _between(found: _LineRuns) -> np.ndarray:
 
 
 def _gap(colours: np.ndarray, palette: np.ndarray) -> np.ndarray:
-    """(n,) levels from the nearest ink."""
+    """(n,) levels from the nearest fill."""
     gap = np.full(len(colours), np.inf)
-    for ink in palette:
-        gap = np.minimum(gap, largest(np.abs(colours - ink)))
+    for fill in palette:
+        gap = np.minimum(gap, largest(np.abs(colours - fill)))
     return gap
 
 

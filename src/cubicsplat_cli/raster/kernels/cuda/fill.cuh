@@ -7,13 +7,13 @@ namespace cs {
 
 #if CS_PAINTED
 
-struct Ink {
+struct Fill {
   Paint paint;
   OnTheWay<float> at;
   float colour[kStopValues];  // the fourth is the stops' opacity
   float opacity;
 
-  CS_INLINE Ink(const Frame& f, const float* attributes, unsigned curve, float px, float py)
+  CS_INLINE Fill(const Frame& f, const float* attributes, unsigned curve, float px, float py)
       : paint(f.paint_of(curve)) {
     opacity = attributes[kOpacity];
     if (paint.kind == kFlat) {
@@ -26,8 +26,8 @@ struct Ink {
     opacity *= colour[3];
   }
 
-  // Of values = dL/d(colour, opacity) by pixel leaves what the curve's own colour and opacity have; the warp adds up the
-  // rest for the stops and the frame.
+  // Of values = dL/d(colour, opacity) by pixel leaves what the curve's own colour and opacity have; the warp adds up
+  // the rest for the stops and the frame.
   CS_INLINE void give_back(const Frame& f, const float* attributes, unsigned curve, float px, float py, int lane,
                            float* values) const {
     if (paint.kind == kFlat) return;
@@ -59,11 +59,11 @@ struct Ink {
 
 #else
 
-struct Ink {
+struct Fill {
   const float* colour;
   float opacity;
 
-  CS_INLINE Ink(const Frame&, const float* attributes, unsigned, float, float)
+  CS_INLINE Fill(const Frame&, const float* attributes, unsigned, float, float)
       : colour(attributes), opacity(attributes[kOpacity]) {}
 
   CS_INLINE void give_back(const Frame&, const float*, unsigned, float, float, int, float*) const {}

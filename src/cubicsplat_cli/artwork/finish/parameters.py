@@ -22,7 +22,7 @@ SPECK, SMOOTH_SPECK = 0.3, 1.5  # px
 MOST_BEND = 0.05  # tangent of the angle by which a joint that is called smooth may be off
 
 
-class Freedom(Protocol):
+class Parameters(Protocol):
     """An outline with its variables. cubics: (S, 4, 2); lines: (S,) bool; jacobian: (8 S, variables), rows by piece,
     control point and coordinate; moved: the same after a step (variables,); trimmed: without pieces that have become
     too short to matter, itself where there are none; outline: as it stands."""
@@ -33,9 +33,9 @@ class Freedom(Protocol):
     @property
     def jacobian(self) -> SparseRows: ...
 
-    def moved(self, step: np.ndarray) -> Freedom: ...
+    def moved(self, step: np.ndarray) -> Parameters: ...
 
-    def trimmed(self) -> Freedom: ...
+    def trimmed(self) -> Parameters: ...
 
     def outline(self) -> Outline: ...
 
@@ -57,7 +57,7 @@ NO_PINS = Pins()
 
 
 @dataclass(frozen=True)
-class Held:
+class Constraints:
     """What stays where it is: all that lies on the border of a canvas of width x height px, and what is pinned."""
 
     width: int
@@ -65,20 +65,20 @@ class Held:
     pins: Pins = NO_PINS
 
 
-def freedom_of(outline: Outline, held: Held) -> Freedom:
-    """The freedom of an outline."""
+def parametrised(outline: Outline, constraints: Constraints) -> Parameters:
+    """The parameters of an outline."""
     if isinstance(outline, Ring):
-        return RingFreedom(ring_pieces(without_specks(outline), held), held)
-    if isinstance(outline, Rectangle) and _on_border(outline, held):
-        return RingFreedom(ring_pieces(outline.ring(), held), held, outline)
-    return PrimitiveFreedom(outline, _pinned(outline, held.pins))
+        return RingParameters(ring_pieces(without_specks(outline), constraints), constraints)
+    if isinstance(outline, Rectangle) and _on_border(outline, constraints):
+        return RingParameters(ring_pieces(outline.ring(), constraints), constraints, outline)
+    return PrimitiveParameters(outline, _pinned(outline, constraints.pins))
 
 
-def _on_border(box: Rectangle, held: Held) -> bool:
+def _on_border(box: Rectangle, constraints: Constraints) -> bool:
     """Whether a rectangle with sharp corners has a side that stays where it is."""
     x, y = (box.x, box.x + box.width), (box.y, box.y + box.height)
-    ends = np.array([x[0], y[0], x[1] - held.width, y[1] - held.height])
-    pinned = any(held.pins.hold(0, v) for v in x) or any(held.pins.hold(1, v) for v in y)
+    ends = np.array([x[0], y[0], x[1] - constraints.width, y[1] - constraints.height])
+    pinned = any(constraints.pins.hold(0, v) for v in x) or any(constraints.pins.hold(1, v) for v in y)
     return box.angle == 0.0 and box.radius == 0.0 and (pinned or bool((np.abs(ends) < ON_BORDER).any()))
 
 
@@ -90,8 +90,8 @@ def _pinned(shape: Circle | Ellipse | Rectangle, pins: Pins) -> np.ndarray:
         ends = [pins.hold(axis, values[axis] + values[axis + 2]) for axis in (0, 1)]
         sides = [start and end for start, end in zip(starts, ends, strict=True)]
         return np.array([*starts, *sides, pins.hold(2, shape.radius), False])
-    held = [pins.hold(axis, value) for axis, value in zip((0, 1, 2, 2), values, strict=False)]
-    return np.array(held[: len(values)] + [False] * (len(values) - len(held)))
+    constraints = [pins.hold(axis, value) for axis, value in zip((0, 1, 2, 2), values, strict=False)]
+    return np.array(constraints[: len(values)] + [False] * (len(values) - len(constraints)))
 
 
 def without_specks(ring: Ring) -> Ring:
@@ -122,11 +122,11 @@ def _speck_lengths(cubics: np.ndarray, smooth: np.ndarray) -> np.ndarray:
     return np.asarray(lengths / np.where(smooth | np.append(smooth[1:], smooth[:1]), SMOOTH_SPECK, SPECK))
 
 
-class RingFreedom:
+class RingParameters:
     """A ring: its anchors, the directions of smooth joints, handle lengths, and handles at corners."""
 
-    def __init__(self, pieces: Pieces, held: Held, origin: Rectangle | None = None) -> None:
-        self.pieces, self.held, self.origin = pieces, held, origin
+    def __init__(self, pieces: Pieces, constraints: Constraints, origin: Rectangle | None = None) -> None:
+        self.pieces, self.constraints, self.origin = pieces, constraints, origin
         self.cubics, self.lines = pieces.cubics, pieces.lines
         self._variables = Variables(pieces)
 
@@ -134,15 +134,15 @@ class RingFreedom:
     def jacobian(self) -> SparseRows:
         return self._variables.jacobian()
 
-    def moved(self, step: np.ndarray) -> RingFreedom:
-        return RingFreedom(self._variables.moved(np.append(step, 0.0)), self.held, self.origin)
+    def moved(self, step: np.ndarray) -> RingParameters:
+        return RingParameters(self._variables.moved(np.append(step, 0.0)), self.constraints, self.origin)
 
-    def trimmed(self) -> RingFreedom:
+    def trimmed(self) -> RingParameters:
         if (_speck_lengths(self.cubics, self.pieces.smooth) >= 1.0).all():
             return self
         ring = self._ring()
         shorter = ring if self.origin is not None else without_specks(ring)
-        return self if shorter is ring else RingFreedom(ring_pieces(shorter, self.held), self.held)
+        return self if shorter is ring else RingParameters(ring_pieces(shorter, self.constraints), self.constraints)
 
     def _ring(self) -> Ring:
         p = self.pieces
@@ -156,16 +156,16 @@ class RingFreedom:
         return self._ring()
 
 
-def ring_pieces(ring: Ring, held: Held) -> Pieces:
+def ring_pieces(ring: Ring, constraints: Constraints) -> Pieces:
     """A ring with what is held in place; what lies near the canvas's border is brought onto it."""
     anchors = ring.anchors.copy()
-    borders = np.array([[0.0, 0.0], [float(held.width), float(held.height)]])
+    borders = np.array([[0.0, 0.0], [float(constraints.width), float(constraints.height)]])
     fixed = np.zeros(anchors.shape, dtype=bool)
     for border in borders:
         near = np.abs(anchors - border) < ON_BORDER
         anchors[near] = np.broadcast_to(border, anchors.shape)[near]
         fixed |= near
-    for axis, known in enumerate((held.pins.x, held.pins.y)):
+    for axis, known in enumerate((constraints.pins.x, constraints.pins.y)):
         for pin in known:
             fixed[:, axis] |= np.abs(anchors[:, axis] - pin) < FINEST_TURN
     outgoing = ring.controls[:, 0] - ring.anchors
@@ -190,16 +190,14 @@ def _bent(outgoing: np.ndarray, incoming: np.ndarray) -> np.ndarray:
 def tied_coordinates(anchors: np.ndarray, lines: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """(A, 2) the variable of each coordinate: one for both ends of a level or upright line, -1 where fixed."""
     tied = np.arange(anchors.size).reshape(anchors.shape)
-    for i in np.flatnonzero(lines):
-        j = (i + 1) % len(anchors)
-        for c in np.flatnonzero(np.abs(anchors[j] - anchors[i]) < FINEST_TURN):
-            tied[tied == tied[j, c]] = tied[i, c]
+    level = np.abs(np.roll(anchors, -1, axis=0) - anchors) < FINEST_TURN
+    for i, c in np.argwhere(level[: len(lines)] & lines[:, None]).tolist():
+        tied[tied == tied[(i + 1) % len(anchors), c]] = tied[i, c]
     # What is tied to the border is on it.
-    tied[np.isin(tied, tied[fixed])] = -1
-    free = tied >= 0
-    _, numbers = np.unique(tied[free], return_inverse=True)
-    tied[free] = numbers.reshape(-1)
-    return tied
+    constraints, used = np.zeros((2, anchors.size), dtype=bool)
+    constraints[tied[fixed]] = True
+    used[tied[~constraints[tied]]] = True
+    return np.where(constraints[tied], -1, (np.cumsum(used) - 1)[tied])
 
 
 class Still:
@@ -224,7 +222,7 @@ class Still:
         return self._outline
 
 
-class PrimitiveFreedom:
+class PrimitiveParameters:
     """A circle, ellipse or rectangle: its own numbers; a rounded one keeps its corners round, a level one level."""
 
     def __init__(self, shape: Circle | Ellipse | Rectangle, pinned: np.ndarray) -> None:
@@ -245,10 +243,10 @@ class PrimitiveFreedom:
         rows, count = values.shape
         return SparseRows(np.arange(rows + 1) * count, np.tile(np.arange(count), rows), values.ravel(), count)
 
-    def moved(self, step: np.ndarray) -> PrimitiveFreedom:
+    def moved(self, step: np.ndarray) -> PrimitiveParameters:
         values = self.values.copy()
         values[self.free] += np.clip(step, -2.0, 2.0)
-        return PrimitiveFreedom(self._at(values), self.pinned)
+        return PrimitiveParameters(self._at(values), self.pinned)
 
     def _at(self, values: np.ndarray) -> Circle | Ellipse | Rectangle:
         v = values.tolist()
@@ -259,20 +257,20 @@ class PrimitiveFreedom:
             return Ellipse(v[0], v[1], across, down, v[4])
         return Rectangle(v[0], v[1], across, down, min(max(v[4], 0.0), 0.5 * min(across, down)), v[5])
 
-    def trimmed(self) -> PrimitiveFreedom:
+    def trimmed(self) -> PrimitiveParameters:
         return self
 
     def outline(self) -> Outline:
         return self.shape
 
 
-class CopyFreedom:
+class CopyParameters:
     """An outline that is a copy of another one: all that is free about it is what is free about its model.
 
     source: the number of the model through all outlines of the drawing, itself no copy.
     """
 
-    def __init__(self, model: Freedom, way: RigidTransform, source: int) -> None:
+    def __init__(self, model: Parameters, way: RigidTransform, source: int) -> None:
         self.model, self.way, self.source = model, way, source
         self.cubics, self.lines = way.points(model.cubics), model.lines
 
@@ -283,14 +281,14 @@ class CopyFreedom:
         rows, columns, values = (part.ravel() for part in places)
         return SparseRows.of(rows, columns, values, (8 * len(self.lines),) * 2).after(self.model.jacobian)
 
-    def following(self, model: Freedom) -> CopyFreedom:
+    def following(self, model: Parameters) -> CopyParameters:
         """The copy of the model after that has moved."""
-        return CopyFreedom(model, self.way, self.source)
+        return CopyParameters(model, self.way, self.source)
 
-    def moved(self, step: np.ndarray) -> CopyFreedom:
+    def moved(self, step: np.ndarray) -> CopyParameters:
         return self.following(self.model.moved(step))
 
-    def trimmed(self) -> CopyFreedom:
+    def trimmed(self) -> CopyParameters:
         return self
 
     def outline(self) -> Outline:

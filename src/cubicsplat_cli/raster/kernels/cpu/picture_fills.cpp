@@ -1,5 +1,5 @@
 // The fill colours that the even parts of a picture show, and which of those of its small squares are lines. What is
-// computed is said in artwork/regions/inks.py. Pictures are premultiplied RGBA in levels of 0..255.
+// computed is said in artwork/regions/fills.py. Pictures are premultiplied RGBA in levels of 0..255.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -56,7 +56,7 @@ void mode(const float* levels, const std::vector<int64_t>& pixels, std::vector<R
 }
 
 // The means of the colours of a part within cells of a side, and of how many pixels each is.
-int64_t banded(const float* levels, const std::vector<int64_t>& pixels, double side, double* inks, double* sizes) {
+int64_t banded(const float* levels, const std::vector<int64_t>& pixels, double side, double* fills, double* sizes) {
   std::map<Key, std::array<double, 5>> cells;
   for (int64_t i : pixels) {
     Key key;
@@ -67,7 +67,7 @@ int64_t banded(const float* levels, const std::vector<int64_t>& pixels, double s
   }
   int64_t count = 0;
   for (const auto& [key, sums] : cells) {
-    for (int c = 0; c < 4; c++) inks[4 * count + c] = sums[c] / sums[4];
+    for (int c = 0; c < 4; c++) fills[4 * count + c] = sums[c] / sums[4];
     sizes[count++] = sums[4];
   }
   return count;
@@ -95,11 +95,11 @@ struct Picture {
 
 extern "C" {
 
-// The inks (room x 4) and sizes (room, px) of `parts` parts of a picture of `count` pixels. owner: the part of each, from 1
-// on, 0 for none. Parts whose colours spread by no more than `even` levels have one ink, others one for every cell of
-// `side` levels. room: as many as pixels have a part. Returns the number of inks; -1 where there is no memory.
-CS_EXPORT int64_t cs_part_inks(int64_t count, const float* levels, const int32_t* owner, int64_t parts, double even,
-                               double side, double* inks, double* sizes) {
+// The fills (room x 4) and sizes (room, px) of `parts` parts of a picture of `count` pixels. owner: the part of each,
+// from 1 on, 0 for none. Parts whose colours spread by no more than `even` levels have one fill, others one for every
+// cell of `side` levels. room: as many as pixels have a part. Returns the number of fills; -1 where there is no memory.
+CS_EXPORT int64_t cs_part_fills(int64_t count, const float* levels, const int32_t* owner, int64_t parts, double even,
+                                double side, double* fills, double* sizes) {
   using namespace cs;
   try {
     std::vector<int64_t> ends(parts + 1, 0), order;
@@ -123,10 +123,10 @@ CS_EXPORT int64_t cs_part_inks(int64_t count, const float* levels, const int32_t
       float spread = 0.0f;
       for (int c = 0; c < 4; c++) spread = std::max(spread, high[c] - low[c]);
       if (spread <= even) {
-        mode(levels, pixels, runs, inks + 4 * found);
+        mode(levels, pixels, runs, fills + 4 * found);
         sizes[found++] = double(pixels.size());
       } else {
-        found += banded(levels, pixels, side, inks + 4 * found, sizes + found);
+        found += banded(levels, pixels, side, fills + 4 * found, sizes + found);
       }
     }
     return found;
@@ -135,18 +135,18 @@ CS_EXPORT int64_t cs_part_inks(int64_t count, const float* levels, const int32_t
   }
 }
 
-// Inks (count x 4) in their order, each joined to the nearest of those kept before where that is within `same` levels, else
-// kept, at most `most`. kept: the numbers of those kept; weights: theirs become those of all that joined them. Returns how
-// many are kept.
-CS_EXPORT int64_t cs_join_inks(int64_t count, const double* inks, double* weights, double same, int64_t most,
-                               int64_t* kept) {
+// Fills (count x 4) in their order, each joined to the nearest of those kept before where that is within `same` levels,
+// else kept, at most `most`. kept: the numbers of those kept; weights: theirs become those of all that joined them.
+// Returns how many are kept.
+CS_EXPORT int64_t cs_join_fills(int64_t count, const double* fills, double* weights, double same, int64_t most,
+                                int64_t* kept) {
   int64_t found = 0;
   for (int64_t i = 0; i < count; i++) {
     double least = INFINITY;
     int64_t nearest = 0;
     for (int64_t k = 0; k < found; k++) {
       double gap = 0.0;
-      for (int c = 0; c < 4; c++) gap = std::max(gap, std::fabs(inks[4 * kept[k] + c] - inks[4 * i + c]));
+      for (int c = 0; c < 4; c++) gap = std::max(gap, std::fabs(fills[4 * kept[k] + c] - fills[4 * i + c]));
       if (gap < least) least = gap, nearest = kept[k];
     }
     if (least <= same)
@@ -157,22 +157,23 @@ CS_EXPORT int64_t cs_join_inks(int64_t count, const double* inks, double* weight
   return found;
 }
 
-// Whether each of `colours` colours (x 4) that fill squares of 2 x 2 px of a picture is what lines of one of the inks
-// (x 4) make of two rows of pixels: a blend of it with a ground that lies on both sides of `between` of the squares, shares
-// from `lowest` to `highest`, within `off` levels, where more than `more` times its `sizes` px have that ink in what is
-// thin (height x width). one: levels that are one colour; same: and of a ground. Returns 1 where there is no memory.
+// Whether each of `colours` colours (x 4) that fill squares of 2 x 2 px of a picture is what lines of one of the fills
+// (x 4) make of two rows of pixels: a blend of it with a ground that lies on both sides of `between` of the squares,
+// shares from `lowest` to `highest`, within `off` levels, where more than `more` times its `sizes` px have that fill in
+// what is thin (height x width). one: levels that are one colour; same: and of a ground. Returns 1 where there is no
+// memory.
 CS_EXPORT int32_t cs_are_lines(const float* levels, int64_t height, int64_t width, const uint8_t* thin, int64_t colours,
-                               const double* colour, const double* sizes, int64_t inks, const double* ink, double one,
+                               const double* colour, const double* sizes, int64_t fills, const double* fill, double one,
                                double same, double between, double off, double lowest, double highest, double more,
                                uint8_t* lines) {
   using namespace cs;
   const Picture picture{levels, height, width};
   try {
-    std::vector<double> thins(inks, -1.0);
+    std::vector<double> thins(fills, -1.0);
     const auto thin_pixels = [&](int64_t k) {
       if (thins[k] < 0.0) {
         thins[k] = 0.0;
-        for (int64_t i = 0; i < height * width; i++) thins[k] += thin[i] && within(levels + 4 * i, ink + 4 * k, one);
+        for (int64_t i = 0; i < height * width; i++) thins[k] += thin[i] && within(levels + 4 * i, fill + 4 * k, one);
       }
       return thins[k];
     };
@@ -189,23 +190,23 @@ CS_EXPORT int32_t cs_are_lines(const float* levels, int64_t height, int64_t widt
             sides.push_back({picture.at(y - 1, x), picture.at(y + 2, x), picture.at(y, x - 1), picture.at(y, x + 2)});
         }
       lines[n] = 0;
-      for (int64_t g = 0; g < inks && !sides.empty() && !lines[n]; g++) {
-        const double* ground = ink + 4 * g;
+      for (int64_t g = 0; g < fills && !sides.empty() && !lines[n]; g++) {
+        const double* ground = fill + 4 * g;
         int64_t amid = 0;
         for (const auto& s : sides)
           amid += (within(s[0], ground, same) && within(s[1], ground, same)) ||
                   (within(s[2], ground, same) && within(s[3], ground, same));
         if (double(amid) < between * double(sides.size())) continue;
-        for (int64_t k = 0; k < inks && !lines[n]; k++) {
+        for (int64_t k = 0; k < fills && !lines[n]; k++) {
           double length = 0.0, along = 0.0, rest = 0.0;
           for (int c = 0; c < 4; c++) {
-            const double span = ink[4 * k + c] - ground[c];
+            const double span = fill[4 * k + c] - ground[c];
             length += span * span, along += span * (own[c] - ground[c]);
           }
           const double share = along / std::max(length, 1e-9);
           if (!(share > lowest && share < highest)) continue;
           for (int c = 0; c < 4; c++)
-            rest = std::max(rest, std::fabs(own[c] - ground[c] - share * (ink[4 * k + c] - ground[c])));
+            rest = std::max(rest, std::fabs(own[c] - ground[c] - share * (fill[4 * k + c] - ground[c])));
           lines[n] = rest <= off && thin_pixels(k) > more * sizes[n];
         }
       }

@@ -1,8 +1,8 @@
-"""Translucent sheets in a picture's regions, and the regions as they would be without them.
+"""Translucent overlays in a picture's regions, and the regions as they would be without them.
 
-The regions C1 and C2 that a sheet makes of its grounds G1 and G2 meet these in an X: there the sheet's edge, from
-G1 | C1 to G2 | C2, crosses the grounds' edge, from G1 | G2 to C1 | C2. All that a sheet covers must follow from one
-paint. Without it C1 and G1 are one region, and the next sheet beneath it can be found.
+The regions C1 and C2 that an overlay makes of its grounds G1 and G2 meet these in an X: there the overlay's edge, from
+G1 | C1 to G2 | C2, crosses the grounds' edge, from G1 | G2 to C1 | C2. All that an overlay covers must follow from one
+paint. Without it C1 and G1 are one region, and the next overlay beneath it can be found.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
-from cubicsplat_cli.artwork.translucent.merging import Sheet, merged, with_covered
+from cubicsplat_cli.artwork.translucent.merging import Overlay, merged, with_covered
 from cubicsplat_cli.artwork.translucent.paint import Paint, likeliest, paint_of
 from cubicsplat_cli.raster import ndimage
 
-MOST_SHEETS = 64
+MOST_OVERLAYS = 64
 
 
 @dataclass(frozen=True)
@@ -31,41 +31,41 @@ class _Crossing:
 
 @dataclass(frozen=True)
 class _Found:
-    """A sheet in regions. grounds: region that is covered: region beneath it."""
+    """An overlay in regions. grounds: region that is covered: region beneath it."""
 
     paint: Paint
     grounds: dict[int, int]
     sure: int
 
 
-def without_sheets(
+def without_overlays(
     regions: Regions, found: EdgePositions, fixed: np.ndarray | None = None
-) -> tuple[Regions, tuple[Sheet, ...]]:
-    """The regions as they are without translucent sheets, and the sheets, the uppermost first.
+) -> tuple[Regions, tuple[Overlay, ...]]:
+    """The regions as they are without translucent overlays, and the overlays, the uppermost first.
 
-    found: where the outlines of the regions run. fixed: (R,) bool, regions whose ink is not what is seen.
+    found: where the outlines of the regions run. fixed: (R,) bool, regions whose fill is not what is seen.
     """
-    sheets: list[Sheet] = []
+    overlays: list[Overlay] = []
     fixed = np.zeros(regions.count, dtype=bool) if fixed is None else fixed
-    while len(sheets) < MOST_SHEETS:
+    while len(overlays) < MOST_OVERLAYS:
         best = _uppermost(regions, found, fixed)
         if best is None:
             break
-        pairs = np.unique([[regions.inks[c], regions.inks[g]] for c, g in best.grounds.items()], axis=0)
-        paint = replace(best.paint, ink=likeliest(pairs[:, 0], pairs[:, 1]))
-        sheets.append(Sheet(paint, np.isin(regions.labels, list(best.grounds))))
+        pairs = np.unique([[regions.fills[c], regions.fills[g]] for c, g in best.grounds.items()], axis=0)
+        paint = replace(best.paint, fill=likeliest(pairs[:, 0], pairs[:, 1]))
+        overlays.append(Overlay(paint, np.isin(regions.labels, list(best.grounds))))
         regions, fixed = merged(regions, best.grounds, fixed)
-        regions, fixed, sheets = with_covered(regions, fixed, sheets)
-    return regions, tuple(sheets)
+        regions, fixed, overlays = with_covered(regions, fixed, overlays)
+    return regions, tuple(overlays)
 
 
 def _uppermost(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> _Found | None:
-    """Of the sheets that nothing speaks against, the largest: where several lie over each other that is one of them
+    """Of the overlays that nothing speaks against, the largest: where several lie over each other that is one of them
     rather than the place in which they do.
     """
     crossings = _crossings(regions, found, fixed)
     areas = regions.areas()
-    good = [each for each in _sheets(regions, crossings) if _plausible(regions, each)]
+    good = [each for each in _overlays(regions, crossings) if _plausible(regions, each)]
     if not good:
         return None
     return max(good, key=lambda s: (sum(areas[c] for c in s.grounds), -min(s.grounds)))
@@ -78,7 +78,7 @@ def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> lis
             continue
         for k in range(4):
             c1, c2, g2, g1 = (place.regions[(k + i) % 4] for i in range(4))
-            if paint_of(regions.inks[[c1, c2]], regions.inks[[g1, g2]]) is None:
+            if paint_of(regions.fills[[c1, c2]], regions.fills[[g1, g2]]) is None:
                 continue
             own = goes_on(regions.labels, found, place.at, ((g1, c1), (g2, c2)))
             beneath = goes_on(regions.labels, found, place.at, ((g1, g2), (c1, c2)))
@@ -87,8 +87,8 @@ def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> lis
     return out
 
 
-def _sheets(regions: Regions, crossings: list[_Crossing]) -> list[_Found]:
-    """Sheets of crossings that share a region and are of one paint, the surest ones first."""
+def _overlays(regions: Regions, crossings: list[_Crossing]) -> list[_Found]:
+    """Overlays of crossings that share a region and are of one paint, the surest ones first."""
     out = []
     left = sorted(crossings, key=lambda c: not c.sure)
     while left:
@@ -112,15 +112,15 @@ def _sheets(regions: Regions, crossings: list[_Crossing]) -> list[_Found]:
 
 
 def _agree(one: dict[int, int], other: dict[int, int]) -> bool:
-    """Whether what one covers lies on nothing that the other covers, so that both may be of one sheet."""
+    """Whether what one covers lies on nothing that the other covers, so that both may be of one overlay."""
     return one.keys().isdisjoint(other.values()) and other.keys().isdisjoint(one.values())
 
 
 def _paint(regions: Regions, grounds: dict[int, int]) -> Paint | None:
-    return paint_of(regions.inks[list(grounds)], regions.inks[list(grounds.values())])
+    return paint_of(regions.fills[list(grounds)], regions.fills[list(grounds.values())])
 
 
-def _plausible(regions: Regions, sheet: _Found) -> bool:
-    """Whether a sheet makes the description shorter: fewer outlines than what it covers has without it."""
-    cover = np.isin(regions.labels, list(sheet.grounds))
-    return sheet.sure > 0 and ndimage.label(cover)[1] < len(sheet.grounds)
+def _plausible(regions: Regions, overlay: _Found) -> bool:
+    """Whether an overlay makes the description shorter: fewer outlines than what it covers has without it."""
+    cover = np.isin(regions.labels, list(overlay.grounds))
+    return overlay.sure > 0 and ndimage.label(cover)[1] < len(overlay.grounds)

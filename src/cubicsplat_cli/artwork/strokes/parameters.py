@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.freedom import Freedom, Held, freedom_of, tied_coordinates
+from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised, tied_coordinates
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path, Stroke
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke, plan_of, rings_around
@@ -18,7 +18,7 @@ STEP = 1e-5  # px, of the differences that tell how an outline moves with its ce
 LEAST_WIDTH, MOST_WIDER = 0.1, 0.5  # px, of a stroke, and in a step
 
 
-class ChainFreedom:
+class ChainParameters:
     """An open centre line: its anchors, the directions of smooth joints, handle lengths, and handles at corners."""
 
     def __init__(self, pieces: Pieces) -> None:
@@ -27,7 +27,7 @@ class ChainFreedom:
         self._variables = Variables(pieces)
 
     @classmethod
-    def of(cls, chain: Chain) -> ChainFreedom:
+    def of(cls, chain: Chain) -> ChainParameters:
         """That of a chain; lines that are exactly level or upright stay so."""
         nothing = np.zeros((1, 2))
         outgoing = np.concatenate([chain.controls[:, 0] - chain.anchors[:-1], nothing])
@@ -43,9 +43,9 @@ class ChainFreedom:
         """(8 S, variables)."""
         return self._variables.jacobian()
 
-    def moved(self, step: np.ndarray) -> ChainFreedom:
+    def moved(self, step: np.ndarray) -> ChainParameters:
         """The line after a step."""
-        return ChainFreedom(self._variables.moved(np.append(step, 0.0)))
+        return ChainParameters(self._variables.moved(np.append(step, 0.0)))
 
     def chain(self) -> Chain:
         """The line as it stands."""
@@ -53,15 +53,16 @@ class ChainFreedom:
         return Chain(p.anchors, self.cubics[:, 1:3].copy(), p.lines.copy(), p.smooth.copy())
 
 
-Line = ChainFreedom | Freedom
+Line = ChainParameters | Parameters
 
 
-def _line_of(path: Path, held: Held) -> Line:
-    return ChainFreedom.of(path) if isinstance(path, Chain) else freedom_of(path, held)
+def _line_of(path: Path, constraints: Constraints) -> Line:
+    return ChainParameters.of(path) if isinstance(path, Chain) else parametrised(path, constraints)
 
 
-class StrokeFreedom:
-    """A stroke, as a freedom of the whole outline that it covers (`finish.Freedom`), holes run the other way.
+class StrokeParameters:
+    """A stroke, as a parametrisation of the whole outline that it covers (`finish.Parameters`), holes run the other
+    way.
 
     The last variable is its width, unless that is fixed.
     """
@@ -77,14 +78,14 @@ class StrokeFreedom:
         self.lines = np.array([piece.line for piece in pieces])
 
     @classmethod
-    def of(cls, stroke: Stroke, held: Held, fixed: bool = False) -> StrokeFreedom:
+    def of(cls, stroke: Stroke, constraints: Constraints, fixed: bool = False) -> StrokeParameters:
         """That of a stroke; fixed: its width stays."""
-        return cls(stroke, _line_of(stroke.path, held), fixed)
+        return cls(stroke, _line_of(stroke.path, constraints), fixed)
 
     @property
     def stroke(self) -> Stroke:
         """The stroke as it stands."""
-        path = self.line.chain() if isinstance(self.line, ChainFreedom) else self.line.outline()
+        path = self.line.chain() if isinstance(self.line, ChainParameters) else self.line.outline()
         return replace(self._stroke, path=path)
 
     @cached_property
@@ -132,16 +133,16 @@ class StrokeFreedom:
         rows, columns, values = (np.concatenate(part) for part in zip(*found, strict=True))
         return SparseRows.of(rows, columns, values, (8 * len(self.cubics), 8 * count))
 
-    def moved(self, step: np.ndarray) -> StrokeFreedom:
+    def moved(self, step: np.ndarray) -> StrokeParameters:
         """The stroke after a step of its variables."""
         stroke, own = self._stroke, step
         if not self.fixed:
             own = step[:-1]
             wider = float(np.clip(step[-1], -MOST_WIDER, MOST_WIDER))
             stroke = replace(stroke, width=max(stroke.width + wider, LEAST_WIDTH))
-        return StrokeFreedom(stroke, self.line.moved(own), self.fixed)
+        return StrokeParameters(stroke, self.line.moved(own), self.fixed)
 
-    def trimmed(self) -> StrokeFreedom:
+    def trimmed(self) -> StrokeParameters:
         """Itself."""
         return self
 

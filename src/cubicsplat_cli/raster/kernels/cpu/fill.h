@@ -29,11 +29,11 @@ struct Returned {
   }
 };
 
-struct FlatInk {
+struct FlatFill {
   const float* colour;
   Lanes opacity;
 
-  CS_INLINE FlatInk(const TileTask&, const Outline& o, const Block&)
+  CS_INLINE FlatFill(const TileTask&, const Outline& o, const Block&)
       : colour(o.primitive->colour), opacity(o.primitive->opacity) {}
 
   CS_INLINE void give_back(const TileTask&, const Outline& o, const Block&, const Returned& r) const {
@@ -41,12 +41,12 @@ struct FlatInk {
   }
 };
 
-struct GradientInk {
+struct GradientFill {
   Lanes colour[kStopValues];  // the fourth is the stops' opacity
   Lanes opacity;
   Paint paint;
 
-  CS_INLINE GradientInk(const TileTask& task, const Outline& o, const Block& b)
+  CS_INLINE GradientFill(const TileTask& task, const Outline& o, const Block& b)
       : paint(paints_of(*task.scene).of(o.pair->primitive)) {
     const Primitive& q = *o.primitive;
     opacity = Lanes(q.opacity);

@@ -19,7 +19,7 @@ from cubicsplat_cli.artwork.shadows.lifting import Lifted, lifted
 
 
 @dataclass(frozen=True, eq=False)
-class Intake:
+class PreparedInput:
     """levels: (H, W, 4) float32 premultiplied RGBA in 0..255, what is drawn. condition: of it. scale: by which its
     drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
     scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
@@ -52,17 +52,17 @@ class Intake:
         return found
 
 
-def taken_in(target: np.ndarray) -> Intake:
+def analysed(target: np.ndarray) -> PreparedInput:
     """A picture prepared for drawing. target: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1]."""
     height, width = target.shape[:2]
     factor = reduction(height, width)
     came = as_levels(target)
     levels = without_subpixels(came)
-    intake = _taken_in(reduced(levels, factor), factor, width, height)
-    return intake if levels is came else replace(intake, of_lcd=True)
+    prepared = _taken_in(reduced(levels, factor), factor, width, height)
+    return prepared if levels is came else replace(prepared, of_lcd=True)
 
 
-def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> Intake:
+def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> PreparedInput:
     """The same of levels (H, W, 4), of which the picture has so many times as many each way."""
     condition, times = condition_of(levels), 1
     scan = scan_of(levels)
@@ -71,7 +71,7 @@ def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> Intak
         condition = replace(condition, noise=scan.grain, coarse=True)
         if pens is not None:
             condition = replace(condition, blur=pens.blur)
-        return Intake(scan.levels, condition, factor, 1, width, height, scanned=True, pens=pens)
+        return PreparedInput(scan.levels, condition, factor, 1, width, height, scanned=True, pens=pens)
     if not condition.noise or condition.jpeg:  # what makes pictures larger may ring as well
         levels, times = before_enlargement(levels)
         if times > 1:
@@ -82,14 +82,14 @@ def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> Intak
         if without.shadow is not None:
             unshaded = condition_of(flattened(without.levels).levels)
             if unshaded.clean:
-                return Intake(levels, unshaded, factor * times, times, width, height, lifted=without)
+                return PreparedInput(levels, unshaded, factor * times, times, width, height, lifted=without)
         flat = without_blurred_gradients(levels, condition.blur)
         condition = condition_of(flat.levels)
         if condition.only_blurred and explained_by_blur(flat.levels, condition):
-            return Intake(levels, condition, factor * times, times, width, height, flat=flat)
+            return PreparedInput(levels, condition, factor * times, times, width, height, flat=flat)
     if condition.blur and not explained_by_blur(levels, condition):
         condition = replace(condition, blur=0.0)
-    return Intake(levels, condition, factor * times, times, width, height)
+    return PreparedInput(levels, condition, factor * times, times, width, height)
 
 
 def as_levels(target: np.ndarray) -> np.ndarray:

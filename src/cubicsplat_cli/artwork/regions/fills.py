@@ -1,0 +1,80 @@
+"""The fills of a flat picture, from the interiors of its regions only: edges hold blends.
+
+Pictures are (H, W, 4) float32 premultiplied RGBA in levels of 0..255.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.unmix import LineBlends, are_lines, joined_fills, part_fills, spread
+
+# Levels: a pixel is flat where its 3x3 neighbourhood spans at most so much; fills nearer than `SAME` are one.
+FLAT_RANGE = 3.0
+SAME = 3.5
+# A component of flat pixels that spans more levels than this is a gradient, drawn in bands of BAND levels.
+GRADIENT_RANGE = 14.0
+BAND = 12.0
+LEAST_FLAT = 0.02  # share of the pixels, below which a picture has no interiors
+# Squares of 2 x 2 px that span at most so many levels show a fill, if enough have its colour; so many such fills.
+SQUARE_RANGE, FEWEST_SQUARES, MOST_SMALL = 1.0, 3, 16
+MOST_FILLS = 256
+# A small fill is a line's where that lies in the middle of two rows of pixels, and fills 1.5 px of them, say.
+LINE = LineBlends(one=SQUARE_RANGE, ground=SAME, between=0.5, off=3.0, shares=(0.2, 0.95), more=4.0)
+CLEAR = 2.0  # levels of opacity below which nothing is drawn
+
+
+def flat_pixels(levels: np.ndarray, limit: float = FLAT_RANGE) -> np.ndarray:
+    """(H, W) bool: the 3x3 neighbourhood spans at most `limit` levels in every channel."""
+    return spread(levels, 3, 3) <= limit
+
+
+def picture_fills(levels: np.ndarray) -> np.ndarray:
+    """(P, 4) float64 the fills of the flat interiors in levels, the commonest first.
+
+    A picture without flat interiors (noise, a photo) gives the bands of its smoothed colours.
+    """
+    flat = flat_pixels(levels)
+    if flat.mean() < LEAST_FLAT:
+        smooth = ndimage.uniform_filter(levels, (5, 5, 1), mode="nearest")
+        return _limited(*part_fills(smooth, np.ones(flat.shape, np.int32), -1.0, 2.0 * BAND))
+    fills, weights = part_fills(levels, ndimage.label(flat)[0], GRADIENT_RANGE, 2.0 * BAND)
+    near = ndimage.binary_dilation(flat, np.ones((3, 3), dtype=bool))
+    colours, sizes = _small_fills(levels, near)
+    if len(colours):
+        # Every part has a fill of its own, so that most of them are there many times.
+        others = np.unique(np.concatenate([fills, colours]), axis=0)
+        own = ~are_lines(levels, ~near, (colours, sizes), others, LINE)
+        fills, weights = np.concatenate([fills, colours[own]]), np.concatenate([weights, sizes[own]])
+    return _limited(fills, weights)
+
+
+def _small_fills(levels: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fills (k, 4) of shapes too small for a flat pixel, and their px (k,): blends on edges hardly ever fill a square
+    of 2 x 2 px with one colour. near: (H, W) bool, flat pixels and those around them.
+    """
+    y, x = np.nonzero(~(near[:-1, :-1] | near[1:, :-1] | near[:-1, 1:] | near[1:, 1:]))
+    corners = np.stack([levels[y + dy, x + dx] for dy in (0, 1) for dx in (0, 1)])
+    even = largest(np.ptp(corners, axis=0)) <= SQUARE_RANGE
+    colours, counts = np.unique(np.rint(corners[0][even]), axis=0, return_counts=True)
+    common = np.argsort(-counts, kind="stable")[:MOST_SMALL]
+    common = common[counts[common] >= FEWEST_SQUARES]
+    return colours[common].astype(float), counts[common].astype(float)
+
+
+def _limited(fills: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Near fills joined to the commoner one; then the commonest."""
+    order = np.argsort(-weights, kind="stable")
+    kept, sizes = joined_fills(fills[order], weights[order], SAME, 2 * MOST_FILLS)
+    return kept[np.argsort(-sizes, kind="stable")[:MOST_FILLS]]
+
+
+def eight_bit(fill: np.ndarray) -> tuple[int, int, int, int]:
+    """A fill in levels, premultiplied, as the 8-bit colour and opacity that a file holds."""
+    alpha = int(np.clip(round(float(fill[3])), 0, 255))
+    if alpha == 0:
+        return (0, 0, 0, 0)
+    r, g, b = (int(np.clip(round(float(v) * 255.0 / float(fill[3])), 0, 255)) for v in fill[:3])
+    return (r, g, b, alpha)

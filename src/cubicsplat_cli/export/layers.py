@@ -1,0 +1,93 @@
+"""A cutout's SVG as one SVG for each colour, with register marks around it, for cutters and screen printing."""
+
+from __future__ import annotations
+
+import copy
+import re
+from xml.etree import ElementTree
+
+from cubicsplat_cli.artwork.names import colour_group
+from cubicsplat_cli.files.marks import made_mark, sha256_of, with_checksum
+from cubicsplat_cli.options import length_of, length_text
+from cubicsplat_cli.scene.paint import mean_fill
+from cubicsplat_cli.svg.markup import document, empty_document
+from cubicsplat_cli.svg.own import GradientReader, canvas_size, own_elements
+from cubicsplat_cli.svg.values import hex_colour
+
+_SHAPES = ("path", "rect", "circle", "ellipse")
+_REFERENCE = re.compile(r"url\(#([^)]+)\)")
+# The margin around the picture, of its longer side; and of the margin the radius of a mark, its arms and its lines.
+_MARGIN, _RADIUS, _ARM, _LINE = 1.0 / 16.0, 0.2, 0.4, 0.02
+
+
+def layers(svg: str | bytes) -> dict[str, str]:
+    """The SVG of each colour of a cutout of ours, by names such as `01-ff8800`, in the order in which they are drawn.
+
+    All have one size, that of the picture and a margin around it, in which a mark is at each corner: laid on one
+    another they are the picture. A gradient is a layer, named by its mean. Each holds the mark of the SVG. Raises
+    InputError for an SVG that is not ours.
+    """
+    text = svg.encode() if isinstance(svg, str) else svg
+    elements = own_elements(text)
+    width, height = canvas_size(elements[0])
+    gradients = GradientReader(elements)
+    root = _plain(ElementTree.fromstring(text))
+    definitions = {element.get("id", ""): element for element in root.iter() if "Gradient" in element.tag}
+    by_paint: dict[tuple[str, str], list[ElementTree.Element]] = {}
+    for element in root.iter():
+        if element.tag in _SHAPES:
+            paint = element.get("fill", ""), element.get("fill-opacity", "1")
+            by_paint.setdefault(paint, []).append(element)
+    title, mark = root.findtext("title", ""), made_mark(sha256_of(text))
+    made = {}
+    for number, ((fill, opacity), shapes) in enumerate(by_paint.items(), start=1):
+        reference = _REFERENCE.fullmatch(fill)
+        if reference is None:
+            rgba = (*hex_colour(fill), round(255.0 * float(opacity)))
+        else:
+            rgba = mean_fill(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
+            shapes = [definitions[reference[1]], *shapes]
+        colour = colour_group(rgba).partition("-")[2]
+        layer = _sheet(root, width, height, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
+        layer.extend(copy.deepcopy(shapes))
+        layer.append(_register_marks(width, height))
+        made[f"{number:0{len(str(max(10, len(by_paint))))}d}-{colour}"] = with_checksum(document(layer))
+    return made
+
+
+def _plain(root: ElementTree.Element) -> ElementTree.Element:
+    """The document with the names of its elements without their namespace."""
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    return root
+
+
+def _margin(width: int, height: int) -> int:
+    return max(1, round(_MARGIN * max(width, height)))
+
+
+def _sheet(root: ElementTree.Element, width: int, height: int, title: str, mark: str) -> ElementTree.Element:
+    """An empty document of the same scale for a picture of width x height px and its margin."""
+    margin = _margin(width, height)
+    across, down = width + 2 * margin, height + 2 * margin
+    sheet = empty_document(across, down, title, mark)
+    sheet.set("viewBox", f"{-margin} {-margin} {across} {down}")
+    for name, side, whole in (("width", width, across), ("height", height, down)):
+        number, unit = length_of(root.get(name, ""))
+        sheet.set(name, length_text(number * whole / side, unit))
+    return sheet
+
+
+def _register_marks(width: int, height: int) -> ElementTree.Element:
+    """A circle with a cross in each corner of the margin, in black whatever the layer's colour is."""
+    margin = _margin(width, height)
+    radius, arm = _RADIUS * margin, _ARM * margin
+    data = ""
+    for x in (-margin / 2.0, width + margin / 2.0):
+        for y in (-margin / 2.0, height + margin / 2.0):
+            data += f"M{x - arm:g} {y:g}h{2 * arm:g}M{x:g} {y - arm:g}v{2 * arm:g}M{x - radius:g} {y:g}"
+            data += f"a{radius:g} {radius:g} 0 1 0 {2 * radius:g} 0a{radius:g} {radius:g} 0 1 0 {-2 * radius:g} 0z"
+    line = f"{_LINE * margin:g}"
+    return ElementTree.Element(
+        "path", {"id": "register", "d": data, "fill": "none", "stroke": "#000", "stroke-width": line}
+    )

@@ -1,0 +1,252 @@
+// A contour while it is fitted: its points, their corners, and the pieces and outlines that lie along them.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <new>
+#include <numeric>
+#include <vector>
+
+#include "cubic.h"
+#include "tracing.h"
+
+namespace cs {
+namespace {
+
+constexpr int64_t kRounds = 8;
+constexpr double kLevelErrors = 2.0;  // standard errors a line may be off an axis to count as along it
+constexpr double kLeastOff = 0.03;    // px, of one end against the other, that always count so
+constexpr double kUnknownOff = 0.3;   // px, of a line that no points tell about
+constexpr double kSteepest = 0.2;     // off the axis, per px along it, at most
+
+enum Form : int32_t { kRing = -1, kCircle = 0, kEllipse = 1, kBox = 2 };
+
+template <class Count>
+Count checked(Count found) {
+  if (found < 0) throw std::bad_alloc();
+  return found;
+}
+
+// A loop of points with weights, 1/px^2, 0 where unknown.
+struct Contour {
+  std::vector<Point> at;
+  std::vector<double> weights;
+  std::vector<int64_t> known;  // hidden points that are corners
+
+  int64_t count() const { return int64_t(at.size()); }
+  const double* places() const { return &at[0].x; }
+
+  std::vector<double> independent() const {
+    std::vector<double> out(count());
+    cs_independent(count(), places(), weights.data(), out.data());
+    return out;
+  }
+};
+
+// Corners of a loop: the first point after each, position, turn, and whether nothing may take it away.
+struct Corners {
+  std::vector<int64_t> index;
+  std::vector<Point> at;
+  std::vector<double> turns;
+  std::vector<uint8_t> sure;
+
+  explicit Corners(const Contour& contour) : index(contour.count()), at(contour.count()), turns(contour.count()) {
+    resize(checked(
+        cs_corners(contour.count(), contour.places(), contour.weights.data(), index.data(), &at[0].x, turns.data())));
+    if (!contour.known.empty()) add(contour);
+  }
+
+  void keep_sure() {
+    size_t left = 0;
+    for (size_t k = 0; k < index.size(); k++)
+      if (sure[k]) move(k, left++);
+    resize(int64_t(left));
+  }
+
+ private:
+  void resize(int64_t count) { index.resize(count), at.resize(count), turns.resize(count), sure.resize(count); }
+
+  void move(size_t from, size_t to) {
+    index[to] = index[from], at[to] = at[from], turns[to] = turns[from], sure[to] = sure[from];
+  }
+
+  // Puts corners right at known hidden points in place of those that were found where these points are hidden.
+  void add(const Contour& contour) {
+    const int64_t n = contour.count();
+    const auto hidden = [&](int64_t i) { return contour.weights[i] <= 0.0; };
+    // Every hidden run, with the point after it, bears the number of the visible points before it.
+    int64_t visible = 0;
+    for (int64_t i = 0; i < n; i++) visible += !hidden(i);
+    std::vector<int64_t> run(n), number(n, -1);
+    for (int64_t i = 0, before = 0; i < n; i++) run[i] = (before += !hidden(i)) % std::max<int64_t>(visible, 1);
+    for (int64_t i = 0; i < n; i++) {
+      const int64_t last = (i + n - 1) % n;
+      if (hidden(i) || hidden(last)) number[i] = run[hidden(i) ? i : last];
+    }
+    std::vector<int64_t> replaced;
+    for (const int64_t i : contour.known) replaced.push_back(number[i]);
+    size_t left = 0;
+    for (size_t k = 0; k < index.size(); k++)
+      if (std::find(replaced.begin(), replaced.end(), number[index[k]]) == replaced.end()) move(k, left++);
+    resize(int64_t(left));
+    for (const int64_t i : contour.known)
+      index.push_back(i), at.push_back(contour.at[i]), turns.push_back(0.0), sure.push_back(1);
+    const Corners all = *this;
+    std::vector<size_t> order(index.size());
+    std::iota(order.begin(), order.end(), size_t(0));
+    std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) { return index[a] < index[b]; });
+    for (size_t k = 0; k < order.size(); k++) {
+      index[k] = all.index[order[k]], at[k] = all.at[order[k]];
+      turns[k] = all.turns[order[k]], sure[k] = all.sure[order[k]];
+    }
+  }
+};
+
+// A closed outline and the feet of points on it; the names are those of artwork/tracing/variables.py.
+struct Pieces {
+  std::vector<Point> anchors, incoming, outgoing;
+  std::vector<uint8_t> lines, smooth, level;
+  std::vector<int64_t> tied;  // x 2
+  std::vector<int64_t> piece;
+  std::vector<double> u;
+  double chi = 0.0;
+
+  int64_t count() const { return int64_t(lines.size()); }
+  int64_t after(int64_t i) const { return (i + 1) % count(); }
+  int64_t before(int64_t i) const { return (i + count() - 1) % count(); }
+
+  int64_t variables() const {
+    return checked(cs_count_variables(count(), count(), lines.data(), smooth.data(), level.data(), tied.data()));
+  }
+
+  int64_t parameters() const {
+    int64_t out = 0;
+    for (int64_t i = 0; i < count(); i++) out += 2 + (lines[i] ? 0 : 4) - smooth[i];
+    return out;
+  }
+
+  void refine(const Contour& contour) {
+    chi = checked(cs_refine(count(), count(), lines.data(), smooth.data(), level.data(), tied.data(), &anchors[0].x,
+                            &incoming[0].x, &outgoing[0].x, contour.count(), contour.places(), contour.weights.data(),
+                            piece.data(), u.data(), kRounds));
+  }
+
+  bool all_lines() const { return std::find(lines.begin(), lines.end(), 0) == lines.end(); }
+  // Whether nothing but straight lines meet at an anchor.
+  bool between_lines(int64_t i) const { return lines[i] && lines[before(i)]; }
+
+  // The smooth joints between a line and a cubic free to bend.
+  void loosen() {
+    for (int64_t i = 0; i < count(); i++)
+      if (smooth[i] && lines[i] != lines[before(i)]) smooth[i] = level[i] = 0;
+  }
+
+  // Joints that bend by less than so many radians smooth again, but those between lines.
+  void tighten(double widest) {
+    std::vector<uint8_t> found(smooth);
+    for (int64_t i = 0; i < count(); i++) {
+      if (between_lines(i)) continue;
+      const Point here = anchors[i], last = anchors[before(i)], next = anchors[after(i)];
+      const Point arrive = lines[before(i)] ? Point{here.x - last.x, here.y - last.y}
+                                            : Point{-incoming[i].x, -incoming[i].y};
+      const Point leave = lines[i] ? Point{next.x - here.x, next.y - here.y} : outgoing[i];
+      const double bend = std::atan2(arrive.x * leave.y - arrive.y * leave.x, arrive.x * leave.x + arrive.y * leave.y);
+      found[i] |= std::fabs(bend) < widest;
+    }
+    smooth = found;
+  }
+
+  // Lines that are level or upright within their standard errors exactly so.
+  void align(const std::vector<double>& weights) {
+    std::vector<double> known(count(), 0.0);
+    for (size_t n = 0; n < weights.size(); n++) known[piece[n]] += weights[n];
+    for (int64_t i = 0; i < count(); i++) {
+      if (!lines[i]) continue;
+      const int64_t j = after(i);
+      const double across[2] = {std::fabs(anchors[j].x - anchors[i].x), std::fabs(anchors[j].y - anchors[i].y)};
+      const int c = across[1] < across[0];
+      const double off = known[i] > 0.0 ? std::max(kLevelErrors * std::sqrt(12.0 / known[i]), kLeastOff) : kUnknownOff;
+      if (across[c] <= std::min(off, kSteepest * across[1 - c])) tie(2 * i + c, 2 * j + c);
+    }
+    std::vector<int64_t> numbers(tied);
+    std::sort(numbers.begin(), numbers.end());
+    numbers.erase(std::unique(numbers.begin(), numbers.end()), numbers.end());
+    for (int64_t& own : tied) own = std::lower_bound(numbers.begin(), numbers.end(), own) - numbers.begin();
+  }
+
+ private:
+  // Makes one variable of those of two coordinates along the same axis, in the middle of all that have it.
+  void tie(int64_t one, int64_t other) {
+    const int64_t own = tied[one], its = tied[other];
+    if (own == its) return;
+    double sum = 0.0;
+    int64_t many = 0;
+    double* values = &anchors[0].x;
+    for (size_t k = 0; k < tied.size(); k++) {
+      if (tied[k] == its) tied[k] = own;
+      if (tied[k] == own) sum += values[k], many++;
+    }
+    for (size_t k = 0; k < tied.size(); k++)
+      if (tied[k] == own) values[k] = sum / double(many);
+  }
+};
+
+// What a contour was fitted with: a primitive by its values, or a ring.
+struct Outline {
+  Form form = kRing;
+  std::array<double, 6> values{};
+  std::vector<Point> anchors;
+  std::vector<std::array<Point, 2>> controls;
+  std::vector<uint8_t> lines, smooth;
+  double cost = 0.0;
+
+  static Outline polygon(const std::vector<Point>& at) {
+    Outline out;
+    out.anchors = at, out.controls.resize(at.size());
+    out.lines.assign(at.size(), 1), out.smooth.assign(at.size(), 0);
+    for (size_t i = 0; i < at.size(); i++) out.straighten(i);
+    return out;
+  }
+
+  static Outline of(const Pieces& pieces) {
+    Outline out;
+    out.anchors = pieces.anchors, out.controls.resize(pieces.anchors.size());
+    out.lines = pieces.lines, out.smooth = pieces.smooth;
+    for (size_t i = 0; i < out.anchors.size(); i++) {
+      const size_t j = (i + 1) % out.anchors.size();
+      const Point a = out.anchors[i], b = out.anchors[j], on = pieces.outgoing[i], in = pieces.incoming[j];
+      out.controls[i] = {Point{a.x + on.x, a.y + on.y}, Point{b.x + in.x, b.y + in.y}};
+      if (out.lines[i]) out.straighten(i);
+    }
+    return out;
+  }
+
+  double area() const {
+    if (form == kBox) return 4.0 * values[2] * values[3] - (4.0 - kHalfTurn) * values[4] * values[4];
+    if (form != kRing) return kHalfTurn * values[2] * values[form == kCircle ? 2 : 3];
+    double sum = 0.0;
+    for (size_t i = 0; i < anchors.size(); i++) {
+      // Green's theorem for a cubic in Bernstein form.
+      const Point p[4] = {anchors[i], controls[i][0], controls[i][1], anchors[(i + 1) % anchors.size()]};
+      const auto cross = [&](int j, int k) { return p[j].x * p[k].y - p[j].y * p[k].x; };
+      sum += 6.0 * cross(0, 1) + 3.0 * cross(0, 2) + cross(0, 3) + 3.0 * cross(1, 2) + 3.0 * cross(1, 3) +
+             6.0 * cross(2, 3);
+    }
+    return sum / 20.0;
+  }
+
+ private:
+  static constexpr double kHalfTurn = 3.141592653589793;
+
+  // Brings the control points of a line to its thirds.
+  void straighten(size_t i) {
+    const Point a = anchors[i], b = anchors[(i + 1) % anchors.size()];
+    const Point third{(b.x - a.x) / 3.0, (b.y - a.y) / 3.0};
+    controls[i] = {Point{a.x + third.x, a.y + third.y}, Point{b.x - third.x, b.y - third.y}};
+  }
+};
+
+}  // namespace
+}  // namespace cs

@@ -1,0 +1,96 @@
+"""Closed curves that follow from a few parameters by a smooth map: ellipses, rectangles and polygons.
+
+An ellipse and a rectangle are c + a u + b h n for pairs of numbers (a, b) that are the same for all: c is the centre, u
+half of the first axis, n the unit normal of u, and h half of the second axis. Their parameters are (N, 5): c, u and h.
+Those of polygons are their vertices (N, 2 n); the handles lie at the thirds of the sides. All lengths are px.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cubicsplat_cli.scene.arrays import Array, contiguous, like, namespace
+
+# Handles of this length make a quarter of a circle, to 0.03 %.
+KAPPA = 4.0 / 3.0 * (2.0**0.5 - 1.0)
+
+
+def _around(quarter: list[tuple[float, float]]) -> np.ndarray:
+    """(12, 2): three control points of a quarter, and the same turned by 90, 180 and 270 degrees."""
+    x, y = np.array(quarter).T
+    return np.concatenate([np.stack(turned, axis=1) for turned in ((x, y), (-y, x), (-x, -y), (y, -x))])
+
+
+# Of each kind that has axes: (a, b) of its control points.
+TEMPLATES = {
+    "ellipse": _around([(1.0, 0.0), (1.0, KAPPA), (KAPPA, 1.0)]),
+    "rectangle": _around([(1.0, 1.0), (1.0 / 3.0, 1.0), (-1.0 / 3.0, 1.0)]),
+}
+
+
+def shape_points(kind: str, values: Array) -> Array:
+    """The control points (N, K, 2) of shapes with these parameters."""
+    xp = namespace(values)
+    if kind not in TEMPLATES:
+        return contiguous(polygon_points(xp.reshape(values, (len(values), -1, 2))))
+    a, b = _template(kind, values)
+    return contiguous(values[:, None, :2] + a * values[:, None, 2:4] + b * (values[:, 4:] * normals(values))[:, None])
+
+
+def shape_gradient(kind: str, values: Array, of_points: Array) -> Array:
+    """dL/d of the parameters from that of the control points (N, K, 2), by the map's Jacobian."""
+    xp = namespace(values)
+    if kind not in TEMPLATES:
+        return xp.reshape(vertices_gradient(of_points), values.shape)
+    a, b = _template(kind, values)
+    normal, along, across = normals(values), xp.sum(a * of_points, axis=1), xp.sum(b * of_points, axis=1)
+    of_h = xp.sum(across * normal, axis=1, keepdims=True)
+    # n is u turned by 90 degrees over |u|, so that it changes only at right angles to itself.
+    turning = values[:, 4:] / lengths(values) * (across - of_h * normal)
+    of_first = along + xp.stack((turning[:, 1], -turning[:, 0]), axis=1)
+    return xp.concat((xp.sum(of_points, axis=1), of_first, of_h), axis=1)
+
+
+def nearest_shape(kind: str, points: Array) -> Array:
+    """The parameters of curves (N, K, 2), exact for those of this kind; K = 12 for ellipses and rectangles."""
+    xp, anchors = namespace(points), points[:, ::3]
+    if kind not in TEMPLATES:
+        return xp.reshape(anchors, (len(points), -1))
+    a, b = (each[:, ::3] for each in _template(kind, points))
+    first, second = xp.sum(a * anchors, axis=1) / xp.sum(a * a), xp.sum(b * anchors, axis=1) / xp.sum(b * b)
+    values = xp.concat((xp.mean(anchors, axis=1), first, second[:, :1]), axis=1)
+    values[:, 4] = xp.sum(normals(values) * second, axis=1)
+    return values
+
+
+def lengths(values: Array) -> Array:
+    """(N, 1): of the first half axis, above 0."""
+    xp = namespace(values)
+    return xp.clip(xp.hypot(values[:, 2:3], values[:, 3:4]), min=1e-6)
+
+
+def normals(values: Array) -> Array:
+    """(N, 2): the unit normal of the first axis."""
+    return namespace(values).stack((-values[:, 3], values[:, 2]), axis=1) / lengths(values)
+
+
+def polygon_points(vertices: Array) -> Array:
+    """The control points (N, 3 n, 2) of polygons with vertices (N, n, 2)."""
+    xp = namespace(vertices)
+    step = (xp.concat((vertices[:, 1:], vertices[:, :1]), axis=1) - vertices) / 3.0
+    sides = xp.stack((vertices, vertices + step, vertices + 2.0 * step), axis=2)
+    return xp.reshape(sides, (len(vertices), -1, 2))
+
+
+def vertices_gradient(of_points: Array) -> Array:
+    """dL/d of the vertices (N, n, 2) of polygons from that of their control points (N, 3 n, 2)."""
+    xp = namespace(of_points)
+    sides = xp.reshape(of_points, (len(of_points), -1, 3, 2))
+    own = sides[:, :, 0] + (2.0 * sides[:, :, 1] + sides[:, :, 2]) / 3.0
+    return own + xp.roll((sides[:, :, 1] + 2.0 * sides[:, :, 2]) / 3.0, 1, axis=1)
+
+
+def _template(kind: str, values: Array) -> tuple[Array, Array]:
+    """(1, 12, 1) each: a and b."""
+    numbers = like(values, TEMPLATES[kind].astype(np.float32))
+    return numbers[None, :, :1], numbers[None, :, 1:]

@@ -1,0 +1,144 @@
+"""Polygons on a coarse grid as the shortest SVG: the files of a few hundred bytes that stand in for a photo.
+
+Such a file holds nothing but a view box, a background and paths: no size, comment, title, ids or decimals, one opacity
+for all, and colours of 12 bits. Each path is absolute, because two digits of a coordinate compress better than the
+many values of differences.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene.shapes import polygon_points
+from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.markup import format_number
+
+LEVELS = 15  # of a colour channel of 4 bits
+TENTHS = 10  # of the opacity
+FEWEST = 3  # vertices
+Shape = tuple[np.ndarray, np.ndarray]  # vertices (n, 2) and colour (3,) of a polygon
+Step = Callable[[Shape], "Shape | None"]  # a change of a polygon; None where it leaves what is allowed
+
+
+@dataclass(eq=False)
+class GridPolygons:
+    """N polygons, front to back, on a grid.
+
+    size: width and height in units, of which the height may have two decimals, so that the picture keeps its shape.
+    vertices: of each polygon (n, 2) int64, units. colours: (N, 3) int64 in 0..15. background: (3,) the same, or None.
+    opacity: of all polygons, 1..10 tenths.
+    """
+
+    size: tuple[float, float]
+    vertices: list[np.ndarray]
+    colours: np.ndarray
+    background: np.ndarray | None
+    opacity: int
+
+    def path(self, index: int) -> str:
+        """The element of one polygon."""
+        numbers = " ".join(map(str, self.vertices[index].ravel().tolist())).replace(" -", "-")
+        return f'<path d="M{numbers}" fill="{_hex(self.colours[index])}"/>'
+
+    def head(self) -> str:
+        """The document up to its first polygon."""
+        size = " ".join(format_number(round(100 * side), 2) for side in self.size)
+        opacity = f' fill-opacity="{format_number(self.opacity, 1)}"' if self.opacity < TENTHS else ""
+        start = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size}"{opacity}>'
+        if self.background is None:
+            return start
+        width, height = (math.ceil(side) for side in self.size)
+        opaque = opacity and ' fill-opacity="1"'
+        return f'{start}<path{opaque} d="M0 0h{width}v{height}H0" fill="{_hex(self.background)}"/>'
+
+    def text(self) -> str:
+        """The SVG document, back to front."""
+        return self.head() + "".join(map(self.path, reversed(range(len(self.vertices))))) + "</svg>"
+
+    def scene(self, width: int, height: int) -> Scene:
+        """The same on a canvas of width x height px."""
+        scale, n = np.array([width, height]) / self.size, len(self.vertices)
+        points, ends = pack_rings(Mode.CLOSED, [[polygon_points(each[None] * scale)[0]] for each in self.vertices])
+        background = None
+        if self.background is not None:
+            red, green, blue = (self.background / LEVELS).tolist()
+            background = red, green, blue
+        return Scene(
+            Mode.CLOSED, width, height, points.astype(np.float32), (self.colours / LEVELS).astype(np.float32),
+            np.full(n, self.opacity / TENTHS, np.float32), np.zeros(n, np.float32), background, ends,
+        )  # fmt: skip
+
+
+def grid_size(width: int, height: int, units: int) -> tuple[float, float]:
+    """The size of a grid of about so many units on the longer side, at most 99: the one within a tenth of it on which a
+    picture of width x height px is nearest to whole units.
+    """
+    longer, shorter = max(width, height), min(width, height)
+    choices = range(max(1, math.ceil(0.95 * units)), min(99, math.floor(1.05 * units)) + 1)
+    best = min(choices, key=lambda n: (abs(n * shorter / longer - round(n * shorter / longer)), -n))
+    other = max(0.01, round(best * shorter / longer, 2))
+    return (best, other) if width >= height else (other, best)
+
+
+def on_grid(scene: Scene, size: tuple[float, float]) -> GridPolygons:
+    """The polygons of a scene of numpy arrays, whose curves' anchors are their vertices, rounded to a grid."""
+    vertices = np.rint(scene.points[:, ::3] * (np.array(size) / (scene.width, scene.height))).astype(np.int64)
+    background = None if scene.background is None else np.rint(LEVELS * np.array(scene.background)).astype(np.int64)
+    colours = np.rint(LEVELS * scene.colours).astype(np.int64)
+    opacity = int(np.clip(round(TENTHS * float(scene.opacities.mean())), 1, TENTHS))
+    return GridPolygons(size, list(vertices), colours, background, opacity)
+
+
+def moved(vertices: int | slice, way: np.ndarray) -> Step:
+    """One vertex or several, by (2,) units."""
+
+    def step(shape: Shape) -> Shape | None:
+        if isinstance(vertices, int) and vertices >= len(shape[0]):
+            return None
+        changed = shape[0].copy()
+        changed[vertices] += way
+        return changed, shape[1]
+
+    return step
+
+
+def coloured(way: np.ndarray) -> Step:
+    """The colour, by (3,) levels."""
+    return lambda shape: (shape[0], shape[1] + way) if is_colour(shape[1] + way) else None
+
+
+def without(vertex: int) -> Step:
+    """One vertex less, of more than FEWEST."""
+
+    def step(shape: Shape) -> Shape | None:
+        enough = FEWEST < len(shape[0]) > vertex
+        return (np.delete(shape[0], vertex, axis=0), shape[1]) if enough else None
+
+    return step
+
+
+def with_more(vertex: int, way: np.ndarray, most: int) -> Step:
+    """A vertex behind another, in the middle of the side there, moved in some way."""
+
+    def step(shape: Shape) -> Shape | None:
+        n = len(shape[0])
+        if not vertex < n < most:
+            return None
+        middle = (shape[0][vertex] + shape[0][(vertex + 1) % n]) // 2 + way
+        return np.insert(shape[0], vertex + 1, middle, axis=0), shape[1]
+
+    return step
+
+
+def is_colour(colour: np.ndarray) -> bool:
+    """Whether all levels are in 0..LEVELS."""
+    return bool(colour.min() >= 0 and colour.max() <= LEVELS)
+
+
+def _hex(colour: np.ndarray) -> str:
+    return "#" + "".join(f"{value:x}" for value in colour.tolist())
