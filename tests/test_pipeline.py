@@ -199,7 +199,7 @@ def test_where_the_style_is_doubtful_the_photo_may_end_above_what_an_early_look_
     monkeypatch.setattr(choose, "choose_style", lambda _target: Style("photo", "measured", doubtful=True))
     monkeypatch.setattr(choose, "FAR_DB", -100.0)
     monkeypatch.setattr(photo_style, "LOOKS", [(0.15, -40.0)])
-    (only,) = candidates(task_of(as_picture(blotches()), Request(FitSettings(steps=60, threads=1)), StageTimer()))
+    (only,) = candidates(task_of(as_picture(blotches()), Request(FitSettings(steps=200, threads=1)), StageTimer()))
     assert only.style.name == "photo"
 
 
