@@ -177,56 +177,23 @@ class Factor {
   bool positive_ = true;
 };
 
-// A matrix by rows: of each the entries up to the diagonal, each once.
-class Matrix {
- public:
-  Matrix(const std::vector<Entry>& entries, int32_t n) : starts_(n + 1, 0) {
-    std::vector<int64_t> next(n + 1, 0);
-    for (const Entry& e : entries) next[std::max(e.row, e.column) + 1]++;
-    std::partial_sum(next.begin(), next.end(), next.begin());
-    const std::vector<int64_t> begin = next;
-    std::vector<std::pair<int32_t, double>> given(entries.size());
-    for (const Entry& e : entries) given[next[std::max(e.row, e.column)]++] = {std::min(e.row, e.column), e.value};
-    std::vector<int64_t> place(n, -1);  // of each column in the row
-    for (int32_t row = 0; row < n; row++) {
-      for (int64_t p = begin[row]; p < begin[row + 1]; p++) {
-        const auto [column, value] = given[p];
-        if (place[column] < starts_[row]) {
-          place[column] = int64_t(column_.size());
-          column_.push_back(column), value_.push_back(0.0);
-        }
-        value_[place[column]] += value;
-      }
-      starts_[row + 1] = int64_t(column_.size());
-    }
+// A symmetric matrix, of whose entries one triangle is given, each once, times a vector.
+inline void multiply(const std::vector<Entry>& entries, const std::vector<double>& x, std::vector<double>& out) {
+  std::fill(out.begin(), out.end(), 0.0);
+  for (const Entry& e : entries) {
+    out[e.row] += e.value * x[e.column];
+    if (e.row != e.column) out[e.column] += e.value * x[e.row];
   }
-
-  void multiply(const std::vector<double>& x, std::vector<double>& out) const {
-    std::fill(out.begin(), out.end(), 0.0);
-    for (size_t row = 0; row < out.size(); row++) {
-      double sum = 0.0;
-      for (int64_t p = starts_[row]; p < starts_[row + 1]; p++) {
-        sum += value_[p] * x[column_[p]];
-        if (column_[p] != int32_t(row)) out[column_[p]] += value_[p] * x[row];
-      }
-      out[row] += sum;
-    }
-  }
-
- private:
-  std::vector<int64_t> starts_;
-  std::vector<int32_t> column_;
-  std::vector<double> value_;
-};
+}
 
 // Solves a system for `values`, in place, until the residual is `enough` of what it was, in the norm of the preconditioner;
 // false where the matrix is not positive definite. Method: conjugate gradients (M. Hestenes and E. Stiefel, "Methods of
-// Conjugate Gradients for Solving Linear Systems", 1952), preconditioned by the factor of a part of the matrix.
+// Conjugate Gradients for Solving Linear Systems", 1952), preconditioned by the factor of a part of the matrix. entries: as
+// `summed` gives them.
 inline bool iterate(const std::vector<Entry>& entries, const Factor& part, double enough, std::vector<double>& values) {
   constexpr int kMost = 200;  // steps
   const size_t n = values.size();
   if (!part.positive()) return false;
-  const Matrix matrix(entries, int32_t(n));
   const auto dot = [n](const std::vector<double>& a, const std::vector<double>& b) {
     double sum = 0.0;
     for (size_t k = 0; k < n; k++) sum += a[k] * b[k];
@@ -238,7 +205,7 @@ inline bool iterate(const std::vector<Entry>& entries, const Factor& part, doubl
   double size = dot(rest, ahead);
   const double least = enough * enough * size;
   for (int step = 0; step < kMost && size > least; step++) {
-    matrix.multiply(way, product);
+    multiply(entries, way, product);
     const double curved = dot(way, product);
     if (!(curved > 0.0)) return false;
     for (size_t k = 0; k < n; k++) x[k] += size / curved * way[k], rest[k] -= size / curved * product[k];
