@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import sys
@@ -15,9 +16,9 @@ from cubicsplat_cli.progress import COMMAND_BEGAN
 
 # Messages quote names from files, which may be of any length.
 MAX_MESSAGE = 1000
-# Objects that are made between two collections. Imports make most objects, and these stay: at the usual 700 it takes a
-# tenth of the start to look through them again and again.
-NEW_OBJECTS = 50_000
+# Objects that are made between two searches for unreachable cycles. Imports make most objects, and these stay: to look
+# through all of them takes a twentieth of the time of a small drawing, which makes fewer than this.
+NEW_OBJECTS = 1_000_000
 # Threads of numpy's products of matrices: ours have a few columns, and idle threads take time from others.
 BLAS_THREADS = "1"
 EXIT_USAGE, EXIT_INTERRUPTED = 2, 130
@@ -34,6 +35,7 @@ def run(program: Callable[[list[str]], int | None]) -> NoReturn:
     Our errors become one line on stderr; bugs keep their traceback.
     """
     gc.set_threshold(NEW_OBJECTS)
+    atexit.register(gc.freeze)  # else the interpreter would look through all of them before it ends
     os.environ.setdefault("OPENBLAS_NUM_THREADS", BLAS_THREADS)
     began = COMMAND_BEGAN.set(time.perf_counter())
     try:
