@@ -39,7 +39,7 @@ COMMANDS |= {f"bench {name}": command for name, command in COMMANDS.pop("bench")
 HEAVY = ("torch", "numpy", "skimage", "cairosvg", "resvg_py", "svgwrite", "PIL", "scipy")
 # What only scans, enlargements, blurred pictures, strokes and photos need; any part of scipy takes 0.2 s to import.
 RARE = ("torch", "skimage", "scipy", "svgwrite", "cubicsplat_cli.photo.loop", "cubicsplat_cli.artwork.strokes.find")
-OTHERS = ("cubicsplat_cli.cli.bench", "cubicsplat_cli.cli.render")  # commands
+OTHERS = ("cubicsplat_cli.cli.bench", "cubicsplat_cli.cli.render", "pydantic")  # other commands and wrong options
 OPTION = re.compile(r"(?<![\w-])(--?[a-z][a-z-]*)")
 
 

@@ -6,11 +6,12 @@ import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import Field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
 from typer import Argument, Option
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.errors import UsageError
@@ -40,6 +41,9 @@ _PRESENT = {  # names of options by those that earlier versions gave them
     for earlier, name in {"measures": "metrics", **RENAMED}.items()
 }
 _KINDS: dict[str, Any] = {"count": int, "number": float, "flag": bool, "text": str}
+_READ: dict[Any, Callable[[Any], Any]] = {list[str]: list} | {
+    each: kind for kind in (str, int, float) for each in (kind, kind | None)
+}
 _OWNERS = (FitSettings, Request, Recipe, ArtworkSettings)
 
 
@@ -118,7 +122,7 @@ def _annotation(name: str, spec: Setting, default: Any, text: str) -> Any:
     """The annotation for Typer. `Setting.check` checks limits, so that all errors have the same form."""
     facts: dict[str, Any] = {"help": text, "rich_help_panel": spec.group, "show_default": default not in ("", True)}
     facts["hidden"] = spec.hidden or spec.by_set or spec.only_off
-    kind: Any = str if spec.auto or spec.parse is not None else _KINDS.get(spec.kind)
+    kind: Any = object if spec.auto else str if spec.parse is not None else _KINDS.get(spec.kind)
     if spec.kind == "choice":
         kind = Literal[spec.choices]
         facts["case_sensitive"] = False
@@ -138,6 +142,16 @@ def _number_or_word(text: str) -> Any:
         return int(text)
     except ValueError:
         return text.lower()
+
+
+def _value(parameter: Any, convert: Callable[[Any, Any], Any], kind: Any, context: Any, given: Any) -> Any:
+    """The value of a parameter of some type, from what the command line or its default says. convert: Typer's way."""
+    if given is None or given == parameter.default:
+        return convert(context, given) if parameter.required else given
+    try:
+        return _READ[kind](given) if given else convert(context, given)
+    except (KeyError, ValueError):
+        return convert(context, given)
 
 
 def wanted_renderer(chosen: str) -> str | None:
@@ -164,7 +178,24 @@ def write_csv(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
         write_atomically(path, csv_text(rows).encode())
 
 
-class Command(TyperCommand):
+class _AsGiven:
+    """Reads texts and numbers, for which Typer would import pydantic: that takes as long as all of our own imports."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """The parameters, with --help."""
+        parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        kinds = get_type_hints(self.callback) if self.callback else {}  # type: ignore[attr-defined]
+        for each in parameters:
+            if not isinstance(each.process_value, partial):
+                each.process_value = partial(_value, each, each.process_value, kinds.get(each.name))
+        return parameters
+
+
+class Group(_AsGiven, TyperGroup):
+    """Commands with a name in common."""
+
+
+class Command(_AsGiven, TyperCommand):
     """A command whose help is plain text, and which knows the options of earlier versions."""
 
     grouped = False
