@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubicsplat_cli.raster.observed import distinct, edge_variances, planes, second_differences
+from cubicsplat_cli.raster.observed import distinct, edge_variances, planes, second_differences, unexplained
 
 LUMA = np.array([0.299, 0.587, 0.114, 0.7], np.float32)
 
@@ -81,3 +81,43 @@ def test_distinct_keys_are_those_of_numpy(rng: np.random.Generator, kinds: int) 
     first, numbers = distinct(keys)
     _, index, inverse = np.unique(keys, return_index=True, return_inverse=True)
     assert (first == index).all() and (numbers == inverse.reshape(keys.shape)).all()
+
+
+def _unexplained(levels, painted, space, ringing, reach, seam, unlike, own, allowed):
+    """The definition in numpy."""
+    gap = np.abs(levels - painted).max(axis=2)
+    rough, where = gap > own * unlike, np.zeros(gap.shape, dtype=bool)
+    line = range(-2, 3)
+    square = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    stencils = [square, *([(k * i, k * j) for k in line] for i, j in ((0, 1), (1, 0), (1, 1), (1, -1)))]
+
+    def moved(values, rows, columns, most, **how):
+        padded = np.pad(values, ((most, most), (most, most), (0, 0)), **how)
+        return padded[most + rows :, most + columns :][: values.shape[0], : values.shape[1]]
+
+    seen, drawn = levels @ space, painted @ space
+    for one, other in ((seen, drawn), (drawn, seen)):
+        window = [(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)]
+        near = np.array([moved(other, *at, reach, mode="edge") for at in window])
+        low, high = near.min(axis=0), near.max(axis=0)
+        slack = np.where((high - low).max(axis=2) > unlike, seam, 0.0)[..., None]
+        off = np.where(rough[..., None], one - np.clip(one, low - slack, high + slack), 0.0)
+        large = np.abs(off).max(axis=2) > own * unlike
+        for stencil in stencils:
+            mean = np.mean([moved(off, *at, 2) for at in stencil], axis=0)
+            found = (np.abs(mean) > allowed + ringing) & (off * np.sign(mean) > own * np.abs(mean))
+            where |= large & found.any(axis=2)
+    return gap, where
+
+
+@pytest.mark.parametrize(("reach", "seam"), [(1, 8.0), (3, 0.0)])
+def test_unexplained_pixels_are_those_of_the_definition(reach: int, seam: float, rng: np.random.Generator) -> None:
+    painted = np.kron(rng.integers(0, 256, (5, 4, 4)), np.ones((8, 8, 1)))
+    levels = (np.roll(painted, 1, axis=0) + rng.normal(0.0, 4.0, painted.shape)).astype(np.float32)
+    levels[rng.random(levels.shape[:2]) < 0.04] = 90.0
+    ringing = rng.uniform(0.0, 3.0, levels.shape).astype(np.float32)
+    given = levels, painted, rng.normal(size=(4, 4)), ringing, reach, seam, 6.0, 0.5, 7.0
+    gap, where = unexplained(*given)
+    wanted = _unexplained(*given)
+    assert np.array_equal(gap, wanted[0]) and np.array_equal(where, wanted[1])
+    assert 30 < where.sum() < where.size - 30

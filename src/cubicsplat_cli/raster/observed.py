@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from cubicsplat_cli.raster.cpu import native
+from cubicsplat_cli.raster.cpu import doubles, native
 
 _native = partial(native, "regions")
 
@@ -57,3 +57,30 @@ def distinct(keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     keys = np.ascontiguousarray(keys, np.uint64)
     numbers, first = np.empty(keys.shape, np.int64), np.empty(keys.size, np.int64)
     return first[: _native("cs_distinct", keys.size, keys, numbers, first, result=c_int64)].copy(), numbers
+
+
+def unexplained(
+    levels: np.ndarray,
+    painted: np.ndarray,
+    space: np.ndarray,
+    ringing: np.ndarray,
+    reach: int,
+    seam: float,
+    unlike: float,
+    own: float,
+    allowed: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(H, W) by how many levels a picture (H, W, 4) is off what is painted (H, W, 4), in the channel with most; and
+    (H, W) bool: the pixels that no colour painted near them explains, and those painted in a colour that the picture
+    does not have near them.
+
+    Both are compared after they were multiplied by `space` (4, 4). A pixel is off by as much as it lies outside of the
+    colours that the other picture has within `reach` px, and by `seam` less where that has an edge, a range of more
+    than `unlike`. It is unexplained if the mean over 3 x 3 px, or over a line of 5 px, is off by more than `allowed`
+    plus its `ringing` (H, W, 4), and itself by more than the share `own` of that mean, and of `unlike`.
+    """
+    gap, where = np.empty(levels.shape[:2]), np.empty(levels.shape[:2], bool)
+    given = np.ascontiguousarray(levels, np.float32), doubles(painted), *levels.shape[:2], doubles(space)
+    judged = reach, float(seam), float(unlike), float(own), float(allowed)
+    _native("cs_unexplained", *given, np.ascontiguousarray(ringing, np.float32), *judged, gap, where)
+    return gap, where
