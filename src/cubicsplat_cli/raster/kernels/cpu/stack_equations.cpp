@@ -22,32 +22,41 @@ constexpr double kEnough = 1e-3;       // of the residual of a step, which is ri
 
 using Block = std::array<double, 64>;
 
-// Gram matrices of pairs of pieces, found by their numbers.
-class PiecePairs {
- public:
-  explicit PiecePairs(int64_t pieces) : known_(pieces) {}
-
-  double* block(int i, int j) {
-    for (const auto& [other, index] : known_[i])
-      if (other == j) return blocks[index].data();
-    known_[i].push_back({j, int64_t(blocks.size())});
-    pieces.push_back({i, j});
-    blocks.emplace_back();
-    return blocks.back().data();
-  }
-
-  std::vector<std::pair<int, int>> pieces;
-  std::vector<Block> blocks;
-
- private:
-  std::vector<std::vector<std::pair<int, int64_t>>> known_;
-};
-
 // A crossing of a piece that moves. slope: of the picture, weighted; pull: of half of the cost with the coverage.
 struct Crossing {
   int32_t piece, x, y;
   double slope[4], trust, leak, pull;
   const double* change;
+};
+
+// Crossings by their pixels.
+class Near {
+ public:
+  // reach: px along rows and columns to which pixels are near. The crossings must outlive this.
+  Near(const std::vector<Crossing>& crossings, const CsGoal& goal, int reach)
+      : crossings_(crossings), width_(goal.width), top_(goal.height), bottom_(-1), reach_(reach) {
+    for (const Crossing& c : crossings) top_ = std::min(top_, c.y), bottom_ = std::max(bottom_, c.y);
+    starts_.assign(size_t(std::max(bottom_ - top_ + 1, 0)) * width_ + 1, 0), order_.resize(crossings.size());
+    const auto pixel_of = [&](const Crossing& c) { return size_t(c.y - top_) * width_ + c.x; };
+    for (const Crossing& c : crossings) starts_[pixel_of(c)]++;
+    std::partial_sum(starts_.begin(), starts_.end(), starts_.begin());
+    for (size_t n = crossings.size(); n-- > 0;) order_[--starts_[pixel_of(crossings[n])]] = int32_t(n);
+  }
+
+  // Calls `call(b)` for the crossings near another one, row by row.
+  template <class Call>
+  void each(const Crossing& a, Call call) const {
+    for (int row = std::max(top_, a.y - reach_); row <= std::min(bottom_, a.y + reach_); row++) {
+      const size_t line = size_t(row - top_) * width_;
+      const int32_t last = starts_[line + std::min(width_ - 1, a.x + reach_) + 1];
+      for (int32_t n = starts_[line + std::max(0, a.x - reach_)]; n < last; n++) call(crossings_[order_[n]]);
+    }
+  }
+
+ private:
+  const std::vector<Crossing>& crossings_;
+  int width_, top_, bottom_, reach_;
+  std::vector<int32_t> starts_, order_;
 };
 
 class Equations {
@@ -61,9 +70,7 @@ class Equations {
 
   // Returns whether there is a step; writes it and its gradient.
   bool solve(double* step, double* gradient) {
-    PiecePairs pairs(int64_t(pieces_.size()));
-    multiply(pairs);
-    std::vector<sparse::Entry> entries = project(pairs);
+    std::vector<sparse::Entry> entries = multiplied();
     std::vector<double> diagonal(unknowns_.variables, 0.0), x(unknowns_.variables, 0.0), y = x;
     for (const sparse::Entry& e : entries)
       if (e.row == e.column) diagonal[e.row] += e.value;
@@ -228,36 +235,34 @@ class Equations {
     }
   }
 
-  void multiply(PiecePairs& pairs) {
-    const int reach = int(overlap_.size()) - 1, width = goal_.width, height = goal_.height;
-    int top = height, bottom = -1;
-    for (const Crossing& c : crossings_) top = std::min(top, c.y), bottom = std::max(bottom, c.y);
-    if (bottom < 0) return;
-    // In the order of their pixels, row by row, and where those of each pixel begin.
-    std::vector<int32_t> starts(size_t(bottom - top + 1) * width + 1, 0), order(crossings_.size());
-    const auto pixel_of = [&](const Crossing& c) { return size_t(c.y - top) * width + c.x; };
-    for (const Crossing& c : crossings_) starts[pixel_of(c) + 1]++;
-    for (size_t p = 1; p < starts.size(); p++) starts[p] += starts[p - 1];
-    std::vector<int32_t> next(starts.begin(), starts.end() - 1);
-    for (size_t n = 0; n < crossings_.size(); n++) order[next[pixel_of(crossings_[n])]++] = int32_t(n);
-    for (const int32_t m : order) {
-      const Crossing& a = crossings_[m];
-      for (int row = std::max(top, a.y - reach); row <= std::min(bottom, a.y + reach); row++) {
-        const size_t line = size_t(row - top) * width;
-        const int32_t last = starts[line + std::min(width - 1, a.x + reach) + 1];
-        for (int32_t n = starts[line + std::max(0, a.x - reach)]; n < last; n++) {
-          const Crossing& b = crossings_[order[n]];
-          if (b.piece < a.piece) continue;
+  // The Gram matrix of the variables, each entry in one of the triangles: piece by piece, so that the few blocks of one
+  // stay near.
+  std::vector<sparse::Entry> multiplied() const {
+    std::vector<sparse::Entry> out;
+    const Near near(crossings_, goal_, int(overlap_.size()) - 1);
+    std::vector<int32_t> place(pieces_.size(), -1), others;
+    std::vector<Block> blocks;  // of the piece and each of the others
+    for (size_t n = 0; n < crossings_.size();) {
+      const int32_t piece = crossings_[n].piece;
+      for (; n < crossings_.size() && crossings_[n].piece == piece; n++) {
+        const Crossing& a = crossings_[n];
+        near.each(a, [&](const Crossing& b) {
+          if (b.piece < piece) return;
+          if (place[b.piece] < 0)
+            place[b.piece] = int32_t(others.size()), others.push_back(b.piece), blocks.push_back({});
           double alike = a.leak * b.leak;
-          const double shared = overlap_[std::abs(row - a.y)] * overlap_[std::abs(b.x - a.x)];
+          const double shared = overlap_[std::abs(b.y - a.y)] * overlap_[std::abs(b.x - a.x)];
           const double weight = shared * std::sqrt(a.trust * b.trust);
           for (int k = 0; k < 4; k++) alike += weight * a.slope[k] * b.slope[k];
-          double* block = pairs.block(a.piece, b.piece);
+          double* block = blocks[place[b.piece]].data();
           for (int p = 0; p < 8; p++)
             for (int q = 0; q < 8; q++) block[8 * p + q] += alike * a.change[p] * b.change[q];
-        }
+        });
       }
+      for (size_t k = 0; k < others.size(); k++) project(piece, others[k], blocks[k], out), place[others[k]] = -1;
+      others.clear(), blocks.clear();
     }
+    return out;
   }
 
   void pull() {
@@ -268,30 +273,21 @@ class Equations {
         for (int r = 0; r < 8; r++) gradient_[variables_[k]] += piece.pull[r] * ways_[8 * k + r];
   }
 
-  // The Gram matrix of the variables, each entry in one of the triangles.
-  std::vector<sparse::Entry> project(const PiecePairs& pairs) const {
-    std::vector<sparse::Entry> out;
-    size_t most = unknowns_.variables;
-    for (const auto& [i, j] : pairs.pieces) most += pieces_[i].count * pieces_[j].count;
-    out.reserve(most);
-    for (size_t n = 0; n < pairs.blocks.size(); n++) {
-      const auto [i, j] = pairs.pieces[n];
-      const Piece &one = pieces_[i], &other = pieces_[j];
-      for (size_t b = other.first; b < other.first + other.count; b++) {
-        double half[8] = {};
-        for (int q = 0; q < 8; q++)
-          for (int p = 0; p < 8; p++) half[p] += pairs.blocks[n][8 * p + q] * ways_[8 * b + q];
-        for (size_t a = one.first; a < one.first + one.count; a++) {
-          const int32_t row = variables_[a], column = variables_[b];
-          if (i == j && row > column) continue;
-          double value = 0.0;
-          for (int p = 0; p < 8; p++) value += ways_[8 * a + p] * half[p];
-          // Pairs of two pieces count both ways round.
-          out.push_back({row, column, i != j && row == column ? 2.0 * value : value});
-        }
+  // Adds the entries of the variables of two pieces, which count both ways round.
+  void project(int32_t i, int32_t j, const Block& block, std::vector<sparse::Entry>& out) const {
+    const Piece &one = pieces_[i], &other = pieces_[j];
+    for (size_t b = other.first; b < other.first + other.count; b++) {
+      double half[8] = {};
+      for (int q = 0; q < 8; q++)
+        for (int p = 0; p < 8; p++) half[p] += block[8 * p + q] * ways_[8 * b + q];
+      for (size_t a = one.first; a < one.first + one.count; a++) {
+        const int32_t row = variables_[a], column = variables_[b];
+        if (i == j && row > column) continue;
+        double value = 0.0;
+        for (int p = 0; p < 8; p++) value += ways_[8 * a + p] * half[p];
+        out.push_back({row, column, i != j && row == column ? 2.0 * value : value});
       }
     }
-    return out;
   }
 
   // Where the variables are: in the middle of what they move.
