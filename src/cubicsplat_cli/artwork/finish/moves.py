@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.finish.demotion import as_path
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
-from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
 
 # Coverages are known to this much: drawing programs take 4x4 samples a pixel.
 SHARE_SIGMA = 0.04
@@ -26,6 +25,10 @@ UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
 NEAR = 2.5  # px: misfit within this of a joint is the joint's
 CONCENTRATED = 0.5
 LEAST_LENGTH = 3.0  # px of a piece that may be cut
+# Half of the excess of chi^2 that a pixel of a primitive must have on average, which is known to a tenth of a px or worse
+# where it is thin or small: twice as much as by chance. Over the many pixels of a
+# large circle even what one of its neighbours spoils is worth a ring's parameters.
+CLEARLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,19 @@ def _edited(
     for i in sorted(found, reverse=True):
         done = _move(done, i, found[i], joints)
     return None if done is ring else parametrised(done, constraints)
+
+
+def as_path(shape: Circle | Ellipse | Rectangle, chi: float, price: float, crossed: int) -> Ring | None:
+    """The ring to try in a primitive's place; None where all that its pixels hold against it, half of the excess of
+    chi^2, is worth less than the ring's further parameters at so many nats each, or is little for the pixels crossed.
+
+    Rectangles that stand level stay: drawing programs with few samples a pixel know their sides to a quarter of one,
+    and sides that slant would fit that better than they fit the drawing.
+    """
+    if isinstance(shape, Rectangle) and shape.angle == 0.0:
+        return None
+    ring = shape.ring()
+    return ring if chi > max(price * (ring.parameters - shape.parameters), CLEARLY * crossed) else None
 
 
 def _move(ring: Ring, i: int, complaint: Complaint, joints: set[int]) -> Ring:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -84,7 +84,7 @@ def _on_border(box: Rectangle, constraints: Constraints) -> bool:
 
 def _pinned(shape: Circle | Ellipse | Rectangle, pins: Pins) -> np.ndarray:
     """(numbers,) bool: which numbers of a primitive are pinned; a side is where both of its ends are."""
-    values = astuple(shape)
+    values = _numbers(shape)
     if isinstance(shape, Rectangle):
         starts = [pins.hold(axis, values[axis]) for axis in (0, 1)]
         ends = [pins.hold(axis, values[axis] + values[axis + 2]) for axis in (0, 1)]
@@ -227,7 +227,7 @@ class PrimitiveParameters:
 
     def __init__(self, shape: Circle | Ellipse | Rectangle, pinned: np.ndarray) -> None:
         self.shape, self.pinned = shape, pinned
-        self.values = np.array(astuple(shape), dtype=float)
+        self.values = np.array(_numbers(shape))
         self.free = np.ones(len(self.values), dtype=bool)
         if isinstance(shape, Rectangle):
             self.free[4] = shape.radius > 0.0
@@ -239,9 +239,7 @@ class PrimitiveParameters:
 
     @cached_property
     def jacobian(self) -> SparseRows:
-        values = np.stack([change.ravel() for change in changes(self.shape)], axis=1)[:, self.free]
-        rows, count = values.shape
-        return SparseRows(np.arange(rows + 1) * count, np.tile(np.arange(count), rows), values.ravel(), count)
+        return _changes(_alike(self.shape), self.free.tobytes())
 
     def moved(self, step: np.ndarray) -> PrimitiveParameters:
         values = self.values.copy()
@@ -262,6 +260,31 @@ class PrimitiveParameters:
 
     def outline(self) -> Outline:
         return self.shape
+
+
+def _numbers(shape: Circle | Ellipse | Rectangle) -> list[float]:
+    return [float(getattr(shape, name)) for name in shape.__match_args__]
+
+
+def _alike(shape: Circle | Ellipse | Rectangle) -> Circle | Ellipse | Rectangle:
+    """A primitive that changes with its numbers as this one does: if level, wherever it lies and of whatever size."""
+    if isinstance(shape, Circle):
+        return Circle(0.0, 0.0, 1.0)
+    if shape.angle != 0.0:
+        return shape
+    return (
+        Ellipse(0.0, 0.0, 1.0, 1.0)
+        if isinstance(shape, Ellipse)
+        else Rectangle(0.0, 0.0, 1.0, 1.0, shape.radius and 0.25)
+    )
+
+
+@lru_cache(maxsize=64)
+def _changes(shape: Circle | Ellipse | Rectangle, free: bytes) -> SparseRows:
+    """The Jacobian by the numbers that are free, each a bool."""
+    values = np.stack([change.ravel() for change in changes(shape)], axis=1)[:, np.frombuffer(free, dtype=bool)]
+    rows, count = values.shape
+    return SparseRows(np.arange(rows + 1) * count, np.tile(np.arange(count), rows), values.ravel(), count)
 
 
 class CopyParameters:
