@@ -178,8 +178,8 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
         ),
         (["vectorize", "x.png", "--colors", "4", "--style", "photo"], "--colors is for artwork, not for photos; leave"),
         (
-            ["vectorize", "x.png", "--colors", "4", "--max-bytes", "9k"],
-            "--colors is for artwork, --max-bytes for photo",
+            ["vectorize", "x.png", "--colors", "4", "--loss", "l1"],
+            "--colors is for artwork, --loss for photo",
         ),
         (["vectorize", "x.png", "--time-limit", "soon"], "--time-limit must be a number, not 'soon'"),
         (["vectorize", "x.png", "--time-limit", "-1"], "--time-limit must be a number from"),

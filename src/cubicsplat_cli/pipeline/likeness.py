@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_scene, of_values
-from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
+from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_pixels, of_scene, of_values
+from cubicsplat_cli.evaluate.metrics import decibels, measurable, psnr_db
+from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster import ndimage
@@ -46,6 +49,23 @@ class Likeness:
         off = np.subtract(*map(_over_black_and_white, (of_picture(self.picture), self.drawn)))
         tones = np.square(ndimage.uniform_filter(off, (COARSE, COARSE, 1))).mean(axis=(0, 1))
         return 0.5 * (pixels_db + decibels(max(float(tones[:3].mean()), float(tones[3:].mean()), 1e-12)))
+
+
+class FileLevel:
+    """Measures files of a task: their PSNR in dB as another renderer draws them, infinite where alike."""
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+
+    @cached_property
+    def _reference(self) -> Picture:
+        return measurable(self.task.picture, math.inf)
+
+    def __call__(self, svg: str) -> float:
+        reference = self._reference
+        drawn = rerender(svg.encode(), reference.width, reference.height)
+        level = psnr_db(reference, of_pixels(drawn.pixels), self.task.request.settings.threads)
+        return math.inf if level is None else level
 
 
 def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
