@@ -95,7 +95,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
 
 
 def uri_line(svg: bytes) -> bytes:
-    """What `--data-uri` prints of an SVG."""
+    """The line that `--data-uri` prints of an SVG."""
     from cubicsplat_cli.svg.markup import data_uri
 
     return data_uri(unpacked(svg, "the SVG").decode()).encode() + b"\n"

@@ -1,4 +1,4 @@
-"""Where the finished files of a job go: to the disk, or into memory for another machine."""
+"""Destinations of the finished files of a job: the disk, or memory for another machine."""
 
 from __future__ import annotations
 
