@@ -26,9 +26,8 @@ UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
 NEAR = 2.5  # px: misfit within this of a joint is the joint's
 CONCENTRATED = 0.5
 LEAST_LENGTH = 3.0  # px of a piece that may be cut
-# Half of the excess of chi^2 that a pixel of a primitive must have on average, which is known to a tenth of a px or worse
-# where it is thin or small: twice as much as by chance. Over the many pixels of a
-# large circle even what one of its neighbours spoils is worth a ring's parameters.
+# Half of the excess of chi^2 that a primitive's pixels must have on average: twice as much as by chance. Over the many
+# pixels of a large circle even what one of its neighbours spoils is worth a ring's parameters.
 CLEARLY = 0.5
 
 
