@@ -69,3 +69,31 @@ def test_points_nowhere_and_links_to_nothing_are_refused():
     with pytest.raises(ValueError, match="0 to 2"):
         linked_groups(3, np.array([0]), np.array([3]))
     assert linked_groups(0, np.zeros(0, int), np.zeros(0, int))[0] == 0
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 40])
+def test_places_are_off_a_closed_line_as_off_its_nearest_edges(count: int) -> None:
+    rng, turns = np.random.default_rng(count), np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    line = np.stack([30.0 * np.cos(turns), 20.0 * np.sin(turns)], axis=1)
+    following = np.roll(line, -1, axis=0)
+    places = np.concatenate([rng.normal(0.0, 25.0, (60, 2)), line, 0.5 * (line + following)])
+    tree = PointTree(line)
+    sizes, ways = tree.off_line(places, 1e-6)
+    near = tree.query(places)[1]
+    edges = np.stack([near - 1, near])
+    along = (following - line)[edges]
+    square = np.maximum((along**2).sum(axis=2), 1e-24)
+    shares = np.clip(((places - line[edges]) * along).sum(axis=2) / square, 0.0, 1.0)
+    gaps = places - line[edges] - shares[..., None] * along
+    assert sizes == pytest.approx(np.hypot(gaps[..., 0], gaps[..., 1]).min(axis=0), abs=1e-9)
+    # Straight away from the nearest place of the line; where a place is on it, across the edge.
+    off = sizes > 1e-6
+    assert tree.off_line(places - sizes[:, None] * ways, 1e-6)[0][off] == pytest.approx(0.0, abs=1e-9)
+    if count > 2:
+        assert np.hypot(*ways.T) == pytest.approx(1.0)
+        assert (ways[-count:] * (following - line)).sum(axis=1) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_line_without_points_is_refused() -> None:
+    with pytest.raises(ValueError, match="without points"):
+        PointTree(np.empty((0, 2))).off_line(np.zeros((1, 2)), 1e-6)

@@ -17,7 +17,7 @@ class PointTree:
     for coordinates that are not finite."""
 
     def __init__(self, points: np.ndarray) -> None:
-        given = _pairs(points)
+        self._given = given = _pairs(points)
         order, self._axes = np.empty(len(given), np.int64), np.zeros(len(given), np.uint8)
         _native("cs_tree", len(given), given, order, self._axes, result=None)
         self._points, self._order = given[order], order
@@ -30,6 +30,18 @@ class PointTree:
         _native("cs_nearest", *self._sorted(), len(places), places, squares, indices, result=None)
         return np.sqrt(squares), indices
 
+    def off_line(self, places: np.ndarray, on_it: float) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) how far places (m, 2) lie off the closed line through the points, in their order; and (m, 2) the unit
+        directions in which they do, across the line where that is no farther than `on_it`. Raises ValueError where
+        there are no points."""
+        if not len(self._given):
+            raise ValueError("a line without points is nowhere")
+        places = _pairs(places)
+        sizes, ways = np.empty(len(places)), np.empty((len(places), 2))
+        given = (self._given, len(places), places, float(on_it), sizes, ways)
+        _native("cs_off_line", *self._sorted(), *given, result=None)
+        return sizes, ways
+
     def query_ball_point(self, places: np.ndarray, reach: float | np.ndarray) -> list[np.ndarray]:
         """For each place (m, 2) the indices, ascending, of the points no farther than `reach` or reach (m,)."""
         found, ends = self._within(_pairs(places), reach)
@@ -37,7 +49,7 @@ class PointTree:
 
     def query_pairs(self, reach: float) -> np.ndarray:
         """(k, 2) the indices i < j of all pairs of points no farther than `reach` from each other, in order."""
-        found, ends = self._within(self._points[np.argsort(self._order)], reach)
+        found, ends = self._within(self._given, reach)
         first = np.repeat(np.arange(len(ends)), np.diff(ends, prepend=0))
         return np.stack([first, found], axis=1)[found > first]
 

@@ -46,21 +46,7 @@ class Track:
 
     def off(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n,) how far points (n, 2) lie off the outline, and (n, 2) the unit directions in which they do."""
-        _, near = self.tree.query(points)
-        best, found = np.full(len(points), np.inf), np.zeros_like(points)
-        for first in (near - 1, near):
-            a, b = self.points[first], self.points[(first + 1) % len(self.points)]
-            way = b - a
-            length = np.maximum(np.hypot(*way.T), 1e-12)
-            share = ((points - a) * way).sum(axis=1) / length**2
-            gap = points - a - np.clip(share, 0.0, 1.0)[:, None] * way
-            size = np.hypot(*gap.T)
-            # What lies right on the outline is off it across.
-            across = np.stack([-way[:, 1], way[:, 0]], axis=1) / length[:, None]
-            direction = np.where((size > ON_IT)[:, None], gap / np.maximum(size, ON_IT)[:, None], across)
-            nearer = size < best
-            best[nearer], found[nearer] = size[nearer], direction[nearer]
-        return best, found
+        return self.tree.off_line(points, ON_IT)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 // Which of many points lie near a place, by a k-d tree (J. Bentley, "Multidimensional Binary Search Trees Used for
 // Associative Searching", 1975). raster/point_tree.py says what each function means.
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <exception>
 #include <limits>
@@ -111,6 +112,30 @@ CS_EXPORT void cs_nearest(int64_t count, const Point* points, const int64_t* ord
     Tree::Nearest best;
     tree.nearest(at[i], 0, count, best);
     squares[i] = best.square, indices[i] = best.index;
+  }
+}
+
+// sizes: (places,) how far places are off the closed line through `line`, the tree's points in their own order; ways: the
+// unit directions in which they are, across the line where that is no farther than `on_it`.
+CS_EXPORT void cs_off_line(int64_t count, const Point* points, const int64_t* order, const uint8_t* axes,
+                           const Point* line, int64_t places, const Point* at, double on_it, double* sizes,
+                           Point* ways) {
+  const Tree tree{count, points, order, axes};
+  for (int64_t i = 0; i < places; i++) {
+    Tree::Nearest best;
+    tree.nearest(at[i], 0, count, best);
+    sizes[i] = std::numeric_limits<double>::infinity();
+    // The nearest point of the line lies on one of the two edges at the nearest of its points.
+    for (const int64_t first : {(best.index + count - 1) % count, best.index}) {
+      const Point &a = line[first], &b = line[(first + 1) % count];
+      const double x = b.at[0] - a.at[0], y = b.at[1] - a.at[1], length = std::max(std::hypot(x, y), 1e-12);
+      const double dx = at[i].at[0] - a.at[0], dy = at[i].at[1] - a.at[1];
+      const double share = std::clamp((dx * x + dy * y) / (length * length), 0.0, 1.0);
+      const double gx = dx - share * x, gy = dy - share * y, size = std::hypot(gx, gy);
+      if (!(size < sizes[i])) continue;
+      sizes[i] = size;
+      ways[i] = size > on_it ? Point{{gx / size, gy / size}} : Point{{-y / length, x / length}};
+    }
   }
 }
 
