@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
@@ -13,6 +12,7 @@ from cubicsplat_cli.artwork.regularities.mirrored import Axis, mirrored_paramete
 from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
@@ -64,7 +64,7 @@ def test_a_shape_that_is_asymmetric_by_half_a_pixel_stays_so():
 
 def test_a_ring_that_is_exactly_symmetric_is_found_so():
     points = flattened(heart(), 0.5)
-    track = Track(points, cKDTree(points), points, True)
+    track = Track(points, PointTree(points), points, True)
     found = symmetry_of(track, 0)
     assert found.axis.at == pytest.approx(20.0, abs=1e-9) and found.most < 1e-6
     assert symmetry_of(track, 1) is None
