@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import cKDTree
 
 from cubicsplat_cli.artwork.finish.parameters import Constraints, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, flattened, polygon
@@ -14,6 +13,7 @@ from cubicsplat_cli.artwork.regularities.alike import Track
 from cubicsplat_cli.artwork.regularities.rotational import Rotation, rotated, rotational
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.raster.point_tree import PointTree
 from cubicsplat_cli.svg.drawing_reader import read_drawing
 from cubicsplat_cli.svg.drawing_writer import write_drawing
 
@@ -86,7 +86,7 @@ def test_a_star_with_a_tip_that_is_two_degrees_aside_stays_so():
 
 def track_of(ring):
     points = flattened(ring, 0.5)
-    return Track(points, cKDTree(points), points, True)
+    return Track(points, PointTree(points), points, True)
 
 
 def pinwheel(jitter=0.0):
