@@ -168,8 +168,9 @@ def _levels(target: np.ndarray) -> np.ndarray:
 
 def _keys(levels: np.ndarray) -> np.ndarray:
     """(...) uint64 a number for each colour (..., 3 or 4) in levels."""
-    parts = np.rint(levels * 257.0).astype(np.uint64)
-    return (parts << np.array([0, 16, 32, 48], np.uint64)[: parts.shape[-1]]).sum(axis=-1, dtype=np.uint64)
+    parts = np.zeros((*levels.shape[:-1], 4), "<u2")
+    np.rint(levels * 257.0, out=parts[..., : levels.shape[-1]], casting="unsafe")
+    return parts.view("<u8")[..., 0]
 
 
 def _distinct(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
