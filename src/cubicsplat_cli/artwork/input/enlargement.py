@@ -53,7 +53,8 @@ def _repeated(levels: np.ndarray) -> int:
         if min(height, width) < 8 * times:
             continue
         small = levels[:height:times, :width:times]
-        if (np.repeat(np.repeat(small, times, axis=0), times, axis=1) == levels[:height, :width]).all():
+        others = (levels[y:height:times, x:width:times] for y in range(times) for x in range(times))
+        if all((other == small).all() for other in others):
             return times if _blends(small) >= FEWEST else 1
     return 1
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.raster import ndimage
 
@@ -125,7 +126,7 @@ def _best_share(
         third = np.minimum(np.abs(own - ground).max(axis=1), np.abs(beside - ground).max(axis=1)) > ODD
         for front, back, forward in ((beside, own, True), (own, beside, False)):
             seam = a * front[:, None] + (1.0 - a) ** 2 * back[:, None] + a * (1.0 - a) * ground
-            gap = np.abs(seam - values[:, None]).max(axis=2)
+            gap = largest(np.abs(seam - values[:, None]))
             k = gap.argmin(axis=1)
             least = np.where(third, gap[np.arange(len(gap)), k], np.inf)
             better = least + 0.5 < rest

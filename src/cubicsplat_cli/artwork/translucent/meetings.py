@@ -32,8 +32,10 @@ class Meeting:
 
 def meetings(labels: np.ndarray) -> list[Meeting]:
     """The places where exactly four different regions of a map (H, W) meet."""
-    corners = np.sort(np.stack([labels[:-1, :-1], labels[:-1, 1:], labels[1:, :-1], labels[1:, 1:]]), axis=0)
-    several = (np.diff(corners, axis=0) != 0).sum(axis=0) >= 2
+    first, *others = labels[:-1, :-1], labels[:-1, 1:], labels[1:, :-1], labels[1:, 1:]
+    several = np.any([first != other for other in others], axis=0)
+    corners = np.sort([each[several] for each in (first, *others)], axis=0)
+    several[several] = (np.diff(corners, axis=0) != 0).sum(axis=0) >= 2
     near, count = ndimage.label(ndimage.binary_dilation(np.pad(several, MEETING), np.ones((MEETING, MEETING), bool)))
     near = near[MEETING:-MEETING, MEETING:-MEETING]
     if count == 0:
