@@ -12,10 +12,9 @@ from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 
 # A drawing loses nothing visible with this many px; outlines are as exact as ever, in px of the copy.
 MOST_PIXELS = 2_000_000
-# Beyond so many regions a picture that is not clean is noise or a photo, and the smallest join their neighbours. A
-# clean one is a map, a page of text or a tone of dots: MOST_REGIONS are drawn, about a minute's work, the larger
-# beneath the smaller, each ending a little beneath its neighbours. What else lies above what, hidden parts and
-# translucency take a tenth of a second a region.
+# A map, a page of text or a tone of dots has very many regions: MOST_REGIONS are drawn, about a minute's work, the
+# larger beneath the smaller, each ending a little beneath its neighbours; beyond, the smallest join their neighbours.
+# What else lies above what, hidden parts and translucency take a tenth of a second a region, and are sought of so many.
 MOST_COMPLETED = 600
 MOST_REGIONS = 20_000
 # Beyond so many shapes neither regularities are sought nor what hidden outlines do; beyond so many, no lost details.
