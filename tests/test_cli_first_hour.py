@@ -19,7 +19,8 @@ from warm import run_warm
 from cubicsplat_cli import pipeline
 from cubicsplat_cli.files.names import beside
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, FileSink, attempt
+from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, attempt
+from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import Observer, Progress
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings

@@ -29,7 +29,8 @@ from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.run import MemorySink, run_job
+from cubicsplat_cli.jobs.run import run_job
+from cubicsplat_cli.jobs.sinks import MemorySink
 from cubicsplat_cli.photo import FitInputs, Fitting
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture

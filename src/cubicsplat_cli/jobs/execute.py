@@ -17,7 +17,6 @@ from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
 from cubicsplat_cli.jobs.run import (
     PLANNED,
     UNCHANGED,
-    FileSink,
     Outcome,
     attempt,
     export_of,
@@ -25,6 +24,7 @@ from cubicsplat_cli.jobs.run import (
     layers_of,
     load_job,
 )
+from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count

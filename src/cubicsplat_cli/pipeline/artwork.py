@@ -161,7 +161,7 @@ def _precision(drawing: Drawing, request: Request) -> int:
 
 
 def _ground_notes(request: Request, found: bool) -> list[str]:
-    """What the user should know of the ground that was to be removed or painted."""
+    """Notes on the ground that was to be removed or painted."""
     if not found and request.ground == REMOVE:
         return ["there is no ground to remove: nothing fills the picture behind all else"]
     return ["the figures compare the drawing with the picture as it was, on its own ground"]

@@ -1,4 +1,4 @@
-"""How near a result is to its picture: the levels by which photo and drawing are compared."""
+"""Distance of a result from its picture: the levels by which photo and drawing are compared."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ COARSE = 8  # px of a window whose mean people see as one tone, as they see a JP
 
 @dataclass(frozen=True, eq=False)
 class Likeness:
-    """What is fitted, at most LIKENESS_SIDE px, and a scene as the engine draws it at that size."""
+    """The target of a fit, at most LIKENESS_SIDE px, and a scene as the engine draws it at that size."""
 
     picture: Picture
     drawn: ImageSource

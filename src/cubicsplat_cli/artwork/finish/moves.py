@@ -31,7 +31,7 @@ LEAST_LENGTH = 3.0  # px of a piece that may be cut
 
 @dataclass(frozen=True)
 class Complaint:
-    """What the pixels hold against a piece. chi: half of the excess of chi^2; t: the parameter in its middle; start,
+    """Misfit of a piece's pixels. chi: half of the excess of chi^2; t: the parameter in its middle; start,
     end: the shares of it near the piece's ends."""
 
     chi: float

@@ -65,7 +65,7 @@ def with_added(
 
 @dataclass(frozen=True)
 class _Change:
-    """What a new shape changes. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
+    """Effect of a new shape. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
     shape, nats.
     """
 
@@ -190,7 +190,7 @@ def _back(goal: Goal) -> np.ndarray:
 
 
 def _floor(changes: list[_Change]) -> float:
-    """What a pixel of some shapes has by chance: their mean, by what they explain."""
+    """The misfit by chance of a pixel of some shapes: their mean, by what they explain."""
     falls = np.array([max(change.fall, UNSEEN) for change in changes])
     return float(np.average([change.floor for change in changes], weights=falls)) if changes else UNSEEN
 
