@@ -17,8 +17,7 @@ MOST_PIXELS = 2_000_000
 # What else lies above what, hidden parts and translucency take a tenth of a second a region, and are sought of so many.
 MOST_COMPLETED = 600
 MOST_REGIONS = 20_000
-# Beyond so many shapes neither regularities are sought nor what hidden outlines do; beyond so many, no lost details.
-MOST_POLISHED, MOST_DETAILED = 800, 2500
+MOST_POLISHED = 800  # shapes, beyond which neither regularities are sought nor what hidden outlines do
 
 _log = logging.getLogger("cubicsplat")
 
@@ -77,14 +76,13 @@ def bounded_regions(
 
 
 def few_enough(drawing: Drawing) -> bool:
-    """Whether a drawing has so few shapes that regularities and lost details are sought; else that is logged."""
+    """Whether a drawing has so few shapes that regularities are sought; else that is logged."""
     few = len(drawing.shapes) <= MOST_POLISHED
     if not few:
         _log.warning(
-            "%d shapes are many: hidden parts, symmetries and copies are not sought, nor, beyond %d, lost "
-            "details; --min-area and --colors leave fewer shapes",
+            "%d shapes are many: hidden parts, symmetries and copies are not sought; "
+            "--min-area and --colors leave fewer shapes",
             len(drawing.shapes),
-            MOST_DETAILED,
         )
     return few
 
