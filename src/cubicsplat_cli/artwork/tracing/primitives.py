@@ -50,4 +50,5 @@ def dot_of(points: np.ndarray, shown: np.ndarray, corner: tuple[int, int]) -> Ou
     off = np.minimum(np.abs(points - low), np.abs(points - high)).min(axis=1)
     if len(x) == np.prod(high - low) and off.max() < WHOLE:
         return Rectangle(*low.tolist(), *(high - low).tolist())
-    return Circle(*points.mean(axis=0).tolist(), math.sqrt(len(x) / math.pi))
+    middle = points.mean(axis=0)
+    return Circle(float(middle[0]), float(middle[1]), math.sqrt(len(x) / math.pi))
