@@ -217,7 +217,9 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
 
 
 def _is_dot(contour: Contour, extent: Extent) -> bool:
-    return len(contour.points) <= 2 * DOT and not contour.hole and int(extent.shown.sum()) <= DOT
+    """Whether a contour runs around very few px, all of which show."""
+    few = len(contour.points) <= 2 * DOT and not contour.hole and int(extent.shown.sum()) <= DOT
+    return few and bool(np.isfinite(contour.sigma).all())
 
 
 def _thinned(contour: Contour) -> np.ndarray:
