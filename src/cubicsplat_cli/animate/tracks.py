@@ -33,7 +33,7 @@ class Track:
     def lines(self, times: np.ndarray) -> Lines:
         """Which knots each frame lies between."""
         frames, curves = self.knots.shape
-        before, after = np.empty((frames, curves), np.int64), np.empty((frames, curves), np.int64)
+        before, after = np.zeros((frames, curves), np.int64), np.zeros((frames, curves), np.int64)
         share = np.empty((frames, curves), np.float32)
         for frame in range(frames):
             before[frame], after[frame], share[frame] = lines_at(self.knots, times, frame)
@@ -61,7 +61,7 @@ class Lines:
         return first + share * (values[self.after[frame], curves] - first)
 
     def distribute(self, gradient: np.ndarray, frame: int, sums: np.ndarray) -> None:
-        """The transpose of `at`: adds the gradient (N, C) by a frame's values to that by the knots', `sums` (F, N, C)."""
+        """The transpose of `at`: adds the gradient (N, C) by a frame's values to that by knots', `sums` (F, N, C)."""
         curves, share = np.arange(sums.shape[1]), self.share[frame][:, None]
         sums[self.before[frame], curves] += (1.0 - share) * gradient
         sums[self.after[frame], curves] += share * gradient
@@ -92,7 +92,7 @@ class Tracks:
             "colours": np.stack([scene.colours for scene in scenes]),
             "opacities": np.stack([scene.opacities for scene in scenes])[..., None],
         }
-        every, never = np.ones((frames, curves), bool), np.zeros(curves, bool)
+        every, never = np.ones((frames, curves), np.bool_), np.zeros(curves, np.bool_)
         by_name = {
             name: Track(np.ascontiguousarray(values[name], np.float32), every.copy(), never.copy()) for name in TRACKS
         }
@@ -114,7 +114,7 @@ class Tracks:
 
     def loosened(self) -> Tracks:
         """The same with a knot at every frame."""
-        every = np.ones(self.by_name["shapes"].knots.shape, bool)
+        every = np.ones_like(self.by_name["shapes"].knots)
         never = np.zeros(every.shape[1], bool)
         by_name = {
             name: Track(track.whole(self.times).values, every.copy(), never.copy())
