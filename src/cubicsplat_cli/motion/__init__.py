@@ -1,1 +1,5 @@
-"""The fit of curves that move: from the frames of a clip to a `Clip` of moving scenes."""
+"""Moving pictures: curves that follow the frames of a clip along piecewise linear paths."""
+
+from cubicsplat_cli.motion.fitting import fit_clip
+
+__all__ = ["fit_clip"]

@@ -16,13 +16,14 @@ import numpy as np
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
 from cubicsplat_cli.clip_request import AUTO, SMIL, ClipInput, ClipOutput, ClipQuality, ClipReport, ClipRequest
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.clips import ClipSource, Frame
 from cubicsplat_cli.files.load import laid_over
 from cubicsplat_cli.files.marks import provenance_comment, sha256_of, with_checksum
-from cubicsplat_cli.motion.fit import fit_clip
+from cubicsplat_cli.motion import fit_clip
 from cubicsplat_cli.pipeline.animation import Animation, CurvesAnimation, DrawnAnimation
-from cubicsplat_cli.progress import Progress, StageTimer, Work, nothing, under_way
+from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
@@ -123,7 +124,12 @@ def fitted(task: ClipTask, work: Work) -> Animation:
     settings, source = task.request.settings, task.source
     with under_way(work):
         frames = ((task.pixels(frame), frame.begin, frame.end) for frame in task.held_frames())
-        clip = fit_clip(frames, settings.for_size(source.width, source.height), source.count)
+        try:
+            clip = fit_clip(frames, settings, source.count, precision=task.request.precision)
+        except Stopped:
+            if work.interrupted:
+                raise KeyboardInterrupt from None
+            raise InputError("the time limit was up before the first frame was fitted; allow more") from None
     grid, plays = to_grid_clip(clip, task.request.precision), task.request.plays(source.plays)
     svg = with_checksum(write_clip(grid, title=task.title, comment=task.comment, plays=plays))
     start = float(clip.groups[0].times[0])
