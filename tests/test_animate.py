@@ -164,6 +164,22 @@ def test_an_interrupt_writes_the_clip_so_far():
     assert made.report.interrupted and 1 <= made.report.input.frames <= 5
 
 
+@pytest.mark.parametrize("most", ["4k", "1kgz"])
+def test_as_much_as_fits_into_the_bytes(clip, tmp_path, most):
+    options = ("--style", "photo", "--steps", 200, "--threads", 1, "--max-bytes", most)
+    done = run_here("animate", clip, "-o", tmp_path / "disc.svg", *options)
+    assert done.returncode == 0, done.stderr.decode()
+    data = (tmp_path / "disc.svg").read_bytes()
+    size = len(gzip.compress(data, mtime=0)) if most.endswith("gz") else len(data)
+    assert 0.2 < size / int(most[0]) / 1000 <= 1.0
+
+
+def test_bytes_for_no_curve_at_all_are_refused(clip, tmp_path):
+    code, line = error_of(clip, "-o", tmp_path / "x.svg", "--style", "photo", "--steps", 5, "--max-bytes", 300)
+    assert code == 1 and "1 curve need more than 300 bytes; allow more" in line
+    assert not (tmp_path / "x.svg").exists()
+
+
 def test_a_frame_that_is_shown_for_long_stands_still_before_it_changes():
     task = ClipTask(clip_of_pictures(frames(2), fps=1), ClipRequest(), "", StageTimer())
     assert [(frame.begin, frame.end) for frame in task.held_frames()] == [

@@ -157,6 +157,8 @@ def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) 
         report = replace(report, output=replace(report.output, path=str(places.result)))
         _write_companions(animation.svg, report, task, places)
         reporter.end(job)
+    for note in report.notes:
+        reporter.note(note)
     if report.interrupted:
         reporter.note(f"interrupted: the clip so far is written, {counted(report.input.frames, 'frame')}")
     reporter.summary(summary_line(report))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,11 +22,14 @@ from cubicsplat_cli.evaluate.metrics import psnr_db
 from cubicsplat_cli.files.clips import ClipSource, Frame
 from cubicsplat_cli.files.load import laid_over
 from cubicsplat_cli.files.marks import provenance_comment, sha256_of, with_checksum
+from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.motion import fit_clip
+from cubicsplat_cli.options import GzipBytes
 from cubicsplat_cli.pipeline.animation import Animation, CurvesAnimation, DrawnAnimation
 from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.settings import cpu_count
+from cubicsplat_cli.scene.moving import Clip
+from cubicsplat_cli.settings import FitSettings, cpu_count
 from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
 from cubicsplat_cli.svg.moving_writer import write_clip
 
@@ -36,6 +40,12 @@ if TYPE_CHECKING:
 CHANGE_S = 0.2
 _LONG = 1.5  # times CHANGE_S
 AFTER_FIT = 0.1  # of a time limit, for writing and measuring
+# Of a budget of bytes: the fits that are made for it at most; the share of curves as they stand, where each takes so
+# many bytes with those that come and go for it; what gzip leaves of a file.
+FITS, STANDING, CURVE_BYTES, COMPRESSED = 3, 0.3, 280.0, 0.36
+# Steps of the grid by which paths may be off where knots are left out for it, and after the last fit; how often that is
+# bisected. A further fit aims at a little less. There are at most so many times the usual number of curves.
+MOST_OFF, LAST_OFF, LOOKS, AGAIN, DENSE = 2.0, 20.0, 6, 0.9, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,22 +130,77 @@ def style_of(task: ClipTask) -> Style:
 
 
 def fitted(task: ClipTask, work: Work) -> Animation:
-    """Curves that move from frame to frame."""
-    settings, source = task.request.settings, task.source
+    """Curves that move from frame to frame, as many as fit into the bytes where these are limited."""
+    settings, most = task.request.settings, task.request.max_bytes
     with under_way(work):
-        frames = ((task.pixels(frame), frame.begin, frame.end) for frame in task.held_frames())
-        try:
-            clip = fit_clip(frames, settings, source.count, precision=task.request.precision)
-        except Stopped:
-            if work.interrupted:
-                raise KeyboardInterrupt from None
-            raise InputError("the time limit was up before the first frame was fitted; allow more") from None
-    grid, plays = to_grid_clip(clip, task.request.precision), task.request.plays(source.plays)
+        if most is None:
+            return _animation(_fit(task, work, settings), task)
+        return _within_bytes(most, task, work)
+
+
+def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: float = math.inf) -> Clip:
+    frames = ((task.pixels(frame), frame.begin, frame.end) for frame in task.held_frames())
+    form = {"precision": task.request.precision, "bytes_per_second": bytes_per_second}
+    try:
+        return fit_clip(frames, settings, task.source.count, **form)  # type: ignore[arg-type]
+    except Stopped:
+        if work.interrupted:
+            raise KeyboardInterrupt from None
+        raise InputError("the time limit was up before the first frame was fitted; allow more") from None
+
+
+def _animation(clip: Clip, task: ClipTask, off: float = 0.5) -> CurvesAnimation:
+    """The animation of a fitted clip. off: see `to_grid_clip`."""
+    grid, plays = to_grid_clip(clip, task.request.precision, off), task.request.plays(task.source.plays)
     svg = with_checksum(write_clip(grid, title=task.title, comment=task.comment, plays=plays))
     start = float(clip.groups[0].times[0])
     begins = np.concatenate([group.times for group in clip.groups]) - start
     exact = np.concatenate([shown_at(group) for group in clip.groups]) - start
     return CurvesAnimation(svg, begins, exact, grid.duration, plays, task.title, task.comment, grid)
+
+
+def _within_bytes(most: int, task: ClipTask, work: Work) -> Animation:
+    """The animation that fits into so many bytes of its format. Raises InputError where a few curves do not.
+
+    The first fit has as many curves as leave most of the bytes to their motion. What is still too large loses the knots
+    that matter least; where that would show, a further fit aims at less.
+    """
+    seconds = deque(task.held_frames(), maxlen=1)[0].end
+    room = most / (COMPRESSED if isinstance(most, GzipBytes) else 1.0)
+    dense = DENSE * task.request.settings.for_size(task.source.width, task.source.height).curves
+    for turn in range(FITS):
+        curves = max(1, min(dense, round(STANDING * room / CURVE_BYTES)))
+        moving = max(room - curves * CURVE_BYTES, 0.1 * room)
+        clip = _fit(task, work, task.request.settings.with_(curves=curves), moving / seconds)
+        animation = _animation(clip, task)
+        size, last = _size(animation, task), turn == FITS - 1 or work.stopped
+        made = animation if size <= most else _thinned(most, clip, task, LAST_OFF if last else MOST_OFF)
+        if made is not None:
+            return made
+        if work.stopped:
+            return replace(animation, notes=(f"stopped before it fitted into {most:d} bytes",))
+        room *= AGAIN * most / size
+    raise InputError(f"{counted(curves, 'curve')} need more than {most:d} bytes; allow more, or take fewer frames")
+
+
+def _thinned(most: int, clip: Clip, task: ClipTask, most_off: float) -> Animation | None:
+    """The animation with as many knots as fit; None where paths would be off by more."""
+    low, high, made = 0.5, most_off, None
+    for _ in range(LOOKS):
+        middle = math.sqrt(low * high)
+        smaller = _animation(clip, task, middle)
+        if _size(smaller, task) <= most:
+            high, made = middle, smaller
+        else:
+            low = middle
+    return made
+
+
+def _size(animation: Animation, task: ClipTask) -> int:
+    """Bytes of all files, after gzip where that is asked for."""
+    packed = isinstance(task.request.max_bytes, GzipBytes)
+    files = animation.files(task.request.format or SMIL).values()
+    return sum(len(gzip.compress(data, mtime=0) if packed else data) for data in files)
 
 
 def drawn(task: ClipTask, work: Work) -> Animation:
@@ -225,4 +290,5 @@ def _report(
         {"total_s": task.timer.total(), "fit_s": seconds["fit"], "frame_s": seconds["fit"] / count},
         quality,
         interrupted,
+        [*animation.notes],
     )  # fmt: skip

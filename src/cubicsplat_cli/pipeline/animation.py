@@ -34,8 +34,8 @@ class Animation(ABC):
     """A clip that moves.
 
     svg: the text of the SVG that SMIL animates. begins: (F,) when each frame begins, s from the start. exact: (F,) a
-    time within it at which it is as it was made. duration: s. plays: how often it is shown, 0 for ever. report: the
-    figures; None before they are measured.
+    time within it at which it is as it was made. duration: s. plays: how often it is shown, 0 for ever. notes: what the
+    user should know. report: the figures; None before they are measured.
     """
 
     svg: str
@@ -45,6 +45,7 @@ class Animation(ABC):
     plays: int
     title: str
     comment: str
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
     report: ClipReport | None = field(default=None, kw_only=True)
 
     @property
