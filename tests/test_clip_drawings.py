@@ -107,6 +107,7 @@ def test_viewers_that_stand_still_show_the_first_frame():
     assert ElementTree.fromstring(text).tag == "{http://www.w3.org/2000/svg}svg"
 
 
+@pytest.mark.slow
 def test_chromium_plays_it():
     driver = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install 'cubicsplat[test]'")
     if BROWSER is None:

@@ -118,8 +118,8 @@ def style_of(task: ClipTask) -> Style:
         return Style(task.request.style, "asked for")
     first = next(task.frames()).picture
     style = choose_style(first.target())
-    if style.name == PHOTO or style.cells is not None:
-        return style if style.name == PHOTO else Style(PHOTO, style.reason)
+    if style.name != ARTWORK:
+        return style if style.name == PHOTO else Style(ARTWORK, style.reason)
     from cubicsplat_cli.pipeline.choose import candidates
     from cubicsplat_cli.pipeline.vectorize import task_of
 
