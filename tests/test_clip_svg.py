@@ -13,14 +13,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from conftest import rest_slow
+from conftest import rest_slow, smooth_pixels
 from moving_scenes import RIGID, STILL, clip_of, moving_scene, two_groups
 from PIL import Image
 
+import cubicsplat_cli
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.export.lottie import lottie
+from cubicsplat_cli.files.clips import clip_of_pictures
 from cubicsplat_cli.files.marks import svg_is_ours
+from cubicsplat_cli.html_report.player import player_page
 from cubicsplat_cli.raster import render_scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.moving import OFFSET, SHAPE, shown_at, to_grid_clip
@@ -44,10 +47,10 @@ def test_a_file_that_is_read_back_plays_every_frame_as_it_was_fitted(mode):
         for frame, scene in enumerate(back.scenes(group, shown_at(moving))):
             wanted = moving.at(frame)
             # Half a step of the grid, half of one by a knot that was left out, and what the time of a knot is off.
-            np.testing.assert_allclose(scene.points, wanted.points, atol=0.05 + 0.05 + 0.2)
-            np.testing.assert_allclose(scene.colours, wanted.colours, atol=0.012)
-            np.testing.assert_allclose(scene.opacities, wanted.opacities, atol=0.012)
-            np.testing.assert_allclose(scene.half_widths, wanted.half_widths, atol=0.02)
+            np.testing.assert_allclose(scene.points, wanted.points, atol=0.05 + 0.05 + 0.5)
+            np.testing.assert_allclose(scene.colours, wanted.colours, atol=0.03)
+            np.testing.assert_allclose(scene.opacities, wanted.opacities, atol=0.03)
+            np.testing.assert_allclose(scene.half_widths, wanted.half_widths, atol=0.06)
             assert scene.background == pytest.approx(wanted.background, abs=0.5 / 255)
 
 
@@ -57,9 +60,9 @@ def test_the_numbers_before_writing_are_those_of_the_file():
     for mine, read in zip(grid.groups, back.groups, strict=True):
         times = np.linspace(mine.begin, mine.end, 9)[:-1]
         for first, second in zip(grid.scenes(mine, times), back.scenes(read, times), strict=True):
-            # The times of knots are right within a hundredth of a frame, in which a point moves up to 0.2 px here.
-            np.testing.assert_allclose(first.points, second.points, atol=0.2)
-            np.testing.assert_allclose(first.colours, second.colours, atol=5e-3)
+            # The times of knots are right within a thirtieth of a frame; points move up to 15 px in one here.
+            np.testing.assert_allclose(first.points, second.points, atol=0.5)
+            np.testing.assert_allclose(first.colours, second.colours, atol=0.03)
 
 
 def test_nothing_is_written_of_what_does_not_move():
@@ -192,6 +195,33 @@ def test_chromium_plays_it_in_an_image(browser, tmp_path):
         errors = [np.square(pixels - frame).mean() for frame in frames]
         seen.add(int(np.argmin(errors)))
         assert -10 * np.log10(min(errors)) > ALIKE_DB
+    page.close()
+
+
+def test_the_player_steps_and_plays(browser, tmp_path):
+    pictures = [np.roll(smooth_pixels(40, 30), 4 * index, axis=1) for index in range(3)]
+    animation = cubicsplat_cli.animate(pictures, fps=5, style="photo", curves=4, steps=20, threads=1)
+    frames = clip_of_pictures(pictures, fps=5).frames()
+    (tmp_path / "clip.html").write_bytes(player_page(animation.svg, animation.report, frames, "a <clip>"))
+    page, said, asked = browser.new_page(), [], []
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((tmp_path / "clip.html").as_uri())
+    assert page.locator("h1").text_content() == "a <clip>"
+    now = page.locator(".now")
+    before = now.text_content()
+    page.wait_for_function("before => document.querySelector('.now').textContent !== before", arg=before)
+    page.locator(".time").fill("0.3")
+    assert (now.text_content(), page.locator(".frame").text_content()) == ("0.30 s", "frame 2 of 3")
+    assert page.locator("[data-do=play]").text_content() == "Play"
+    for button, frame in (("on", 3), ("on", 1), ("back", 3)):
+        page.locator(f"[data-do={button}]").click()
+        assert page.locator(".frame").text_content() == f"frame {frame} of 3"
+    assert page.evaluate("document.querySelector('.animation svg').getCurrentTime()") == pytest.approx(0.4, abs=0.01)
+    level = animation.report.quality.frames[2]["psnr_db"]
+    assert page.locator(".level").text_content() == f"{level:.2f} dB"
+    assert said == [] and all(url.startswith(("file:", "data:")) for url in asked)
     page.close()
 
 

@@ -17,7 +17,7 @@ from cubicsplat_cli.svg.quantise import MAX_COORDINATE, MIN_WIDTH_DECIMALS, chec
 SHAPE, OFFSET, COLOUR, OPACITY, WIDTH = "shape", "offset", "colour", "opacity", "width"
 OPACITY_DECIMALS = 2  # beside the fit's error of some hundredths more would not show
 TIME_DECIMALS = 4  # of seconds
-_OF_A_FRAME = 0.01  # by which the time of a knot may be off
+_OF_A_FRAME = 0.03  # by which the time of a knot may be off
 _NOISE = 1e-9  # of float arithmetic, in steps
 
 
