@@ -79,6 +79,14 @@ def test_shapes_that_change_their_order_are_not_taken_for_the_same():
     assert [row[1:] for row in names] == [[BOX.fill, ball(20).fill], [ball(20).fill, BOX.fill]]
 
 
+@pytest.mark.parametrize(("width", "same"), [(34.0, True), (18.0, False)])
+def test_a_shape_that_differs_beneath_others_only_is_the_same(width, same):
+    cover = shape((20, 120, 60), Rectangle(30.0, 0.0, 20.0, 60.0))  # over what reaches 30 to 50 px
+    beneath = [shape((200, 30, 60), Rectangle(10.0, 20.0, size, 15.0)) for size in (30.0, width)]
+    moving = moves_of([drawing(each, cover) for each in beneath])
+    assert (len(moving.drawing.shapes) == 3) == same  # one that ends before the cover shows
+
+
 def made(count: int = 4) -> tuple[str, list[Drawing], np.ndarray]:
     """A box at an angle that moves and blinks beneath a ball that moves."""
     drawings = []

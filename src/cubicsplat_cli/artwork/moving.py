@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import dense, flattened
 from cubicsplat_cli.artwork.geometry.stroke import Chain, Path
+from cubicsplat_cli.artwork.scene import scene_of
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.style import UNSEEN
+from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.point_tree import PointTree
 
 # Px by which outlines of one shape may differ in two frames, and by which it has not moved: below what edges show.
 SAME_PX = 1.0 / 3.0
+SEEN = 0.4  # of a pixel, by which such an edge changes what is covered
 STEP = 1.0  # px between points of an outline that are compared
 MOST_POINTS = 2000  # of a shape
 
@@ -63,6 +66,12 @@ class _Outline:
         return move if apart <= SAME_PX + STEP / 2.0 else None
 
 
+def _covered(shape: Shape, move: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(H, W) float32: how much of each pixel a shape covers where it is moved by (2,) px."""
+    scene = scene_of(Drawing(width, height, (replace(shape, fill=(255, 255, 255, 255), gradient=None),)))
+    return render_scene(replace(scene, points=scene.points + move.astype(np.float32)))[..., 3]
+
+
 def _along(path: Path) -> np.ndarray:
     """(P, 2) points along an outline, STEP apart at most."""
     if isinstance(path, Chain):
@@ -99,7 +108,10 @@ class _Tracker:
         """The next frame's drawing."""
         drawn = [_Outline.of(shape) for shape in drawing.shapes]
         places = {number: place for place, number in enumerate(self.order)}
-        found = self._kept(self._found(drawn), places)
+        found = self._found(drawn)
+        if self.shapes and len(found) < len(drawn):
+            found |= self._hidden(drawn, found, drawing)
+        found = self._kept(dict(sorted(found.items())), places)
         after = -1
         for index, outline in enumerate(drawn):
             if index in found:
@@ -112,6 +124,31 @@ class _Tracker:
                 after += 1
                 self.order.insert(after, number)
             self.moves[number][frame] = move
+
+    def _hidden(
+        self, drawn: list[_Outline], found: dict[int, tuple[int, np.ndarray]], drawing: Drawing
+    ) -> dict[int, tuple[int, np.ndarray]]:
+        """The same of shapes that are known but for what others hide, where their outlines are guessed anew in each
+        frame: those that show nothing else where they were last.
+        """
+        canvas = drawing.width, drawing.height
+        taken, more = {number for number, _ in found.values()}, {}
+        shows: np.ndarray = np.ones((drawing.height, drawing.width), np.float32)  # of what is beneath the shapes so far
+        for index in range(len(drawn) - 1, -1, -1):
+            shape = drawn[index].shape
+            own = _covered(shape, np.zeros(2), *canvas)
+            for number in range(len(self.shapes) if index not in found else 0):
+                if number in taken or not _painted_alike(self.shapes[number].shape, shape):
+                    continue
+                last = next(reversed(self.moves[number].values()))
+                other = _covered(self.shapes[number].shape, last, *canvas)
+                if (np.abs(other - own) * shows).max() <= SEEN:
+                    taken.add(number)
+                    more[index] = number, last
+                    own = other
+                    break
+            shows = shows * (1.0 - own * (shape.fill[3] / 255.0 if shape.gradient is None else 1.0))
+        return more
 
     def _found(self, drawn: list[_Outline]) -> dict[int, tuple[int, np.ndarray]]:
         """For each shape of a drawing that is known, its number, and how far it is from where it was first."""

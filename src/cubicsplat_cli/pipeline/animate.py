@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 # Seconds that one frame takes to become the next. What is shown for much longer stands still before it changes.
 CHANGE_S = 0.2
 _LONG = 1.5  # times CHANGE_S
-AFTER_FIT = 0.1  # of a time limit, for writing and measuring
+AFTER_FIT, TO_CHOOSE = 0.1, 0.25  # of a time limit: for writing and measuring; to choose the style, at most
 # Of a budget of bytes: the fits that are made for it at most; the share of curves as they stand, where each takes so
 # many bytes with those that come and go for it; what gzip leaves of a file.
 FITS, STANDING, CURVE_BYTES, COMPRESSED = 3, 0.3, 280.0, 0.36
@@ -123,9 +123,11 @@ def style_of(task: ClipTask) -> Style:
     from cubicsplat_cli.pipeline.choose import candidates
     from cubicsplat_cli.pipeline.vectorize import task_of
 
-    settings = task.request.settings
-    request = Request(settings.with_(curves=None, time_limit=None), measure=False)
-    *_, made = candidates(task_of(first, request, StageTimer()))
+    settings, limit = task.request.settings, task.request.settings.time_limit
+    limited = settings.with_(curves=None, time_limit=None if limit is None else TO_CHOOSE * limit)
+    *_, made = candidates(task_of(first, Request(limited, measure=False), StageTimer()))
+    if made.interrupted:
+        raise KeyboardInterrupt
     return made.style
 
 
