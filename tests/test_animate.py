@@ -1,200 +1,193 @@
-"""The fit of moving pictures: knots, the joint fit's gradient, and whole clips."""
+"""`cubicsplat animate` and the library's `animate`: from a clip to a file whose figures are those of what it plays."""
 
 from __future__ import annotations
 
-import itertools
-import time
+import gzip
+import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from command import run_here
+from PIL import Image, ImageDraw
 
-from cubicsplat_cli.animate import fit_clip
-from cubicsplat_cli.animate.groups import groups
-from cubicsplat_cli.animate.joint import JointFit
-from cubicsplat_cli.animate.knots import Choice
-from cubicsplat_cli.animate.tracks import Track, Tracks
+import cubicsplat_cli
+from cubicsplat_cli.clip_request import ClipRequest, clip_request_of
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.progress import Progress, Work, under_way
-from cubicsplat_cli.raster.cpu import CpuEngine
-from cubicsplat_cli.raster.engines import render_scene
-from cubicsplat_cli.raster.settings import RasterSettings
-from cubicsplat_cli.scene import Clip, Scene
-from cubicsplat_cli.settings import FitSettings, Mode
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.files.clips import clip_of_pictures
+from cubicsplat_cli.files.paths import is_ours
+from cubicsplat_cli.pipeline.animate import CHANGE_S, ClipTask
+from cubicsplat_cli.progress import StageTimer
+from cubicsplat_cli.svg.moving_reader import read_clip
 
-WHITE = (1.0, 1.0, 1.0)
-
-
-def disc(x: float, y: float, size: int = 24, radius: float = 6.0) -> np.ndarray:
-    """A dark disc on a light ground, with smooth edges."""
-    rows, columns = np.mgrid[:size, :size] + 0.5
-    inside = np.clip(radius + 0.5 - np.hypot(columns - x, rows - y), 0.0, 1.0)[..., None]
-    return (inside * [0.1, 0.2, 0.6] + (1.0 - inside) * [0.9, 0.9, 0.8]).astype(np.float32)
+WIDTH, HEIGHT, FRAMES = 48, 32, 5
+FIT = ("--style", "photo", "--curves", 6, "--steps", 300, "--threads", 1)
 
 
-def fitted(pictures: list[np.ndarray], **changes: object) -> Clip:
-    settings = FitSettings.from_preset(
-        "draft", **{"curves": 2, "steps": 150, "threads": 1, "background": "#e6e6cc", **changes}
-    )
-    frames = [(picture, 0.1 * index, 0.1 * (index + 1)) for index, picture in enumerate(pictures)]
-    return fit_clip(iter(frames), settings, len(frames))
+def frames(count: int = FRAMES, *, transparent: bool = False) -> list[Image.Image]:
+    """A disc that moves over a ground in two halves, or over nothing."""
+    made = []
+    for index in range(count):
+        image = Image.new("RGBA", (WIDTH, HEIGHT), (0, 0, 0, 0) if transparent else (40, 90, 160, 255))
+        pen = ImageDraw.Draw(image)
+        if not transparent:
+            pen.rectangle((0, HEIGHT // 2, WIDTH, HEIGHT), fill=(220, 200, 90, 255))
+        pen.ellipse((4 + 5 * index, 8, 20 + 5 * index, 24), fill=(200, 30, 40, 255))
+        made.append(image)
+    return made
 
 
-def place(scene: Scene) -> np.ndarray:
-    """(2,): x and y of the middle of what is dark."""
-    dark = (0.9 - render_scene(scene, threads=1)[..., 0]).clip(0.0)
-    rows, columns = np.mgrid[: scene.height, : scene.width] + 0.5
-    return np.array([(dark * columns).sum(), (dark * rows).sum()]) / dark.sum()
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("clips") / "disc.gif"
+    first, *rest = [image.convert("RGB") for image in frames()]
+    first.save(path, save_all=True, append_images=rest, duration=100, loop=0)
+    return path
 
 
-def test_a_moving_disc_is_followed_within_tenths_of_a_pixel() -> None:
-    places = [(8.0 + 1.1 * frame, 9.0 + 0.7 * frame) for frame in range(7)]
-    clip = fitted([disc(*each) for each in places])
-    clip.validate()
-    assert clip.frames == len(places)
-    for frame, wanted in enumerate(places):
-        assert place(clip.at(frame)) == pytest.approx(wanted, abs=0.2)
-    # It moves at one speed, which takes no knot between the ends.
-    assert clip.groups[0].knots_of("shapes").sum() <= 2.5 * clip.groups[0].curves
+def animated(clip: Path, *options: object):
+    done = run_here("animate", clip, *FIT, *options)
+    assert done.returncode == 0, done.stderr.decode()
+    return done
 
 
-def test_a_still_clip_has_two_equal_knots_a_curve() -> None:
-    (group,) = fitted([disc(10.0, 12.0)] * 5).groups
-    assert (group.knots.sum(axis=0) == 2).all()
-    for values in (group.points, group.colours, group.opacities):
-        assert (values[0] == values[-1]).all()
+def error_of(*arguments: object) -> tuple[int, str]:
+    done = run_here("animate", *arguments)
+    lines = done.stderr.decode().splitlines()
+    assert len(lines) == 1 and lines[0].startswith("cubicsplat: error: ")
+    return done.returncode, lines[0]
 
 
-def test_a_cut_begins_a_new_group_of_curves() -> None:
-    first, second = disc(8.0, 8.0), 1.0 - disc(14.0, 15.0)
-    clip = fitted([first, first, second, second])
-    assert [group.frames for group in clip.groups] == [2, 2]
-    assert clip.groups[0].end == clip.groups[1].times[0]
+def test_a_gif_becomes_an_svg_with_its_figures(clip, tmp_path):
+    done = animated(clip, "-o", tmp_path / "disc.svg", "--report")
+    text = (tmp_path / "disc.svg").read_text()
+    report = json.loads((tmp_path / "disc.json").read_bytes())
+    assert "<animate" in text and "script" not in text and text.startswith("<?xml")
+    assert is_ours(tmp_path / "disc.svg") and is_ours(tmp_path / "disc.json")
+    assert report["input"] | {"path": "", "sha256": ""} == {
+        "path": "", "sha256": "", "width": WIDTH, "height": HEIGHT, "alpha": False, "frames": FRAMES, "seconds": 0.5,
+        "plays": 0,
+    }  # fmt: skip
+    output = report["output"]
+    assert (output["format"], output["bytes"], output["groups"]) == ("smil", len(text), 1)
+    assert output["compressed_bytes"] == len(gzip.compress(text.encode(), mtime=0))
+    assert output["curves"] == text.count("<path ") and output["knots"] > 0
+    assert len(report["quality"]["frames"]) == FRAMES and not report["interrupted"]
+    assert re.search(rf"disc\.svg  photo  {FRAMES} frames  {output['curves']} curves  .* dB", done.stderr.decode())
+    assert b"<!doctype html>" in (tmp_path / "disc.html").read_bytes()
 
 
-def test_groups_end_at_cuts_and_where_memory_does_and_read_no_frame_ahead_of_need() -> None:
-    read = []
-
-    def frames() -> itertools.chain:
-        for index in range(9):
-            read.append(index)
-            yield disc(5.0 + index, 12.0), float(index), index + 1.0
-
-    found = groups(frames(), 4)
-    assert len(next(found).pictures) == 4
-    assert read == [0, 1, 2, 3, 4]
-    rest = list(found)
-    assert [len(group.pictures) for group in rest] == [4, 1]
-    assert not any(group.after_cut for group in rest)
+def test_the_figures_are_of_what_the_file_plays(clip, tmp_path):
+    animated(clip, "-o", tmp_path / "disc.svg")
+    report = json.loads((tmp_path / "disc.json").read_bytes())
+    levels = [frame["psnr_db"] for frame in report["quality"]["frames"]]
+    assert report["quality"]["psnr_db"] == pytest.approx(sum(levels) / len(levels), abs=1e-3)
+    assert report["quality"]["worst_psnr_db"] == min(levels)
+    # Viewers that stand still show the first frame, drawn here by another program.
+    drawn = rerender((tmp_path / "disc.svg").read_bytes(), WIDTH, HEIGHT).pixels[..., :3]
+    error = np.square((drawn - np.asarray(frames()[0].convert("RGB")).astype(float)) / 255).mean()
+    assert -10 * np.log10(error) == pytest.approx(levels[0], abs=0.5)
 
 
-def test_an_interrupt_keeps_the_frames_so_far() -> None:
-    def on_progress(progress: Progress) -> None:
-        if progress.stage == "frame 4":
+def test_formats_follow_from_the_name(clip, tmp_path):
+    animated(clip, "-o", tmp_path / "disc.json")
+    assert json.loads((tmp_path / "disc.json").read_bytes())["w"] == WIDTH
+    assert json.loads((tmp_path / "disc.metrics.json").read_bytes())["output"]["format"] == "lottie"
+    for count in (FRAMES, 3):
+        animated(clip, "-o", f"{tmp_path}/disc/", "--frames", count)
+        names = sorted(path.name for path in (tmp_path / "disc").iterdir())
+        # Those of a longer clip before are gone.
+        assert names == [*(f"{index + 1:04d}.svg" for index in range(count)), "frames.json", "metrics.json"]
+    times = json.loads((tmp_path / "disc" / "frames.json").read_bytes())
+    assert [frame["begin_s"] for frame in times["frames"]] == pytest.approx([0.0, 0.1, 0.2])
+    scene = cubicsplat_cli.read_svg((tmp_path / "disc" / "0002.svg").read_text())
+    assert (scene.width, scene.height) == (WIDTH, HEIGHT)
+
+
+def test_a_transparent_clip_stays_transparent_and_plays_as_often_as_it_says(tmp_path):
+    first, *rest = frames(3, transparent=True)
+    path = tmp_path / "disc.webp"
+    first.save(path, save_all=True, append_images=rest, duration=100, loop=2, lossless=True)
+    animated(path)
+    text = (tmp_path / "disc.svg").read_text()
+    assert "<rect" not in text and 'repeatCount="2"' in text
+    assert (rerender(text.encode(), WIDTH, HEIGHT).pixels[0, -1] == 0).all()
+    animated(path, "--loop")
+    assert 'repeatCount="indefinite"' in (tmp_path / "disc.svg").read_text()
+
+
+def test_wrong_use_is_told_before_the_work(clip, tmp_path):
+    (tmp_path / "mine.svg").write_text("<svg>of somebody</svg>")
+    (tmp_path / "text.gif").write_text("hello")
+    cases = [
+        ((clip, "-o", tmp_path / "mine.svg"), 2, "was not written by cubicsplat; use --force"),
+        ((clip, "-o", tmp_path / "out.mp4"), 2, "must end in .svg, .json (Lottie) or / (frames)"),
+        ((clip, "-o", tmp_path / "out.svg", "--format", "lottie"), 2, "leave out --format"),
+        ((clip, "-o", ""), 2, "a file name is empty"),
+        ((clip, "--fps", 0), 2, "--fps must be a number from 0.1 to 240"),
+        ((clip, "--frames", 1), 2, "--frames must be a whole number"),
+        ((clip, "--max-bytes", "20k", "--curves", 3), 2, "leave out --curves"),
+        ((tmp_path / "text.gif", "-o", tmp_path / "x.svg"), 1, "is no clip"),
+        ((tmp_path / "none.gif",), 1, "no such file"),
+    ]
+    for arguments, code, said in cases:
+        found, line = error_of(*arguments)
+        assert (found, said in line) == (code, True), line
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.svg", "text.gif"]
+
+
+def test_the_library_takes_pictures_and_prints_nothing(capfd):
+    pictures = [np.asarray(image.convert("RGB")) for image in frames(3)]
+    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=300, threads=1)
+    assert capfd.readouterr() == ("", "")
+    assert (made.report.input.frames, made.report.input.seconds) == (3, pytest.approx(0.3))
+    assert read_clip(made.svg).width == WIDTH and json.loads(made.lottie())["h"] == HEIGHT
+    assert sorted(made.frames()) == ["0001.svg", "0002.svg", "0003.svg", "frames.json"]
+    with pytest.raises(UsageError, match="did you mean curves"):
+        cubicsplat_cli.animate(pictures, curve=3)
+    with pytest.raises(InputError, match="one frame only"):
+        cubicsplat_cli.animate(pictures[:1])
+    with pytest.raises(InputError, match="scale it to their size"):
+        cubicsplat_cli.animate([pictures[0], pictures[1][:8]])
+
+
+def test_an_interrupt_writes_the_clip_so_far():
+    pictures = [np.asarray(image.convert("RGB")) for image in frames(5)]
+
+    def stop(progress) -> None:
+        if progress.share > 0.1:
             raise KeyboardInterrupt
 
-    pictures = [disc(8.0 + frame, 12.0) for frame in range(6)]
-    with under_way(Work(on_progress)) as work:
-        clip = fitted(pictures, steps=40)
-    clip.validate()
-    assert work.interrupted
-    assert clip.frames == 3
-    assert clip.groups[-1].end == pytest.approx(0.3)
+    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=300, threads=1, on_progress=stop)
+    assert made.report.interrupted and 1 <= made.report.input.frames <= 5
 
 
-def test_a_deadline_makes_steps_fewer_before_it_makes_frames_fewer() -> None:
-    pictures = [disc(8.0 + frame, 12.0) for frame in range(6)]
-    began = time.perf_counter()
-    with under_way(Work(deadline=began + 0.6)):
-        clip = fitted(pictures, steps=20_000)
-    assert time.perf_counter() - began < 3.0
-    assert clip.frames == 6
+@pytest.mark.parametrize("most", ["4k", "1kgz"])
+def test_as_much_as_fits_into_the_bytes(clip, tmp_path, most):
+    options = ("--style", "photo", "--steps", 200, "--threads", 1, "--max-bytes", most)
+    done = run_here("animate", clip, "-o", tmp_path / "disc.svg", *options)
+    assert done.returncode == 0, done.stderr.decode()
+    data = (tmp_path / "disc.svg").read_bytes()
+    size = len(gzip.compress(data, mtime=0)) if most.endswith("gz") else len(data)
+    assert 0.2 < size / int(most[0]) / 1000 <= 1.0
 
 
-def test_what_cannot_be_fitted_is_refused_in_one_line() -> None:
-    with pytest.raises(InputError, match="no frames"):
-        fitted([])
-    with pytest.raises(InputError, match="frames must have one size"):
-        fitted([disc(9.0, 9.0, 24), disc(9.0, 9.0, 20)])
-    with pytest.raises(UsageError, match="leave out --fill"):
-        fitted([disc(9.0, 9.0)], fill="linear")
+def test_bytes_for_no_curve_at_all_are_refused(clip, tmp_path):
+    code, line = error_of(clip, "-o", tmp_path / "x.svg", "--style", "photo", "--steps", 5, "--max-bytes", 300)
+    assert code == 1 and "1 curve need more than 300 bytes; allow more" in line
+    assert not (tmp_path / "x.svg").exists()
 
 
-def random_tracks(generator: np.random.Generator, frames: int = 5) -> Tracks:
-    scenes = []
-    for _ in range(frames):
-        middles = 4.0 + 12.0 * generator.random((3, 1, 2))
-        angles = np.arange(6) / 6 * 2 * np.pi
-        ring = 5.0 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        points = (middles + ring + generator.random((3, 6, 2))).astype(np.float32)
-        colours, opacities = generator.random((3, 3)), 0.3 + 0.5 * generator.random(3)
-        scenes.append(
-            Scene(
-                Mode.CLOSED, 20, 20, points, colours.astype(np.float32), opacities.astype(np.float32),
-                np.zeros(3, np.float32), WHITE,
-            )
-        )  # fmt: skip
-    tracks = Tracks.on_every_frame(scenes, np.cumsum(0.1 + generator.random(frames)), 99.0)
-    for track in tracks.by_name.values():
-        track.knots[1:-1] = generator.random((frames - 2, 3)) < 0.5
-        track.still[0] = generator.random() < 0.5
-    return tracks
+def test_a_frame_that_is_shown_for_long_stands_still_before_it_changes():
+    task = ClipTask(clip_of_pictures(frames(2), fps=1), ClipRequest(), "", StageTimer())
+    assert [(frame.begin, frame.end) for frame in task.held_frames()] == [
+        (0.0, 1 - CHANGE_S), (1 - CHANGE_S, 1.0), (1.0, 2 - CHANGE_S), (2 - CHANGE_S, 2.0),
+    ]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["shapes", "offsets", "colours", "opacities"])
-def test_the_gradient_of_knots_is_that_of_all_frames_together(name: str) -> None:
-    generator = np.random.default_rng(7)
-    tracks = random_tracks(generator)
-    frames = [generator.random((20, 20, 3)).astype(np.float32) for _ in range(tracks.frames)]
-    raster = RasterSettings("relaxed", 2.0, 16)
-    joint = JointFit(tracks, frames, CpuEngine(1), raster)
-
-    def loss() -> float:
-        joint.gradients(range(tracks.frames))
-        return float(joint.losses.sum())
-
-    sums, touched = joint.gradients(range(tracks.frames))
-    track = tracks.by_name[name]
-    direction = (generator.standard_normal(track.values.shape) * touched[name][..., None]).astype(np.float32)
-    if name == "shapes":
-        direction[..., -1] = 0.0  # closed curves have no width
-    wanted, h, before = float((sums[name] * direction).sum()), 2e-3, track.values.copy()
-    track.values[...] = before + h * direction
-    more = loss()
-    track.values[...] = before - h * direction
-    assert (more - loss()) / (2 * h) == pytest.approx(wanted, rel=0.03, abs=0.05)
-
-
-@pytest.mark.parametrize("price", [0.0, 0.02, 0.3, 50.0])
-def test_knots_are_those_of_the_least_error_and_price(price: float) -> None:
-    generator = np.random.default_rng(3)
-    times = np.cumsum(0.1 + generator.random(6))
-    values, there = generator.random((6, 1, 2)).astype(np.float32), np.ones((6, 1), bool)
-    track = Track(values, there.copy(), np.zeros(1, bool))
-    choice = Choice(track, np.array([[1.0, 2.0]]), there, times)
-    found, error = choice.at(price, 1e9 if price > 10 else -1e9)
-
-    def cost(inner: tuple[int, ...]) -> float:
-        at = [0, *inner, 5]
-        path = np.stack([np.interp(times, times[at], values[at, 0, c]) for c in range(2)], axis=1)
-        return float((np.square(path - values[:, 0]) * [1.0, 2.0]).sum())
-
-    every = [inner for count in range(5) for inner in itertools.combinations(range(1, 5), count)]
-    best = min(every, key=lambda inner: cost(inner) + price * len(inner))
-    if price > 10:
-        assert found.still.all()
-        return
-    assert tuple(np.flatnonzero(found.knots[1:-1, 0]) + 1) == best
-    assert error == pytest.approx(cost(best), abs=1e-6)
-
-
-def test_fitted_knots_are_the_least_squares_of_the_path() -> None:
-    generator = np.random.default_rng(5)
-    times = np.cumsum(0.1 + generator.random(7))
-    values, there = generator.random((7, 2, 1)).astype(np.float32), np.ones((7, 2), bool)
-    track = Track(values, np.array([[1, 1], [0, 1], [1, 0], [0, 0], [0, 1], [0, 0], [1, 1]], bool), np.zeros(2, bool))
-    whole = Choice(track, np.ones((2, 1)), there, times).fitted(track).whole(times).values
-    for curve in range(2):
-        at = np.flatnonzero(track.knots[:, curve])
-        hats = np.stack([np.interp(times, times[at], row) for row in np.eye(len(at))], axis=1)
-        wanted = hats @ np.linalg.lstsq(hats, values[:, curve, 0], rcond=None)[0]
-        assert whole[:, curve, 0] == pytest.approx(wanted, abs=1e-5)
+def test_requests_are_checked_and_hashed():
+    assert clip_request_of({"curves": 5}).digest() != clip_request_of({"curves": 6}).digest()
+    assert clip_request_of({"force": True, "threads": 3}).digest() == clip_request_of({}).digest()
+    assert (ClipRequest().plays(3), ClipRequest(loop=True).plays(3), ClipRequest(loop=False).plays(0)) == (3, 0, 1)

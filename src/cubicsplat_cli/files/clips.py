@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Any
 from PIL import Image, UnidentifiedImageError
 
 from cubicsplat_cli.errors import EngineError, InputError
+from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.decode import Decoded, decode, formats_of
 from cubicsplat_cli.files.load import Picture, load_picture, resize_picture
 from cubicsplat_cli.files.marks import sha256_of
@@ -150,6 +151,31 @@ def _folder_clip(folder: Path, fps: float, most: int | None, max_pixels: int) ->
     digest = sha256_of("".join(sha256 for _, sha256 in looked).encode())
     transparent = any(alpha for alpha, _ in looked)
     return ClipSource(printable(str(folder)), 0, 0, transparent, 0, len(paths), digest, frames)
+
+
+def clip_of_pictures(
+    pictures: Sequence[PictureLike], *, fps: float = FOLDER_FPS, max_size: int | None = None
+) -> ClipSource:
+    """A clip of pictures that are no files. Raises InputError for what is none, and for fewer than two."""
+    name = "<frames>"
+
+    def frames() -> Iterator[Frame]:
+        size = None
+        for index, each in enumerate(pictures):
+            picture = as_picture(each)
+            size = size or picture.size
+            _check_size(picture, size, f"{name}: frame {index + 1}")
+            if max_size is not None:
+                picture = resize_picture(picture, max_size)
+            yield Frame(picture, index / fps, (index + 1) / fps)
+
+    looked = [(frame.picture.alpha is not None, frame.picture.sha256) for frame in frames()]
+    if len(looked) < 2:
+        raise _single(name)
+    first = next(frames()).picture
+    digest = sha256_of("".join(sha256 for _, sha256 in looked).encode())
+    transparent = any(alpha for alpha, _ in looked)
+    return ClipSource(name, first.width, first.height, transparent, 0, len(looked), digest, frames)
 
 
 def _check_size(picture: Picture, size: tuple[int, int], shown: str) -> None:

@@ -17,8 +17,8 @@ from cubicsplat_cli.svg.quantise import MAX_COORDINATE, MIN_WIDTH_DECIMALS, chec
 SHAPE, OFFSET, COLOUR, OPACITY, WIDTH = "shape", "offset", "colour", "opacity", "width"
 OPACITY_DECIMALS = 2  # beside the fit's error of some hundredths more would not show
 TIME_DECIMALS = 4  # of seconds
-_OF_A_FRAME = 0.01  # by which the time of a knot may be off
-_HALF = 0.5 + 1e-9  # of a step: what rounding may do
+_OF_A_FRAME = 0.03  # by which the time of a knot may be off
+_NOISE = 1e-9  # of float arithmetic, in steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +125,10 @@ def shown_at(group: MovingScene) -> np.ndarray:
     return stretched if (stretched <= ends + 1e-9).all() else times.copy()
 
 
-def to_grid_clip(clip: Clip, precision: int) -> GridClip:
+def to_grid_clip(clip: Clip, precision: int, off: float = 0.5) -> GridClip:
     """Round a clip to what a file with `precision` decimals of coordinates holds, and leave out knots that then say
-    nothing: what they stand for lies on the line between others, within half a step.
+    nothing: what they stand for is no more than `off` steps from the line between others. Half a step is what rounding
+    does anyway.
 
     Raises InputError for a value that is out of range, UsageError for a precision outside 0..6.
     """
@@ -145,14 +146,14 @@ def to_grid_clip(clip: Clip, precision: int) -> GridClip:
     groups = [
         GridGroup(
             round(float(group.times[0]) - start, TIME_DECIMALS), round(group.end - start, TIME_DECIMALS),
-            _curves(group, precision, key_s),
+            _curves(group, precision, key_s, off),
         )
         for group in clip.groups
     ]  # fmt: skip
     return GridClip(first.mode, clip.width, clip.height, precision, background, duration, decimals, groups)
 
 
-def _curves(group: MovingScene, precision: int, key_s: float) -> list[dict[str, Track]]:
+def _curves(group: MovingScene, precision: int, key_s: float, off: float) -> list[dict[str, Track]]:
     if group.base.ring_ends is not None:
         raise InputError("curves of a clip are single rings of equal length; holes cannot be written")
     if np.abs(group.points).max() > MAX_COORDINATE:
@@ -174,10 +175,10 @@ def _curves(group: MovingScene, precision: int, key_s: float) -> list[dict[str, 
 
     def track(name: str, curve: int) -> Track:
         chosen = knots[name][:, curve]
-        return _needed(keys[chosen], grids[name][0][chosen, curve])
+        return _needed(keys[chosen], grids[name][0][chosen, curve], off)
 
     return [
-        _rigid({name: track(name, curve) for name in grids}, free=group.offsets is None)
+        _rigid({name: track(name, curve) for name in grids}, off, free=group.offsets is None)
         for curve in range(group.curves)
     ]
 
@@ -187,9 +188,11 @@ def _rounded(values: np.ndarray) -> np.ndarray:
     return np.rint(values.reshape(*values.shape[:2], -1)).astype(np.int64)
 
 
-def _needed(keys: np.ndarray, values: np.ndarray) -> Track:
-    """The track through the knots that are no more than half a step off the lines between others."""
-    if (np.abs(values - values[0]) <= 0).all():
+def _needed(keys: np.ndarray, values: np.ndarray, most: float) -> Track:
+    """The track through the knots that are more than so many steps off the lines between others (Douglas and Peucker,
+    1973).
+    """
+    if np.abs(values - values[0]).max() <= most - 0.5:
         return Track(keys[:1] * 0, values[:1])
     # Two frames may have one key where they are a hundredth of a frame apart.
     distinct = np.append(np.diff(keys) > 0, True)
@@ -200,7 +203,7 @@ def _needed(keys: np.ndarray, values: np.ndarray) -> Track:
         inner = slice(first + 1, last)
         share = (keys[inner] - keys[first]) / max(int(keys[last] - keys[first]), 1)
         off = np.abs(values[first] + share[:, None] * (values[last] - values[first]) - values[inner]).max(axis=1)
-        if len(off) and off.max() > _HALF:
+        if len(off) and off.max() > most + _NOISE:
             middle = first + 1 + int(off.argmax())
             ahead += [(middle, last), (first, middle)]
         else:
@@ -208,7 +211,7 @@ def _needed(keys: np.ndarray, values: np.ndarray) -> Track:
     return Track(keys[kept], values[kept])
 
 
-def _rigid(tracks: dict[str, Track], *, free: bool) -> dict[str, Track]:
+def _rigid(tracks: dict[str, Track], most: float, *, free: bool) -> dict[str, Track]:
     """The tracks of a curve; those of its points as an offset where all of them move alike and none is there yet."""
     shape = tracks[SHAPE]
     if not free or len(shape.keys) == 1:
@@ -217,4 +220,4 @@ def _rigid(tracks: dict[str, Track], *, free: bool) -> dict[str, Track]:
     offsets = np.rint(moved.mean(axis=1)).astype(np.int64)
     if np.abs(moved - offsets[:, None]).max() > 1:  # the rounding of a point, and that of the offset
         return tracks
-    return {**tracks, SHAPE: Track(shape.keys[:1], shape.values[:1]), OFFSET: _needed(shape.keys, offsets)}
+    return {**tracks, SHAPE: Track(shape.keys[:1], shape.values[:1]), OFFSET: _needed(shape.keys, offsets, most)}

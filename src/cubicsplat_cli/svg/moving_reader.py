@@ -45,9 +45,9 @@ def _clip(root: ElementTree.Element) -> GridClip:
     mode = Mode.OPEN if groups[0].get("fill") == "none" else Mode.CLOSED
     animated = [*root.iter(f"{_SVG}animate"), *root.iter(f"{_SVG}animateTransform")]
     durations = {Decimal(each.attrib["dur"].removesuffix("s")) for each in animated}
-    if len(durations) != 1:
-        raise ValueError("its animations last different times, or there are none")
-    duration = float(durations.pop())
+    if len(durations) > 1:
+        raise ValueError("its animations last different times")
+    duration = float(durations.pop()) if durations else 1.0  # where nothing changes, it does not matter
     background = root.find(f"{_SVG}rect")
     colour = None if background is None else hex_colour(background.attrib["fill"])
     clip = GridClip(

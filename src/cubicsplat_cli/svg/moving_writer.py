@@ -71,7 +71,7 @@ def _display(clip: GridClip, index: int, plays: int) -> str:
     times = ";".join(format_number(key, clip.key_decimals) for key in keys)
     return (
         f'<animate attributeName="display" calcMode="discrete" values="{";".join(values)}" keyTimes="{times}"'
-        f"{_repeated(clip.duration, plays)}/>"
+        f"{_said(repeated(clip.duration, plays))}/>"
     )
 
 
@@ -79,11 +79,14 @@ def _seconds(value: float) -> str:
     return format_number(round(value * 10**TIME_DECIMALS), TIME_DECIMALS) + "s"
 
 
-def _repeated(duration: float, plays: int) -> str:
-    """Duration and repetition; what ends stays as it is then."""
-    count = "indefinite" if plays == 0 else str(plays)
-    repeat = "" if plays == 1 else f' repeatCount="{count}"'
-    return f' dur="{_seconds(duration)}"{repeat}' + ("" if plays == 0 else ' fill="freeze"')
+def repeated(duration: float, plays: int) -> dict[str, str]:
+    """The attributes of duration and repetition; what ends stays as it is then. plays: 0 for ever."""
+    count = {} if plays == 1 else {"repeatCount": str(plays or "indefinite")}
+    return {"dur": _seconds(duration), **count, **({"fill": "freeze"} if plays else {})}
+
+
+def _said(attributes: dict[str, str]) -> str:
+    return "".join(f' {name}="{value}"' for name, value in attributes.items())
 
 
 class _Timing:
@@ -94,7 +97,7 @@ class _Timing:
         # What belongs to a later group began its last round before the clip did, and so has one more.
         later = group.begin > 0.0
         self._begin = f' begin="{_seconds(group.begin - clip.duration)}"' if later else ""
-        self._repeated = _repeated(clip.duration, plays + 1 if later and plays else plays)
+        self._repeated = _said(repeated(clip.duration, plays + 1 if later and plays else plays))
 
     def attributes(self, track: Track, values: Sequence[str]) -> str:
         """` values="..." keyTimes="..." begin="..." dur="..." ...`."""

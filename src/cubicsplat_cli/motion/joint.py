@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.animate.tracks import Tracks, gradients_of
+from cubicsplat_cli.motion.tracks import Tracks, gradients_of
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.animate.tracks import Track, Tracks, gradients_of
+from cubicsplat_cli.motion.tracks import Track, Tracks, gradients_of
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
 

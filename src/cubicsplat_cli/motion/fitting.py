@@ -11,12 +11,12 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.animate.following import follow
-from cubicsplat_cli.animate.groups import Group, groups
-from cubicsplat_cli.animate.joint import JointFit, Rates
-from cubicsplat_cli.animate.knots import choose, sensitivity, split_offsets
-from cubicsplat_cli.animate.tracks import Tracks, grid_of
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.motion.following import follow
+from cubicsplat_cli.motion.groups import Group, groups
+from cubicsplat_cli.motion.joint import JointFit, Rates
+from cubicsplat_cli.motion.knots import choose, sensitivity, split_offsets
+from cubicsplat_cli.motion.tracks import Tracks, grid_of
 from cubicsplat_cli.photo.initial import choose_background
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Stopped, work
