@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -28,12 +28,12 @@ from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit in all, in each of which every frame has its part in one step.
-FOLLOWING, EPOCHS = 1 / 12, 1 / 10
+FOLLOWING, EPOCHS = 1 / 12, 1 / 8
 ROUNDS = 3  # of choosing knots, each followed by a joint fit
 LOOSENED = 0.1  # of the epochs: steps of each frame on its own between two rounds, which say where knots are missing
 FINISH = 0.3  # of the epochs: with exact coverage, and numbers as the file has them
-# The loss may rise by so much when knots are left out, before the joint fit takes most of it back.
-KNOT_LOSS = 0.4
+# The loss may rise by so many times itself when knots are left out, before the joint fit takes most of it back.
+KNOT_LOSS = 1.0
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
 EDGES, TOLERANCE = 12, 0.1  # of a cubic's polyline, and px; cairo draws with the same
@@ -42,6 +42,7 @@ FOLLOWING_SHARE = 0.5  # of the time that a group takes
 LEAST_STEPS, LEAST_EPOCHS = 8, 10
 EPOCH_COST = 2.0  # steps of one frame that an epoch takes for each, with the choice of knots
 MEASURED_STEPS = 4
+OVERHEAD = 2.0  # times the first steps: later ones are exact, or move curves to other places
 # Step sizes: of control points, in length units, and of colours and opacities, in their range; of steps of frames on
 # their own, and of the finish, as shares of those.
 RATE, PAINT_RATE = 0.025, 0.01
@@ -109,15 +110,19 @@ def _checked(frames: Iterable[Frame], *, opaque: bool) -> Iterator[Frame]:
 
 @dataclass(frozen=True)
 class Effort:
-    """first: steps of a group's first frame. following: of each other one. epochs: of the joint fit."""
+    """first: steps of a group's first frame. following: of each other one. epochs: of the joint fit. first_s: seconds
+    that the first frame may take, or None.
+    """
 
     first: int
     following: int
     epochs: int
+    first_s: float | None = None
 
-    def scaled(self, share: float) -> Effort:
-        """So much of it, but never nothing."""
-        return Effort(*(max(1, round(share * value)) for value in astuple(self)))
+    def scaled(self, share: float, step_s: float) -> Effort:
+        """So much of it, but never nothing; step_s: seconds of a step."""
+        first, following, epochs = (max(1, round(share * value)) for value in (self.first, self.following, self.epochs))
+        return Effort(first, following, epochs, first * step_s)
 
 
 class ClipFit:
@@ -152,7 +157,7 @@ class ClipFit:
         """
         frames = len(group.pictures)
         effort = self._effort(frames, fresh=start is None)
-        settings = self.settings.with_(steps=effort.first)
+        settings = self.settings.with_(steps=effort.first, time_limit=effort.first_s)
 
         def on_frame(index: int) -> None:
             self._tell(f"frame {self.done + index + 1}", FOLLOWING_SHARE * index)
@@ -211,7 +216,7 @@ class ClipFit:
         share = frames / max(frames, (self.count or frames) - self.done)
         needed = frames * (effort.following + effort.epochs * EPOCH_COST) + fresh * steps
         allowed = max(left, 0.0) * share / self._step_seconds
-        return effort.scaled(min(1.0, allowed / needed))
+        return effort.scaled(min(1.0, allowed / needed), self._step_seconds)
 
     @cached_property
     def _step_seconds(self) -> float:
@@ -220,7 +225,7 @@ class ClipFit:
         began = time.perf_counter()
         for _ in range(MEASURED_STEPS):
             loop.advance()
-        return (time.perf_counter() - began) / MEASURED_STEPS
+        return OVERHEAD * (time.perf_counter() - began) / MEASURED_STEPS
 
     def _tell(self, stage: str, frames: float) -> None:
         work().at(stage, min(1.0, (self.done + frames) / self.count) if self.count else 0.0)

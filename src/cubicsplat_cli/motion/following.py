@@ -20,8 +20,8 @@ RATE, RATE_END = 0.3, 0.1  # of a frame's steps: the first, in step sizes of the
 EXACT = 0.3  # of a frame's steps have exact coverage
 PROGRESS = 0.5  # of a fit, for penalties on shapes: what is followed is in the middle of one
 # A new curve takes away about a curve's share of the loss. One whose removal costs less than this part of that goes.
-IDLE = 0.1
-MOST_REPLACED = 1 / 16  # of the curves, at one frame
+IDLE = 1.0
+MOST_REPLACED = 1 / 8  # of the curves, at one frame
 SHORTEST_LIFE = 6  # frames: for less a curve is not written
 
 
@@ -52,8 +52,12 @@ class Follower:
                 self._keep(np.arange(loop.state.curves.curves))
 
     def follow(self, picture: np.ndarray, steps: int, frames_left: int) -> None:
-        """Fits the next frame, in so many steps. frames_left: with this one, in the group."""
+        """Fits the next frame, in so many steps, or in none if it is the last one again. frames_left: with this one."""
         loop, ids = self.loop, self.ids[-1]
+        if np.array_equal(loop.goal, picture):
+            self.scenes.append(self.scenes[-1])
+            self.ids.append(ids)
+            return
         loop.goal[...] = picture
         if frames_left >= SHORTEST_LIFE:
             ids = self._replace(ids)
