@@ -23,7 +23,7 @@ from cubicsplat_cli.progress import StageTimer
 from cubicsplat_cli.svg.moving_reader import read_clip
 
 WIDTH, HEIGHT, FRAMES = 48, 32, 5
-FIT = ("--style", "photo", "--curves", 6, "--steps", 300, "--threads", 1)
+FIT = ("--style", "photo", "--curves", 6, "--steps", 150, "--threads", 1)
 
 
 def frames(count: int = FRAMES, *, transparent: bool = False) -> list[Image.Image]:
@@ -140,7 +140,7 @@ def test_wrong_use_is_told_before_the_work(clip, tmp_path):
 
 def test_the_library_takes_pictures_and_prints_nothing(capfd):
     pictures = [np.asarray(image.convert("RGB")) for image in frames(3)]
-    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=300, threads=1)
+    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=150, threads=1)
     assert capfd.readouterr() == ("", "")
     assert (made.report.input.frames, made.report.input.seconds) == (3, pytest.approx(0.3))
     assert read_clip(made.svg).width == WIDTH and json.loads(made.lottie())["h"] == HEIGHT
@@ -160,7 +160,7 @@ def test_an_interrupt_writes_the_clip_so_far():
         if progress.share > 0.1:
             raise KeyboardInterrupt
 
-    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=300, threads=1, on_progress=stop)
+    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=150, threads=1, on_progress=stop)
     assert made.report.interrupted and 1 <= made.report.input.frames <= 5
 
 
