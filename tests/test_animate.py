@@ -18,7 +18,7 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.clips import clip_of_pictures
 from cubicsplat_cli.files.paths import is_ours
-from cubicsplat_cli.pipeline.animate import CHANGE_S, ClipTask
+from cubicsplat_cli.pipeline.clip_task import CHANGE_S, ClipTask
 from cubicsplat_cli.progress import StageTimer
 from cubicsplat_cli.svg.moving_reader import read_clip
 
@@ -126,6 +126,7 @@ def test_wrong_use_is_told_before_the_work(clip, tmp_path):
         ((clip, "-o", tmp_path / "out.mp4"), 2, "must end in .svg, .json (Lottie) or / (frames)"),
         ((clip, "-o", tmp_path / "out.svg", "--format", "lottie"), 2, "leave out --format"),
         ((clip, "-o", ""), 2, "a file name is empty"),
+        (("",), 2, "a file name is empty"),
         ((clip, "--fps", 0), 2, "--fps must be a number from 0.1 to 240"),
         ((clip, "--frames", 1), 2, "--frames must be a whole number"),
         ((clip, "--max-bytes", "20k", "--curves", 3), 2, "leave out --curves"),
@@ -166,7 +167,7 @@ def test_an_interrupt_writes_the_clip_so_far():
 
 @pytest.mark.parametrize("most", ["4k", "1kgz"])
 def test_as_much_as_fits_into_the_bytes(clip, tmp_path, most):
-    options = ("--style", "photo", "--steps", 200, "--threads", 1, "--max-bytes", most)
+    options = ("--steps", 200, "--threads", 1, "--max-bytes", most)
     done = run_here("animate", clip, "-o", tmp_path / "disc.svg", *options)
     assert done.returncode == 0, done.stderr.decode()
     data = (tmp_path / "disc.svg").read_bytes()
