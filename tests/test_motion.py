@@ -8,12 +8,12 @@ import time
 import numpy as np
 import pytest
 
+from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion import fit_clip
 from cubicsplat_cli.motion.groups import groups
 from cubicsplat_cli.motion.joint import JointFit
 from cubicsplat_cli.motion.knots import Choice
 from cubicsplat_cli.motion.tracks import Track, Tracks
-from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.progress import Progress, Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
