@@ -18,12 +18,12 @@ from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.clips import clip_of_pictures
 from cubicsplat_cli.files.paths import is_ours
-from cubicsplat_cli.pipeline.animate import CHANGE_S, ClipTask
+from cubicsplat_cli.pipeline.clip_task import CHANGE_S, ClipTask
 from cubicsplat_cli.progress import StageTimer
 from cubicsplat_cli.svg.moving_reader import read_clip
 
 WIDTH, HEIGHT, FRAMES = 48, 32, 5
-FIT = ("--style", "photo", "--curves", 6, "--steps", 300, "--threads", 1)
+FIT = ("--style", "photo", "--curves", 6, "--steps", 150, "--threads", 1)
 
 
 def frames(count: int = FRAMES, *, transparent: bool = False) -> list[Image.Image]:
@@ -126,6 +126,7 @@ def test_wrong_use_is_told_before_the_work(clip, tmp_path):
         ((clip, "-o", tmp_path / "out.mp4"), 2, "must end in .svg, .json (Lottie) or / (frames)"),
         ((clip, "-o", tmp_path / "out.svg", "--format", "lottie"), 2, "leave out --format"),
         ((clip, "-o", ""), 2, "a file name is empty"),
+        (("",), 2, "a file name is empty"),
         ((clip, "--fps", 0), 2, "--fps must be a number from 0.1 to 240"),
         ((clip, "--frames", 1), 2, "--frames must be a whole number"),
         ((clip, "--max-bytes", "20k", "--curves", 3), 2, "leave out --curves"),
@@ -140,7 +141,7 @@ def test_wrong_use_is_told_before_the_work(clip, tmp_path):
 
 def test_the_library_takes_pictures_and_prints_nothing(capfd):
     pictures = [np.asarray(image.convert("RGB")) for image in frames(3)]
-    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=300, threads=1)
+    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=150, threads=1)
     assert capfd.readouterr() == ("", "")
     assert (made.report.input.frames, made.report.input.seconds) == (3, pytest.approx(0.3))
     assert read_clip(made.svg).width == WIDTH and json.loads(made.lottie())["h"] == HEIGHT
@@ -160,13 +161,13 @@ def test_an_interrupt_writes_the_clip_so_far():
         if progress.share > 0.1:
             raise KeyboardInterrupt
 
-    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=300, threads=1, on_progress=stop)
+    made = cubicsplat_cli.animate(pictures, fps=10, style="photo", curves=6, steps=150, threads=1, on_progress=stop)
     assert made.report.interrupted and 1 <= made.report.input.frames <= 5
 
 
 @pytest.mark.parametrize("most", ["4k", "1kgz"])
 def test_as_much_as_fits_into_the_bytes(clip, tmp_path, most):
-    options = ("--style", "photo", "--steps", 200, "--threads", 1, "--max-bytes", most)
+    options = ("--steps", 200, "--threads", 1, "--max-bytes", most)
     done = run_here("animate", clip, "-o", tmp_path / "disc.svg", *options)
     assert done.returncode == 0, done.stderr.decode()
     data = (tmp_path / "disc.svg").read_bytes()

@@ -25,6 +25,7 @@ from cubicsplat_cli.files.clips import clip_of_pictures
 from cubicsplat_cli.files.marks import svg_is_ours
 from cubicsplat_cli.html_report.player import player_page
 from cubicsplat_cli.raster import render_scene
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.moving import OFFSET, SHAPE, shown_at, to_grid_clip
 from cubicsplat_cli.svg.moving_reader import read_clip
@@ -162,18 +163,26 @@ def level_db(page, wanted: np.ndarray) -> float:
 @pytest.mark.parametrize("mode", rest_slow(*Mode))
 def test_chromium_plays_our_frames(browser, mode):
     clip = two_groups(mode)
-    grid = read_clip(written(clip))
-    text = written(clip)
     page = browser.new_page(viewport={"width": 200, "height": 100})
-    page.set_content(f"<style>body{{margin:0}}svg{{display:block}}</style>{text[text.index('<svg') :]}")
-    for turn, group in enumerate((*grid.groups, grid.groups[0])):
-        times = np.linspace(group.begin + 1e-3, group.end - 1e-3, 4)
-        for at, scene in zip(times, grid.scenes(group, times), strict=True):
-            later = grid.duration * (turn // 2)  # the third time it is the first group again
-            page.evaluate(
-                "t => { const s = document.querySelector('svg'); s.pauseAnimations(); s.setCurrentTime(t) }", at + later
-            )
-            assert level_db(page, render_scene(scene)) > ALIKE_DB
+
+    def level_at(seconds: float, scene: Scene) -> float:
+        page.evaluate(
+            "t => { const s = document.querySelector('svg'); s.pauseAnimations(); s.setCurrentTime(t) }", seconds
+        )
+        return level_db(page, render_scene(scene))
+
+    for plays in (0, 2):
+        text = written(clip, plays=plays)
+        grid = read_clip(text)
+        page.set_content(f"<style>body{{margin:0}}svg{{display:block}}</style>{text[text.index('<svg') :]}")
+        for turn, group in enumerate((*grid.groups, grid.groups[0])):
+            times = np.linspace(group.begin + 1e-3, group.end - 1e-3, 4)
+            for at, scene in zip(times, grid.scenes(group, times), strict=True):
+                # The third time it is the first group again.
+                assert level_at(at + grid.duration * (turn // 2), scene) > ALIKE_DB
+    # It ends with its last frame.
+    last = next(iter(grid.scenes(grid.groups[-1], np.array([grid.duration]))))
+    assert level_at(2 * grid.duration + 1.0, last) > ALIKE_DB
     page.close()
 
 
@@ -198,6 +207,7 @@ def test_chromium_plays_it_in_an_image(browser, tmp_path):
     page.close()
 
 
+@pytest.mark.slow
 def test_the_player_steps_and_plays(browser, tmp_path):
     pictures = [np.roll(smooth_pixels(40, 30), 4 * index, axis=1) for index in range(3)]
     animation = cubicsplat_cli.animate(pictures, fps=5, style="photo", curves=4, steps=20, threads=1)

@@ -29,15 +29,15 @@ from cubicsplat_cli.options import settings_of
 from cubicsplat_cli.settings import FitSettings
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.pipeline.animate import ClipTask
     from cubicsplat_cli.pipeline.animation import Animation
+    from cubicsplat_cli.pipeline.clip_task import ClipTask
 
 EXIT_INTERRUPTED = 130
 _LOTTIE_SUFFIX, _METRICS = ".json", ".metrics.json"
 _OWN = tuple(each.name for each, _ in settings_of(ClipRequest))
 
 Source = Annotated[
-    Path,
+    str,
     typer.Argument(
         metavar="CLIP", help="GIF, animated PNG or WebP, video, or folder of frames.", show_default=False
     ),
@@ -78,14 +78,15 @@ def animate(
 
     Writes OUT.svg and OUT.json (figures of each frame as it is played). Ctrl-C ends early and writes the clip so far.
     """
-    if not str(clip) or output == "":
+    if "" in (clip, output):
+        # Path("") is the current folder, which an unset shell variable does not mean.
         raise UsageError("a file name is empty; is a variable not set?")
     request = clip_request_of(options)
     request = replace(request, format=_format(output, request.format))
-    places = _places(clip, output, request)
+    places = _places(Path(clip), output, request)
     reporter = Reporter(quiet=quiet, verbose=verbose, bars=not json)
-    _check(places, clip, request)
-    report = _run(clip, places, request, reporter)
+    _check(places, Path(clip), request)
+    report = _run(Path(clip), places, request, reporter)
     if json:
         from cubicsplat_cli.files.write import write_stdout
 
@@ -135,7 +136,8 @@ def _check(places: _Places, clip: Path, request: ClipRequest) -> None:
 
 def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) -> ClipReport:
     from cubicsplat_cli.files.clips import open_clip
-    from cubicsplat_cli.pipeline.animate import ClipTask, animate_clip
+    from cubicsplat_cli.pipeline.animate import animate_clip
+    from cubicsplat_cli.pipeline.clip_task import ClipTask
     from cubicsplat_cli.progress import StageTimer, command_began
 
     job = str(clip)
@@ -189,7 +191,7 @@ def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Pla
         from cubicsplat_cli.html_report.player import player_page
 
         with task.timer("html_report"):
-            write_atomically(places.page, player_page(svg, report, task.frames(), places.result.name))
+            write_atomically(places.page, player_page(svg, report, task.played(report.style), places.result.name))
     write_atomically(places.metrics, report.to_json().encode())
 
 

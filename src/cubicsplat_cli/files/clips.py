@@ -11,11 +11,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from PIL import Image, UnidentifiedImageError
 
-from cubicsplat_cli.errors import EngineError, InputError
+from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.decode import Decoded, decode, formats_of
 from cubicsplat_cli.files.load import Picture, load_picture, resize_picture
@@ -23,16 +22,13 @@ from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import pictures_in
 from cubicsplat_cli.files.paths import is_folder
 from cubicsplat_cli.files.read import read_whole
+from cubicsplat_cli.files.video import is_video, open_video
 from cubicsplat_cli.formatting import one_line, printable
 from cubicsplat_cli.settings import MAX_PIXELS
 
 FOLDER_FPS = 25.0  # of pictures in a folder, which say no times; as ffmpeg has it
 # Browsers show frames of GIFs that ask for at most so many ms for UNTIMED_S each.
 _SHORTEST_MS, UNTIMED_S = 10, 0.1
-# How the files of videos begin that are read: no lists of other files or addresses, which would be followed.
-_MPEG_TS = 0x47
-_VIDEO_STARTS = (b"\x1a\x45\xdf\xa3", b"OggS", b"FLV\x01", b"\0\0\x01\xba", b"\0\0\x01\xb3")
-_BOXES = (b"ftyp", b"moov", b"mdat", b"free", b"wide", b"skip")
 _FORMS = "give a GIF, an animated PNG or WebP, a video, or a folder of pictures"
 
 
@@ -50,8 +46,8 @@ class ClipSource:
     """A clip that can be read.
 
     frames: reads it from the start, one frame at a time. transparent: whether any frame is. plays: how often it is to
-    be shown, 0 for ever. count: of its frames; None: not known before they are read. sha256: of its bytes, of a folder
-    of those of all pictures one after the other.
+    be shown, 0 for ever. count, seconds: of its frames and of all of it, about, as its file says; None: it does not.
+    sha256: of its bytes, of a folder of those of all pictures one after the other.
     """
 
     name: str
@@ -62,6 +58,7 @@ class ClipSource:
     count: int | None
     sha256: str
     frames: Callable[[], Iterator[Frame]]
+    seconds: float | None = None
 
 
 def open_clip(
@@ -83,12 +80,12 @@ def open_clip(
         source = _folder_clip(path, fps or FOLDER_FPS, most_frames, max_pixels)
     else:
         data = read_whole(path)
-        if _is_video(data):
+        if is_video(data):
             source = _video_clip(data, shown, max_pixels)
         else:
             source = _picture_clip(data, shown, None if fps else most_frames, max_pixels)
         if fps is not None:
-            source = _with_frames(source, lambda frames: _resampled(frames, fps))
+            source = _at_rate(source, fps)
     if most_frames is not None:
         source = replace(source, frames=_then(source.frames, lambda frames: islice(frames, most_frames)))
         source = replace(source, count=None if source.count is None else min(source.count, most_frames))
@@ -104,9 +101,10 @@ def _single(shown: str) -> InputError:
     return InputError(f"{shown}: has one frame only; `cubicsplat vectorize` is for single pictures")
 
 
-def _with_frames(source: ClipSource, change: Callable[[Iterator[Frame]], Iterator[Frame]]) -> ClipSource:
-    """The clip with other frames, whose number is not known then."""
-    return replace(source, frames=_then(source.frames, change), count=None)
+def _at_rate(source: ClipSource, fps: float) -> ClipSource:
+    """The clip with so many frames a second."""
+    count = None if source.seconds is None else max(1, round(source.seconds * fps))
+    return replace(source, frames=_then(source.frames, lambda frames: _resampled(frames, fps)), count=count)
 
 
 def _then(
@@ -201,8 +199,9 @@ def _picture_clip(data: bytes, shown: str, most: int | None, max_pixels: int) ->
             yield Frame(Picture(decoded.rgb, decoded.alpha, shown, digest), begin, begin + seconds)
             begin += seconds
 
-    alphas = [frame.picture.alpha is not None for frame in frames()]
-    return ClipSource(shown, 0, 0, any(alphas), _plays(data, shown), len(alphas), digest, frames)
+    looked = [(frame.picture.alpha is not None, frame.end) for frame in frames()]
+    transparent = any(alpha for alpha, _ in looked)
+    return ClipSource(shown, 0, 0, transparent, _plays(data, shown), len(looked), digest, frames, looked[-1][1])
 
 
 def _is_animated(data: bytes, shown: str) -> bool:
@@ -246,65 +245,15 @@ def _plays(data: bytes, shown: str) -> int:
         return 1 if loop is None else 0 if loop == 0 else int(loop) + 1
 
 
-def _is_video(data: bytes) -> bool:
-    """Whether the bytes begin as those of a video that is read."""
-    if data[4:8] == b"ftyp" and data[8:12] in (b"avif", b"avis", b"heic", b"heix", b"hevc", b"mif1", b"msf1"):
-        return False
-    transport = len(data) > 188 and data[0] == data[188] == _MPEG_TS
-    avi = data.startswith(b"RIFF") and data[8:12] == b"AVI "
-    return data.startswith(_VIDEO_STARTS) or data[4:8] in _BOXES or transport or avi
-
-
 def _video_clip(data: bytes, shown: str, max_pixels: int) -> ClipSource:
-    try:
-        import av
-    except ModuleNotFoundError as error:
-        raise EngineError(
-            f"{shown}: is a video; pip install 'cubicsplat[video]' to have it read, or give a GIF or its frames"
-        ) from error
-    digest = sha256_of(data)
+    video, digest = open_video(data, shown, max_pixels), sha256_of(data)
 
     def frames() -> Iterator[Frame]:
-        try:
-            with av.open(io.BytesIO(data)) as container:
-                if not container.streams.video:
-                    raise InputError(f"{shown}: holds no pictures; {_FORMS}")
-                stream = container.streams.video[0]
-                if stream.width * stream.height > max_pixels:
-                    raise InputError(
-                        f"{shown}: is {stream.width} x {stream.height} px, the limit is {max_pixels:,} pixels; scale "
-                        "it down first, or raise it with --max-pixels"
-                    )
-                yield from _timed(container.decode(stream), float(stream.average_rate or FOLDER_FPS), shown, digest)
-        except av.FFmpegError as error:
-            raise InputError(
-                f"{shown}: is damaged or cut short ({printable(one_line(error))}); save it again"
-            ) from error
+        size = None
+        for index, (pixels, begin, end) in enumerate(video.frames()):
+            picture = Picture(pixels, None, shown, digest)
+            size = size or picture.size
+            _check_size(picture, size, f"{shown}: frame {index + 1}")
+            yield Frame(picture, begin, end)
 
-    return ClipSource(shown, 0, 0, False, 0, None, digest, frames)
-
-
-def _timed(decoded: Iterator[Any], rate: float, shown: str, digest: str) -> Iterator[Frame]:
-    """The frames of a video, each until the next one begins; the last as long as one usually is."""
-    waiting: tuple[Picture, float] | None = None
-    size, start = None, None
-    for index, image in enumerate(decoded):
-        at = index / rate if image.time is None else float(image.time)
-        start = at if start is None else start
-        picture = _video_picture(image, shown, digest)
-        size = size or picture.size
-        _check_size(picture, size, f"{shown}: frame {index + 1}")
-        if waiting is not None and at - start > waiting[1]:
-            yield Frame(*waiting, at - start)
-            waiting = None
-        waiting = (picture, at - start) if waiting is None else waiting
-    if waiting is not None:
-        yield Frame(*waiting, waiting[1] + 1.0 / rate)
-
-
-def _video_picture(image: Any, shown: str, digest: str) -> Picture:
-    import numpy as np
-
-    turned = int(getattr(image, "rotation", 0) or 0) // 90 % 4
-    pixels = np.rot90(image.to_ndarray(format="rgb24"), turned)
-    return Picture(np.ascontiguousarray(pixels, np.float32) / np.float32(255), None, shown, digest)
+    return ClipSource(shown, 0, 0, False, 0, video.count, digest, frames, video.seconds)

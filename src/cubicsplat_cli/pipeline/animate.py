@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import gzip
 import math
-import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cubicsplat_cli._version import __version__
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
-from cubicsplat_cli.clip_request import AUTO, SMIL, ClipInput, ClipOutput, ClipQuality, ClipReport, ClipRequest
+from cubicsplat_cli.clip_request import AUTO, LOTTIE, SMIL, ClipInput, ClipOutput, ClipQuality, ClipReport
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.metrics import psnr_db
-from cubicsplat_cli.files.clips import ClipSource, Frame
-from cubicsplat_cli.files.load import laid_over
-from cubicsplat_cli.files.marks import provenance_comment, sha256_of, with_checksum
+from cubicsplat_cli.files.clips import Frame
+from cubicsplat_cli.files.marks import sha256_of, with_checksum
 from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.motion import fit_clip
 from cubicsplat_cli.options import GzipBytes
 from cubicsplat_cli.pipeline.animation import Animation, CurvesAnimation, DrawnAnimation
+from cubicsplat_cli.pipeline.clip_task import ClipTask
 from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.moving import Clip
@@ -36,62 +33,13 @@ from cubicsplat_cli.svg.moving_writer import write_clip
 if TYPE_CHECKING:
     from cubicsplat_cli.artwork.shapes import Drawing
 
-# Seconds that one frame takes to become the next. What is shown for much longer stands still before it changes.
-CHANGE_S = 0.2
-_LONG = 1.5  # times CHANGE_S
-AFTER_FIT, TO_CHOOSE = 0.1, 0.25  # of a time limit: for writing and measuring; to choose the style, at most
+TO_CHOOSE = 0.25  # of a time limit, to choose the style, at most
 # Of a budget of bytes: the fits that are made for it at most; the share of curves as they stand, where each takes so
 # many bytes with those that come and go for it; what gzip leaves of a file.
 FITS, STANDING, CURVE_BYTES, COMPRESSED = 3, 0.3, 280.0, 0.36
 # Steps of the grid by which paths may be off where knots are left out for it, and after the last fit; how often that is
 # bisected. A further fit aims at a little less. There are at most so many times the usual number of curves.
 MOST_OFF, LAST_OFF, LOOKS, AGAIN, DENSE = 2.0, 20.0, 6, 0.9, 4
-
-
-@dataclass(frozen=True, eq=False)
-class ClipTask:
-    """One clip, and what is asked of it."""
-
-    source: ClipSource
-    request: ClipRequest
-    title: str
-    timer: StageTimer
-    on_progress: Callable[[Progress], None] | None = None
-
-    @cached_property
-    def comment(self) -> str:
-        """The line by which the command knows its own files."""
-        seed, digest = self.request.settings.seed, self.request.digest()
-        return provenance_comment(__version__, seed, digest, self.source.sha256)
-
-    @cached_property
-    def transparent(self) -> bool:
-        """Whether what is fitted has transparency."""
-        return self.source.transparent and self.request.settings.background_colour is None
-
-    @property
-    def deadline(self) -> float:
-        """When the fit must end, by `time.perf_counter`."""
-        limit = self.request.settings.time_limit
-        return math.inf if limit is None else time.perf_counter() + (1.0 - AFTER_FIT) * limit - self.timer.total()
-
-    def frames(self) -> Iterator[Frame]:
-        """The frames over the ground that is asked for."""
-        for frame in self.source.frames():
-            yield replace(frame, picture=laid_over(frame.picture, self.request.settings.background_colour))
-
-    def held_frames(self) -> Iterator[Frame]:
-        """The frames, those that are shown for long twice: when they begin, and before they change."""
-        for frame in self.frames():
-            if frame.end - frame.begin > _LONG * CHANGE_S:
-                middle = frame.end - CHANGE_S
-                yield replace(frame, end=middle)
-                frame = replace(frame, begin=middle)
-            yield frame
-
-    def pixels(self, frame: Frame) -> np.ndarray:
-        """The target of the fit: (H, W, 3), or premultiplied (H, W, 4) where any frame is transparent; float32."""
-        return frame.picture.premultiplied() if self.transparent else frame.picture.rgb
 
 
 def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -> Animation:
@@ -106,9 +54,8 @@ def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -
         animation = drawn(task, work) if style.name == ARTWORK else fitted(task, work)
     with task.timer("write"):
         write(animation)
-    frames = task.frames() if style.name == ARTWORK else task.held_frames()
     with task.timer("measure"):
-        quality, last = _quality(animation, task, frames)
+        quality, last = _quality(animation, task, task.played(style.name))
     return replace(animation, report=_report(animation, task, style, quality, last, interrupted=work.interrupted))
 
 
@@ -116,6 +63,8 @@ def style_of(task: ClipTask) -> Style:
     """The style that is asked for, or suits the first frame: a drawing, unless a photo of it is nearer."""
     if task.request.style != AUTO:
         return Style(task.request.style, "asked for")
+    if task.request.format == LOTTIE or task.request.max_bytes is not None:
+        return Style(PHOTO, "asked for by the format" if task.request.format == LOTTIE else "asked for by max_bytes")
     first = next(task.frames()).picture
     style = choose_style(first.target())
     if style.name != ARTWORK:
