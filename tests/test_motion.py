@@ -101,6 +101,17 @@ def test_an_interrupt_keeps_the_frames_so_far() -> None:
     assert clip.groups[-1].end == pytest.approx(0.3)
 
 
+def test_a_stop_before_the_joint_fit_leaves_a_clip_that_can_be_drawn() -> None:
+    def on_progress(progress: Progress) -> None:
+        if progress.stage == "moving curves":
+            raise KeyboardInterrupt
+
+    with under_way(Work(on_progress)):
+        clip = fitted([disc(8.0 + frame, 12.0) for frame in range(8)], curves=12, steps=60)
+    clip.validate()
+    assert clip.frames == 8
+
+
 def test_a_deadline_makes_steps_fewer_before_it_makes_frames_fewer() -> None:
     pictures = [disc(8.0 + frame, 12.0) for frame in range(6)]
     began = time.perf_counter()

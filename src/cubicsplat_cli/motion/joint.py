@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cubicsplat_cli.motion.tracks import Tracks, gradients_of
+from cubicsplat_cli.motion.tracks import PAINTS, Tracks, gradients_of
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -31,9 +31,6 @@ class Rates:
     def of(self, track: str) -> float:
         """That of a track."""
         return self.paints if track in PAINTS else self.points
-
-
-PAINTS = ("colours", "opacities")
 
 
 class JointFit:

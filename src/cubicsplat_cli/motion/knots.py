@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.motion.tracks import Track, Tracks, gradients_of
+from cubicsplat_cli.motion.tracks import PAINTS, Track, Tracks, gradients_of
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
 
@@ -124,7 +124,10 @@ def choose(
         price = math.sqrt(low * high)
         low, high = (price, high) if at(price)[1] else (low, price)
     chosen = at(high)[0]
-    return replace(tracks, by_name={name: choices[name].fitted(track) for name, track in chosen.items()})
+    fitted = {name: choices[name].fitted(track) for name, track in chosen.items()}
+    for name in PAINTS:
+        fitted[name].values.clip(0.0, 1.0, out=fitted[name].values)
+    return replace(tracks, by_name=fitted)
 
 
 def knot_bytes(name: str, numbers: int) -> float:
