@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any
 from cubicsplat_cli._version import __version__
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.api import compare, vectorize
+    from cubicsplat_cli.api import animate, compare, vectorize
     from cubicsplat_cli.errors import CubicSplatError, EngineError, InputError, UsageError
     from cubicsplat_cli.files.load import Picture, load_picture
     from cubicsplat_cli.metrics import Quality, Report
     from cubicsplat_cli.photo import FitResult, fit
     from cubicsplat_cli.pipeline import Result
+    from cubicsplat_cli.pipeline.animation import Animation
     from cubicsplat_cli.progress import Progress
     from cubicsplat_cli.raster import RasterSettings, render, render_scene
     from cubicsplat_cli.scene import Scene
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 logging.getLogger("cubicsplat").addHandler(logging.NullHandler())
 
 __all__ = [
+    "Animation",
     "CubicSplatError",
     "EngineError",
     "FitResult",
@@ -52,6 +54,7 @@ __all__ = [
     "Scene",
     "UsageError",
     "__version__",
+    "animate",
     "compare",
     "fit",
     "load_picture",
@@ -63,12 +66,13 @@ __all__ = [
 ]
 
 _HOME = {
-    "api": ("compare", "vectorize"),
+    "api": ("animate", "compare", "vectorize"),
     "errors": ("CubicSplatError", "EngineError", "InputError", "UsageError"),
     "files.load": ("Picture", "load_picture"),
     "scene.gradients": ("Gradients",),
     "photo": ("FitResult", "fit"),
     "pipeline": ("Result",),
+    "pipeline.animation": ("Animation",),
     "progress": ("Progress",),
     "raster": ("RasterSettings", "render", "render_scene"),
     "metrics": ("Quality", "Report"),

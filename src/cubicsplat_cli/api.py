@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.evaluate.comparison import compare_with
 from cubicsplat_cli.evaluate.metrics import compare_premultiplied
 from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.read import looks_like_svg, read_file
 from cubicsplat_cli.metrics import Quality
-from cubicsplat_cli.options import renamed, unknown_setting
+from cubicsplat_cli.options import renamed, settings_of, unknown_setting
 from cubicsplat_cli.pipeline import Result, vectorize_picture
-from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.progress import Progress, StageTimer
 from cubicsplat_cli.request import names_for_library, request_of
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.pipeline.animation import Animation
 
 
 def vectorize(
@@ -46,6 +49,43 @@ def vectorize(
     return vectorize_picture(
         as_picture(picture, max_size=request.max_size), request, title=title, on_progress=on_progress
     )
+
+
+def animate(
+    clip: str | Path | Sequence[PictureLike],
+    *,
+    title: str | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    **options: Any,
+) -> Animation:
+    """Turn a clip into curves that move, as an animated SVG.
+
+    clip: the path of a GIF, an animated PNG or WebP, a video or a folder of pictures; or pictures, each as `vectorize`
+    takes them, of which `fps` (25 by default) are shown a second. title, on_progress: as of `vectorize`; a
+    KeyboardInterrupt that `on_progress` raises ends the work with the frames so far.
+
+    options: those of the command that decide the result (docs/cli.md), with underscores: curves, max_bytes, fps,
+    frames, loop, preset, steps, time_limit, threads, seed, background, precision, max_size. None means the default.
+
+    Raises InputError for what is no clip, UsageError for senseless options, EngineError where no engine runs.
+    """
+    from cubicsplat_cli.clip_request import FIT_SETTINGS, ClipRequest, clip_request_of
+    from cubicsplat_cli.files.clips import FOLDER_FPS, clip_of_pictures, open_clip
+    from cubicsplat_cli.pipeline.animate import animate_clip
+    from cubicsplat_cli.pipeline.clip_task import ClipTask
+
+    names = {*FIT_SETTINGS, *(each.name for each, spec in settings_of(ClipRequest) if spec.decides)} - {"format"}
+    for name in options:
+        if name not in names:
+            raise unknown_setting(name, {"title", "on_progress", *names})
+    request, timer = clip_request_of(options), StageTimer()
+    with timer("read"):
+        if isinstance(clip, (str, Path)):
+            source = open_clip(Path(clip), fps=request.fps, most_frames=request.frames, max_size=request.max_size)
+        else:
+            pictures = [*clip][: request.frames]
+            source = clip_of_pictures(pictures, fps=request.fps or FOLDER_FPS, max_size=request.max_size)
+    return animate_clip(ClipTask(source, request, title or Path(source.name).name, timer, on_progress))
 
 
 def compare(reference: PictureLike, candidate: PictureLike | Result) -> Quality:

@@ -42,7 +42,8 @@ FURTHER = {
 NAMES = (*USUAL, *FURTHER)
 # Decimals of the measured figures; more would only suggest a precision that no metric has.
 DECIMALS = {metric.member: metric.decimals + 1 for metric in FURTHER.values()} | {
-    "psnr_db": 4, "weighted_psnr_db": 4, "ssim": 5, "agreement_db": 4, "gap_db": 4, "change_db": 4, "ms_per_step": 4,
+    "psnr_db": 4, "weighted_psnr_db": 4, "worst_psnr_db": 4, "ssim": 5, "agreement_db": 4, "gap_db": 4, "change_db": 4,
+    "ms_per_step": 4,
 }  # fmt: skip
 SECONDS_DECIMALS = 3
 T = TypeVar("T")

@@ -66,6 +66,12 @@ def _add_vectorize(app: typer.Typer) -> None:
     app.command("vectorize", cls=GroupedCommand)(vectorize)
 
 
+def _add_animate(app: typer.Typer) -> None:
+    from cubicsplat_cli.cli.animate import animate
+
+    app.command("animate", cls=Command)(animate)
+
+
 def _add_eval(app: typer.Typer) -> None:
     from cubicsplat_cli.cli.eval import evaluate
 
@@ -92,6 +98,7 @@ def _add_bench(app: typer.Typer) -> None:
 
 _ADDED = {
     "vectorize": _add_vectorize,
+    "animate": _add_animate,
     "eval": _add_eval,
     "render": _add_render,
     "doctor": _add_doctor,

@@ -47,10 +47,13 @@ _READ: dict[Any, Callable[[Any], Any]] = {list[str]: list} | {
 _OWNERS = (FitSettings, Request, Recipe, ArtworkSettings)
 
 
-def takes_options(*names: str, after: int = 2) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def takes_options(
+    *names: str, after: int = 2, owners: tuple[type[Any], ...] = _OWNERS
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Gives a command, whose last parameter is `**options`, options in place of that parameter.
 
-    names: of settings; all if none is named. after: how many of the command's own options the help shows first.
+    names: of settings of the owners; all if none is named. after: how many of the command's own options the help shows
+    first.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -59,7 +62,7 @@ def takes_options(*names: str, after: int = 2) -> Callable[[Callable[..., None]]
         own = [
             p.replace(annotation=hints[p.name]) for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD
         ]
-        more = [p for p in _parameters() if not names or p.name in names]
+        more = [p for p in _parameters(owners) if not names or p.name in names]
         places = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own]
         parameters = [*places[:after], *more, *places[after:]]
         command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
@@ -91,15 +94,15 @@ def _override(text: str) -> tuple[str, Any]:
     return name, settings[name].read(f"set {name}", value)
 
 
-def _settings() -> Iterator[tuple[type[Any], Field[Any], Setting]]:
-    for owner in _OWNERS:
+def _settings(owners: tuple[type[Any], ...] = _OWNERS) -> Iterator[tuple[type[Any], Field[Any], Setting]]:
+    for owner in owners:
         for each, spec in settings_of(owner):
             yield owner, each, spec
 
 
-def _parameters() -> Iterator[inspect.Parameter]:
+def _parameters(owners: tuple[type[Any], ...]) -> Iterator[inspect.Parameter]:
     """The options of all settings, in the order of the help."""
-    for owner, each, spec in _settings():
+    for owner, each, spec in _settings(owners):
         if spec.only_off:
             off = Option(
                 f"--no-{spec.option or each.name}", help=spec.help, rich_help_panel=spec.group, hidden=spec.hidden
@@ -120,7 +123,11 @@ def _parameter(name: str, default: Any, annotation: Any) -> inspect.Parameter:
 
 def _annotation(name: str, spec: Setting, default: Any, text: str) -> Any:
     """The annotation for Typer. `Setting.check` checks limits, so that all errors have the same form."""
-    facts: dict[str, Any] = {"help": text, "rich_help_panel": spec.group, "show_default": default not in ("", True)}
+    facts: dict[str, Any] = {
+        "help": text,
+        "rich_help_panel": spec.group,
+        "show_default": default is not True and default != "",
+    }
     facts["hidden"] = spec.hidden or spec.by_set or spec.only_off
     kind: Any = object if spec.auto else str if spec.parse is not None else _KINDS.get(spec.kind)
     if spec.kind == "choice":

@@ -18,6 +18,7 @@ from cubicsplat_cli.files.marks import GZIP, HEAD_BYTES, PROGRAM, holds_made_mar
 MOVING = (".webp", ".gif")
 EXPORTS = ("pdf", "ps", "eps", "dxf", "xml")  # formats of other programs, by the suffixes of their files
 _TITLE = re.compile(rb"<title>(.*?)</title>", re.DOTALL)
+_PROGRAM = re.compile(rb'"program": ?"' + PROGRAM.encode() + b'"')  # in a JSON, spaced out or not
 _REPORT = f'{{\n  "schema": 1,\n  "program": "{PROGRAM}"'.encode()  # how every report of ours begins
 
 
@@ -115,7 +116,7 @@ def is_ours(path: Path) -> bool:
         return holds_made_mark(read_ends(path))
     if path.suffix.lower() == ".json":
         # A report that was cut short is ours too.
-        return f'"program": "{PROGRAM}"'.encode() in head or (head != b"" and _REPORT.startswith(head))
+        return _PROGRAM.search(head) is not None or (head != b"" and _REPORT.startswith(head))
     return svg_is_ours(head) or _is_in_report(path)
 
 

@@ -96,7 +96,7 @@ def page(subject: Subject, threads: int | None = None) -> bytes:
         charts=_charts(report, losses, kind),
         times=_times(report),
         command=None if report is None else command(report),
-        settings={} if report is None else _settings(report.settings),
+        settings={} if report is None else setting_texts(report.settings),
         device={} if report is None else report.device,
         reason="" if report is None else report.style_reason,
         style="" if report is None else report.style,
@@ -176,12 +176,12 @@ def _times(report: Report | None) -> list[tuple[str, str, float]]:
     return [(name, duration(seconds), 100.0 * seconds / total) for name, seconds in timed]
 
 
-def _settings(settings: Mapping[str, Any]) -> dict[str, str]:
+def setting_texts(settings: Mapping[str, Any]) -> dict[str, str]:
     """Every setting by name, those of a group behind its name and a dot."""
     texts: dict[str, str] = {}
     for name, value in settings.items():
         if isinstance(value, Mapping):
-            texts |= {f"{name}.{key}": text for key, text in _settings(value).items()}
+            texts |= {f"{name}.{key}": text for key, text in setting_texts(value).items()}
         else:
             texts[name] = "-" if value is None or value == [] else str(value)
     return texts

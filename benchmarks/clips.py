@@ -1,0 +1,222 @@
+"""Clips: moving curves beside fits of each frame on its own, and a trace of each frame.
+
+All have as many curves a frame. Frames are drawn from the rounded numbers of the file. `still` is the mean change from
+frame to frame of pixels that change by less than 2 levels of 255 in the clip, less the clip's own change. `warp` is the
+root mean square difference, in levels, of a frame from the one before, moved along the clip's flow (blocks of 8 px).
+"""
+
+from __future__ import annotations
+
+import gzip
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from benchmarks import main
+from benchmarks.tools import missing_piece, vtracer_svg
+from cubicsplat_cli.cli.bench import Limit, Markdown, print_json
+from cubicsplat_cli.cli.options import Json
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.evaluate.rerender import rerender
+from cubicsplat_cli.files.clips import open_clip
+from cubicsplat_cli.formatting import number, text_table
+from cubicsplat_cli.metrics import head
+from cubicsplat_cli.motion import fit_clip
+from cubicsplat_cli.photo import fit
+from cubicsplat_cli.raster.engines import render_scene
+from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.svg import write_svg
+from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
+from cubicsplat_cli.svg.moving_writer import write_clip
+from cubicsplat_cli.svg.quantise import quantise_scene
+
+OURS, EACH, TRACED = "moving", "each frame", "vtracer"
+PRECISION = 1  # decimals of coordinates
+STILL = 2.0 / 255.0  # of the range of values: pixels that change less, in all channels, are still
+BLOCK, REACH = 8, 6  # px: side of the blocks of the flow, and how far it looks
+
+ClipFolder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of clips.", show_default=False)]
+Frames = Annotated[int, typer.Option("--frames", metavar="N", min=2, help="The first so many frames of each.")]
+Side = Annotated[int, typer.Option("--side", metavar="PX", min=16, help="Longer side of the frames, px.")]
+Curves = Annotated[int, typer.Option("--curves", metavar="N", min=1, help="Curves of a frame.")]
+Preset = Annotated[str, typer.Option("--preset", help="Effort of the fit of a picture.")]
+Tools = Annotated[str, typer.Option("--tools", metavar="TOOL,...", help="Of moving, each and vtracer.")]
+Threads = Annotated[int, typer.Option("--threads", metavar="N", min=1, help="CPU threads.")]
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """Frames (F, H, W, 3) in [0, 1], and when each begins and ends, (F,) s."""
+
+    pictures: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last."""
+        return float(self.ends[-1] - self.begins[0])
+
+
+@dataclass(frozen=True)
+class Played:
+    """What a tool made: the frames (F, H, W, 3) that its files show, and their bytes, plain and after gzip."""
+
+    pictures: np.ndarray
+    plain: int
+    packed: int
+
+
+def read(path: Path, frames: int, side: int) -> Filmed:
+    """The first frames of a clip, those with transparency over black."""
+    found = list(open_clip(path, most_frames=frames, max_size=side).frames())[:frames]
+    pictures = np.stack([frame.picture.premultiplied()[..., :3] for frame in found])
+    return Filmed(pictures, np.array([frame.begin for frame in found]), np.array([frame.end for frame in found]))
+
+
+def moving(film: Filmed, settings: FitSettings) -> Played:
+    """One SVG of curves that move."""
+    frames = zip(film.pictures, film.begins.tolist(), film.ends.tolist(), strict=True)
+    clip = fit_clip(frames, settings, len(film.pictures), precision=PRECISION)
+    grid = to_grid_clip(clip, PRECISION)
+    start = float(clip.groups[0].times[0])
+    drawn = [
+        render_scene(scene, threads=settings.threads)
+        for group, own in zip(clip.groups, grid.groups, strict=True)
+        for scene in grid.scenes(own, shown_at(group) - start)
+    ]
+    return _played(drawn, [write_clip(grid)])
+
+
+def each_frame(film: Filmed, settings: FitSettings) -> Played:
+    """An SVG of each frame, fitted on its own."""
+    scenes = [fit(picture, settings).scene for picture in film.pictures]
+    drawn = [render_scene(quantise_scene(scene, PRECISION), threads=settings.threads) for scene in scenes]
+    return _played(drawn, [write_svg(scene, precision=PRECISION) for scene in scenes])
+
+
+def traced(film: Filmed, _: FitSettings) -> Played:
+    """A trace of each frame by vtracer."""
+    height, width = film.pictures.shape[1:3]
+    files = [vtracer_svg(np.rint(picture * 255.0).astype(np.uint8)) for picture in film.pictures]
+    drawn = [rerender(svg, width, height).pixels[..., :3] / np.float32(255.0) for svg in files]
+    return _played(drawn, [svg.decode() for svg in files])
+
+
+TOOLS: dict[str, tuple[str, Callable[[Filmed, FitSettings], Played]]] = {
+    "moving": (OURS, moving), "each": (EACH, each_frame), "vtracer": (TRACED, traced),
+}  # fmt: skip
+
+
+def _played(drawn: list[np.ndarray], files: list[str]) -> Played:
+    # Frames are packed as one file, which favours those that repeat what others said.
+    data = "".join(files).encode()
+    pictures = np.stack([image[..., :3] for image in drawn]).clip(0.0, 1.0)
+    return Played(pictures, len(data), len(gzip.compress(data, 9, mtime=0)))
+
+
+def scores(film: Filmed, played: Played, seconds: float) -> dict[str, float | None]:
+    """The figures of a clip; None where it has no still pixel.
+
+    psnr_db: mean over the frames. still: mean change of a still pixel from frame to frame less that of the clip, in
+    levels of 255. warp: root mean square of the difference from the frame before, moved along the clip's flow, in
+    levels. bytes_s, gzip_s: a second of the clip. frame_s: CPU seconds a frame.
+    """
+    wanted, shown = film.pictures, played.pictures
+    errors = np.square(shown - wanted).mean(axis=(1, 2, 3))
+    changes = np.diff(wanted, axis=0)
+    still = np.abs(changes).max(axis=-1) < STILL
+    flicker = np.abs(np.diff(shown, axis=0) - changes).mean(axis=-1)
+    warped = [
+        np.square(shown[frame] - moved(shown[frame - 1], flow(wanted[frame - 1], wanted[frame]))).mean()
+        for frame in range(1, len(wanted))
+    ]
+    return {
+        "psnr_db": float(np.mean(-10.0 * np.log10(errors.clip(1e-10)))),
+        "still": 255.0 * float(flicker[still].mean()) if still.any() else None,
+        "warp": 255.0 * float(np.sqrt(np.mean(warped))),
+        "bytes_s": played.plain / film.duration,
+        "gzip_s": played.packed / film.duration,
+        "frame_s": seconds / len(wanted),
+    }
+
+
+def flow(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(H, W, 2) int64: rows and columns from which each block of a picture (H, W, 3) came, by the least difference."""
+    height, width, _ = after.shape
+    shifts = [(dy, dx) for dy in range(-REACH, REACH + 1) for dx in range(-REACH, REACH + 1)]
+    shifts.sort(key=lambda shift: abs(shift[0]) + abs(shift[1]))  # of equal ones the shortest
+    costs = [
+        _block_sums(np.abs(after - moved(before, np.broadcast_to(shift, (height, width, 2)))).sum(axis=2))
+        for shift in shifts
+    ]
+    best = np.array(shifts)[np.argmin(costs, axis=0)]
+    return best.repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)[:height, :width]
+
+
+def moved(picture: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+    """A picture (H, W, C) whose pixels come from so many rows and columns away (H, W, 2), at most from its edge."""
+    height, width = picture.shape[:2]
+    rows, columns = np.mgrid[:height, :width]
+    return picture[(rows + shifts[..., 0]).clip(0, height - 1), (columns + shifts[..., 1]).clip(0, width - 1)]
+
+
+def _block_sums(values: np.ndarray) -> np.ndarray:
+    rows, columns = (np.arange(0, size, BLOCK) for size in values.shape)
+    return np.add.reduceat(np.add.reduceat(values, rows, axis=0), columns, axis=1)
+
+
+def clips(
+    folder: ClipFolder,
+    frames: Frames = 60,
+    side: Side = 176,
+    curves: Curves = 256,
+    preset: Preset = "draft",
+    tools: Tools = "moving,each,vtracer",
+    threads: Threads = 1,
+    limit: Limit = None,
+    json: Json = False,
+    markdown: Markdown = False,
+) -> None:
+    """Quality, flicker, bytes and time of clips as moving curves."""
+    names = tools.split(",")
+    if not set(names) <= set(TOOLS):
+        raise UsageError(f"must be of {', '.join(TOOLS)}, with commas between them, not {tools!r}", "tools")
+    if "vtracer" in names and (missing := missing_piece("vtracer")) is not None:
+        raise UsageError(f"{missing}, or leave it out of --tools")
+    paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))[:limit]
+    if not paths:
+        raise UsageError(f"{folder} holds no clips")
+    settings = FitSettings.from_preset(preset, curves=curves, threads=threads, device="cpu")
+    rows: list[dict[str, Any]] = []
+    for path in paths:
+        film = read(path, frames, side)
+        for label, make in (TOOLS[name] for name in names):
+            began = time.process_time()
+            played = make(film, settings)
+            row = scores(film, played, time.process_time() - began)
+            rows.append({"clip": path.name, "tool": label, **row})
+            typer.echo(f"{path.name}: {label}", err=True)
+    if json:
+        print_json({**head(), "bench": "clips", "preset": preset, "curves": curves, "rows": rows})
+        return
+    header = ("clip", "tool", "PSNR dB", "still", "warp", "kB/s", "kB/s gzip", "CPU s a frame")
+    table = [_cells(row) for row in rows]
+    typer.echo(text_table(header, table, markdown=markdown), nl=False)
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    return [
+        row["clip"], row["tool"], number(row["psnr_db"], 2), "" if row["still"] is None else number(row["still"], 2),
+        number(row["warp"], 2), number(row["bytes_s"] / 1e3, 1), number(row["gzip_s"] / 1e3, 1),
+        number(row["frame_s"], 2),
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(clips)

@@ -1,0 +1,207 @@
+"""`cubicsplat animate`: a clip becomes an animated SVG, Lottie JSON, or an SVG for each of its frames."""
+
+from __future__ import annotations
+
+import json as json_text
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cubicsplat_cli.cli.console import Reporter
+from cubicsplat_cli.cli.options import Json, takes_options
+from cubicsplat_cli.clip_request import (
+    ARTWORK,
+    FIT_SETTINGS,
+    FRAMES,
+    LOTTIE,
+    SMIL,
+    ClipReport,
+    ClipRequest,
+    clip_request_of,
+)
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.names import PAGE, PLAIN, SVG_SUFFIXES, names_a_folder
+from cubicsplat_cli.files.paths import check_outputs, is_folder, make_folder_of, same_file
+from cubicsplat_cli.formatting import counted, did_you_mean, duration, file_size
+from cubicsplat_cli.options import settings_of
+from cubicsplat_cli.settings import FitSettings
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.pipeline.animation import Animation
+    from cubicsplat_cli.pipeline.clip_task import ClipTask
+
+EXIT_INTERRUPTED = 130
+_LOTTIE_SUFFIX, _METRICS = ".json", ".metrics.json"
+_OWN = tuple(each.name for each, _ in settings_of(ClipRequest))
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="CLIP", help="GIF, animated PNG or WebP, video, or folder of frames.", show_default=False
+    ),
+]  # fmt: skip
+Output = Annotated[
+    str | None,
+    typer.Option(
+        "--output", "-o", metavar="OUT", help="SVG, Lottie JSON (OUT.json) or folder to write.", show_default=False
+    ),
+]  # fmt: skip
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print settings and plain progress too.")]
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Where things go: the file, or the folder of frames; the JSON of the figures; the page."""
+
+    result: Path
+    metrics: Path
+    page: Path | None
+
+    def frames(self) -> list[Path]:
+        """Frames that are there, of ours or of whoever named them so."""
+        return sorted(self.result.glob("[0-9][0-9][0-9][0-9]*.svg")) if is_folder(self.result) else []
+
+
+@takes_options(*FIT_SETTINGS, *_OWN, owners=(FitSettings, ClipRequest))
+def animate(
+    clip: Source,
+    output: Output = None,
+    json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    **options: Any,
+) -> None:
+    """Turn a clip into curves that move: an SVG, or Lottie.
+
+    Writes OUT.svg and OUT.json (figures of each frame as it is played). Ctrl-C ends early and writes the clip so far.
+    """
+    if "" in (clip, output):
+        # Path("") is the current folder, which an unset shell variable does not mean.
+        raise UsageError("a file name is empty; is a variable not set?")
+    request = clip_request_of(options)
+    request = replace(request, format=_format(output, request.format))
+    places = _places(Path(clip), output, request)
+    reporter = Reporter(quiet=quiet, verbose=verbose, bars=not json)
+    _check(places, Path(clip), request)
+    report = _run(Path(clip), places, request, reporter)
+    if json:
+        from cubicsplat_cli.files.write import write_stdout
+
+        write_stdout(json_text.dumps(report.public(), separators=(",", ":"), allow_nan=False).encode() + b"\n")
+    if report.interrupted:
+        raise typer.Exit(EXIT_INTERRUPTED)
+
+
+def _format(output: str | None, chosen: str | None) -> str:
+    """The format that was asked for, or that the output's name says. Raises UsageError where these differ."""
+    if output is None:
+        return chosen or SMIL
+    suffix = Path(output).suffix.lower()
+    named = {PLAIN: SMIL, _LOTTIE_SUFFIX: LOTTIE}.get(suffix)
+    if names_a_folder(output) or (not suffix and chosen == FRAMES):
+        named = FRAMES
+    if named is None:
+        near = did_you_mean(suffix, (*SVG_SUFFIXES, _LOTTIE_SUFFIX))
+        raise UsageError(f"the output must end in .svg, .json (Lottie) or / (frames), but -o is {output}{near}")
+    if chosen is not None and chosen != named:
+        raise UsageError(f"-o {output} is for the format {named}, but --format is {chosen}; leave out --format")
+    return named
+
+
+def _places(clip: Path, output: str | None, request: ClipRequest) -> _Places:
+    name = clip.resolve().name if is_folder(clip) else clip.stem
+    if output is not None:
+        result = Path(output)
+    else:
+        suffix = {SMIL: PLAIN, LOTTIE: _LOTTIE_SUFFIX, FRAMES: ".frames"}[str(request.format)]
+        result = (clip.resolve() if is_folder(clip) else clip).parent / f"{name}{suffix}"
+    if request.format == FRAMES:
+        return _Places(result, result / "metrics.json", result / "index.html" if request.html_report else None)
+    metrics = result.with_suffix(_METRICS if request.format == LOTTIE else ".json")
+    return _Places(result, metrics, result.with_suffix(PAGE) if request.html_report else None)
+
+
+def _check(places: _Places, clip: Path, request: ClipRequest) -> None:
+    """Raise an error before the work where a file cannot be written, or is the clip."""
+    if same_file(places.result, clip):
+        raise UsageError(f"{places.result} is the input and would be overwritten; choose another output with -o")
+    make_folder_of(places.metrics)
+    files = [places.metrics, *([] if places.page is None else [places.page])]
+    files += [places.result] if request.format != FRAMES else places.frames()
+    check_outputs(files, force=request.force)
+
+
+def _run(clip: Path, places: _Places, request: ClipRequest, reporter: Reporter) -> ClipReport:
+    from cubicsplat_cli.files.clips import open_clip
+    from cubicsplat_cli.pipeline.animate import animate_clip
+    from cubicsplat_cli.pipeline.clip_task import ClipTask
+    from cubicsplat_cli.progress import StageTimer, command_began
+
+    job = str(clip)
+    with reporter.showing(1):
+        reporter.begin(job)
+        timer = StageTimer(reporter, job, started=command_began())
+        with timer("read"):
+            source = open_clip(
+                clip,
+                fps=request.fps,
+                most_frames=request.frames,
+                max_size=request.max_size,
+                max_pixels=request.max_pixels,
+            )
+        task = ClipTask(source, request, clip.resolve().name, timer, timer.step)
+        animation = animate_clip(task, lambda made: _write(made, places, request))
+        report = animation.report
+        assert report is not None
+        report = replace(report, output=replace(report.output, path=str(places.result)))
+        _write_companions(animation.svg, report, task, places)
+        reporter.end(job)
+    for note in report.notes:
+        reporter.note(note)
+    if report.interrupted:
+        reporter.note(f"interrupted: the clip so far is written, {counted(report.input.frames, 'frame')}")
+    reporter.summary(summary_line(report))
+    return report
+
+
+def _write(animation: Animation, places: _Places, request: ClipRequest) -> None:
+    """Write the result, before anything is measured; frames of an earlier, longer clip go."""
+    from cubicsplat_cli.files.write import write_atomically
+
+    files = {
+        (places.result / name if name else places.result): data
+        for name, data in animation.files(str(request.format)).items()
+    }
+    for path, data in files.items():
+        write_atomically(path, data)
+    if request.format == FRAMES:
+        for path in places.frames():
+            if path not in files:
+                path.unlink()
+
+
+def _write_companions(svg: str, report: ClipReport, task: ClipTask, places: _Places) -> None:
+    """Write the page, and last the figures."""
+    from cubicsplat_cli.files.write import write_atomically
+
+    if places.page is not None:
+        from cubicsplat_cli.html_report.player import player_page
+
+        with task.timer("html_report"):
+            write_atomically(places.page, player_page(svg, report, task.played(report.style), places.result.name))
+    write_atomically(places.metrics, report.to_json().encode())
+
+
+def summary_line(report: ClipReport) -> str:
+    """`clip.svg  60 frames  256 curves  180 kB  SVG 27.9 dB  1.2 s a frame`."""
+    output, quality = report.output, report.quality
+    level = "identical" if quality.psnr_db is None else f"{quality.psnr_db:.1f} dB"
+    what = "shape" if report.style == ARTWORK else "curve"
+    parts = [
+        str(output.path), report.style, counted(report.input.frames, "frame"), counted(output.curves, what),
+        file_size(output.bytes), level, duration(report.timing["total_s"]),
+    ]  # fmt: skip
+    return "  ".join(parts)

@@ -1,0 +1,164 @@
+"""The request of a user for an animation of a clip, as a table of options, and its figures. Imports nothing heavy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from cubicsplat_cli._version import __version__
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.marks import PROGRAM, settings_hash
+from cubicsplat_cli.metrics import SCHEMA, head, plain, to_json
+from cubicsplat_cli.options import parse_bytes, setting, settings_of
+from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings
+
+STYLES = AUTO, PHOTO, ARTWORK = "auto", "photo", "artwork"
+FORMATS = SMIL, LOTTIE, FRAMES = "smil", "lottie", "frames"
+# The settings of the fit that `animate` takes.
+FIT_SETTINGS = ("curves", "preset", "steps", "time_limit", "threads", "seed", "background")
+
+
+@dataclass(frozen=True)
+class ClipRequest:
+    """The values of all options. Raises UsageError for values that make no sense.
+
+    settings: of the fit. format: None: that of the output's name, SVG with SMIL by default. loop: whether the animation
+    begins again for ever; None: as often as the clip says.
+    """
+
+    settings: FitSettings = field(default_factory=FitSettings)
+    style: str = setting(AUTO, "choice", "Curves that blend, or few opaque shapes.", choices=STYLES)
+    format: str | None = setting(
+        None, "choice", "SVG with SMIL, Lottie, or an SVG a frame.  [default: by OUT]", choices=FORMATS, optional=True
+    )
+    fps: float | None = setting(
+        None, "number", "Take so many frames a second.  [default: all]", least=0.1, most=240, optional=True
+    )
+    frames: int | None = setting(
+        None, "count", "Take the first so many frames only.", least=2, most=1_000_000, optional=True
+    )
+    loop: bool | None = setting(None, "flag", "Repeat for ever.  [default: as the clip does]", optional=True)
+    max_bytes: int | None = setting(
+        None, "count", "As much as fits: 200k, or 60kgz after gzip.", least=1, optional=True, parse=parse_bytes
+    )
+    precision: int = setting(1, "count", "Decimals of coordinates.", most=PRECISION.most)
+    max_size: int | None = setting(
+        None, "count", "Work on frames with this longer side.", metavar="PX", least=1, most=1_000_000, optional=True
+    )
+    max_pixels: int = setting(MAX_PIXELS, "count", "Refuse larger frames.", least=1, decides=False)
+    html_report: bool = setting(False, "flag", "Also write OUT.html with a player.", option="report", decides=False)
+    force: bool = setting(False, "flag", "Replace files of other programs.", decides=False)
+
+    def __post_init__(self) -> None:
+        for each, spec in settings_of(ClipRequest):
+            spec.check(each.name, getattr(self, each.name))
+        if self.style == ARTWORK and self.max_bytes is not None:
+            raise UsageError("is for curves, not for artwork; leave it out, or use style photo", "max_bytes")
+        if self.style == ARTWORK and self.format == LOTTIE:
+            raise UsageError("lottie is for curves, not for artwork; write an SVG, or use style photo", "format")
+        if self.max_bytes is not None and self.settings.curves is not None:
+            raise UsageError("finds the number of curves itself; leave out --curves", "max_bytes")
+
+    def plays(self, of_clip: int) -> int:
+        """How often the animation is shown, 0 for ever. of_clip: what the clip says."""
+        return of_clip if self.loop is None else 0 if self.loop else 1
+
+    def deciding(self) -> dict[str, Any]:
+        """Everything that decides the file, as plain values."""
+        own = {each.name: getattr(self, each.name) for each, spec in settings_of(ClipRequest) if spec.decides}
+        return {**self.settings.public(), **own}
+
+    def digest(self) -> str:
+        """The settings hash that the file carries."""
+        return settings_hash(self.deciding())
+
+
+def clip_request_of(options: Mapping[str, Any]) -> ClipRequest:
+    """The request for options by name, of the command or of the library; None means the default.
+
+    Raises UsageError for values that make no sense.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    fit = {name: given.pop(name) for name in FIT_SETTINGS if name in given}
+    if "max_bytes" in given:
+        given["max_bytes"] = parse_bytes(given["max_bytes"])
+    return ClipRequest(FitSettings.from_preset(**fit), **given)
+
+
+@dataclass(frozen=True)
+class ClipInput:
+    """The clip. path: as the user named it. alpha: whether any pixel is not opaque. frames, seconds: that were taken.
+
+    plays: how often the clip says that it is to be shown, 0 for ever.
+    """
+
+    path: str
+    sha256: str
+    width: int
+    height: int
+    alpha: bool
+    frames: int
+    seconds: float
+    plays: int
+
+
+@dataclass(frozen=True)
+class ClipOutput:
+    """The animation. path: of the file, or of the folder of frames; None: of none. bytes: of all its files, and gzip's.
+
+    groups: of frames without a cut between them; curves: of all groups, or shapes; knots: that are written of all that
+    changes, or changes of shapes.
+    """
+
+    format: str
+    bytes: int
+    compressed_bytes: int
+    sha256: str
+    groups: int
+    curves: int
+    knots: int
+    path: str | None = None
+
+
+@dataclass(frozen=True)
+class ClipQuality:
+    """Quality of the animation as it is played, drawn by our renderer from the numbers of the file.
+
+    psnr_db: mean of the frames' (None: every frame is identical); worst_psnr_db: of the worst. frames: of each the time
+    `time_s` at which it is exact, and its `psnr_db`.
+    """
+
+    psnr_db: float | None
+    worst_psnr_db: float | None
+    frames: list[dict[str, float | None]]
+
+
+@dataclass(frozen=True)
+class ClipReport:
+    """The figures of an animation. style: "photo" or "artwork", and why. timing: seconds: `total_s`, `fit_s`, and
+    `frame_s` of the fit for a frame.
+    """
+
+    input: ClipInput
+    output: ClipOutput
+    settings: dict[str, Any]
+    settings_hash: str
+    style: str
+    style_reason: str
+    device: dict[str, Any]
+    timing: dict[str, float]
+    quality: ClipQuality
+    interrupted: bool = False
+    notes: list[str] = field(default_factory=list)
+    schema: int = SCHEMA
+    program: str = PROGRAM
+    version: str = __version__
+
+    def public(self) -> dict[str, Any]:
+        """Plain JSON values, figures cut to their decimals."""
+        return plain({**head(), **{each.name: getattr(self, each.name) for each in fields(self)}})
+
+    def to_json(self) -> str:
+        """Strictly valid JSON, ending with a newline."""
+        return to_json(self.public())

@@ -1,0 +1,103 @@
+"""A clip as Lottie JSON: a shape layer for each group of frames, with linear keyframes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cubicsplat_cli._version import __version__
+from cubicsplat_cli.files.marks import PROGRAM
+from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, WIDTH, GridClip, GridGroup, Track
+
+_FORMAT = "5.7.0"  # of Lottie, which all players of today know
+_SHAPES, _SOLID = 4, 1  # kinds of layers
+_ROUND = 2  # ends and joins of strokes
+_FRAME_DECIMALS, _COLOUR_DECIMALS = 3, 4
+_LINEAR = {"o": {"x": [0], "y": [0]}, "i": {"x": [1], "y": [1]}}
+
+
+def lottie(clip: GridClip, *, fps: float, title: str = "") -> str:
+    """The JSON text of a clip. fps: frames a second, the unit of its times; keyframes may lie between two frames.
+
+    Coordinates are whole numbers of the clip's grid, which the scale of the layers brings to px.
+    """
+    layers = [_layer(clip, group, fps, index) for index, group in enumerate(clip.groups)]
+    if clip.background is not None:
+        red, green, blue = clip.background
+        solid = {"sw": clip.width, "sh": clip.height, "sc": f"#{red:02x}{green:02x}{blue:02x}"}
+        layers.append(_placed(_SOLID, len(layers), 0.0, clip.duration * fps, 100) | solid)
+    document = {
+        "meta": {"program": PROGRAM, "version": __version__}, "v": _FORMAT, "nm": title, "ddd": 0, "assets": [],
+        "fr": round(fps, _FRAME_DECIMALS), "ip": 0, "op": _frames(clip.duration * fps), "w": clip.width,
+        "h": clip.height, "layers": layers,
+    }  # fmt: skip
+    return json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _frames(value: float) -> int | float:
+    """The shortest number for a time in frames."""
+    rounded = round(value, _FRAME_DECIMALS)
+    return int(rounded) if rounded.is_integer() else rounded
+
+
+def _placed(kind: int, index: int, begin: float, end: float, scale: float) -> dict[str, Any]:
+    """The members that every layer has; it is there from `begin` until `end`, in frames. scale: in per cent."""
+    still = {"o": 100, "r": 0, "p": [0, 0, 0], "a": [0, 0, 0], "s": [scale, scale, 100]}
+    return {
+        "ty": kind, "ind": index + 1, "ddd": 0, "sr": 1, "st": 0, "bm": 0, "ip": _frames(begin), "op": _frames(end),
+        "ks": {name: {"a": 0, "k": value} for name, value in still.items()},
+    }  # fmt: skip
+
+
+def _layer(clip: GridClip, group: GridGroup, fps: float, index: int) -> dict[str, Any]:
+    placed = _placed(_SHAPES, index, group.begin * fps, group.end * fps, 100 / 10**clip.precision)
+
+    def moving(track: Track, value: Callable[[list[int]], Any], *, path: bool = False) -> dict[str, Any]:
+        values = [value(row) for row in track.values.tolist()]
+        if len(values) == 1:
+            return {"a": 0, "k": values[0]}
+        times = [_frames((group.begin + key * clip.key_s) * fps) for key in track.keys.tolist()]
+        frames = [
+            {"t": time, "s": each if isinstance(each, list) and not path else [each], **_LINEAR}
+            for time, each in zip(times, values, strict=True)
+        ]
+        return {"a": 1, "k": [*frames[:-1], {name: frames[-1][name] for name in ("t", "s")}]}
+
+    return placed | {"shapes": [_curve(clip, curve, moving) for curve in group.curves]}
+
+
+def _curve(clip: GridClip, curve: dict[str, Track], moving: Callable[..., dict[str, Any]]) -> dict[str, Any]:
+    closed = clip.mode is Mode.CLOSED
+    outline = {"ty": "sh", "ks": moving(curve[SHAPE], lambda row: _bezier(row, closed=closed), path=True)}
+    paint: dict[str, Any] = {
+        "c": moving(curve[COLOUR], lambda row: [round(value / 255, _COLOUR_DECIMALS) for value in row]),
+        "o": moving(curve[OPACITY], lambda row: row[0]),
+    }
+    if closed:
+        paint = {"ty": "fl", **paint, "r": 1}
+    else:
+        unit = 10 ** (clip.precision - clip.width_decimals)
+        width = moving(curve[WIDTH], lambda row: round(row[0] * unit, clip.width_decimals - clip.precision))
+        paint = {"ty": "st", **paint, "w": width, "lc": _ROUND, "lj": _ROUND}
+    place = {
+        "ty": "tr", "p": moving(curve[OFFSET], lambda row: row),
+        **{name: {"a": 0, "k": value} for name, value in (("a", [0, 0]), ("s", [100, 100]), ("r", 0), ("o", 100))},
+    }  # fmt: skip
+    return {"ty": "gr", "it": [outline, paint, place]}
+
+
+def _bezier(row: list[int], *, closed: bool) -> dict[str, Any]:
+    """Vertices, and the handles before and after them relative to each."""
+    points = np.array(row).reshape(-1, 2)
+    vertices = points[::3]
+    after = points[1::3] - vertices[: len(points[1::3])]
+    before = points[2::3] - (np.roll(vertices, -1, axis=0) if closed else vertices[1:])
+    if closed:
+        before = np.roll(before, 1, axis=0)
+    else:
+        before, after = np.pad(before, ((1, 0), (0, 0))), np.pad(after, ((0, 1), (0, 0)))
+    return {"c": closed, "v": vertices.tolist(), "i": before.tolist(), "o": after.tolist()}

@@ -1,0 +1,259 @@
+"""Clips, read one frame at a time: animated GIF, PNG and WebP files, videos, and folders of pictures.
+
+Every failure is an `InputError` of one line, but for a video that cannot be read for want of a package: `EngineError`.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+from PIL import Image, UnidentifiedImageError
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.convert import PictureLike, as_picture
+from cubicsplat_cli.files.decode import Decoded, decode, formats_of
+from cubicsplat_cli.files.load import Picture, load_picture, resize_picture
+from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.files.names import pictures_in
+from cubicsplat_cli.files.paths import is_folder
+from cubicsplat_cli.files.read import read_whole
+from cubicsplat_cli.files.video import is_video, open_video
+from cubicsplat_cli.formatting import one_line, printable
+from cubicsplat_cli.settings import MAX_PIXELS
+
+FOLDER_FPS = 25.0  # of pictures in a folder, which say no times; as ffmpeg has it
+# Browsers show frames of GIFs that ask for at most so many ms for UNTIMED_S each.
+_SHORTEST_MS, UNTIMED_S = 10, 0.1
+_FORMS = "give a GIF, an animated PNG or WebP, a video, or a folder of pictures"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A picture that is shown from `begin` until `end`, seconds from the start of the clip."""
+
+    picture: Picture
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class ClipSource:
+    """A clip that can be read.
+
+    frames: reads it from the start, one frame at a time. transparent: whether any frame is. plays: how often it is to
+    be shown, 0 for ever. count, seconds: of its frames and of all of it, about, as its file says; None: it does not.
+    sha256: of its bytes, of a folder of those of all pictures one after the other.
+    """
+
+    name: str
+    width: int
+    height: int
+    transparent: bool
+    plays: int
+    count: int | None
+    sha256: str
+    frames: Callable[[], Iterator[Frame]]
+    seconds: float | None = None
+
+
+def open_clip(
+    path: Path,
+    *,
+    fps: float | None = None,
+    most_frames: int | None = None,
+    max_size: int | None = None,
+    max_pixels: int = MAX_PIXELS,
+) -> ClipSource:
+    """Look a clip through, and give its frames.
+
+    fps: frames a second that are taken in place of the clip's own (folders: FOLDER_FPS). most_frames: taken from the
+    start. max_size: px of the longer side of the frames; larger ones are scaled down. max_pixels: of a frame.
+    Raises InputError for what is no clip, has a single frame, or cannot be read; EngineError for a video without PyAV.
+    """
+    shown = printable(str(path))
+    if is_folder(path):
+        source = _folder_clip(path, fps or FOLDER_FPS, most_frames, max_pixels)
+    else:
+        data = read_whole(path)
+        if is_video(data):
+            source = _video_clip(data, shown, max_pixels)
+        else:
+            source = _picture_clip(data, shown, None if fps else most_frames, max_pixels)
+        if fps is not None:
+            source = _at_rate(source, fps)
+    if most_frames is not None:
+        source = replace(source, frames=_then(source.frames, lambda frames: islice(frames, most_frames)))
+        source = replace(source, count=None if source.count is None else min(source.count, most_frames))
+    if max_size is not None:
+        source = replace(source, frames=_then(source.frames, lambda frames: _smaller(frames, max_size)))
+    first = [*islice(source.frames(), 2)]
+    if len(first) < 2:
+        raise _single(shown)
+    return replace(source, width=first[0].picture.width, height=first[0].picture.height)
+
+
+def _single(shown: str) -> InputError:
+    return InputError(f"{shown}: has one frame only; `cubicsplat vectorize` is for single pictures")
+
+
+def _at_rate(source: ClipSource, fps: float) -> ClipSource:
+    """The clip with so many frames a second."""
+    count = None if source.seconds is None else max(1, round(source.seconds * fps))
+    return replace(source, frames=_then(source.frames, lambda frames: _resampled(frames, fps)), count=count)
+
+
+def _then(
+    frames: Callable[[], Iterator[Frame]], change: Callable[[Iterator[Frame]], Iterator[Frame]]
+) -> Callable[[], Iterator[Frame]]:
+    return lambda: change(frames())
+
+
+def _resampled(frames: Iterator[Frame], fps: float) -> Iterator[Frame]:
+    """Whatever frame is shown at each multiple of 1 / fps seconds."""
+    taken = 0
+    for frame in frames:
+        # A time may miss the start of its frame by the rounding of either.
+        while taken / fps < frame.end - 1e-6:
+            yield replace(frame, begin=taken / fps, end=(taken + 1) / fps)
+            taken += 1
+
+
+def _smaller(frames: Iterator[Frame], max_size: int) -> Iterator[Frame]:
+    for frame in frames:
+        yield replace(frame, picture=resize_picture(frame.picture, max_size))
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    """A key that sorts frame2 before frame10."""
+    parts = re.split(r"(\d+)", path.name.lower())
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part]
+
+
+def _folder_clip(folder: Path, fps: float, most: int | None, max_pixels: int) -> ClipSource:
+    paths = sorted(pictures_in(folder), key=_natural)[:most]
+
+    def frames() -> Iterator[Frame]:
+        size = None
+        for index, path in enumerate(paths):
+            picture = load_picture(path, max_pixels=max_pixels)
+            size = size or picture.size
+            _check_size(picture, size, printable(str(path)))
+            yield Frame(picture, index / fps, (index + 1) / fps)
+
+    looked = [(frame.picture.alpha is not None, frame.picture.sha256) for frame in frames()]
+    digest = sha256_of("".join(sha256 for _, sha256 in looked).encode())
+    transparent = any(alpha for alpha, _ in looked)
+    return ClipSource(printable(str(folder)), 0, 0, transparent, 0, len(paths), digest, frames)
+
+
+def clip_of_pictures(
+    pictures: Sequence[PictureLike], *, fps: float = FOLDER_FPS, max_size: int | None = None
+) -> ClipSource:
+    """A clip of pictures that are no files. Raises InputError for what is none, and for fewer than two."""
+    name = "<frames>"
+
+    def frames() -> Iterator[Frame]:
+        size = None
+        for index, each in enumerate(pictures):
+            picture = as_picture(each)
+            size = size or picture.size
+            _check_size(picture, size, f"{name}: frame {index + 1}")
+            if max_size is not None:
+                picture = resize_picture(picture, max_size)
+            yield Frame(picture, index / fps, (index + 1) / fps)
+
+    looked = [(frame.picture.alpha is not None, frame.picture.sha256) for frame in frames()]
+    if len(looked) < 2:
+        raise _single(name)
+    first = next(frames()).picture
+    digest = sha256_of("".join(sha256 for _, sha256 in looked).encode())
+    transparent = any(alpha for alpha, _ in looked)
+    return ClipSource(name, first.width, first.height, transparent, 0, len(looked), digest, frames)
+
+
+def _check_size(picture: Picture, size: tuple[int, int], shown: str) -> None:
+    if picture.size != size:
+        raise InputError(
+            f"{shown}: is {picture.width} x {picture.height} px, the frames before it {size[0]} x {size[1]}; "
+            "scale it to their size"
+        )
+
+
+def _picture_clip(data: bytes, shown: str, most: int | None, max_pixels: int) -> ClipSource:
+    """The first `most` frames of an animated GIF, PNG, WebP or AVIF file."""
+    animated = not data or _is_animated(data, shown)
+    # The checks of a still picture: its bytes, its pixels.
+    load_picture(data, name=shown, max_pixels=max_pixels, frame=1)
+    if not animated:
+        raise _single(shown)
+    digest = sha256_of(data)
+
+    def frames() -> Iterator[Frame]:
+        begin = 0.0
+        for decoded, seconds in islice(_decoded_frames(data, shown), most):
+            yield Frame(Picture(decoded.rgb, decoded.alpha, shown, digest), begin, begin + seconds)
+            begin += seconds
+
+    looked = [(frame.picture.alpha is not None, frame.end) for frame in frames()]
+    transparent = any(alpha for alpha, _ in looked)
+    return ClipSource(shown, 0, 0, transparent, _plays(data, shown), len(looked), digest, frames, looked[-1][1])
+
+
+def _is_animated(data: bytes, shown: str) -> bool:
+    try:
+        with Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image:
+            return bool(getattr(image, "is_animated", False)) and image.format != "TIFF"
+    except UnidentifiedImageError as error:
+        raise InputError(f"{shown}: is no clip; {_FORMS}") from error
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise InputError(f"{shown}: is damaged or truncated ({printable(one_line(error))}); save it again") from error
+
+
+def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[Decoded, float]]:
+    """Each frame as it is shown, on those before it, and for how many seconds."""
+    with Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image:
+        # An animated PNG may begin with a picture for those who show no animations.
+        first = 1 if image.info.get("default_image") else 0
+        for index in range(first, getattr(image, "n_frames", 1)):
+            try:
+                image.seek(index)
+                decoded = decode(image, data, shown, chosen=True)
+            except InputError:
+                raise
+            except Exception as error:  # as of a still picture, Pillow answers broken bytes with nearly any
+                reason = printable(one_line(error)) or type(error).__name__
+                raise InputError(
+                    f"{shown}: frame {index + 1 - first} is damaged or cut short ({reason}); save it again, or take "
+                    "those before it with --frames"
+                ) from error
+            milliseconds = float(image.info.get("duration") or 0.0)
+            yield decoded, milliseconds / 1000.0 if milliseconds > _SHORTEST_MS else UNTIMED_S
+
+
+def _plays(data: bytes, shown: str) -> int:
+    """How often a file says that it is to be shown; 0 for ever."""
+    with Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image:
+        loop = image.info.get("loop")
+        if image.format != "GIF":
+            return int(loop or 0)
+        # A GIF counts the repetitions after the first showing, and without a count there are none.
+        return 1 if loop is None else 0 if loop == 0 else int(loop) + 1
+
+
+def _video_clip(data: bytes, shown: str, max_pixels: int) -> ClipSource:
+    video, digest = open_video(data, shown, max_pixels), sha256_of(data)
+
+    def frames() -> Iterator[Frame]:
+        size = None
+        for index, (pixels, begin, end) in enumerate(video.frames()):
+            picture = Picture(pixels, None, shown, digest)
+            size = size or picture.size
+            _check_size(picture, size, f"{shown}: frame {index + 1}")
+            yield Frame(picture, begin, end)
+
+    return ClipSource(shown, 0, 0, False, 0, video.count, digest, frames, video.seconds)

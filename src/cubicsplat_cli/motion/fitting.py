@@ -1,0 +1,231 @@
+"""The fit of a clip: group after group of its frames, each by following the picture, choosing knots and a joint fit."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.motion.following import follow
+from cubicsplat_cli.motion.groups import Group, groups
+from cubicsplat_cli.motion.joint import JointFit, Rates
+from cubicsplat_cli.motion.knots import choose, sensitivity, split_offsets
+from cubicsplat_cli.motion.tracks import Tracks, grid_of
+from cubicsplat_cli.photo.initial import choose_background
+from cubicsplat_cli.photo.loop import FitLoop
+from cubicsplat_cli.progress import Stopped, work
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Clip, MovingScene, Scene, points_from_segments
+from cubicsplat_cli.scene.moving import TRACKS
+from cubicsplat_cli.settings import ANY, FitSettings
+
+# Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
+# joint fit in all, in each of which every frame has its part in one step.
+FOLLOWING, EPOCHS = 1 / 12, 1 / 8
+ROUNDS = 3  # of choosing knots, each followed by a joint fit
+LOOSENED = 0.1  # of the epochs: steps of each frame on its own between two rounds, which say where knots are missing
+FINISH = 0.3  # of the epochs: with exact coverage, and numbers as the file has them
+# The loss may rise by so many times itself when knots are left out, before the joint fit takes most of it back.
+KNOT_LOSS = 1.0
+MEMORY = 1 << 28  # bytes of a group's pictures
+MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
+EDGES, TOLERANCE = 12, 0.1  # of a cubic's polyline, and px; cairo draws with the same
+BEFORE_DEADLINE = 0.9  # of the time that is left
+FOLLOWING_SHARE = 0.5  # of the time that a group takes
+LEAST_STEPS, LEAST_EPOCHS = 8, 10
+EPOCH_COST = 2.0  # steps of one frame that an epoch takes for each, with the choice of knots
+MEASURED_STEPS = 4
+OVERHEAD = 2.0  # times the first steps: later ones are exact, or move curves to other places
+# Step sizes: of control points, in length units, and of colours and opacities, in their range; of steps of frames on
+# their own, and of the finish, as shares of those.
+RATE, PAINT_RATE = 0.025, 0.01
+LOOSE_RATE, FINISH_RATE = 0.4, 0.3
+SEEN = 0.004  # an opacity that 8-bit renderers show
+
+
+def fit_clip(
+    frames: Iterable[tuple[np.ndarray, float, float]],
+    settings: FitSettings,
+    count: int | None = None,
+    *,
+    precision: int = 1,
+    bytes_per_second: float = math.inf,
+) -> Clip:
+    """Fits moving curves to the frames of a clip.
+
+    frames: pictures (H, W, 3), or (H, W, 4) premultiplied RGBA, float32 in [0, 1], all of one size, each with the
+    seconds at which it begins and ends; they are read as they are needed, and at most `MEMORY` bytes of them kept.
+    settings: of the fit of a picture; its number of curves is that which a frame shows, its steps are those of the
+    first frame, and all else follows from them. The work is done on the CPU. count: of the frames, for progress.
+    precision: decimals of coordinates in the file. bytes_per_second: about what the file's knots may take, before
+    compression.
+
+    A stop (Ctrl-C, the deadline of `work()`) ends the fit with the frames so far. Raises InputError for no frame, or
+    one of another size, UsageError for fills or shapes other than plain ones, EngineError where the engine fails.
+    """
+    if settings.fill != "flat" or settings.shapes != ANY:
+        raise UsageError("curves that move are of any shape and of one colour; leave out --fill and --shapes")
+    checked = _checked(frames, opaque=settings.background != "none")
+    head = next(checked, None)
+    if head is None:
+        raise InputError("the clip has no frames")
+    fit = ClipFit(head[0], settings, precision, bytes_per_second, count)
+    found: list[MovingScene] = []
+    for group in groups(itertools.chain([head], checked), fit.most_frames):
+        last = None if group.after_cut else found[-1].at(found[-1].frames - 1)
+        moving = fit.group(group, last)
+        if moving is not None:
+            found.append(moving)
+        if work().stopped:
+            break
+    if not found:
+        raise Stopped
+    first = found[0].base
+    return Clip(first.width, first.height, first.background, found)
+
+
+Frame = tuple[np.ndarray, float, float]
+
+
+def _checked(frames: Iterable[Frame], *, opaque: bool) -> Iterator[Frame]:
+    """The frames as the engine takes them; with transparency unless `opaque`."""
+    shape: tuple[int, ...] | None = None
+    for picture, begin, end in frames:
+        if picture.ndim != 3 or picture.shape[2] not in (3, 4) or not np.isfinite(picture).all():
+            raise InputError("every frame must have shape (height, width, 3 or 4) and finite values")
+        if shape not in (None, picture.shape):
+            raise InputError(f"frames must have one size, but one has {picture.shape} after {shape}")
+        shape = picture.shape
+        if shape[2] == 3 and not opaque:
+            picture = np.concatenate([picture, np.ones_like(picture[..., :1])], axis=2)
+        yield np.ascontiguousarray(picture, np.float32), begin, end
+
+
+@dataclass(frozen=True)
+class Effort:
+    """first: steps of a group's first frame. following: of each other one. epochs: of the joint fit. first_s: seconds
+    that the first frame may take, or None.
+    """
+
+    first: int
+    following: int
+    epochs: int
+    first_s: float | None = None
+
+    def scaled(self, share: float, step_s: float) -> Effort:
+        """So much of it, but never nothing; step_s: seconds of a step."""
+        first, following, epochs = (max(1, round(share * value)) for value in (self.first, self.following, self.epochs))
+        return Effort(first, following, epochs, first * step_s)
+
+
+class ClipFit:
+    """What the fits of all groups of a clip share. picture: the first; the rest as in `fit_clip`."""
+
+    def __init__(
+        self, picture: np.ndarray, settings: FitSettings, precision: int, bytes_per_second: float, count: int | None
+    ) -> None:
+        height, width, _ = picture.shape
+        settings = settings.for_size(width, height)
+        background = choose_background(picture, settings)
+        if background is not None:
+            red, green, blue = (round(255.0 * value) for value in background)
+            settings = settings.with_(background=f"#{red:02x}{green:02x}{blue:02x}")
+        # The deadline is that of the work, for all frames together.
+        self.settings = settings.with_(device="cpu", time_limit=None)
+        self.engine = CpuEngine(settings.threads or work().threads)
+        self.picture = picture
+        self.generator = np.random.default_rng(settings.seed)
+        self.bytes_per_second, self.count, self.done = bytes_per_second, count, 0
+        self.unit = settings.recipe.unit(width, height, settings.curves or 1)
+        self.relaxed = RasterSettings("relaxed", settings.recipe.edge_end, EDGES, TOLERANCE)
+        self.exact = RasterSettings("exact", settings.recipe.finish_edge_width, EDGES, TOLERANCE)
+        self.grid = grid_of(points_from_segments(settings.mode, settings.segments), precision)
+        by_curves = math.sqrt(MEMORY / (8 * len(TRACKS) * settings.curves))
+        self.most_frames = max(2, min(MOST_FRAMES, MEMORY // picture.nbytes, int(by_curves)))
+
+    def group(self, group: Group, start: Scene | None) -> MovingScene | None:
+        """The curves of a group's frames, of fewer where the work is stopped, or None if that was right away.
+
+        start: the curves of the frame before, if this group goes on with it.
+        """
+        frames = len(group.pictures)
+        effort = self._effort(frames, fresh=start is None)
+        settings = self.settings.with_(steps=effort.first, time_limit=effort.first_s)
+
+        def on_frame(index: int) -> None:
+            self._tell(f"frame {self.done + index + 1}", FOLLOWING_SHARE * index)
+
+        scenes = follow(group.pictures, settings, start, effort.following, self.engine, on_frame)
+        if not scenes:
+            return None
+        end = group.end if len(scenes) == frames else group.times[len(scenes)]
+        tracks = Tracks.on_every_frame(scenes, np.array(group.times[: len(scenes)]), end)
+        if len(scenes) > 1:
+            tracks = self._joint(tracks, group.pictures[: len(scenes)], effort.epochs)
+        tracks = tracks.on_grid(self.grid)
+        self.done += len(scenes)
+        return tracks.moving()
+
+    def _joint(self, tracks: Tracks, pictures: list[np.ndarray], epochs: int) -> Tracks:
+        """The tracks with fewer knots, fitted to all frames at once."""
+        finish, between = round(FINISH * epochs), round(LOOSENED * epochs)
+        each = (epochs - finish - (ROUNDS - 1) * between) // ROUNDS
+        rates, stage = Rates(RATE * self.unit, PAINT_RATE), "moving curves"
+        tracks = self._thinned(tracks, pictures)
+        with work().stoppable():
+            for turn in range(ROUNDS):
+                share = FOLLOWING_SHARE + (1.0 - FOLLOWING_SHARE) * (1.0 - FINISH) * turn / ROUNDS
+                self._tell(stage, share * len(pictures))
+                if turn:
+                    free = tracks.loosened()
+                    JointFit(free, pictures, self.engine, self.relaxed).run(
+                        between, rates.scaled(LOOSE_RATE), self.generator
+                    )
+                    tracks = self._thinned(free, pictures)
+                JointFit(tracks, pictures, self.engine, self.relaxed).run(each, rates, self.generator)
+            self._tell(stage, (1.0 - FINISH * (1.0 - FOLLOWING_SHARE)) * len(pictures))
+            last = JointFit(tracks, pictures, self.engine, self.exact, self.grid)
+            last.run(finish, rates.scaled(FINISH_RATE), self.generator)
+        return tracks
+
+    def _thinned(self, tracks: Tracks, pictures: list[np.ndarray]) -> Tracks:
+        lines = tracks.lines()
+        loss = sum(
+            self.engine.loss(tracks.at(frame, lines), self.exact, picture) for frame, picture in enumerate(pictures)
+        )
+        weights = sensitivity(tracks, self.engine, self.relaxed, self.generator)
+        split_offsets(tracks, weights)
+        there = tracks.by_name["opacities"].values[..., 0] > SEEN
+        seconds = tracks.end - float(tracks.times[0])
+        return choose(tracks, weights, there, KNOT_LOSS * loss, self.bytes_per_second * seconds)
+
+    def _effort(self, frames: int, *, fresh: bool) -> Effort:
+        """Steps and epochs for a group; fewer where the deadline asks for it."""
+        steps = self.settings.steps
+        effort = Effort(steps, max(LEAST_STEPS, round(FOLLOWING * steps)), max(LEAST_EPOCHS, round(EPOCHS * steps)))
+        left = (work().deadline - time.perf_counter()) * BEFORE_DEADLINE
+        if left == math.inf:
+            return effort
+        share = frames / max(frames, (self.count or frames) - self.done)
+        needed = frames * (effort.following + effort.epochs * EPOCH_COST) + fresh * steps
+        allowed = max(left, 0.0) * share / self._step_seconds
+        return effort.scaled(min(1.0, allowed / needed), self._step_seconds)
+
+    @cached_property
+    def _step_seconds(self) -> float:
+        """Of a step of one frame, about: those of the first steps of a fit."""
+        loop = FitLoop(self.picture.copy(), self.settings, opened=lambda *_, **__: self.engine)
+        began = time.perf_counter()
+        for _ in range(MEASURED_STEPS):
+            loop.advance()
+        return OVERHEAD * (time.perf_counter() - began) / MEASURED_STEPS
+
+    def _tell(self, stage: str, frames: float) -> None:
+        work().at(stage, min(1.0, (self.done + frames) / self.count) if self.count else 0.0)

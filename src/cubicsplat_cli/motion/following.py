@@ -1,0 +1,145 @@
+"""Follows a picture from frame to frame: each frame's fit begins with the curves of the one before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cubicsplat_cli.photo.inputs import FitInputs
+from cubicsplat_cli.photo.loop import FitLoop
+from cubicsplat_cli.photo.schedule import Phase
+from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster.engine import Engine
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.arrays import as_numpy
+from cubicsplat_cli.settings import FitSettings
+
+RATE, RATE_END = 0.3, 0.1  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
+EXACT = 0.3  # of a frame's steps have exact coverage
+PROGRESS = 0.5  # of a fit, for penalties on shapes: what is followed is in the middle of one
+# A new curve takes away about a curve's share of the loss. One whose removal costs less than this part of that goes.
+IDLE = 1.0
+MOST_REPLACED = 1 / 8  # of the curves, at one frame
+SHORTEST_LIFE = 6  # frames: for less a curve is not written
+
+
+@dataclass
+class Follower:
+    """The curves of a group's frames so far.
+
+    Curves that are replaced keep their places in `rows`, and have no opacity from then on; new ones, before they are
+    there, neither. rows: of each frame, the scene; ids: of each, the number of each curve in it. Numbers rise from back
+    to front but for those of the first frame, 0 to N - 1 from front to back.
+    """
+
+    loop: FitLoop
+    scenes: list[Scene] = field(default_factory=list)
+    ids: list[np.ndarray] = field(default_factory=list)
+    born: dict[int, int] = field(default_factory=dict)
+
+    def first(self) -> None:
+        """Fits the first frame from the start, or from the curves of the group before."""
+        loop = self.loop
+        try:
+            while loop.progress < 1.0:
+                work().at()
+                loop.advance()
+        finally:
+            # What there is by then is a frame, unless it is nothing but seeds.
+            if loop.step:
+                self._keep(np.arange(loop.state.curves.curves))
+
+    def follow(self, picture: np.ndarray, steps: int, frames_left: int) -> None:
+        """Fits the next frame, in so many steps, or in none if it is the last one again. frames_left: with this one."""
+        loop, ids = self.loop, self.ids[-1]
+        if np.array_equal(loop.goal, picture):
+            self.scenes.append(self.scenes[-1])
+            self.ids.append(ids)
+            return
+        loop.goal[...] = picture
+        if frames_left >= SHORTEST_LIFE:
+            ids = self._replace(ids)
+        loop.stepper.check_finite(loop.step)
+        for step in range(steps):
+            work().at()
+            along = step / steps
+            exact = along >= 1.0 - EXACT
+            phase = Phase(
+                RATE * (1.0 - (1.0 - RATE_END) * along), 1.0 if exact else loop.settings.recipe.edge_end, exact
+            )
+            loop.stepper.step(phase, PROGRESS, measured=False)
+        loop.stepper.check_finite(loop.step)
+        self._keep(ids)
+
+    def _replace(self, ids: np.ndarray) -> np.ndarray:
+        """Replaces curves that this frame has no use for by new ones at its errors. Returns the numbers of all."""
+        loop, frame = self.loop, len(self.scenes)
+        loss, found = loop.evaluator.importance(loop.state.curves)
+        importance, count = as_numpy(found).copy(), len(ids)
+        young = np.array([frame - self.born.get(number, -SHORTEST_LIFE) < SHORTEST_LIFE for number in ids.tolist()])
+        importance[young] = np.inf
+        idle = min(int((importance < IDLE * loss / count).sum()), int(MOST_REPLACED * count))
+        if idle == 0:
+            return ids
+        kept = np.sort(np.argsort(importance, kind="stable")[idle:])
+        seeds = loop.seeder.seeds(idle, loop.evaluator.picture(loop.state.curves))
+        loop.stepper.replace(loop.state.chosen(kept).with_seeds(seeds))
+        fresh = max(max(each.max() for each in self.ids), -1) + 1 + np.arange(idle)[::-1]
+        self.born |= dict.fromkeys(fresh.tolist(), frame)
+        return np.concatenate([fresh, ids[kept]])
+
+    def _keep(self, ids: np.ndarray) -> None:
+        self.scenes.append(self.loop.scene())
+        self.ids.append(ids)
+
+    def rows(self) -> list[Scene]:
+        """Of each frame a scene of all curves there ever were, front to back; those that are not there have opacity 0,
+        and stand where they are first or were last.
+        """
+        first = len(self.ids[0])
+        numbers = np.unique(np.concatenate(self.ids))
+        order = np.concatenate([numbers[numbers >= first][::-1], numbers[numbers < first]])
+        place = np.empty(order.max() + 1, np.int64)
+        place[order] = np.arange(len(order))
+        there = np.zeros((len(self.ids), len(order)), bool)
+        for frame, ids in enumerate(self.ids):
+            there[frame, place[ids]] = True
+        born, died = there.argmax(axis=0), len(there) - 1 - there[::-1].argmax(axis=0)
+        held = np.arange(len(there))[:, None].clip(born, died)
+        rows = {name: self._row(name, place, held) for name in ("points", "colours", "opacities", "half_widths")}
+        rows["opacities"] *= there
+        return [
+            replace(self.scenes[0], **{name: values[frame] for name, values in rows.items()})
+            for frame in range(len(there))
+        ]
+
+    def _row(self, name: str, place: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """(F, N, ...): an array of all curves at the frames `held` (F, N). place: of each curve by its number."""
+        frames, curves = held.shape
+        values = np.zeros((frames, curves, *getattr(self.scenes[0], name).shape[1:]), np.float32)
+        for frame, ids in enumerate(self.ids):
+            values[frame, place[ids]] = getattr(self.scenes[frame], name)
+        return values[held, np.arange(curves)]
+
+
+def follow(
+    pictures: list[np.ndarray], settings: FitSettings, start: Scene | None, steps: int, engine: Engine,
+    on_frame: Callable[[int], None],
+) -> list[Scene]:  # fmt: skip
+    """Scenes of the same curves, one of each picture, or of fewer where the work is stopped; none if right away.
+
+    start: curves to begin with, of the frame before. steps: of each frame but the first, which has those of the
+    settings, or as many as the others after a start. on_frame: called before each other frame, with its number.
+    """
+    if start is not None:
+        settings = settings.with_(curves=start.curves, steps=steps)
+    loop = FitLoop(pictures[0].copy(), settings, FitInputs(start=start), opened=lambda *_, **__: engine)
+    follower = Follower(loop)
+    with work().stoppable():
+        follower.first()
+        for index, picture in enumerate(pictures[1:], 1):
+            on_frame(index)
+            follower.follow(picture, steps, len(pictures) - index)
+    return follower.rows() if follower.scenes else []

@@ -1,0 +1,210 @@
+"""The choice of knots: of every curve as few as keep its path within an error that costs less than their bytes.
+
+A picture's squared error rises by about g' g for a change g of its pixels, and g = J d for a small change d of a
+curve's numbers. Of J' J only the diagonal is used, one value for each number of a curve: `sensitivity` estimates it
+with random signs (Hutchinson, 1990), from gradients of the engine. A dynamic program then finds, for a price of a knot,
+the knots with the least sum of error and price, each curve and track on its own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cubicsplat_cli.motion.tracks import PAINTS, Track, Tracks, gradients_of
+from cubicsplat_cli.raster.engine import Engine
+from cubicsplat_cli.raster.settings import RasterSettings
+
+PROBES = 4  # random signs of each frame that is looked at
+LOOKED_AT = 12  # frames
+CHUNK = 64  # curves at once, of F x C numbers each
+UNSEEN = 1e-3  # of the weight of other frames: what cannot be seen decides only where nothing else does
+# Bytes of an animated path beside its knots, of a number of a path with its separator, and of the time of a knot.
+START_BYTES, NUMBER_BYTES, TIME_BYTES = 70.0, 3.6, 5.0
+LEAST_PRICE, MOST_PRICE = 1e-9, 1e3  # of a byte, in units of the loss: one pixel that is wrong has at most 3
+BISECTIONS = 24
+
+
+def sensitivity(
+    tracks: Tracks, engine: Engine, raster: RasterSettings, generator: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Of each track (N, C): by how much the squared error of a frame rises for the square of a change, on average."""
+    lines, count = tracks.lines(), 0
+    sums: dict[str, np.ndarray] = {}
+    for frame in np.unique(np.linspace(0, tracks.frames - 1, LOOKED_AT).round().astype(int)):
+        scene = tracks.at(int(frame), lines)
+        for _ in range(PROBES):
+            shape = (scene.height, scene.width, scene.channels)
+            signs = (2.0 * generator.integers(0, 2, shape) - 1.0).astype(np.float32)
+            _, found = engine.gradients(scene, raster, gradient=signs)
+            count += 1
+            for name, gradient in gradients_of(found).items():
+                sums[name] = sums.get(name, 0.0) + gradient.astype(np.float64) ** 2
+    return {name: total / count for name, total in sums.items()}
+
+
+def split_offsets(tracks: Tracks, weights: dict[str, np.ndarray]) -> None:
+    """Moves what all points of a curve move alike, weighted, from the shapes to the offsets; 0 at the first frame."""
+    shapes, offsets = tracks.by_name["shapes"].values, tracks.by_name["offsets"].values
+    frames, curves = shapes.shape[:2]
+    points = shapes[..., :-1].reshape(frames, curves, -1, 2)
+    of_points = weights["shapes"][:, :-1].reshape(curves, -1, 2) + 1e-9
+    middles = (points * of_points).sum(axis=2) / of_points.sum(axis=1)
+    moved = (middles - middles[:1]).astype(np.float32)
+    offsets += moved
+    shapes[..., :-1] -= np.tile(moved, (1, 1, points.shape[2]))
+
+
+@dataclass
+class Choice:
+    """The knots of a track for any price: its errors are computed once.
+
+    track: with values at every frame. weights: (N, C), by what the square of an error is multiplied. there: (F, N)
+    bool, the frames at which errors count.
+    """
+
+    track: Track
+    weights: np.ndarray
+    there: np.ndarray
+    times: np.ndarray
+
+    def __post_init__(self) -> None:
+        frames, curves = self.track.knots.shape
+        self.errors, self.still_errors = np.empty((frames, frames, curves)), np.empty(curves)
+        for begin in range(0, curves, CHUNK):
+            part = slice(begin, begin + CHUNK)
+            scaled = self.track.values[:, part].astype(np.float64) * np.sqrt(self.weights[part])
+            there = self.there[:, part].astype(np.float64)
+            self.errors[..., part] = _errors(scaled, self.times, there)
+            middle = (scaled * there[..., None]).sum(axis=0) / np.maximum(there.sum(axis=0), 1.0)[:, None]
+            self.still_errors[part] = (np.square(scaled - middle).sum(axis=2) * there).sum(axis=0)
+
+    def at(self, price: float, start: float) -> tuple[Track, float]:
+        """The track with the knots of the least sum of errors and prices, and the sum of its errors.
+
+        price: of a knot; start: of a curve that is not still; both in units of the loss. Values are those of before.
+        """
+        knots, cost = _cheapest(self.errors, price)
+        still = self.still_errors <= cost + start
+        knots[1:-1, still] = False
+        error = np.where(still, self.still_errors, cost - price * (knots.sum(axis=0) - 1))
+        return Track(self.track.values, knots, still), float(error.sum())
+
+    def fitted(self, track: Track) -> Track:
+        """A track of these knots whose path is nearest to the values that this one was chosen for."""
+        values = least_squares(track, self.track.values, self.there, self.times)
+        return Track(values, track.knots, track.still)
+
+
+def choose(
+    tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, most_error: float, most_bytes: float
+) -> Tracks:
+    """Tracks with fewer knots: with the least price of a byte at which all errors are no more than `most_error`, in
+    units of the loss, or with a higher one where they take more than `most_bytes`.
+
+    weights: `sensitivity`. there: (F, N) bool, the frames at which a curve is seen.
+    """
+    every = np.ones_like(there)
+    choices = {
+        name: Choice(track, weights[name], every if name == "opacities" else there, tracks.times)
+        for name, track in tracks.by_name.items()
+    }
+    costs = {name: knot_bytes(name, track.values.shape[2]) for name, track in tracks.by_name.items()}
+
+    def at(price: float) -> tuple[dict[str, Track], bool]:
+        found = {name: one.at(price * costs[name], price * START_BYTES) for name, one in choices.items()}
+        size = sum(costs[name] * track.count for name, (track, _) in found.items())
+        too_dear = size > most_bytes or sum(error for _, error in found.values()) < most_error
+        return {name: track for name, (track, _) in found.items()}, too_dear
+
+    low, high = LEAST_PRICE, MOST_PRICE
+    for _ in range(BISECTIONS):
+        price = math.sqrt(low * high)
+        low, high = (price, high) if at(price)[1] else (low, price)
+    chosen = at(high)[0]
+    fitted = {name: choices[name].fitted(track) for name, track in chosen.items()}
+    for name in PAINTS:
+        fitted[name].values.clip(0.0, 1.0, out=fitted[name].values)
+    return replace(tracks, by_name=fitted)
+
+
+def knot_bytes(name: str, numbers: int) -> float:
+    """About what a knot of a track takes in a file, with its time."""
+    return TIME_BYTES + {"colours": 8.0, "opacities": 4.0}.get(name, NUMBER_BYTES * numbers)
+
+
+def _errors(values: np.ndarray, times: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(F, F, N): the sum over the frames between i and j that count, `there` (F, N), of the squared distance of values
+    (F, N, C) from the line from those of frame i to those of frame j.
+    """
+    frames, curves, _ = values.shape
+    errors = np.zeros((frames, frames, curves))
+    for i in range(frames - 2):
+        away, counts = values[i + 1 :] - values[i], there[i + 1 :]  # (G, N, C), (G, N)
+        span = (times[i + 1 :] - times[i])[:, None]
+        squares = np.cumsum(np.square(away).sum(axis=2) * counts, axis=0)
+        along = np.cumsum(away * (span * counts)[..., None], axis=0)
+        squared = np.cumsum(span * span * counts, axis=0)
+        slope = away / span[..., None]
+        to_each = squares - 2.0 * (slope * along).sum(axis=2) + np.square(slope).sum(axis=2) * squared
+        # Not through float rounding below 0; at the frame itself the line has no error.
+        errors[i, i + 1 :] = np.maximum(to_each, 0.0)
+    return errors
+
+
+def _cheapest(errors: np.ndarray, price: float) -> tuple[np.ndarray, np.ndarray]:
+    """(F, N) bool, (N,): the knots of the least sum of errors (F, F, N) and of the price of each, and that sum."""
+    frames, _, curves = errors.shape
+    cost, before = np.zeros((frames, curves)), np.zeros((frames, curves), np.int64)
+    for j in range(1, frames):
+        through = cost[:j] + errors[:j, j] + price
+        before[j] = through.argmin(axis=0)
+        cost[j] = through.min(axis=0)
+    knots, at, every = np.zeros((frames, curves), bool), np.full(curves, frames - 1), np.arange(curves)
+    knots[[0, -1]] = True
+    while at.any():
+        at = before[at, every]
+        knots[at, every] = True
+    return knots, cost[-1]
+
+
+def least_squares(track: Track, wanted: np.ndarray, there: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """(F, N, C): values at the knots of a track with which its path is nearest to the wanted ones (F, N, C), at the
+    frames that count, `there` (F, N); others count a little.
+
+    A frame's value is (1 - s) a + s b of the knots a, b around it, so the normal equations of a curve are tridiagonal
+    over its knots. They are solved for all curves at once over all frames: a frame that is no knot has the equation
+    x = 0, and passes the knots' elimination on.
+    """
+    lines, (frames, curves, _) = track.lines(times), wanted.shape
+    diagonal, upper = np.zeros((frames, curves)), np.zeros((frames, curves))
+    right, every = np.zeros(wanted.shape), np.arange(curves)
+    following = np.zeros((frames, curves), np.int64)
+    for frame in range(frames):
+        a, b, s = lines.before[frame], lines.after[frame], lines.share[frame].astype(np.float64)
+        value, weight = wanted[frame].astype(np.float64), np.where(there[frame], 1.0, UNSEEN)
+        diagonal[a, every] += weight * (1.0 - s) ** 2
+        diagonal[b, every] += weight * s * s
+        upper[a, every] += weight * (1.0 - s) * s
+        following[a, every] = np.maximum(following[a, every], b)
+        right[a, every] += (weight * (1.0 - s))[:, None] * value
+        right[b, every] += (weight * s)[:, None] * value
+    return _tridiagonal(diagonal, upper, following, right).astype(np.float32)
+
+
+def _tridiagonal(diagonal: np.ndarray, upper: np.ndarray, following: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(F, N, C): the solution of symmetric systems, one of each curve, whose unknown i is coupled to `following`[i]."""
+    frames, curves = diagonal.shape
+    every, used = np.arange(curves), diagonal > 0.0
+    diagonal = np.where(used, diagonal, 1.0)
+    for i in range(frames):
+        j, factor = following[i], np.where(following[i] > i, upper[i] / diagonal[i], 0.0)
+        diagonal[j, every] -= factor * np.where(following[i] > i, upper[i], 0.0)
+        right[j, every] -= factor[:, None] * right[i]
+    for i in range(frames - 1, -1, -1):
+        j = following[i]
+        ahead = np.where(j > i, upper[i], 0.0)[:, None] * right[j, every]
+        right[i] = (right[i] - ahead) / diagonal[i][:, None]
+    return right

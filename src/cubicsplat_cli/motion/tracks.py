@@ -1,0 +1,191 @@
+"""Tracks: the numbers of curves over the frames of a group, on knots of their own, and their gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cubicsplat_cli.raster.engine import EngineScene
+from cubicsplat_cli.scene import MovingScene, Scene
+from cubicsplat_cli.scene.moving import TRACKS, lines_at
+
+PAINTS = ("colours", "opacities")  # the tracks whose values lie in [0, 1]
+LEVELS = 255
+OPACITY_DECIMALS, MIN_WIDTH_DECIMALS = 2, 2  # of animated files
+
+
+@dataclass
+class Track:
+    """One of `TRACKS`. values: (F, N, C) float32, of which only the rows of knots count. knots: (F, N) bool.
+
+    still: (N,) bool: the curves whose values never change; they are those of the first frame.
+    """
+
+    values: np.ndarray
+    knots: np.ndarray
+    still: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """The knots of all curves that are not still."""
+        return int(self.knots[:, ~self.still].sum())
+
+    def lines(self, times: np.ndarray) -> Lines:
+        """Which knots each frame lies between."""
+        frames, curves = self.knots.shape
+        before, after = np.zeros((frames, curves), np.int64), np.zeros((frames, curves), np.int64)
+        share = np.empty((frames, curves), np.float32)
+        for frame in range(frames):
+            before[frame], after[frame], share[frame] = lines_at(self.knots, times, frame)
+        before[:, self.still], after[:, self.still], share[:, self.still] = 0, 0, 0.0
+        return Lines(before, after, share)
+
+    def whole(self, times: np.ndarray) -> Track:
+        """The same with the values between knots, and those of still curves, set."""
+        lines = self.lines(times)
+        return replace(self, values=np.stack([lines.at(self.values, frame) for frame in range(len(times))]))
+
+
+@dataclass(frozen=True)
+class Lines:
+    """(F, N): of each frame and curve the knots before and after it, int64, and the share of the latter, float32."""
+
+    before: np.ndarray
+    after: np.ndarray
+    share: np.ndarray
+
+    def at(self, values: np.ndarray, frame: int) -> np.ndarray:
+        """(N, C): the values (F, N, C) of knots, at a frame between them."""
+        curves, share = np.arange(values.shape[1]), self.share[frame][:, None]
+        first = values[self.before[frame], curves]
+        return first + share * (values[self.after[frame], curves] - first)
+
+    def distribute(self, gradient: np.ndarray, frame: int, sums: np.ndarray) -> None:
+        """The transpose of `at`: adds the gradient (N, C) by a frame's values to that by knots', `sums` (F, N, C)."""
+        curves, share = np.arange(sums.shape[1]), self.share[frame][:, None]
+        sums[self.before[frame], curves] += (1.0 - share) * gradient
+        sums[self.after[frame], curves] += share * gradient
+
+
+@dataclass
+class Tracks:
+    """All numbers of N curves over F frames. scene: canvas and topology. times: (F,) s. end: of the last frame, s.
+
+    by_name: of each of `TRACKS` its `Track`: shapes (2 K coordinates in px, and the half-width), offsets (2, px),
+    colours (3), opacities (1). Control points are shape plus offset.
+    """
+
+    scene: Scene
+    times: np.ndarray
+    end: float
+    by_name: dict[str, Track]
+
+    @classmethod
+    def on_every_frame(cls, scenes: list[Scene], times: np.ndarray, end: float) -> Tracks:
+        """Tracks through scenes, one of each frame, with a knot at every one; offsets are 0."""
+        frames, curves = len(scenes), scenes[0].curves
+        points = np.stack([scene.points for scene in scenes]).reshape(frames, curves, -1)
+        widths = np.stack([scene.half_widths for scene in scenes])[..., None]
+        values = {
+            "shapes": np.concatenate([points, widths], axis=2),
+            "offsets": np.zeros((frames, curves, 2)),
+            "colours": np.stack([scene.colours for scene in scenes]),
+            "opacities": np.stack([scene.opacities for scene in scenes])[..., None],
+        }
+        every, never = np.ones((frames, curves), np.bool_), np.zeros(curves, np.bool_)
+        by_name = {
+            name: Track(np.ascontiguousarray(values[name], np.float32), every.copy(), never.copy()) for name in TRACKS
+        }
+        return cls(scenes[0], times, end, by_name)
+
+    @property
+    def frames(self) -> int:
+        """F, the number of frames."""
+        return len(self.times)
+
+    def lines(self) -> dict[str, Lines]:
+        """Of each track; good for as long as knots and still curves stay the same."""
+        return {name: track.lines(self.times) for name, track in self.by_name.items()}
+
+    def at(self, frame: int, lines: dict[str, Lines]) -> EngineScene:
+        """The scene of a frame, as the engine draws it."""
+        found = {name: lines[name].at(track.values, frame) for name, track in self.by_name.items()}
+        return scene_of(self.scene, found)
+
+    def loosened(self) -> Tracks:
+        """The same with a knot at every frame."""
+        every = np.ones_like(self.by_name["shapes"].knots)
+        never = np.zeros(every.shape[1], bool)
+        by_name = {
+            name: Track(track.whole(self.times).values, every.copy(), never.copy())
+            for name, track in self.by_name.items()
+        }
+        return replace(self, by_name=by_name)
+
+    def on_grid(self, grid: dict[str, np.ndarray]) -> Tracks:
+        """The same with the values of knots as a file has them."""
+        by_name = {
+            name: replace(track, values=rounded(track.values, grid[name])) for name, track in self.by_name.items()
+        }
+        return replace(self, by_name=by_name)
+
+    def moving(self) -> MovingScene:
+        """The same as a moving scene, with every value set."""
+        whole = {name: track.whole(self.times) for name, track in self.by_name.items()}
+        shapes, offsets = whole["shapes"].values, whole["offsets"].values
+        frames, curves = shapes.shape[:2]
+        knots = np.logical_or.reduce([self._written(name) for name in TRACKS])
+        points = shapes[..., :-1].reshape(frames, curves, -1, 2) + offsets[:, :, None]
+        base = scene_of(self.scene, {name: track.values[0] for name, track in whole.items()})
+        return MovingScene(
+            Scene(
+                base.mode, base.width, base.height, base.points, base.colours, base.opacities, base.half_widths,
+                base.background, base.ring_ends,
+            ),
+            self.times, self.end, points, whole["colours"].values, whole["opacities"].values[..., 0],
+            np.ascontiguousarray(shapes[..., -1]), knots, offsets, {name: self._written(name) for name in TRACKS},
+        )  # fmt: skip
+
+    def _written(self, name: str) -> np.ndarray:
+        """(F, N): the knots of a track, of still curves the first and the last frame."""
+        track = self.by_name[name]
+        ends = np.zeros_like(track.knots)
+        ends[[0, -1]] = True
+        return ends | (track.knots & ~track.still)
+
+
+def grid_of(points: int, precision: int) -> dict[str, np.ndarray]:
+    """Of each track the steps (C,) of its values in a file with `precision` decimals, for so many control points."""
+    coordinates, width = 10.0**-precision, 0.5 * 10.0 ** -max(precision, MIN_WIDTH_DECIMALS)
+    return {
+        "shapes": np.array([coordinates] * (2 * points) + [width]), "offsets": np.full(2, coordinates),
+        "colours": np.full(3, 1.0 / LEVELS), "opacities": np.full(1, 10.0**-OPACITY_DECIMALS),
+    }  # fmt: skip
+
+
+def rounded(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Values (..., C) as the nearest multiples of steps (C,), float32."""
+    return (np.rint(values / steps) * steps).astype(np.float32)
+
+
+def scene_of(scene: Scene, values: dict[str, np.ndarray]) -> EngineScene:
+    """A scene on another's canvas with these numbers of its curves, (N, C) of each track."""
+    shapes = values["shapes"]
+    points = shapes[:, :-1].reshape(len(shapes), -1, 2) + values["offsets"][:, None]
+    return EngineScene(
+        scene.mode, scene.width, scene.height, np.ascontiguousarray(points, np.float32),
+        np.ascontiguousarray(values["colours"]), np.ascontiguousarray(values["opacities"][:, 0]),
+        np.ascontiguousarray(shapes[:, -1]), scene.background, scene.ring_ends,
+    )  # fmt: skip
+
+
+def gradients_of(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Of each track, (N, C): an engine's gradients by a frame's points, colours, opacities and half-widths."""
+    points = found["points"]
+    return {
+        "shapes": np.concatenate([points.reshape(len(points), -1), found["half_widths"][:, None]], axis=1),
+        "offsets": points.sum(axis=1),
+        "colours": found["colours"],
+        "opacities": found["opacities"][:, None],
+    }

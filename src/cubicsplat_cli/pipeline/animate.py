@@ -1,0 +1,245 @@
+"""One clip through the stages: frames -> fit or drawings -> animated SVG, Lottie or frames -> figures."""
+
+from __future__ import annotations
+
+import gzip
+import math
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style, choose_style
+from cubicsplat_cli.clip_request import AUTO, LOTTIE, SMIL, ClipInput, ClipOutput, ClipQuality, ClipReport
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.evaluate.metrics import psnr_db
+from cubicsplat_cli.files.clips import Frame
+from cubicsplat_cli.files.marks import sha256_of, with_checksum
+from cubicsplat_cli.formatting import counted
+from cubicsplat_cli.motion import fit_clip
+from cubicsplat_cli.options import GzipBytes
+from cubicsplat_cli.pipeline.animation import Animation, CurvesAnimation, DrawnAnimation
+from cubicsplat_cli.pipeline.clip_task import ClipTask
+from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
+from cubicsplat_cli.request import Request
+from cubicsplat_cli.scene.moving import Clip
+from cubicsplat_cli.settings import FitSettings, cpu_count
+from cubicsplat_cli.svg.moving import shown_at, to_grid_clip
+from cubicsplat_cli.svg.moving_writer import write_clip
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.artwork.shapes import Drawing
+
+TO_CHOOSE = 0.25  # of a time limit, to choose the style, at most
+# Of a budget of bytes: the fits that are made for it at most; the share of curves as they stand, where each takes so
+# many bytes with those that come and go for it; what gzip leaves of a file.
+FITS, STANDING, CURVE_BYTES, COMPRESSED = 3, 0.3, 280.0, 0.36
+# Steps of the grid by which paths may be off where knots are left out for it, and after the last fit; how often that is
+# bisected. A further fit aims at a little less. There are at most so many times the usual number of curves.
+MOST_OFF, LAST_OFF, LOOKS, AGAIN, DENSE = 2.0, 20.0, 6, 0.9, 4
+
+
+def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -> Animation:
+    """Make a clip an animation, and measure what the file plays.
+
+    write: is given the animation before it is measured. A Ctrl-C ends the work with the frames so far. Raises
+    EngineError when the engine fails, and what reading the clip's frames raises.
+    """
+    with task.timer("fit"):
+        style = style_of(task)
+        work = Work(task.on_progress, task.deadline, task.request.settings.threads or cpu_count())
+        animation = drawn(task, work) if style.name == ARTWORK else fitted(task, work)
+    with task.timer("write"):
+        write(animation)
+    with task.timer("measure"):
+        quality, last = _quality(animation, task, task.played(style.name))
+    return replace(animation, report=_report(animation, task, style, quality, last, interrupted=work.interrupted))
+
+
+def style_of(task: ClipTask) -> Style:
+    """The style that is asked for, or suits the first frame: a drawing, unless a photo of it is nearer."""
+    if task.request.style != AUTO:
+        return Style(task.request.style, "asked for")
+    if task.request.format == LOTTIE or task.request.max_bytes is not None:
+        return Style(PHOTO, "asked for by the format" if task.request.format == LOTTIE else "asked for by max_bytes")
+    first = next(task.frames()).picture
+    style = choose_style(first.target())
+    if style.name != ARTWORK:
+        return style if style.name == PHOTO else Style(ARTWORK, style.reason)
+    from cubicsplat_cli.pipeline.choose import candidates
+    from cubicsplat_cli.pipeline.vectorize import task_of
+
+    settings, limit = task.request.settings, task.request.settings.time_limit
+    limited = settings.with_(curves=None, time_limit=None if limit is None else TO_CHOOSE * limit)
+    *_, made = candidates(task_of(first, Request(limited, measure=False), StageTimer()))
+    if made.interrupted:
+        raise KeyboardInterrupt
+    return made.style
+
+
+def fitted(task: ClipTask, work: Work) -> Animation:
+    """Curves that move from frame to frame, as many as fit into the bytes where these are limited."""
+    settings, most = task.request.settings, task.request.max_bytes
+    with under_way(work):
+        if most is None:
+            return _animation(_fit(task, work, settings), task)
+        return _within_bytes(most, task, work)
+
+
+def _fit(task: ClipTask, work: Work, settings: FitSettings, bytes_per_second: float = math.inf) -> Clip:
+    frames = ((task.pixels(frame), frame.begin, frame.end) for frame in task.held_frames())
+    form = {"precision": task.request.precision, "bytes_per_second": bytes_per_second}
+    try:
+        return fit_clip(frames, settings, task.source.count, **form)  # type: ignore[arg-type]
+    except Stopped:
+        if work.interrupted:
+            raise KeyboardInterrupt from None
+        raise InputError("the time limit was up before the first frame was fitted; allow more") from None
+
+
+def _animation(clip: Clip, task: ClipTask, off: float = 0.5) -> CurvesAnimation:
+    """The animation of a fitted clip. off: see `to_grid_clip`."""
+    grid, plays = to_grid_clip(clip, task.request.precision, off), task.request.plays(task.source.plays)
+    svg = with_checksum(write_clip(grid, title=task.title, comment=task.comment, plays=plays))
+    start = float(clip.groups[0].times[0])
+    begins = np.concatenate([group.times for group in clip.groups]) - start
+    exact = np.concatenate([shown_at(group) for group in clip.groups]) - start
+    return CurvesAnimation(svg, begins, exact, grid.duration, plays, task.title, task.comment, grid)
+
+
+def _within_bytes(most: int, task: ClipTask, work: Work) -> Animation:
+    """The animation that fits into so many bytes of its format. Raises InputError where a few curves do not.
+
+    The first fit has as many curves as leave most of the bytes to their motion. What is still too large loses the knots
+    that matter least; where that would show, a further fit aims at less.
+    """
+    seconds = deque(task.held_frames(), maxlen=1)[0].end
+    room = most / (COMPRESSED if isinstance(most, GzipBytes) else 1.0)
+    dense = DENSE * task.request.settings.for_size(task.source.width, task.source.height).curves
+    for turn in range(FITS):
+        curves = max(1, min(dense, round(STANDING * room / CURVE_BYTES)))
+        moving = max(room - curves * CURVE_BYTES, 0.1 * room)
+        clip = _fit(task, work, task.request.settings.with_(curves=curves), moving / seconds)
+        animation = _animation(clip, task)
+        size, last = _size(animation, task), turn == FITS - 1 or work.stopped
+        made = animation if size <= most else _thinned(most, clip, task, LAST_OFF if last else MOST_OFF)
+        if made is not None:
+            return made
+        if work.stopped:
+            return replace(animation, notes=(f"stopped before it fitted into {most:d} bytes",))
+        room *= AGAIN * most / size
+    raise InputError(f"{counted(curves, 'curve')} need more than {most:d} bytes; allow more, or take fewer frames")
+
+
+def _thinned(most: int, clip: Clip, task: ClipTask, most_off: float) -> Animation | None:
+    """The animation with as many knots as fit; None where paths would be off by more."""
+    low, high, made = 0.5, most_off, None
+    for _ in range(LOOKS):
+        middle = math.sqrt(low * high)
+        smaller = _animation(clip, task, middle)
+        if _size(smaller, task) <= most:
+            high, made = middle, smaller
+        else:
+            low = middle
+    return made
+
+
+def _size(animation: Animation, task: ClipTask) -> int:
+    """Bytes of all files, after gzip where that is asked for."""
+    packed = isinstance(task.request.max_bytes, GzipBytes)
+    files = animation.files(task.request.format or SMIL).values()
+    return sum(len(gzip.compress(data, mtime=0) if packed else data) for data in files)
+
+
+def drawn(task: ClipTask, work: Work) -> Animation:
+    """The drawings of the frames as shapes that stand still, move, or are shown in some of them."""
+    from cubicsplat_cli.artwork.moving import moving_drawing
+    from cubicsplat_cli.svg.moving_drawing import write_moving_drawing
+
+    begins: list[float] = []
+    ends: list[float] = []
+
+    def drawings() -> Iterator[Drawing]:
+        for frame, drawing in _drawings(task, work):
+            begins.append(frame.begin)
+            ends.append(frame.end)
+            yield drawing
+
+    moving = moving_drawing(drawings())
+    plays, starts = task.request.plays(task.source.plays), np.array(begins)
+    text = write_moving_drawing(moving, starts, ends[-1], title=task.title, comment=task.comment, plays=plays)
+    middles = (starts + np.array(ends)) / 2.0
+    return DrawnAnimation(with_checksum(text), starts, middles, ends[-1], plays, task.title, task.comment, moving)
+
+
+def _drawings(task: ClipTask, work: Work) -> Iterator[tuple[Frame, Drawing]]:
+    """Each frame with its drawing, until the work is stopped; the first one in any case."""
+    from cubicsplat_cli.artwork.settings import ArtworkSettings
+    from cubicsplat_cli.artwork.vectorize import draw, prepare
+
+    chosen, before = ArtworkSettings(curves=task.request.settings.curves), None
+    for index, frame in enumerate(task.frames()):
+        target = frame.picture.target()
+        if before is None or not np.array_equal(before[0], target):
+            one = Work(_of_frame(task, index), work.deadline, work.threads)
+            with under_way(one):
+                drawing = draw(target, chosen, prepare(target))
+            work.interrupted = work.interrupted or one.interrupted
+            if one.stopped and before is not None:
+                return
+            before = target, drawing
+            if one.stopped:
+                yield frame, drawing
+                return
+        yield frame, before[1]
+
+
+def _of_frame(task: ClipTask, index: int) -> Callable[[Progress], None]:
+    """What tells the progress of a frame's drawing as that of the clip, where its length is known."""
+    count = task.source.count or 0
+    tell = task.on_progress or nothing
+
+    def said(progress: Progress) -> None:
+        share = (index + progress.share) / count if count else 0.0
+        tell(replace(progress, share=share, seconds_left=math.inf, stage=f"frame {index + 1}, {progress.stage}"))
+
+    return said
+
+
+def _quality(animation: Animation, task: ClipTask, frames: Iterator[Frame]) -> tuple[ClipQuality, float]:
+    """Each frame as it is played, against the clip's; and when the last one ends."""
+    form, threads = task.request.format or SMIL, task.request.settings.threads
+    levels: list[dict[str, float | None]] = []
+    last, exact = 0.0, animation.exact.tolist()
+    for at, frame, picture in zip(exact, islice(frames, len(exact)), animation.pictures(form, threads), strict=True):
+        levels.append({"time_s": at, "psnr_db": psnr_db(frame.picture, picture, threads)})
+        last = frame.end
+    known = [level["psnr_db"] for level in levels if level["psnr_db"] is not None]
+    return ClipQuality(sum(known) / len(known) if known else None, min(known, default=None), levels), last
+
+
+def _report(
+    animation: Animation, task: ClipTask, style: Style, quality: ClipQuality, last: float, *, interrupted: bool
+) -> ClipReport:
+    source, seconds, form = task.source, task.timer.seconds, task.request.format or SMIL
+    files, count = animation.files(form), len(quality.frames)
+    data, (groups, curves, knots) = b"".join(files.values()), animation.counts
+    compressed = sum(len(gzip.compress(each, mtime=0)) for each in files.values())
+    return ClipReport(
+        ClipInput(
+            source.name, source.sha256, source.width, source.height, source.transparent, count, last, source.plays
+        ),
+        ClipOutput(form, len(data), compressed, sha256_of(data), groups, curves, knots),
+        task.request.deciding(),
+        task.request.digest(),
+        style.name,
+        style.reason,
+        {"name": "cpu"},
+        {"total_s": task.timer.total(), "fit_s": seconds["fit"], "frame_s": seconds["fit"] / count},
+        quality,
+        interrupted,
+        [*animation.notes],
+    )  # fmt: skip

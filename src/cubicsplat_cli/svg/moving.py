@@ -1,0 +1,223 @@
+"""The numbers of a clip as a file can hold them: whole numbers, at the knots that are written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.moving import Clip, MovingScene
+from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE, MIN_WIDTH_DECIMALS, check_precision
+
+SHAPE, OFFSET, COLOUR, OPACITY, WIDTH = "shape", "offset", "colour", "opacity", "width"
+OPACITY_DECIMALS = 2  # beside the fit's error of some hundredths more would not show
+TIME_DECIMALS = 4  # of seconds
+_OF_A_FRAME = 0.03  # by which the time of a knot may be off
+_NOISE = 1e-9  # of float arithmetic, in steps
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """What a number of values does over a group: linear between knots.
+
+    keys: (k,) int64, rising from 0, when the knots are, in units of `GridClip.key_s` after the group's begin. values:
+    (k, n) int64. One knot: it never changes.
+    """
+
+    keys: np.ndarray
+    values: np.ndarray
+
+    def at(self, keys: np.ndarray) -> np.ndarray:
+        """(F, n) float64: the values at these times, which need not be whole."""
+        if len(self.keys) == 1:
+            return np.broadcast_to(self.values[0].astype(np.float64), (len(keys), self.values.shape[1]))
+        after = np.clip(np.searchsorted(self.keys, keys), 1, len(self.keys) - 1)
+        share = (keys - self.keys[after - 1]) / (self.keys[after] - self.keys[after - 1])
+        first, last = self.values[after - 1], self.values[after]
+        return first + np.clip(share, 0.0, 1.0)[:, None] * (last - first)
+
+
+@dataclass(frozen=True, eq=False)
+class GridGroup:
+    """Frames without a cut. begin, end: s after the start of the clip. curves: the tracks of each by name, front to
+    back.
+    """
+
+    begin: float
+    end: float
+    curves: list[dict[str, Track]]
+
+
+@dataclass(frozen=True, eq=False)
+class GridClip:
+    """A clip in whole numbers.
+
+    Control points ("shape", 2 K of them) and offsets (2) are multiples of 10^-precision px, "colour" has 3 of 0..255,
+    "opacity" is in hundredths, "width" (of strokes) in multiples of 10^-width_decimals px. duration: s. key_decimals:
+    of the times of knots, as shares of the duration.
+    """
+
+    mode: Mode
+    width: int
+    height: int
+    precision: int
+    background: tuple[int, int, int] | None
+    duration: float
+    key_decimals: int
+    groups: list[GridGroup]
+
+    @property
+    def key_s(self) -> float:
+        """Seconds of a unit of `Track.keys`."""
+        return self.duration / 10**self.key_decimals
+
+    @property
+    def width_decimals(self) -> int:
+        """Decimals of the stroke widths."""
+        return max(self.precision, MIN_WIDTH_DECIMALS)
+
+    @property
+    def knots(self) -> int:
+        """Knots that are written, of all tracks that change."""
+        tracks = [track for group in self.groups for curve in group.curves for track in curve.values()]
+        return sum(len(track.keys) for track in tracks if len(track.keys) > 1)
+
+    def scenes(self, group: GridGroup, seconds: np.ndarray) -> Iterator[Scene]:
+        """The scenes that the file shows at times (F,), in seconds from the start of the clip, within a group."""
+        keys = (np.asarray(seconds, np.float64) - group.begin) / self.key_s
+
+        def all_of(name: str) -> np.ndarray:
+            return np.stack([curve[name].at(keys) for curve in group.curves], axis=1)
+
+        points = all_of(SHAPE)
+        points = points.reshape(*points.shape[:2], -1, 2) + all_of(OFFSET)[:, :, None]
+        points = (points / 10.0**self.precision).astype(np.float32)
+        colours, opacities = (all_of(COLOUR) / 255.0).astype(np.float32), all_of(OPACITY)[..., 0]
+        opacities = (opacities / 10.0**OPACITY_DECIMALS).astype(np.float32)
+        half_widths = (all_of(WIDTH)[..., 0] / 10.0**self.width_decimals / 2.0).astype(np.float32)
+        background = None
+        if self.background is not None:
+            red, green, blue = self.background
+            background = (red / 255, green / 255, blue / 255)
+        for frame in range(len(keys)):
+            yield Scene(
+                self.mode, self.width, self.height, points[frame], colours[frame], opacities[frame],
+                half_widths[frame], background,
+            )  # fmt: skip
+
+
+def shown_at(group: MovingScene) -> np.ndarray:
+    """(F,) the time in seconds at which a file shows each frame of a group exactly, within the time that is its own.
+
+    The last knot of a path can only be at the end of its group without being written twice. So times are stretched:
+    the first frame is exact when it begins, the last when it ends. Where that would show a frame too late, they stay.
+    """
+    times = group.times
+    if len(times) == 1:
+        return times.copy()
+    stretched = times[0] + (times - times[0]) * (group.end - times[0]) / (times[-1] - times[0])
+    ends = np.append(times[1:], group.end)
+    return stretched if (stretched <= ends + 1e-9).all() else times.copy()
+
+
+def to_grid_clip(clip: Clip, precision: int, off: float = 0.5) -> GridClip:
+    """Round a clip to what a file with `precision` decimals of coordinates holds, and leave out knots that then say
+    nothing: what they stand for is no more than `off` steps from the line between others. Half a step is what rounding
+    does anyway.
+
+    Raises InputError for a value that is out of range, UsageError for a precision outside 0..6.
+    """
+    check_precision(precision)
+    clip.validate()
+    start, first = float(clip.groups[0].times[0]), clip.groups[0].base
+    duration = round(clip.groups[-1].end - start, TIME_DECIMALS)
+    shortest = min(float(np.diff(np.append(group.times, group.end)).min()) for group in clip.groups)
+    decimals = max(1, math.ceil(math.log10(0.5 * duration / (_OF_A_FRAME * shortest))))
+    background = None
+    if clip.background is not None:
+        red, green, blue = (round(255.0 * value) for value in clip.background)
+        background = (red, green, blue)
+    key_s = duration / 10**decimals
+    groups = [
+        GridGroup(
+            round(float(group.times[0]) - start, TIME_DECIMALS), round(group.end - start, TIME_DECIMALS),
+            _curves(group, precision, key_s, off),
+        )
+        for group in clip.groups
+    ]  # fmt: skip
+    return GridClip(first.mode, clip.width, clip.height, precision, background, duration, decimals, groups)
+
+
+def _curves(group: MovingScene, precision: int, key_s: float, off: float) -> list[dict[str, Track]]:
+    if group.base.ring_ends is not None:
+        raise InputError("curves of a clip are single rings of equal length; holes cannot be written")
+    if np.abs(group.points).max() > MAX_COORDINATE:
+        raise InputError(f"control points lie more than {MAX_COORDINATE:.0f} px from the origin")
+    seconds = shown_at(group)
+    keys = np.rint((seconds - seconds[0]) / key_s).astype(np.int64)
+    unit, frames = 10.0**precision, group.frames
+    offsets = np.zeros((frames, group.curves, 2)) if group.offsets is None else group.offsets.astype(np.float64)
+    # What a curve has of its offset from the start on belongs to its shape.
+    shapes = group.points.astype(np.float64) - offsets[:, :, None] + offsets[:1, :, None]
+    grids = {
+        SHAPE: (_rounded(shapes * unit), "shapes"),
+        OFFSET: (_rounded((offsets - offsets[:1]) * unit), "offsets"),
+        COLOUR: (_rounded(group.colours * 255.0), "colours"),
+        OPACITY: (_rounded(group.opacities[..., None] * 10.0**OPACITY_DECIMALS), "opacities"),
+        WIDTH: (_rounded(2.0 * group.half_widths[..., None] * 10.0 ** max(precision, MIN_WIDTH_DECIMALS)), "shapes"),
+    }
+    knots = {name: group.knots_of(track) for name, (_, track) in grids.items()}
+
+    def track(name: str, curve: int) -> Track:
+        chosen = knots[name][:, curve]
+        return _needed(keys[chosen], grids[name][0][chosen, curve], off)
+
+    return [
+        _rigid({name: track(name, curve) for name in grids}, off, free=group.offsets is None)
+        for curve in range(group.curves)
+    ]
+
+
+def _rounded(values: np.ndarray) -> np.ndarray:
+    """(F, N, n) int64 of (F, N, ...)."""
+    return np.rint(values.reshape(*values.shape[:2], -1)).astype(np.int64)
+
+
+def _needed(keys: np.ndarray, values: np.ndarray, most: float) -> Track:
+    """The track through the knots that are more than so many steps off the lines between others (Douglas and Peucker,
+    1973).
+    """
+    if np.abs(values - values[0]).max() <= most - 0.5:
+        return Track(keys[:1] * 0, values[:1])
+    # Two frames may have one key where they are a hundredth of a frame apart.
+    distinct = np.append(np.diff(keys) > 0, True)
+    keys, values = keys[distinct], values[distinct]
+    kept, ahead = [0], [(0, len(keys) - 1)]
+    while ahead:
+        first, last = ahead.pop()
+        inner = slice(first + 1, last)
+        share = (keys[inner] - keys[first]) / max(int(keys[last] - keys[first]), 1)
+        off = np.abs(values[first] + share[:, None] * (values[last] - values[first]) - values[inner]).max(axis=1)
+        if len(off) and off.max() > most + _NOISE:
+            middle = first + 1 + int(off.argmax())
+            ahead += [(middle, last), (first, middle)]
+        else:
+            kept.append(last)
+    return Track(keys[kept], values[kept])
+
+
+def _rigid(tracks: dict[str, Track], most: float, *, free: bool) -> dict[str, Track]:
+    """The tracks of a curve; those of its points as an offset where all of them move alike and none is there yet."""
+    shape = tracks[SHAPE]
+    if not free or len(shape.keys) == 1:
+        return tracks
+    moved = (shape.values - shape.values[0]).reshape(len(shape.keys), -1, 2)
+    offsets = np.rint(moved.mean(axis=1)).astype(np.int64)
+    if np.abs(moved - offsets[:, None]).max() > 1:  # the rounding of a point, and that of the offset
+        return tracks
+    return {**tracks, SHAPE: Track(shape.keys[:1], shape.values[:1]), OFFSET: _needed(shape.keys, offsets, most)}

@@ -1,0 +1,211 @@
+"""The fit of moving pictures: knots, the joint fit's gradient, and whole clips."""
+
+from __future__ import annotations
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.motion import fit_clip
+from cubicsplat_cli.motion.groups import groups
+from cubicsplat_cli.motion.joint import JointFit
+from cubicsplat_cli.motion.knots import Choice
+from cubicsplat_cli.motion.tracks import Track, Tracks
+from cubicsplat_cli.progress import Progress, Work, under_way
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engines import render_scene
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Clip, Scene
+from cubicsplat_cli.settings import FitSettings, Mode
+
+WHITE = (1.0, 1.0, 1.0)
+
+
+def disc(x: float, y: float, size: int = 24, radius: float = 6.0) -> np.ndarray:
+    """A dark disc on a light ground, with smooth edges."""
+    rows, columns = np.mgrid[:size, :size] + 0.5
+    inside = np.clip(radius + 0.5 - np.hypot(columns - x, rows - y), 0.0, 1.0)[..., None]
+    return (inside * [0.1, 0.2, 0.6] + (1.0 - inside) * [0.9, 0.9, 0.8]).astype(np.float32)
+
+
+def fitted(pictures: list[np.ndarray], **changes: object) -> Clip:
+    settings = FitSettings.from_preset(
+        "draft", **{"curves": 2, "steps": 150, "threads": 1, "background": "#e6e6cc", **changes}
+    )
+    frames = [(picture, 0.1 * index, 0.1 * (index + 1)) for index, picture in enumerate(pictures)]
+    return fit_clip(iter(frames), settings, len(frames))
+
+
+def place(scene: Scene) -> np.ndarray:
+    """(2,): x and y of the middle of what is dark."""
+    dark = (0.9 - render_scene(scene, threads=1)[..., 0]).clip(0.0)
+    rows, columns = np.mgrid[: scene.height, : scene.width] + 0.5
+    return np.array([(dark * columns).sum(), (dark * rows).sum()]) / dark.sum()
+
+
+def test_a_moving_disc_is_followed_within_tenths_of_a_pixel() -> None:
+    places = [(8.0 + 1.1 * frame, 9.0 + 0.7 * frame) for frame in range(7)]
+    clip = fitted([disc(*each) for each in places])
+    clip.validate()
+    assert clip.frames == len(places)
+    for frame, wanted in enumerate(places):
+        assert place(clip.at(frame)) == pytest.approx(wanted, abs=0.2)
+    # It moves at one speed, which takes no knot between the ends.
+    assert clip.groups[0].knots_of("shapes").sum() <= 2.5 * clip.groups[0].curves
+
+
+def test_a_still_clip_has_two_equal_knots_a_curve() -> None:
+    (group,) = fitted([disc(10.0, 12.0)] * 5).groups
+    assert (group.knots.sum(axis=0) == 2).all()
+    for values in (group.points, group.colours, group.opacities):
+        assert (values[0] == values[-1]).all()
+
+
+def test_a_cut_begins_a_new_group_of_curves() -> None:
+    first, second = disc(8.0, 8.0), 1.0 - disc(14.0, 15.0)
+    clip = fitted([first, first, second, second])
+    assert [group.frames for group in clip.groups] == [2, 2]
+    assert clip.groups[0].end == clip.groups[1].times[0]
+
+
+def test_groups_end_at_cuts_and_where_memory_does_and_read_no_frame_ahead_of_need() -> None:
+    read = []
+
+    def frames() -> itertools.chain:
+        for index in range(9):
+            read.append(index)
+            yield disc(5.0 + index, 12.0), float(index), index + 1.0
+
+    found = groups(frames(), 4)
+    assert len(next(found).pictures) == 4
+    assert read == [0, 1, 2, 3, 4]
+    rest = list(found)
+    assert [len(group.pictures) for group in rest] == [4, 1]
+    assert not any(group.after_cut for group in rest)
+
+
+def test_an_interrupt_keeps_the_frames_so_far() -> None:
+    def on_progress(progress: Progress) -> None:
+        if progress.stage == "frame 4":
+            raise KeyboardInterrupt
+
+    pictures = [disc(8.0 + frame, 12.0) for frame in range(6)]
+    with under_way(Work(on_progress)) as work:
+        clip = fitted(pictures, steps=40)
+    clip.validate()
+    assert work.interrupted
+    assert clip.frames == 3
+    assert clip.groups[-1].end == pytest.approx(0.3)
+
+
+def test_a_stop_before_the_joint_fit_leaves_a_clip_that_can_be_drawn() -> None:
+    def on_progress(progress: Progress) -> None:
+        if progress.stage == "moving curves":
+            raise KeyboardInterrupt
+
+    with under_way(Work(on_progress)):
+        clip = fitted([disc(8.0 + frame, 12.0) for frame in range(8)], curves=12, steps=60)
+    clip.validate()
+    assert clip.frames == 8
+
+
+def test_a_deadline_makes_steps_fewer_before_it_makes_frames_fewer() -> None:
+    pictures = [disc(8.0 + frame, 12.0) for frame in range(6)]
+    began = time.perf_counter()
+    with under_way(Work(deadline=began + 0.6)):
+        clip = fitted(pictures, steps=20_000)
+    assert time.perf_counter() - began < 3.0
+    assert clip.frames == 6
+
+
+def test_what_cannot_be_fitted_is_refused_in_one_line() -> None:
+    with pytest.raises(InputError, match="no frames"):
+        fitted([])
+    with pytest.raises(InputError, match="frames must have one size"):
+        fitted([disc(9.0, 9.0, 24), disc(9.0, 9.0, 20)])
+    with pytest.raises(UsageError, match="leave out --fill"):
+        fitted([disc(9.0, 9.0)], fill="linear")
+
+
+def random_tracks(generator: np.random.Generator, frames: int = 5) -> Tracks:
+    scenes = []
+    for _ in range(frames):
+        middles = 4.0 + 12.0 * generator.random((3, 1, 2))
+        angles = np.arange(6) / 6 * 2 * np.pi
+        ring = 5.0 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        points = (middles + ring + generator.random((3, 6, 2))).astype(np.float32)
+        colours, opacities = generator.random((3, 3)), 0.3 + 0.5 * generator.random(3)
+        scenes.append(
+            Scene(
+                Mode.CLOSED, 20, 20, points, colours.astype(np.float32), opacities.astype(np.float32),
+                np.zeros(3, np.float32), WHITE,
+            )
+        )  # fmt: skip
+    tracks = Tracks.on_every_frame(scenes, np.cumsum(0.1 + generator.random(frames)), 99.0)
+    for track in tracks.by_name.values():
+        track.knots[1:-1] = generator.random((frames - 2, 3)) < 0.5
+        track.still[0] = generator.random() < 0.5
+    return tracks
+
+
+@pytest.mark.parametrize("name", ["shapes", "offsets", "colours", "opacities"])
+def test_the_gradient_of_knots_is_that_of_all_frames_together(name: str) -> None:
+    generator = np.random.default_rng(7)
+    tracks = random_tracks(generator)
+    frames = [generator.random((20, 20, 3)).astype(np.float32) for _ in range(tracks.frames)]
+    raster = RasterSettings("relaxed", 2.0, 16)
+    joint = JointFit(tracks, frames, CpuEngine(1), raster)
+
+    def loss() -> float:
+        joint.gradients(range(tracks.frames))
+        return float(joint.losses.sum())
+
+    sums, touched = joint.gradients(range(tracks.frames))
+    track = tracks.by_name[name]
+    direction = (generator.standard_normal(track.values.shape) * touched[name][..., None]).astype(np.float32)
+    if name == "shapes":
+        direction[..., -1] = 0.0  # closed curves have no width
+    wanted, h, before = float((sums[name] * direction).sum()), 2e-3, track.values.copy()
+    track.values[...] = before + h * direction
+    more = loss()
+    track.values[...] = before - h * direction
+    assert (more - loss()) / (2 * h) == pytest.approx(wanted, rel=0.03, abs=0.05)
+
+
+@pytest.mark.parametrize("price", [0.0, 0.02, 0.3, 50.0])
+def test_knots_are_those_of_the_least_error_and_price(price: float) -> None:
+    generator = np.random.default_rng(3)
+    times = np.cumsum(0.1 + generator.random(6))
+    values, there = generator.random((6, 1, 2)).astype(np.float32), np.ones((6, 1), bool)
+    track = Track(values, there.copy(), np.zeros(1, bool))
+    choice = Choice(track, np.array([[1.0, 2.0]]), there, times)
+    found, error = choice.at(price, 1e9 if price > 10 else -1e9)
+
+    def cost(inner: tuple[int, ...]) -> float:
+        at = [0, *inner, 5]
+        path = np.stack([np.interp(times, times[at], values[at, 0, c]) for c in range(2)], axis=1)
+        return float((np.square(path - values[:, 0]) * [1.0, 2.0]).sum())
+
+    every = [inner for count in range(5) for inner in itertools.combinations(range(1, 5), count)]
+    best = min(every, key=lambda inner: cost(inner) + price * len(inner))
+    if price > 10:
+        assert found.still.all()
+        return
+    assert tuple(np.flatnonzero(found.knots[1:-1, 0]) + 1) == best
+    assert error == pytest.approx(cost(best), abs=1e-6)
+
+
+def test_fitted_knots_are_the_least_squares_of_the_path() -> None:
+    generator = np.random.default_rng(5)
+    times = np.cumsum(0.1 + generator.random(7))
+    values, there = generator.random((7, 2, 1)).astype(np.float32), np.ones((7, 2), bool)
+    track = Track(values, np.array([[1, 1], [0, 1], [1, 0], [0, 0], [0, 1], [0, 0], [1, 1]], bool), np.zeros(2, bool))
+    whole = Choice(track, np.ones((2, 1)), there, times).fitted(track).whole(times).values
+    for curve in range(2):
+        at = np.flatnonzero(track.knots[:, curve])
+        hats = np.stack([np.interp(times, times[at], row) for row in np.eye(len(at))], axis=1)
+        wanted = hats @ np.linalg.lstsq(hats, values[:, curve, 0], rcond=None)[0]
+        assert whole[:, curve, 0] == pytest.approx(wanted, abs=1e-5)
