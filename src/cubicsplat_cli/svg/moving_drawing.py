@@ -66,7 +66,7 @@ def write_moving_drawing(
                 times = ";".join(format_number(keys[place], decimals) for place in changes)
                 said = {**attributes, "calcMode": "discrete", "values": ";".join(values[place] for place in changes)}
                 ElementTree.SubElement(element, tag, {**said, "keyTimes": times, **ending})
-    return document(root).replace(f"{_SVG[1:-1]}:", "")
+    return document(root).replace(" />", "/>")
 
 
 def _offsets(moving: MovingDrawing, index: int, precision: int) -> list[str]:
@@ -89,6 +89,7 @@ def _wrapped(root: ElementTree.Element, element: ElementTree.Element) -> Element
 
 def still(text: str, seconds: float) -> str:
     """The SVG that a file of `write_moving_drawing` shows at a time, s, without animations and hidden elements."""
+    ElementTree.register_namespace("", _SVG[1:-1])
     root = ElementTree.fromstring(text)
     for parent in [*root.iter()]:
         for element in [*parent]:
