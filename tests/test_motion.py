@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import itertools
+import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion import fit_clip
-from cubicsplat_cli.motion.groups import groups
+from cubicsplat_cli.motion.fitting import ClipFit
+from cubicsplat_cli.motion.groups import Group, groups
 from cubicsplat_cli.motion.joint import JointFit
-from cubicsplat_cli.motion.knots import Choice
+from cubicsplat_cli.motion.knots import Choice, choose
 from cubicsplat_cli.motion.tracks import Track, Tracks
 from cubicsplat_cli.progress import Progress, Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
@@ -119,6 +122,36 @@ def test_a_deadline_makes_steps_fewer_before_it_makes_frames_fewer() -> None:
         clip = fitted(pictures, steps=20_000)
     assert time.perf_counter() - began < 3.0
     assert clip.frames == 6
+
+
+def test_a_group_goes_on_with_the_curves_that_the_one_before_shows_at_its_end() -> None:
+    pictures = [disc(8.0 + frame, 12.0) for frame in range(7)]
+    settings = FitSettings.from_preset("draft", curves=3, steps=150, threads=1, background="#e6e6cc")
+    fit = ClipFit(pictures[0], settings, precision=1, bytes_per_second=math.inf, count=7)
+    first = fit.group(Group(after_cut=True, pictures=pictures[:4], times=[0.0, 0.1, 0.2, 0.3], end=0.4), None)
+    assert first is not None
+    last = first.at(3)
+    shown = render_scene(last, threads=1)
+    gone = [
+        replace(last, opacities=np.where(np.arange(3) == curve, np.float32(0.0), last.opacities)) for curve in range(3)
+    ]
+    dead = min(gone, key=lambda scene: float(np.square(render_scene(scene, threads=1) - shown).sum()))
+    second = fit.group(Group(after_cut=False, pictures=pictures[4:], times=[0.4, 0.5, 0.6], end=0.7), dead)
+    assert second is not None
+    assert second.curves == 3
+    assert place(second.at(2)) == pytest.approx((14.0, 12.0), abs=0.3)
+
+
+def test_fewer_bytes_leave_fewer_knots() -> None:
+    generator = np.random.default_rng(1)
+    tracks = random_tracks(generator, frames=8).loosened()
+    weights = {name: np.ones(track.values.shape[1:]) for name, track in tracks.by_name.items()}
+    there = np.ones((8, 3), bool)
+    counts = [
+        sum(track.count for track in choose(tracks, weights, there, 0.0, most).by_name.values())
+        for most in (math.inf, 500.0, 0.0)
+    ]
+    assert counts[0] > counts[1] > counts[2] == 0
 
 
 def test_what_cannot_be_fitted_is_refused_in_one_line() -> None:

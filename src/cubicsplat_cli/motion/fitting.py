@@ -32,8 +32,6 @@ FOLLOWING, EPOCHS = 1 / 12, 1 / 8
 ROUNDS = 3  # of choosing knots, each followed by a joint fit
 LOOSENED = 0.1  # of the epochs: steps of each frame on its own between two rounds, which say where knots are missing
 FINISH = 0.3  # of the epochs: with exact coverage, and numbers as the file has them
-# The loss may rise by so many times itself when knots are left out, before the joint fit takes most of it back.
-KNOT_LOSS = 1.0
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
 EDGES, TOLERANCE = 12, 0.1  # of a cubic's polyline, and px; cairo draws with the same
@@ -110,19 +108,20 @@ def _checked(frames: Iterable[Frame], *, opaque: bool) -> Iterator[Frame]:
 
 @dataclass(frozen=True)
 class Effort:
-    """first: steps of a group's first frame. following: of each other one. epochs: of the joint fit. first_s: seconds
-    that the first frame may take, or None.
+    """first: steps of a group's first frame. following: of each other one. epochs: of the joint fit. first_s,
+    following_s: seconds that the first frame, and each other one, may take to be followed.
     """
 
     first: int
     following: int
     epochs: int
     first_s: float | None = None
+    following_s: float = math.inf
 
     def scaled(self, share: float, step_s: float) -> Effort:
         """So much of it, but never nothing; step_s: seconds of a step."""
         first, following, epochs = (max(1, round(share * value)) for value in (self.first, self.following, self.epochs))
-        return Effort(first, following, epochs, first * step_s)
+        return Effort(first, following, epochs, first * step_s, following * step_s)
 
 
 class ClipFit:
@@ -156,13 +155,16 @@ class ClipFit:
         start: the curves of the frame before, if this group goes on with it.
         """
         frames = len(group.pictures)
+        if start is not None:
+            seen = np.flatnonzero(start.opacities > SEEN)
+            start = start.chosen(seen) if len(seen) else None
         effort = self._effort(frames, fresh=start is None)
         settings = self.settings.with_(steps=effort.first, time_limit=effort.first_s)
 
         def on_frame(index: int) -> None:
             self._tell(f"frame {self.done + index + 1}", FOLLOWING_SHARE * index)
 
-        scenes = follow(group.pictures, settings, start, effort.following, self.engine, on_frame)
+        scenes = follow(group.pictures, settings, start, effort.following, effort.following_s, self.engine, on_frame)
         if not scenes:
             return None
         end = group.end if len(scenes) == frames else group.times[len(scenes)]
@@ -204,7 +206,7 @@ class ClipFit:
         split_offsets(tracks, weights)
         there = tracks.by_name["opacities"].values[..., 0] > SEEN
         seconds = tracks.end - float(tracks.times[0])
-        return choose(tracks, weights, there, KNOT_LOSS * loss, self.bytes_per_second * seconds)
+        return choose(tracks, weights, there, loss, self.bytes_per_second * seconds)
 
     def _effort(self, frames: int, *, fresh: bool) -> Effort:
         """Steps and epochs for a group; fewer where the deadline asks for it."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -51,7 +53,7 @@ class Follower:
             if loop.step:
                 self._keep(np.arange(loop.state.curves.curves))
 
-    def follow(self, picture: np.ndarray, steps: int, frames_left: int) -> None:
+    def follow(self, picture: np.ndarray, steps: int, frames_left: int, seconds: float = math.inf) -> None:
         """Fits the next frame, in so many steps, or in none if it is the last one again. frames_left: with this one."""
         loop, ids = self.loop, self.ids[-1]
         if np.array_equal(loop.goal, picture):
@@ -62,8 +64,11 @@ class Follower:
         if frames_left >= SHORTEST_LIFE:
             ids = self._replace(ids)
         loop.stepper.check_finite(loop.step)
+        began = time.perf_counter()
         for step in range(steps):
             work().at()
+            if time.perf_counter() - began > seconds:
+                break
             along = step / steps
             exact = along >= 1.0 - EXACT
             phase = Phase(
@@ -125,21 +130,22 @@ class Follower:
 
 
 def follow(
-    pictures: list[np.ndarray], settings: FitSettings, start: Scene | None, steps: int, engine: Engine,
+    pictures: list[np.ndarray], settings: FitSettings, start: Scene | None, steps: int, seconds: float, engine: Engine,
     on_frame: Callable[[int], None],
 ) -> list[Scene]:  # fmt: skip
     """Scenes of the same curves, one of each picture, or of fewer where the work is stopped; none if right away.
 
-    start: curves to begin with, of the frame before. steps: of each frame but the first, which has those of the
-    settings, or as many as the others after a start. on_frame: called before each other frame, with its number.
+    start: curves to begin with, of the frame before. steps, seconds: at most so many for each frame
+    but the first, which has the settings' steps, or as many as the others after a start.
+    on_frame: called before each other frame, with its number.
     """
     if start is not None:
-        settings = settings.with_(curves=start.curves, steps=steps)
+        settings = settings.with_(steps=steps)
     loop = FitLoop(pictures[0].copy(), settings, FitInputs(start=start), opened=lambda *_, **__: engine)
     follower = Follower(loop)
     with work().stoppable():
         follower.first()
         for index, picture in enumerate(pictures[1:], 1):
             on_frame(index)
-            follower.follow(picture, steps, len(pictures) - index)
+            follower.follow(picture, steps, len(pictures) - index, seconds)
     return follower.rows() if follower.scenes else []

@@ -9,6 +9,7 @@ the knots with the least sum of error and price, each curve and track on its own
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,9 @@ UNSEEN = 1e-3  # of the weight of other frames: what cannot be seen decides only
 START_BYTES, NUMBER_BYTES, TIME_BYTES = 70.0, 3.6, 5.0
 LEAST_PRICE, MOST_PRICE = 1e-9, 1e3  # of a byte, in units of the loss: one pixel that is wrong has at most 3
 BISECTIONS = 24
+# The loss may rise by so many times itself when knots are left out, before the joint fit takes most of it back; but by
+# no more than this part of what all that moves is good for, unless that is next to nothing beside the loss.
+KNOT_LOSS, LEAST_KNOT_LOSS, MOTION_LOSS = 1.0, 0.1, 0.1
 
 
 def sensitivity(
@@ -98,11 +102,9 @@ class Choice:
         return Track(values, track.knots, track.still)
 
 
-def choose(
-    tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, most_error: float, most_bytes: float
-) -> Tracks:
-    """Tracks with fewer knots: with the least price of a byte at which all errors are no more than `most_error`, in
-    units of the loss, or with a higher one where they take more than `most_bytes`.
+def choose(tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, loss: float, most_bytes: float) -> Tracks:
+    """Tracks with fewer knots: with the price of a byte at which all errors are about `KNOT_LOSS` times the loss of all
+    frames, less where nearly nothing would move then, or with a higher one where knots take more than `most_bytes`.
 
     weights: `sensitivity`. there: (F, N) bool, the frames at which a curve is seen.
     """
@@ -111,23 +113,37 @@ def choose(
         name: Choice(track, weights[name], every if name == "opacities" else there, tracks.times)
         for name, track in tracks.by_name.items()
     }
+    motion = sum(float(one.still_errors.sum()) for one in choices.values())
+    most_error = max(LEAST_KNOT_LOSS * loss, min(KNOT_LOSS * loss, MOTION_LOSS * motion))
     costs = {name: knot_bytes(name, track.values.shape[2]) for name, track in tracks.by_name.items()}
 
-    def at(price: float) -> tuple[dict[str, Track], bool]:
-        found = {name: one.at(price * costs[name], price * START_BYTES) for name, one in choices.items()}
-        size = sum(costs[name] * track.count for name, (track, _) in found.items())
-        too_dear = size > most_bytes or sum(error for _, error in found.values()) < most_error
-        return {name: track for name, (track, _) in found.items()}, too_dear
+    def at(price: float) -> dict[str, tuple[Track, float]]:
+        return {name: one.at(price * costs[name], price * START_BYTES) for name, one in choices.items()}
 
-    low, high = LEAST_PRICE, MOST_PRICE
-    for _ in range(BISECTIONS):
-        price = math.sqrt(low * high)
-        low, high = (price, high) if at(price)[1] else (low, price)
-    chosen = at(high)[0]
-    fitted = {name: choices[name].fitted(track) for name, track in chosen.items()}
+    def near(price: float) -> bool:
+        return sum(error for _, error in at(price).values()) <= most_error
+
+    def too_large(price: float) -> bool:
+        return sum(costs[name] * track.count for name, (track, _) in at(price).items()) > most_bytes
+
+    chosen = _bisected(near)[0]
+    if too_large(chosen):
+        chosen = _bisected(too_large)[1]
+    fitted = {name: choices[name].fitted(track) for name, (track, _) in at(chosen).items()}
     for name in PAINTS:
         fitted[name].values.clip(0.0, 1.0, out=fitted[name].values)
     return replace(tracks, by_name=fitted)
+
+
+def _bisected(holds: Callable[[float], bool]) -> tuple[float, float]:
+    """Two prices next to each other: of the first something holds, if of any, and of the second no more."""
+    low, high = LEAST_PRICE, MOST_PRICE
+    if holds(high):
+        return high, high
+    for _ in range(BISECTIONS):
+        price = math.sqrt(low * high)
+        low, high = (price, high) if holds(price) else (low, price)
+    return low, high
 
 
 def knot_bytes(name: str, numbers: int) -> float:
