@@ -26,6 +26,7 @@ from cubicsplat_cli.options import (
     parse_bytes,
     parse_focus,
     parse_ground,
+    parse_shading,
     parse_width,
     renamed,
     setting,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.files.weights import Mask
     from cubicsplat_cli.svg.initial import InitialDrawing
 
+AUTO, NO_SHADING = "auto", "none"
 STYLES = ("auto", "photo", "artwork", "pixel")
 PHOTO_PRECISION = 2
 TINY_BYTES = 4000  # after gzip, below which the coordinates of a photo are whole numbers of a coarse grid
@@ -96,6 +98,10 @@ class Request:
     target_psnr: float | None = setting(
         None, "number", "As few curves as reach this PSNR.", least=1, most=60, metavar="DB", optional=True, group=PHOTOS
     )
+    shading: str = setting(
+        AUTO, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
+        parse=parse_shading, **_OF_DRAWINGS,
+    )  # fmt: skip
     group_by: str = setting(NONE, "choice", "Put shapes in groups by this.", choices=GROUPINGS, **_OF_DRAWINGS)
     layers: Path | None = setting(
         None, "text", "Also an SVG of each colour, with register marks.", metavar="DIR", parse=Path, decides=False,
@@ -217,6 +223,13 @@ class Request:
                 "leave it out, or allow more bytes",
                 name,
             )
+
+    @property
+    def may_shade(self) -> bool:
+        """Whether shapes may have shading: no option asks for few shapes or colours, groups, cutouts or strokes."""
+        others = [name for name in self.of_artwork() if name not in ("shading", "detail")]
+        bounded = self.settings.curves is not None or self.max_bytes is not None or self.target_psnr is not None
+        return self.shading != NO_SHADING and not others and not bounded and self.settings.mode is Mode.CLOSED
 
     @property
     def strokes(self) -> bool:

@@ -97,11 +97,11 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 
         def tell(sketch: Drawing) -> None:
-            on_sketch(replace(_drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
+            on_sketch(replace(drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
         drawing = draw(target, chosen, prepared, strokes=task.request.strokes, on_sketch=tell)
     drawing, notes = _structured(scaled_drawing(drawing, *task.picture.size), task.request)
-    made = _drawn(drawing, task.request)
+    made = drawn(drawing, task.request)
     notes = [*prepared.notes, *notes]
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
@@ -116,13 +116,13 @@ def plain(fill: Rgba, task: Task) -> Made:
     request = task.request
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
     if style.name == PHOTO:
-        return replace(_drawn(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style)
+        return replace(drawn(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style)
     if request.artwork.palette:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
         fill = nearest_in(request.artwork.palette, fill)
     drawing, notes = _structured(plain_drawing(fill, *task.picture.size), request)
-    return replace(_drawn(drawing, request), style=style, notes=notes)
+    return replace(drawn(drawing, request), style=style, notes=notes)
 
 
 def _structured(drawing: Drawing, request: Request) -> tuple[Drawing, list[str]]:
@@ -160,10 +160,11 @@ def _ground_notes(request: Request, found: bool) -> list[str]:
     return ["the figures compare the drawing with the picture as it was, on its own ground"]
 
 
-def _drawn(drawing: Drawing, request: Request) -> Made:
+def drawn(drawing: Drawing, request: Request) -> Made:
+    """A finished drawing as a result."""
     from cubicsplat_cli.artwork.geometry.outlines import Ring
     from cubicsplat_cli.artwork.geometry.stroke import Chain
-    from cubicsplat_cli.artwork.scene import scene_of
+    from cubicsplat_cli.artwork.scene import picture_of
 
     outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
     facts = _facts(len(drawing.shapes), drawing.segments, drawing.fills) | {
@@ -171,9 +172,12 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
         "gradients": len(drawing.gradients),
         "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
     }
+    shaded = sum(shape.shading is not None for shape in drawing.shapes)
+    if shaded:
+        facts["shaded"] = shaded
     precision = request.precision
     return Made(
-        scene_of(drawing) if drawing.shapes else None,
+        picture_of(drawing) if drawing.shapes else None,
         # Asked for its size before it is written.
         lru_cache(1)(lambda title, comment: write_drawing(drawing, precision=precision, title=title, comment=comment)),
         SAMPLES,

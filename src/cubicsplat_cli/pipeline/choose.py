@@ -21,7 +21,7 @@ from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene import LayeredScene, Scene
 
 JUDGED_SIDE = 1024  # px of the longer side of the copy on which both are judged, where fine lines count
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
@@ -78,7 +78,8 @@ def _first(task: Task) -> Made:
     try:
         return _suiting(task, style)
     except PhotoIsNearer as nearer:
-        return _photo_instead(task, style, str(nearer))
+        shaded = _shaded_style(task, style)
+        return _photo_instead(task, style, str(nearer)) if shaded is None else shaded
     except UsageError:
         raise
     except Exception as error:
@@ -203,7 +204,36 @@ def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
 
 def _made(task: Task, style: Style) -> Made:
     """The result of a style."""
-    return replace(MAKERS[style.name](task), style=style)
+    made = MAKERS[style.name](task)
+    return replace(_or_shaded(task, made) if style.name == ARTWORK else made, style=style)
+
+
+def _or_shaded(task: Task, drawing: Made) -> Made:
+    """A drawing; or a shaded one, where the picture has shading and that is plainly nearer."""
+    if not task.request.may_shade or not drawing.may_be_photo or drawing.blur or drawing.interrupted:
+        return drawing
+    if _is_above(task, drawing, ENOUGH_DB):
+        return drawing
+    shaded = _shaded(task)
+    if shaded is None or not _seen_above(task, shaded, drawing):
+        return drawing
+    return shaded
+
+
+def _shaded(task: Task) -> Made | None:
+    """The shaded drawing of a picture; None where that is not one of few objects with shading inside."""
+    if not task.request.may_shade:
+        return None
+    from cubicsplat_cli.pipeline.shaded import drawn_shaded, shaded_objects  # which few pictures need
+
+    objects = shaded_objects(task.target.target())
+    return None if objects is None else drawn_shaded(task, objects)
+
+
+def _seen_above(task: Task, first: Made, second: Made) -> bool:
+    """Whether a result is nearer than another by what is plain to see."""
+    levels = [seen_db(task, made.scene, made.samples, made.blur) for made in (first, second)]
+    return levels[1] is not None and (levels[0] is None or levels[0] > levels[1] + MARGIN_DB)
 
 
 def _suiting(task: Task, style: Style) -> Made:
@@ -211,8 +241,18 @@ def _suiting(task: Task, style: Style) -> Made:
     if style.cells is not None:
         return replace(drawn_cells(task, style.cells), style=style)
     if style.name == PHOTO:
-        return _photo_or_drawing(task, style)
-    return replace(drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch)), style=style)
+        shaded = _shaded_style(task, style)
+        return _photo_or_drawing(task, style) if shaded is None else shaded
+    made = drawn_outlines(task, lambda sketch: check_worth_finishing(task, sketch))
+    return replace(_or_shaded(task, made), style=style)
+
+
+def _shaded_style(task: Task, style: Style) -> Made | None:
+    """The shaded drawing of a picture that looks like a photo, where no quick photo of its bytes is plainly nearer."""
+    if task.recorder is not None or (shaded := _shaded(task)) is None or photo_is_nearer(task, shaded) is not None:
+        return None
+    reason = f"{style.reason}, but it is a drawing with shading"
+    return replace(shaded, style=Style(ARTWORK, reason), may_be_photo=False)
 
 
 def _failure(style: str, error: Exception) -> str:
@@ -233,7 +273,7 @@ def _curves_of(task: Task, made: Made) -> int:
     return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
 
 
-def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
+def level_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0) -> float | None:
     """PSNR of a scene against what is fitted, at most JUDGED_SIDE px; None where they are alike, or there is no scene.
 
     samples: edges per cubic. blur: px of the target by which the scene is blurred first.
@@ -244,7 +284,7 @@ def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -
     return psnr_db(judged, layer, task.request.settings.threads)
 
 
-def _judged(task: Task, scene: Scene, samples: int, blur: float) -> tuple[Picture, ImageSource]:
+def _judged(task: Task, scene: Scene | LayeredScene, samples: int, blur: float) -> tuple[Picture, ImageSource]:
     """What is fitted, at most JUDGED_SIDE px, and a scene of that size; see `level_db`."""
     judged = resize_picture(task.target, JUDGED_SIDE)
     layer = of_scene(scene, judged.width, judged.height, samples, task.request.settings.threads)
@@ -254,7 +294,7 @@ def _judged(task: Task, scene: Scene, samples: int, blur: float) -> tuple[Pictur
     return judged, layer
 
 
-def seen_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
+def seen_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0) -> float | None:
     """The mean of `level_db` and the PSNR of tones, the means of squares of COARSE px: edges that are a little off hide
     neither shading that is missing nor what drifts from tone to tone.
     """

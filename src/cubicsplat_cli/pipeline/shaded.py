@@ -1,92 +1,137 @@
 """Shaded drawings: clean objects, and inside each a group of curves of the photo engine, clipped a little inside it.
 
-What shows of an object inside its edge is its shading alone, opaque over a ground of one colour. So each is a fit of
-its own to the pixels in which it shows, over the very compositing that the file has.
+What shows of an object inside its edge is its shading alone, opaque over a ground. So each is a fit of its own to the
+pixels in which it shows.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shading.insides import FULL, coverage_of, inside_of, shown
 from cubicsplat_cli.artwork.shading.objects import objects_of
 from cubicsplat_cli.artwork.shading.paints import base_paint
-from cubicsplat_cli.artwork.shading.silhouettes import silhouettes
-from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape
+from cubicsplat_cli.artwork.shading.silhouettes import CLEAR, silhouettes
+from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape, scaled_drawing
 from cubicsplat_cli.artwork.vectorize import draw_flat
+from cubicsplat_cli.pipeline.artwork import drawn
+from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.progress import Work, under_way, work
+from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import painted
-from cubicsplat_cli.settings import FitSettings
+from cubicsplat_cli.settings import FitSettings, cpu_count
 
-SEGMENTS = 2  # cubics of a curve: at equal bytes more curves are better than more of these (docs/lab/photos.md)
-SHARED_OPACITY = 0.78  # of an object's curves, so that none says its own
-SHADED = 2.0  # levels, of the root mean square off the base paint, above which an object is shaded
-PX_PER_CURVE = 100.0
+# At equal bytes triangles come nearer to soft shading than curves of 2 cubics, by a tenth in root mean square.
+SHAPES = "triangle"
+SHARED_OPACITY = 0.78  # of an object's curves at first, so that none says its own
+SHADED = 2.0  # levels, of the root mean square off its paint, above which an object is shaded
+PX_PER_CURVE = 60.0
+# What a curve must take away of the squared error, in levels^2 summed over pixels and channels, to stay.
+PRICE = 1000.0
 RIM, LEAST_SEEN = 0.9, 0.3  # of a pixel that the shading covers: below it shows base paint, or next to no shading
-PRICE = 1000.0  # levels^2 px, of the sum over channels: what a curve must take away to stay
+# A picture of more objects has textures, not shading; and so has one that is rough in more of its objects' insides.
+MOST_OBJECTS, MOST_ROUGH = 80, 0.08
+ROUGH = 6.0  # levels by which a pixel is off the mean of its 3 x 3 neighbours, as none is within shading
+LEAST_SHADED = 0.1  # of the picture's objects in px that have more than their paints
+FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones converge sooner
+LEAST_STEPS = 0.25  # of them
 
 
 @dataclass(frozen=True, eq=False)
-class _Inside:
-    """The inside of a shape. clip: outlines; weights: (H, W) in [0, 1], where its shading shows."""
+class Objects:
+    """levels: (H, W, 4) premultiplied. labels: (H, W) int32 the object of each pixel."""
 
-    clip: tuple
-    weights: np.ndarray
+    levels: np.ndarray
+    labels: np.ndarray
 
 
-def shaded_drawing(target: np.ndarray, settings: FitSettings, most: int | None = None) -> Drawing:
-    """The drawing of the objects of a picture (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1], with shading.
-
-    most: curves of an object, or None for as many as are of use.
+def shaded_objects(target: np.ndarray) -> Objects | None:
+    """The objects of a picture (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None where it is not few objects
+    with soft shading inside, all opaque but for a transparent ground.
     """
     levels = as_levels(target)
-    outlined = draw_flat(silhouettes(levels, objects_of(levels)), ArtworkSettings(), 0.0)
-    shapes = []
-    for shape, share in zip(outlined.shapes, shown(outlined), strict=True):
-        shapes.append(_painted(levels, shape, share, settings, most))
+    labels = objects_of(levels)
+    count = int(labels.max()) + 1
+    inside = ndimage.minimum_filter(labels, 5) == ndimage.maximum_filter(labels, 5)
+    visible = inside & (levels[..., 3] >= CLEAR)
+    if count > MOST_OBJECTS or not visible.any() or (levels[..., 3][visible] < 250.0).mean() > MOST_ROUGH:
+        return None
+    rough = np.abs(levels - ndimage.uniform_filter(levels, (3, 3, 1))).max(axis=2) > ROUGH
+    if rough[visible].mean() > MOST_ROUGH:
+        return None
+    off = np.zeros(labels.shape)
+    straight = _straight(levels)
+    for number in range(count):
+        own = visible & (labels == number)
+        if own.any():
+            plain = _in_paint(straight, None, own)
+            off[own] = _off(straight, plain)[own].mean()
+    shaded = off[visible] > SHADED**2
+    return Objects(levels, labels) if shaded.mean() >= LEAST_SHADED else None
+
+
+def drawn_shaded(task: Task, objects: Objects) -> Made:
+    """The shaded drawing of a picture's objects."""
+    request = task.request
+    most = int(request.shading) if request.shading.isdecimal() else None
+    with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())):
+        drawing = shaded_drawing(objects, task.settings(), most)
+    return replace(drawn(scaled_drawing(drawing, *task.picture.size), request), may_be_photo=True)
+
+
+def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = None) -> Drawing:
+    """The drawing of objects with their shading. most: curves of an object, or None for as many as are of use."""
+    outlined = draw_flat(silhouettes(objects.levels, objects.labels), ArtworkSettings(), 0.0)
+    straight, shapes = _straight(objects.levels), []
+    for index, (shape, share) in enumerate(zip(outlined.shapes, shown(outlined), strict=True)):
+        work().at("shading objects", 0.85 + 0.15 * index / len(outlined.shapes))
+        shapes.append(_shaded(straight, shape, share, settings, most))
     return replace(outlined, shapes=tuple(shapes))
 
 
-def _painted(levels: np.ndarray, shape: Shape, share: np.ndarray, settings: FitSettings, most: int | None) -> Shape:
+def _shaded(straight: np.ndarray, shape: Shape, share: np.ndarray, settings: FitSettings, most: int | None) -> Shape:
     """A shape in its paint, and with shading where that leaves too much. share: (H, W) where it shows."""
     height, width = share.shape
-    plain = _in_paint(levels, shape, share >= min(FULL, float(share.max())))
-    if math.sqrt(float(_off(levels, plain)[share > FULL].mean())) < SHADED:
+    plain = _in_paint(straight, shape, share >= min(FULL, float(share.max())))
+    whole = share > FULL
+    if not whole.any() or math.sqrt(float(_off(straight, plain)[whole].mean())) < SHADED:
         return plain
     clip = inside_of(shape, width, height)
-    inside = coverage_of(clip, width, height) * (share > FULL) if clip else np.zeros(share.shape)
+    inside = np.where(whole, coverage_of(clip, width, height), 0.0) if clip else np.zeros(share.shape)
     curves = round(min(float(inside.sum()) / PX_PER_CURVE, math.inf if most is None else most))
-    if curves < 2:
+    if curves < 1 or inside.max() < LEAST_SEEN:
         return plain
-    rim = (share > FULL) & (inside < RIM)
-    shaded = _in_paint(levels, shape, rim) if rim.any() else plain
+    rim = whole & (inside < RIM)
+    shaded = _in_paint(straight, shape, rim) if rim.any() else plain
     # A pixel that the clip cuts shows base paint beside the shading, which makes up for it as far as it can.
-    seen, beneath = inside >= LEAST_SEEN, _paint(shaded, width, height)
-    share_of = np.maximum(inside, LEAST_SEEN)[..., None]
-    goal = np.clip(beneath + (_straight(levels) - beneath) / share_of, 0.0, 255.0)
-    weights = np.where(seen, inside**2, 0.0)
-    scene = _fitted(goal, weights, _paint(plain, width, height), settings.with_(curves=curves))
+    beneath = _paint(shaded, width, height)
+    goal = beneath + (straight - beneath) / np.maximum(inside, LEAST_SEEN)[..., None]
+    weights = np.where(inside >= LEAST_SEEN, inside**2, 0.0)
+    scene = _fitted(np.clip(goal, 0.0, 255.0), weights, _paint(plain, width, height), settings.with_(curves=curves))
     return replace(shaded, shading=Shading(clip, plain.fill, plain.gradient, scene))
 
 
-def _in_paint(levels: np.ndarray, shape: Shape, where: np.ndarray) -> Shape:
-    """A shape in the paint of the pixels (H, W) bool of a picture."""
+def _in_paint(straight: np.ndarray, shape: Shape | None, where: np.ndarray) -> Shape:
+    """A shape in the paint of the pixels (H, W) bool of a picture (H, W, 3); without one, the paint alone."""
     y, x = np.nonzero(where)
-    fill, gradient = base_paint(_straight(levels)[y, x], x, y)
+    fill, gradient = base_paint(straight[y, x], x, y)
+    if shape is None:
+        return Shape(fill, (), "", gradient)
     height, width = where.shape
     return replace(shape, fill=fill, gradient=gradient, name=shape_name(fill, shape.outlines, width, height))
 
 
 def _straight(levels: np.ndarray) -> np.ndarray:
     """(H, W, 3) straight colours of premultiplied levels."""
-    return levels[..., :3] * (255.0 / np.maximum(levels[..., 3:], 1.0))
+    return np.asarray(levels[..., :3] * (255.0 / np.maximum(levels[..., 3:], 1.0)))
 
 
 def _paint(shape: Shape, width: int, height: int) -> np.ndarray:
@@ -97,10 +142,10 @@ def _paint(shape: Shape, width: int, height: int) -> np.ndarray:
     return 255.0 * painted(shape.gradient, x + 0.5, y + 0.5)[..., :3]
 
 
-def _off(levels: np.ndarray, shape: Shape) -> np.ndarray:
+def _off(straight: np.ndarray, shape: Shape) -> np.ndarray:
     """(H, W) the mean square of three channels, in levels^2, by which a shape's paint is off."""
-    height, width = levels.shape[:2]
-    return np.asarray(((_straight(levels) - _paint(shape, width, height)) ** 2).mean(axis=2))
+    height, width = straight.shape[:2]
+    return np.asarray(((straight - _paint(shape, width, height)) ** 2).mean(axis=2))
 
 
 def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings: FitSettings) -> Scene:
@@ -109,16 +154,20 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
 
     rows, columns = (np.flatnonzero(weights.any(axis=axis)) for axis in (1, 0))
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    own = np.ascontiguousarray(weights[window], np.float32)
     target, behind = ((each[window] / 255.0).astype(np.float32) for each in (goal, ground))
-    recipe = replace(settings.recipe, shared_opacity=SHARED_OPACITY)
-    fitting = Fitting(target, settings.with_(segments=SEGMENTS, recipe=recipe, device="cpu"), inputs=FitInputs(own, ground=behind))
-    fitting.relax()
-    importance = fitting.importance()
-    keep = np.flatnonzero(importance * 255.0**2 >= PRICE)
-    keep = keep if len(keep) else importance.argmax()[None]
-    if len(keep) < len(importance):
-        fitting.resize(keep, len(keep))
+    steps = round(settings.steps * min(1.0, max(LEAST_STEPS, settings.curves / FULL_STEPS)))
+    given = {**vars(FitSettings.from_preset(preset=settings.preset, shapes=SHAPES)), "curves": settings.curves}
+    own = FitSettings(**given).with_(
+        steps=steps, seed=settings.seed, threads=settings.threads, device="cpu", background="auto",
+        recipe=replace(settings.recipe, shared_opacity=SHARED_OPACITY),
+    )  # fmt: skip
+    inputs = FitInputs(np.ascontiguousarray(weights[window], np.float32), ground=behind)
+    fitting = Fitting(target, own, inputs=inputs)
+    if fitting.relax():
+        importance = fitting.importance() * 255.0**2
+        kept = np.flatnonzero(importance >= min(PRICE, float(importance.max())))
+        if len(kept) < len(importance):
+            fitting.resize(kept, len(kept))
     scene = fitting.finish().scene
     points = scene.points + np.array([columns[0], rows[0]], np.float32)
     return replace(scene, points=points, background=None, width=goal.shape[1], height=goal.shape[0])

@@ -1,5 +1,14 @@
 """The scene: the curves that fit, raster and svg exchange, in arrays of numpy or torch, and their fills' gradients."""
 
+from cubicsplat_cli.scene.layers import Layer, LayeredScene
 from cubicsplat_cli.scene.scene import Scene, pack_rings, points_from_segments, scaled_scene, segments_from_points
 
-__all__ = ["Scene", "pack_rings", "points_from_segments", "scaled_scene", "segments_from_points"]
+__all__ = [
+    "Layer",
+    "LayeredScene",
+    "Scene",
+    "pack_rings",
+    "points_from_segments",
+    "scaled_scene",
+    "segments_from_points",
+]

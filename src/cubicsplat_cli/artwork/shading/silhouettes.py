@@ -12,6 +12,8 @@ from cubicsplat_cli.raster.paints import blends, nearest_paints
 
 EDGE = 2  # px to both sides of a border that its pixels' blending and smoothing reach
 REACH, SLOTS = 4, 3  # px in which the objects of a blend are sought, and how many meet at most
+# Times that each channel counts: opacity is as sure within shading as elsewhere.
+SURE = np.array([1.0, 1.0, 1.0, 8.0])
 CLEAR = 128.0  # levels of opacity, below which an object is the transparent ground
 _SQUARE = np.ones((3, 3), dtype=bool)
 
@@ -24,20 +26,52 @@ def silhouettes(levels: np.ndarray, labels: np.ndarray) -> FlatPicture:
     count = int(labels.max()) + 1
     alpha = np.bincount(labels.ravel(), levels[..., 3].ravel(), count) / np.bincount(labels.ravel(), minlength=count)
     fills = _fills(alpha >= CLEAR)
-    inside = ndimage.minimum_filter(labels, 2 * EDGE + 1) == ndimage.maximum_filter(labels, 2 * EDGE + 1)
-    # What is too thin to have an inside is known by its middle.
-    whole = np.unique(labels[inside])
-    inside |= ~np.isin(labels, whole)
+    inside = _insides(labels)
     out = fills[labels]
     y, x = np.nonzero(~inside)
     if len(y):
         paint = np.where(inside, labels, -1).astype(np.int32)
         at = y * labels.shape[1] + x
         paints, places = nearest_paints(paint, at, REACH, SLOTS)
-        colours = levels.reshape(-1, 4)[places]
-        flat, _ = blends(levels[y, x], paints, colours, fills[np.maximum(paints, 0)], True)
+        colours = _continued(levels, paint, y, x, places)
+        flat, _ = blends(levels[y, x] * SURE, paints, colours * SURE, fills[np.maximum(paints, 0)], True)
         out[y, x] = np.clip(flat, 0.0, 255.0)
     return FlatPicture(out.astype(np.float32), fills, labels)
+
+
+def _insides(labels: np.ndarray) -> np.ndarray:
+    """(H, W) bool: pixels that show one object alone; of what is too thin to have such ones, its middle."""
+    inside = np.asarray(_alike(labels, 2 * EDGE + 1))
+    y, x = np.nonzero(~inside)
+    if len(y):
+        paint = np.where(inside, labels, -1).astype(np.int32)
+        paints, _ = nearest_paints(paint, y * labels.shape[1] + x, REACH, SLOTS)
+        thin = (paints != labels[y, x, None]).all(axis=1)
+        depth = ndimage.distance_transform_edt(np.pad(_alike(labels, 3), 1))[1:-1, 1:-1]
+        middle = depth >= ndimage.maximum_filter(depth, 3)
+        inside[y[thin], x[thin]] = middle[y[thin], x[thin]]
+    return inside
+
+
+def _alike(labels: np.ndarray, size: int) -> np.ndarray:
+    """(H, W) bool: whether all pixels of a square around one have its label."""
+    return np.asarray(ndimage.minimum_filter(labels, size) == ndimage.maximum_filter(labels, size))
+
+
+def _continued(levels: np.ndarray, paint: np.ndarray, y: np.ndarray, x: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(n, slots, 4) what the objects that have pixels `places` (n, slots) would have at pixels y, x (n,), if they
+    changed on as they do just behind these.
+    """
+    height, width = paint.shape
+    row, column = np.divmod(places, width)
+    behind = 2 * row - y[:, None], 2 * column - x[:, None]
+    far = tuple(np.clip(each, 0, most - 1) for each, most in zip(behind, (height, width), strict=True))
+    own = paint[far] == paint[row, column]
+    far = np.where(own, far[0], row), np.where(own, far[1], column)
+    near = levels[row, column].astype(float)
+    out = np.clip(2.0 * near - levels[far], 0.0, 255.0)
+    out[..., 3] = near[..., 3]
+    return np.asarray(out)
 
 
 def _fills(opaque: np.ndarray) -> np.ndarray:
