@@ -172,8 +172,7 @@ def drawn(drawing: Drawing, request: Request) -> Made:
         "gradients": len(drawing.gradients),
         "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
     }
-    shaded = sum(shape.shading is not None for shape in drawing.shapes)
-    if shaded:
+    if shaded := [shape.name for shape in drawing.shapes if shape.shading is not None]:
         facts["shaded"] = shaded
     precision = request.precision
     return Made(

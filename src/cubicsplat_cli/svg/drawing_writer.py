@@ -88,7 +88,7 @@ def _group(root: ElementTree.Element, name: str, names: Identifiers) -> ElementT
 
 def drawn_elements(svg: str) -> int:
     """The number of elements that a text of `write_drawing` draws; at most its shapes, since one may hold many."""
-    return len(re.findall(r"<(?:path|circle|ellipse|rect)\b", svg))
+    return len(re.findall(r"<(?:path|circle|ellipse|rect)\b", svg)) - svg.count("<clipPath")
 
 
 def _finished(

@@ -20,6 +20,7 @@ from cubicsplat_cli.svg.scene_writer import path_strings
 PRECISION = 1  # decimals of px: edges within the shading are soft
 SCALE = f"scale({format_number(1, PRECISION)})"  # whole numbers to px
 REFERENCE = re.compile(r"url\(#([A-Za-z0-9_.-]+)\)")
+SHADING = "-shading"  # the end of a group's name
 _UNIT = 10**PRECISION
 
 
@@ -37,7 +38,7 @@ def add_shading(
         parent.append(gradient)
     clip = ElementTree.SubElement(parent, "clipPath", {"id": names.unique(f"{shape}-inside")})
     ElementTree.SubElement(clip, "path", {"d": "".join(_polygon(ring) for ring in shading.clip)})
-    attributes = {"id": names.unique(f"{shape}-shading"), "clip-path": f"url(#{clip.attrib['id']})"}
+    attributes = {"id": names.unique(f"{shape}{SHADING}"), "clip-path": f"url(#{clip.attrib['id']})"}
     group = ElementTree.SubElement(parent, "g", attributes)
     ElementTree.SubElement(group, "rect", {**_box(shading.clip), "fill": fill})
     group.append(_curves(shading.curves))
