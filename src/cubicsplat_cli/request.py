@@ -158,6 +158,11 @@ class Request:
         if self.of_photos() and self.of_artwork():
             other = self.of_photos()[0].replace("_", "-")
             raise UsageError(f"is for artwork, --{other} for photos; give one of them", self.of_artwork()[0])
+        if self.shading not in (AUTO, NO_SHADING) and not self.may_shade:
+            raise UsageError(
+                "is of drawings as they are; leave out options of colours, groups, cutouts, strokes, bytes, movies",
+                "shading",
+            )
         if self.artwork.stacking == CUTOUT and self.strokes:
             option = "--strokes" if self.artwork.strokes else "--mode open"
             asked = next((name for name in ("layers", "overlap") if getattr(self, name) is not None), "")
@@ -226,10 +231,13 @@ class Request:
 
     @property
     def may_shade(self) -> bool:
-        """Whether shapes may have shading: no option asks for few shapes or colours, groups, cutouts or strokes."""
+        """Whether shapes may have shading: no option asks for few shapes or colours, groups, cutouts, strokes or an
+        animation.
+        """
         others = [name for name in self.of_artwork() if name not in ("shading", "detail")]
         bounded = self.settings.curves is not None or self.max_bytes is not None or self.target_psnr is not None
-        return self.shading != NO_SHADING and not others and not bounded and self.settings.mode is Mode.CLOSED
+        single = self.settings.mode is Mode.CLOSED and self.animation is None
+        return self.shading != NO_SHADING and not others and not bounded and single
 
     @property
     def strokes(self) -> bool:

@@ -19,8 +19,8 @@ class Shading:
     """What changes within a shape beyond its paint: drawn right above it, beneath what covers it.
 
     clip: rings, oriented as a shape's, a little inside its own; only what lies within them is seen. fill, gradient: the
-    paint, opaque, that fills them beneath the curves, as a shape's. curves: filled curves on the drawing's canvas, front
-    to back.
+    opaque paint that fills them beneath the curves, as a shape's. curves: filled, on the drawing's canvas, front to
+    back.
     """
 
     clip: tuple[Ring, ...]

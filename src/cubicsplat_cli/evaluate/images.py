@@ -103,12 +103,13 @@ def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageS
     """The engine's exact picture of layers, each drawn as a whole, clipped, and laid over those before."""
 
     def rows(top: int, bottom: int) -> np.ndarray:
-        tile, out = Tile(0, top, scene.width, bottom - top), np.zeros((bottom - top, scene.width, 4), np.float32)
+        tile = Tile(0, top, scene.width, bottom - top)
+        out: np.ndarray = np.zeros((bottom - top, scene.width, 4), np.float32)
         for layer in scene.layers:
             drawn = draw_part(layer.scene, 1, tile, samples, threads)
             if layer.clip is not None:
                 drawn *= draw_part(layer.clip, 1, tile, samples, threads)[..., 3:]
-            out = drawn + out * (1.0 - drawn[..., 3:])
+            out = drawn + out * (np.float32(1.0) - drawn[..., 3:])
         return np.clip(out, 0.0, 1.0)
 
     return ImageSource(scene.width, scene.height, True, rows)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.settings import ArtworkSettings
@@ -54,8 +53,8 @@ class Objects:
 
 
 def shaded_objects(target: np.ndarray) -> Objects | None:
-    """The objects of a picture (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None where it is not few objects
-    with soft shading inside, all opaque but for a transparent ground.
+    """The objects of a picture (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None where it does not consist
+    of few objects with soft shading inside, all opaque but for a transparent ground.
     """
     levels = as_levels(target)
     labels = objects_of(levels)

@@ -43,8 +43,9 @@ LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
 class Result:
     """A vectorised picture.
 
-    svg: the text of the file. scene: its curves, in pixels of the picture; in layers where shapes have shading. report: the figures. pixels: (H, W, 4) uint8
-    straight RGBA, the SVG drawn by an independent renderer; None where it was not measured.
+    svg: the text of the file. scene: its curves, in pixels of the picture; in layers where shapes have shading. report:
+    the figures. pixels: (H, W, 4) uint8 straight RGBA, the SVG drawn by an independent renderer; None where it was not
+    measured.
     """
 
     svg: str

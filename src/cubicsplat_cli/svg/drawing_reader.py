@@ -44,9 +44,7 @@ def holds_drawing(elements: Sequence[OwnElement]) -> bool:
 
     The first element that can tell decides; a `rect` may be the background of either.
     """
-    places = [
-        each.place for each in elements if (each.place == "svg/g" and not _is_group(each)) or _is_shape(each)
-    ]
+    places = [each.place for each in elements if (each.place == "svg/g" and not _is_group(each)) or _is_shape(each)]
     return next((place for place in places if place != "svg/rect"), places[0] if places else "svg/g") != "svg/g"
 
 
@@ -67,7 +65,6 @@ def read_drawing(text: str | bytes) -> Drawing:
 def drawing_of(elements: Sequence[OwnElement]) -> Drawing:
     """The drawing that the elements of a document hold; InputError where they are not those of `write_drawing`."""
     width, height = canvas_size(elements[0])
-    gradients = GradientReader(elements)
     content = _Content((width, height), GradientReader(elements))
     for element in elements:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from xml.etree import ElementTree
 
 import numpy as np
@@ -72,7 +73,7 @@ def _straight(points: np.ndarray) -> bool:
 def _lines(corners: Sequence[Sequence[int]]) -> str:
     """The path data of a polygon in whole numbers, each corner relative to the one before."""
     (x, y), *_ = corners
-    steps = [f"{b[0] - a[0]} {b[1] - a[1]}" for a, b in zip(corners, corners[1:], strict=False)]
+    steps = [f"{b[0] - a[0]} {b[1] - a[1]}" for a, b in pairwise(corners)]
     return f"M{x} {y}l{' '.join(steps)}z".replace(" -", "-")
 
 
