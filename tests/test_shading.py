@@ -117,7 +117,7 @@ def test_shading_brings_a_drawing_near_and_leaves_edges_to_the_base(drawing, svg
 
 
 def test_the_group_is_named_and_lies_between_its_shape_and_what_covers_it(svg):
-    order = re.findall(r'<(?:g|path|rect|clipPath) id="([^"]*)"', svg)
+    order = re.findall(r'<(?:g|circle|rect|clipPath) id="([^"]*)"', svg)
     assert order[:3] == ["orange", "orange-inside", "orange-shading"]
     assert len(order) == 4
     assert 'clip-path="url(#orange-inside)"' in svg
