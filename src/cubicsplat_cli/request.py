@@ -100,7 +100,7 @@ class Request:
     )
     shading: str = setting(
         AUTO, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
-        parse=parse_shading, **_OF_DRAWINGS,
+        parse=parse_shading, hidden=True, **_OF_DRAWINGS,
     )  # fmt: skip
     group_by: str = setting(NONE, "choice", "Put shapes in groups by this.", choices=GROUPINGS, **_OF_DRAWINGS)
     layers: Path | None = setting(

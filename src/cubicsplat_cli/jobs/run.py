@@ -20,7 +20,6 @@ from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.metrics import Output, Report, head
 from cubicsplat_cli.progress import FRAMES, FrameRecorder, Observer, StageTimer, command_began, warnings_to
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.scene import LayeredScene
 
 if TYPE_CHECKING:
     from cubicsplat_cli.files.load import Picture
@@ -234,6 +233,8 @@ def export_of(path: Path, svg: bytes, job: Job, request: Request, note: Callable
 def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sink) -> None:
     """Write an animation of a photo's fit, or of a drawing built up from the back."""
     timer, recorder = task.timer, task.recorder
+    from cubicsplat_cli.scene import LayeredScene
+
     # What is animated has no shading, see `Request.may_shade`.
     if recorder is None or made.scene is None or isinstance(made.scene, LayeredScene):
         timer.note(f"{task.target.source}: is transparent throughout, so there is no animation")

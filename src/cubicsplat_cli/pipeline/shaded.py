@@ -24,6 +24,7 @@ from cubicsplat_cli.pipeline.artwork import drawn
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.paints import nearest_paints
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import painted
 from cubicsplat_cli.settings import FitSettings, cpu_count
@@ -40,6 +41,9 @@ RIM, LEAST_SEEN = 0.9, 0.3  # of a pixel that the shading covers: below it shows
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
 ROUGH = 6.0  # levels by which a pixel is off the mean of its 3 x 3 neighbours, as none is within shading
 LEAST_SHADED = 0.1  # of the picture's objects in px that have more than their paints
+# Of a pixel at the edge of what covers an object: its weight, as about half of it shows, squared; and px to those whose
+# colour it has.
+BENEATH, REACH = 0.25, 3
 FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones converge sooner
 LEAST_STEPS = 0.25  # of them
 
@@ -104,7 +108,8 @@ def _shaded(straight: np.ndarray, shape: Shape, share: np.ndarray, settings: Fit
     if not whole.any() or math.sqrt(float(_off(straight, plain)[whole].mean())) < SHADED:
         return plain
     clip = inside_of(shape, width, height)
-    inside = np.where(whole, coverage_of(clip, width, height), 0.0) if clip else np.zeros(share.shape)
+    clipped = coverage_of(clip, width, height) if clip else np.zeros(share.shape)
+    inside = np.where(whole, clipped, 0.0)
     curves = round(min(float(inside.sum()) / PX_PER_CURVE, math.inf if most is None else most))
     if curves < 1 or inside.max() < LEAST_SEEN:
         return plain
@@ -114,8 +119,19 @@ def _shaded(straight: np.ndarray, shape: Shape, share: np.ndarray, settings: Fit
     beneath = _paint(shaded, width, height)
     goal = beneath + (straight - beneath) / np.maximum(inside, LEAST_SEEN)[..., None]
     weights = np.where(inside >= LEAST_SEEN, inside**2, 0.0)
+    _continue_beneath(goal, weights, (share > 0.0) & ~whole & (clipped > FULL))
     scene = _fitted(np.clip(goal, 0.0, 255.0), weights, _paint(plain, width, height), settings.with_(curves=curves))
     return replace(shaded, shading=Shading(clip, plain.fill, plain.gradient, scene))
+
+
+def _continue_beneath(goal: np.ndarray, weights: np.ndarray, edge: np.ndarray) -> None:
+    """Makes the goal (H, W, 3) of pixels that are half covered (H, W) bool that of the nearest that are not."""
+    y, x = np.nonzero(edge)
+    at = y * edge.shape[1] + x
+    paints, places = nearest_paints(np.where(weights > FULL, 0, -1), at, REACH, 1)
+    near = paints[:, 0] == 0
+    goal.reshape(-1, 3)[at[near]] = goal.reshape(-1, 3)[places[near, 0]]
+    weights.reshape(-1)[at[near]] = BENEATH
 
 
 def _in_paint(straight: np.ndarray, shape: Shape | None, where: np.ndarray) -> Shape:

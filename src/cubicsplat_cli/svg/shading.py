@@ -16,7 +16,6 @@ from cubicsplat_cli.scene.paint import Gradient, Rgba
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.markup import GradientElements, Identifiers, format_number, short_colour
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, to_grid
-from cubicsplat_cli.svg.scene_writer import path_strings
 
 PRECISION = 1  # decimals of px: edges within the shading are soft
 SCALE = f"scale({format_number(1, PRECISION)})"  # whole numbers to px
@@ -46,6 +45,8 @@ def add_shading(
 
 
 def _curves(scene: Scene) -> ElementTree.Element:
+    from cubicsplat_cli.svg.scene_writer import path_strings  # which most drawings do not need
+
     grid = to_grid(scene, PRECISION)
     opacities, opaque = grid.opacities.tolist(), 10**OPACITY_DECIMALS
     shared = max(set(opacities), key=opacities.count)
