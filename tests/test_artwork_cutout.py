@@ -257,4 +257,4 @@ def test_what_contradicts_a_cutout_is_refused():
     with pytest.raises(UsageError, match="is for artwork"):
         Request(artwork=cutout, style="photo")
     with pytest.raises(UsageError, match="give one of them"):
-        Request(artwork=cutout, target_psnr=30.0)
+        Request(artwork=cutout, freeze=True)

@@ -1,7 +1,12 @@
 """Merges of the finish: runs of pieces that one line or cubic stands for, where they show and where they do not."""
 
+from io import BytesIO
+from pathlib import Path
+
 import numpy as np
 import pytest
+import resvg_py
+from PIL import Image
 
 from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, goal_of
@@ -10,6 +15,7 @@ from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ring, polygon, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.raster.cubics import found_merges
 
 RED, BLUE = (255, 0, 0, 255), (0, 64, 255, 255)
@@ -116,3 +122,10 @@ def test_more_detail_keeps_more_pieces():
         for detail in (0.05, 1.0, 50.0)
     ]
     assert pieces[0] < pieces[1] < pieces[2]
+
+
+def test_pieces_that_the_finish_has_made_even_are_merged_at_its_end():
+    """Without merges at the end the house comes back with 330 coordinates."""
+    svg = (Path(__file__).parent.parent / "samples/artwork/house.svg").read_text(encoding="utf-8")
+    picture = Image.open(BytesIO(bytes(resvg_py.svg_to_bytes(svg_string=svg, width=200)))).convert("RGB")
+    assert draw(np.asarray(picture) / np.float32(255.0)).coordinates < 290

@@ -18,8 +18,8 @@ from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg import read_svg, write_svg
 from cubicsplat_cli.svg.scene_writer import bytes_by_curve
 
-SHORT = {"steps": 60, "threads": 1, "preset": "draft"}
-OPTIONS = ("--steps", 60, "--threads", 1, "--preset", "draft", "--json", "-q")
+SHORT = {"steps": 60, "threads": 1, "preset": "draft", "style": "photo"}
+OPTIONS = ("--steps", 60, "--threads", 1, "--preset", "draft", "--style", "photo", "--json", "-q")
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_with_svgz_the_compressed_bytes_count(noisy_file, run_cli):
 
 def test_a_byte_gives_more_where_bytes_are_the_budget(noisy):
     """The same bytes with the usual decimals and segments."""
-    usual = vectorize(noisy, style="photo", curves=24, **SHORT)
+    usual = vectorize(noisy, curves=24, **SHORT)
     within = vectorize(noisy, max_bytes=len(usual.svg.encode()), **SHORT)
     assert within.report.quality.svg.psnr_db > usual.report.quality.svg.psnr_db + 0.3
     assert within.scene.curves > usual.scene.curves
@@ -100,7 +100,8 @@ def test_not_even_one_curve_is_one_line(noisy_file, run_cli):
         (("--target-psnr", "nan"), "--target-psnr must be a number from 1 to 60"),
         (("--max-bytes", "9k", "--target-psnr", "30"), "--max-bytes and --target-psnr are two budgets"),
         (("--max-bytes", "9k", "--curves", "30"), "--max-bytes finds the number of curves itself"),
-        (("--target-psnr", "30", "--style", "artwork"), "--target-psnr is for photos"),
+        (("--target-psnr", "30", "--style", "pixel"), "--target-psnr leaves details out, which pixel art keeps"),
+        (("--max-nodes", "30", "--style", "photo"), "--max-nodes is for artwork"),
     ],
 )
 def test_senseless_budgets_are_refused(photo, run_cli, options, text):
@@ -143,7 +144,7 @@ def test_the_most_that_fits_is_found_with_few_files_written(each):
 
 @pytest.mark.parametrize("mode", ["closed", "open"])
 def test_bytes_of_curves_add_up_to_those_of_the_file(noisy, mode):
-    scene = vectorize(noisy, style="photo", mode=mode, curves=20, measure=False, **SHORT).scene
+    scene = vectorize(noisy, mode=mode, curves=20, measure=False, **SHORT).scene
     sizes, whole = bytes_by_curve(scene, 1), len(write_svg(scene, precision=1))
     assert len(sizes) == scene.curves
     assert sum(sizes) == pytest.approx(whole, rel=0.3)

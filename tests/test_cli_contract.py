@@ -128,7 +128,7 @@ def test_the_help_of_vectorize_is_in_groups_and_in_the_words_of_people(run_cli, 
             for part in re.split(r"^\w[\w ]*(?: \(imply .*\))?:$", text, flags=re.MULTILINE)[1:]
         ]
         assert {"--output", "--curves", "--style", "--preset", "--force", "--help"} <= options[1]
-        assert {"--max-bytes", "--loss", "--init"} <= options[3] and {"--colors", "--palette"} <= options[4]
+        assert {"--loss", "--init"} <= options[3] and {"--colors", "--max-nodes"} <= options[4]
         assert "Photos (imply --style photo):" in text and "Drawings (imply --style artwork):" in text
         assert re.search(r"^  --mode closed\|open", text, re.MULTILINE)
         assert "--time-limit SECONDS" in text

@@ -19,7 +19,8 @@ from warm import run_warm
 from cubicsplat_cli import pipeline
 from cubicsplat_cli.files.names import beside
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, FileSink, attempt
+from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, attempt
+from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import Observer, Progress
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
@@ -178,8 +179,8 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
         ),
         (["vectorize", "x.png", "--colors", "4", "--style", "photo"], "--colors is for artwork, not for photos; leave"),
         (
-            ["vectorize", "x.png", "--colors", "4", "--max-bytes", "9k"],
-            "--colors is for artwork, --max-bytes for photo",
+            ["vectorize", "x.png", "--colors", "4", "--loss", "l1"],
+            "--colors is for artwork, --loss for photo",
         ),
         (["vectorize", "x.png", "--time-limit", "soon"], "--time-limit must be a number, not 'soon'"),
         (["vectorize", "x.png", "--time-limit", "-1"], "--time-limit must be a number from"),

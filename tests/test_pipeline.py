@@ -29,12 +29,14 @@ from cubicsplat_cli.files.load import resize_picture
 from cubicsplat_cli.files.names import Outputs
 from cubicsplat_cli.files.write import encode_png
 from cubicsplat_cli.jobs.plan import Job
-from cubicsplat_cli.jobs.run import MemorySink, run_job
+from cubicsplat_cli.jobs.run import run_job
+from cubicsplat_cli.jobs.sinks import MemorySink
 from cubicsplat_cli.photo import FitInputs, Fitting
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.pipeline import candidates, choose, measured, task_of, vectorize_picture
 from cubicsplat_cli.pipeline import photo as photo_style
 from cubicsplat_cli.pipeline.artwork import SAMPLES, drawn_outlines
+from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
 from cubicsplat_cli.pipeline.photo import QuickPhoto
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import COMMAND_BEGAN, FrameRecorder, Observer, Progress, StageTimer, Work
@@ -219,7 +221,7 @@ def test_shading_that_is_missing_counts_more_than_edges_that_are_a_little_off():
     for row, scene in ((lines, moved), (ramp, bands)):
         pixels = np.repeat(np.repeat(row.astype(np.uint8)[None, :, None], 64, axis=0), 3, axis=2)
         task = task_of(as_picture(pixels), Request(FitSettings(threads=1)), StageTimer())
-        levels.append((choose.level_db(task, scene, 1), choose.seen_db(task, scene, 1)))
+        levels.append((level_db(task, scene, 1), seen_db(task, scene, 1)))
     (edges, edges_seen), (tones, tones_seen) = levels
     assert edges < tones - 2.0 and edges_seen > tones_seen + 2.0
 
@@ -239,7 +241,7 @@ def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, monkeyp
     relax = FitLoop.relax
     monkeypatch.setattr(FitLoop, "relax", lambda loop, share=1.0: shares.append(share) or relax(loop, share))
     task = task_of(as_picture(blotches()), Request(FitSettings(threads=1)), StageTimer())
-    quick = QuickPhoto(task, 4, lambda scene: choose.level_db(task, scene, 48))
+    quick = QuickPhoto(task, 4, lambda scene: level_db(task, scene, 48))
     found = quick.beyond(level)
     # At 60 dB it is plain at the first look that four curves will not get there; then nothing more is done.
     assert (found is None) == (level == 60.0)
@@ -251,8 +253,8 @@ def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, monkeyp
 @pytest.mark.parametrize(("drawn", "beyond"), [(30.0, 33.0), (21.0, 24.0), (11.5, 13.16)])
 def test_outlines_may_bring_a_sketch_nearer_by_so_many_decibels_or_so_much_of_its_error(drawn, beyond, monkeypatch):
     asked = []
-    monkeypatch.setattr(choose, "level_db", lambda *_: drawn)
-    monkeypatch.setattr(choose, "seen_db", lambda *_: drawn)
+    monkeypatch.setattr(Likeness, "pixels_db", lambda _: drawn)
+    monkeypatch.setattr(Likeness, "seen_db", lambda *_: drawn)
     monkeypatch.setattr(QuickPhoto, "beyond", lambda _, least: asked.append(least))
     task = task_of(as_picture(disc()), Request(FitSettings(threads=1)), StageTimer())
     choose.check_worth_finishing(task, drawn_outlines(task))

@@ -54,7 +54,9 @@ def ball(spots: int = 2) -> np.ndarray:
 def drawing() -> Drawing:
     objects = shaded_objects(ball())
     assert objects is not None
-    return shaded_drawing(objects, QUICK)
+    made, interrupted = shaded_drawing(objects, QUICK)
+    assert not interrupted
+    return made
 
 
 @pytest.fixture(scope="module")
@@ -239,3 +241,14 @@ def test_shading_of_a_shape_needs_a_ground_and_curves(drawing):
     text = write_drawing(drawing, title="", comment="")
     with pytest.raises(InputError, match="without a ground"):
         read_drawing(re.sub(r'(<g id="orange-shading"[^>]*>)\s*<rect[^>]*/>', r"\1", text))
+
+
+def test_an_interrupt_leaves_the_objects_in_their_paints(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cubicsplat_cli.photo.fitting.Fitting.relax", interrupted)
+    made, ended = shaded_drawing(shaded_objects(ball()), QUICK)
+    assert ended
+    assert len(made.shapes) == 2
+    assert all(shape.shading is None for shape in made.shapes)

@@ -23,8 +23,8 @@ from cubicsplat_cli.request import request_of
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.polygons import GridPolygons, grid_size, on_grid
 
-SHORT = {"steps": 80, "threads": 1}
-OPTIONS = ("--steps", 60, "--threads", 1, "--json", "-q")
+SHORT = {"steps": 80, "threads": 1, "style": "photo"}
+OPTIONS = ("--steps", 60, "--threads", 1, "--style", "photo", "--json", "-q")
 
 
 @pytest.fixture(scope="module")

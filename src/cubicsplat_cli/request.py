@@ -92,11 +92,13 @@ class Request:
         "As much as fits: 20k, or 400gz after gzip.",
         least=1,
         optional=True,
-        group=PHOTOS,
         parse=parse_bytes,
     )
     target_psnr: float | None = setting(
-        None, "number", "As few curves as reach this PSNR.", least=1, most=60, metavar="DB", optional=True, group=PHOTOS
+        None, "number", "As few curves or shapes as reach this PSNR.", least=1, most=60, metavar="DB", optional=True
+    )
+    max_nodes: int | None = setting(
+        None, "count", "Outlines have at most so many points.", least=1, optional=True, group=DRAWINGS
     )
     shading: str = setting(
         AUTO, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
@@ -153,6 +155,11 @@ class Request:
             raise UsageError("are what pixel art has none of; leave it out", "strokes")
         if self.style == "pixel" and self.settings.mode is Mode.OPEN:
             raise UsageError("open is for strokes, which pixel art has none of; leave it out", "mode")
+        if self.style == "pixel" and (self.max_bytes is not None or self.target_psnr is not None):
+            raise UsageError(
+                "leaves details out, which pixel art keeps; use style artwork, or leave it out",
+                "target_psnr" if self.max_bytes is None else "max_bytes",
+            )
         if self.style == "photo" and self.of_artwork():
             raise UsageError("is for artwork, not for photos; leave it out, or use style artwork", self.of_artwork()[0])
         if self.of_photos() and self.of_artwork():
@@ -173,9 +180,9 @@ class Request:
             raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
         if self.init is not None and self.settings.shapes != ANY:
             raise UsageError("are for new curves, not for those of a drawing; leave out --init", "shapes")
-        budgets = [name for name in ("max_bytes", "target_psnr") if getattr(self, name) is not None]
+        budgets = [name for name in ("max_bytes", "max_nodes", "target_psnr") if getattr(self, name) is not None]
         if len(budgets) > 1:
-            raise UsageError("and --target-psnr are two budgets; give one of them", "max_bytes")
+            raise UsageError(f"and --{budgets[1].replace('_', '-')} are two budgets; give one of them", budgets[0])
         if budgets and (self.freeze or self.init is not None or self.settings.curves is not None):
             raise UsageError("finds the number of curves itself; leave out --curves, --init and --freeze", budgets[0])
         if self.tiny:
@@ -215,17 +222,19 @@ class Request:
             raise UsageError(f"must end in .json, not {str(path)!r}", "geometrize")
 
     def _check_tiny(self) -> None:
-        """Raise UsageError for what polygons on a coarse grid cannot be."""
-        fit = self.settings
-        wrong = {
-            "mode": fit.mode is Mode.OPEN, "fill": fit.fill != "flat", "precision": self.precision is not None,
-            "width": self.width is not None, "units": self.units != "px",
-            "shapes": fit.shapes in ("ellipse", "rectangle"), "loss": fit.loss != "l2",
-        }  # fmt: skip
+        """Raise UsageError for what a file without a size, and polygons on a coarse grid, cannot have."""
+        fit, said = self.settings, "writes no size"
+        wrong = {"width": self.width is not None, "units": self.units != "px"}
+        if self.style != "artwork" and not any(wrong.values()):
+            said = "writes photos as polygons on a coarse grid"
+            wrong = {
+                "mode": fit.mode is Mode.OPEN, "fill": fit.fill != "flat", "precision": self.precision is not None,
+                "shapes": fit.shapes in ("ellipse", "rectangle"), "loss": fit.loss != "l2",
+            }  # fmt: skip
         for name in (name for name, is_wrong in wrong.items() if is_wrong):
             raise UsageError(
-                f"does not go with --max-bytes below {TINY_BYTES // 1000}kgz, which writes polygons on a coarse grid; "
-                "leave it out, or allow more bytes",
+                f"does not go with --max-bytes below {TINY_BYTES // 1000}kgz, which {said}; leave it out, or allow "
+                "more bytes",
                 name,
             )
 
@@ -236,6 +245,7 @@ class Request:
         """
         others = [name for name in self.of_artwork() if name not in ("shading", "detail")]
         bounded = self.settings.curves is not None or self.max_bytes is not None or self.target_psnr is not None
+        bounded = bounded or self.settings.time_limit is not None
         single = self.settings.mode is Mode.CLOSED and self.animation is None
         return self.shading != NO_SHADING and not others and not bounded and single
 
@@ -247,6 +257,8 @@ class Request:
     def of_photos(self) -> list[str]:
         """The given options that only the fit of a photo has."""
         names = self._given(PHOTOS)
+        if self.tiny and self.settings.shapes == "polygon":
+            names.remove("shapes")  # which is what a photo is by itself there
         return names if self.masks is None else ["weights", *names]
 
     def of_artwork(self) -> list[str]:
@@ -326,7 +338,7 @@ def request_of(options: Mapping[str, Any]) -> Request:
     if given.get("layers") is not None or given.get("overlap") is not None:
         artwork["stacking"] = CUTOUT
     # Measured at equal bytes (docs/lab/photos.md): closed curves of 2 segments have some 0.2 dB more than of 4.
-    if "max_bytes" in given and fit.get("mode", "closed") == "closed":
+    if "max_bytes" in given and fit.get("mode", "closed") == "closed" and given.get("style") != "artwork":
         if isinstance(given["max_bytes"], GzipBytes) and given["max_bytes"] < TINY_BYTES:
             _prefer_polygons(fit)
         elif fit.get("shapes", ANY) == ANY:

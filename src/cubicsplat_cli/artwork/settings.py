@@ -52,8 +52,9 @@ class ArtworkSettings:
     )
     strokes: bool = setting(False, "flag", "Lines of even width become strokes.", group=DRAWINGS)
     completion: str = setting(
-        ON, "choice", "Do not guess the hidden parts of shapes.", choices=(ON, OFF), only_off=True, group=DRAWINGS
-    )
+        ON, "choice", "Do not guess the hidden parts of shapes.", choices=(ON, OFF), only_off=True, hidden=True,
+        group=DRAWINGS,
+    )  # fmt: skip
     curves: int | None = None
 
     def __post_init__(self) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import goal_of
+from cubicsplat_cli.artwork.finish.moves import SHAPE_PARAMETERS
 from cubicsplat_cli.artwork.finish.polish import polish
+from cubicsplat_cli.artwork.finish.simpler import simpler
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
@@ -27,13 +31,14 @@ from cubicsplat_cli.artwork.regions.fills import eight_bit, picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, find_regions
 from cubicsplat_cli.artwork.regions.sampling import samples_across
 from cubicsplat_cli.artwork.regularities.regularities import regularised
-from cubicsplat_cli.artwork.residual.added import SHAPE_PARAMETERS, with_added
+from cubicsplat_cli.artwork.residual.added import with_added
 from cubicsplat_cli.artwork.settings import CUTOUT, ON, ArtworkSettings
 from cubicsplat_cli.artwork.shadows.lifting import lifted
 from cubicsplat_cli.artwork.shadows.placing import with_shadow
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import Work, nothing, under_way, work
+from cubicsplat_cli.raster.stack import Goal
 from cubicsplat_cli.scene.paint import mean_fill
 
 MANY = 150  # parts, whose finish takes longer than to find out whether they are worth it
@@ -57,7 +62,20 @@ def draw(
     strokes: bool = False,
     on_sketch: Callable[[Drawing], None] = nothing,
 ) -> Drawing:
-    """The drawing of a flat picture: (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1].
+    """The drawing of a flat picture; the first of `versions`."""
+    return next(versions(target, settings, prepared, strokes=strokes, on_sketch=on_sketch))
+
+
+def versions(
+    target: np.ndarray,
+    settings: ArtworkSettings | None = None,
+    prepared: PreparedInput | None = None,
+    *,
+    strokes: bool = False,
+    on_sketch: Callable[[Drawing], None] = nothing,
+) -> Iterator[Drawing]:
+    """The drawing of a flat picture, (H, W, 3) or (H, W, 4) premultiplied, float32 in [0, 1], and ever
+    simpler versions of it.
 
     What was made larger by a whole number is drawn as it was before. Very large pictures, and those of very many
     regions, are drawn with less detail (`limits`), which is logged. What has hardly a region of more than a few px is
@@ -69,14 +87,14 @@ def draw(
     are polygons, and where the regions were not known yet it is that of a smaller copy.
     """
     settings, prepared = settings or ArtworkSettings(), prepared or prepare(target)
-    drawing = None
+    none_yet, of_prepared = True, partial(_versions, settings=settings, strokes=strokes, on_sketch=on_sketch)
     with work().stoppable():
-        given = (prepared, settings, strokes, on_sketch)
-        drawing = _with_its_shadow(*given) or _drawn(*given)
-    if drawing is None:
+        for each in _with_its_shadow(prepared, settings, of_prepared) or of_prepared(prepared):
+            none_yet = False
+            yield enlarged(each, prepared.scale, prepared.width, prepared.height)
+    if none_yet:
         prepared = _small(target)
-        drawing = _sketch(prepared, settings)
-    return enlarged(drawing, prepared.scale, prepared.width, prepared.height)
+        yield enlarged(_sketch(prepared, settings), prepared.scale, prepared.width, prepared.height)
 
 
 def _small(target: np.ndarray) -> PreparedInput:
@@ -96,9 +114,9 @@ def _sketch(prepared: PreparedInput, settings: ArtworkSettings) -> Drawing:
 
 
 def _with_its_shadow(
-    prepared: PreparedInput, settings: ArtworkSettings, strokes: bool, on_sketch: Callable[[Drawing], None]
-) -> Drawing | None:
-    """The drawing of a clean picture with a soft shadow, in gradients; None where it has none, or there may be no
+    prepared: PreparedInput, settings: ArtworkSettings, versions: Callable[[PreparedInput], Iterator[Drawing]]
+) -> Iterator[Drawing] | None:
+    """The versions of a clean picture with a soft shadow, in gradients; None where it has none, or there may be no
     gradients or not as many shapes.
     """
     if not _may_shine_through(prepared, settings):
@@ -106,16 +124,17 @@ def _with_its_shadow(
     without = prepared.lifted or lifted(prepared.levels)
     if without.shadow is None:
         return None
-    drawing = with_shadow(_drawn(replace(prepared, levels=without.levels), settings, strokes, on_sketch), without)
-    if drawing is None or (settings.curves is not None and len(drawing.shapes) > settings.curves):
+    drawings = versions(replace(prepared, levels=without.levels))
+    first = with_shadow(next(drawings), without)
+    if first is None or (settings.curves is not None and len(first.shapes) > settings.curves):
         return None
-    return drawing
+    return chain([first], filter(None, (with_shadow(each, without) for each in drawings)))
 
 
-def _drawn(
+def _versions(
     prepared: PreparedInput, settings: ArtworkSettings, strokes: bool, on_sketch: Callable[[Drawing], None]
-) -> Drawing:
-    """The drawing of what was taken in, in px of that; see `draw`."""
+) -> Iterator[Drawing]:
+    """The drawing of what was taken in, in px of that, and simpler versions of it; see `versions`."""
     condition = prepared.condition
     error = condition.edge_error
     work().at("finding gradients", 0.05)
@@ -134,15 +153,14 @@ def _drawn(
         opaque = parts_of(plan.regions, plan.found, settings.completion == ON, None)
         if settings.curves is None or len(opaque) <= settings.curves:
             shapes = min(shapes, _traced(opaque, (height, width), settings, flat), key=_length)
-    drawing = Drawing(width, height, shapes)
+    drawing, goal = Drawing(width, height, shapes), None
     with work().stoppable():
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
         came = plan.levels if condition.clean else flat.levels
         goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
         drawing = polish(drawing, goal, settings.detail, error / 255.0)
-        few = few_enough(drawing)
-        if few:
+        if few_enough(drawing):
             work().at("regularising", 0.8)
             drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
         # What was given up for fewer fills or shapes is no detail that was lost.
@@ -150,14 +168,22 @@ def _drawn(
             work().at("adding details", 0.93)
             min_area = settings.min_area / prepared.scale**2
             drawing = with_added(drawing, goal, condition, settings.detail, min_area, settings.curves)
-        if strokes:
-            from cubicsplat_cli.artwork.strokes.find import with_strokes
-            from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
+    yield _painted(_with_strokes(drawing, goal, settings.detail, error / 255.0) if strokes else drawing)
+    for each in simpler(drawing, goal, settings.detail, error / 255.0) if goal is not None else ():
+        yield _painted(_with_strokes(each, goal, settings.detail, error / 255.0) if strokes else each)
 
-            work().at("finding strokes", 0.97)
-            drawing = with_strokes(drawing, settings.detail, error / 255.0)
-            drawing = fitted_strokes(drawing, goal) if few else drawing
-    return _painted(drawing)
+
+def _with_strokes(drawing: Drawing, goal: Goal | None, detail: float, error: float) -> Drawing:
+    """The drawing with strokes in place of shapes of even width, fitted to its goal where it has few shapes."""
+    from cubicsplat_cli.artwork.strokes.find import with_strokes
+    from cubicsplat_cli.artwork.strokes.fit import fitted_strokes
+
+    with work().stoppable():
+        work().at("finding strokes", 0.97)
+        drawing = with_strokes(drawing, detail, error)
+        if goal is not None and len(drawing.shapes) <= MOST_POLISHED:
+            drawing = fitted_strokes(drawing, goal)
+    return drawing
 
 
 def draw_flat(picture: FlatPicture, settings: ArtworkSettings, error: float) -> Drawing:

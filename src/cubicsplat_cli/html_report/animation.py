@@ -1,12 +1,14 @@
-"""A fit as it develops, as an animated WebP or GIF."""
+"""A fit as it develops, or a drawing as it is laid down, as an animated WebP or GIF."""
 
 from __future__ import annotations
 
 import io
+import math
 
 import numpy as np
 from PIL import Image
 
+from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.files.marks import made_mark
 from cubicsplat_cli.progress import FrameRecorder
 from cubicsplat_cli.raster import render_scene
@@ -42,3 +44,18 @@ def _frame(scene: Scene, width: int, height: int, threads: int | None) -> Image.
     if values.shape[2] == 4:
         values[..., :3] /= np.maximum(values[..., 3:], 1e-6)
     return Image.fromarray(np.round(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8))
+
+
+def film_shapes(film: FrameRecorder, scene: Scene, picture: Picture, threads: int | None) -> None:
+    """Puts a drawing on film as it is laid down, shape after shape from the back."""
+    small = resize_picture(picture, SIDE)
+    sized = scaled_scene(scene, small.width, small.height)
+    pieces = np.linspace(1, sized.curves, min(sized.curves, 2 * film.frames)).astype(int)
+    target = small.premultiplied()
+    shown_db = 0.0
+    for count in dict.fromkeys(pieces.tolist()):
+        part = sized.chosen(slice(-count, None))  # those furthest to the back
+        error = float(((render_scene(part, samples=_SAMPLES, threads=threads) - target) ** 2).mean())
+        # A shape that later ones complete may make the picture worse at first: it is a step forward all the same.
+        shown_db = max(shown_db, -10.0 * math.log10(max(error, 1e-10))) + 1e-3
+        film.keep(shown_db, part)

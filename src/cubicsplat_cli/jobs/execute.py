@@ -17,7 +17,6 @@ from cubicsplat_cli.jobs.plan import Job, JobPlan, make_folders
 from cubicsplat_cli.jobs.run import (
     PLANNED,
     UNCHANGED,
-    FileSink,
     Outcome,
     attempt,
     export_of,
@@ -25,6 +24,7 @@ from cubicsplat_cli.jobs.run import (
     layers_of,
     load_job,
 )
+from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import Observer
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
@@ -132,6 +132,11 @@ def _taken(finished_before: list[Outcome]) -> Iterator[Outcome]:
 def lacking(job: Job, report: Report, request: Request) -> list[Path]:
     """The files made of the SVG of a report that are not there, or are of another SVG: the page, the exports and
     the layers."""
+    return [*_lacking_files(job, report, request), *_lacking_layers(job)]
+
+
+def _lacking_files(job: Job, report: Report, request: Request) -> list[Path]:
+    """The page and the exports that are not there, or are of another SVG."""
     outputs, svg = job.outputs, job.outputs.svg
     page = outputs.html_report
     mark = made_mark(report.output.svg_sha256).encode()
@@ -142,7 +147,7 @@ def lacking(job: Job, report: Report, request: Request) -> list[Path]:
 
         text = read_file(svg)
         missing += [path for path in outputs.exports if not is_current(path, text, request.dxf_tolerance)]
-    return [*missing, *_lacking_layers(job)]
+    return missing
 
 
 def _lacking_layers(job: Job) -> dict[Path, bytes]:
@@ -163,12 +168,14 @@ def with_others(outcome: Outcome, request: Request, observer: Observer) -> Outco
     if outcome.status != UNCHANGED or report is None:
         return outcome
     try:
-        missing, layers = lacking(job, report, request), _lacking_layers(job)
+        missing, layers = _lacking_files(job, report, request), _lacking_layers(job)
         if layers:
             make_folders(job)
-        check_outputs(missing, force=request.force)
+        check_outputs([*missing, *layers], force=request.force)
         for path in missing:
-            write_atomically(path, layers.get(path) or _made_of_svg(path, job, report, request, observer))
+            write_atomically(path, _made_of_svg(path, job, report, request, observer))
+        for path, data in layers.items():
+            write_atomically(path, data)
     except CubicSplatError as error:
         return failure(job, error)
     return outcome

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.errors import CubicSplatError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import LAYER, STDIO, Outputs, is_compressed_name
-from cubicsplat_cli.files.paths import is_file, is_replaceable
 from cubicsplat_cli.files.read import packed, unpacked
-from cubicsplat_cli.files.write import STDOUT, write_stdout
+from cubicsplat_cli.files.write import STDOUT
 from cubicsplat_cli.formatting import one_line, printable
-from cubicsplat_cli.jobs.earlier import forget, forget_layers, holds_edited, is_finished
+from cubicsplat_cli.jobs.earlier import is_finished
 from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.jobs.sinks import Sink
 from cubicsplat_cli.metrics import Output, Report, head
 from cubicsplat_cli.progress import FRAMES, FrameRecorder, Observer, StageTimer, command_began, warnings_to
 from cubicsplat_cli.request import Request
@@ -52,69 +52,6 @@ class Outcome:
             return {**named, "error": self.error}
         files = {"svg": self.job.outputs.svg, "png": self.job.outputs.png}
         return {**named, "output": {kind: None if path is None else str(path) for kind, path in files.items()}}
-
-
-class Sink(Protocol):
-    """Takes the finished files of one job; `kind` is one of `Outputs.place`. written: the files on the disk so far."""
-
-    written: list[Path]
-
-    def put(self, kind: str, data: bytes) -> None: ...
-
-
-@dataclass
-class FileSink:
-    """Writes each file whole to where the job wants it; an SVG without a place goes to standard output.
-
-    Two runs on one output leave the files of the one that ends last: with the report, which comes last, all others are
-    written again that the other run has replaced meanwhile. A run that is killed leaves no report of other files.
-    """
-
-    job: Job
-    written: list[Path] = field(default_factory=list)
-    files: dict[str, bytes] = field(default_factory=dict)
-
-    def put(self, kind: str, data: bytes) -> None:
-        from cubicsplat_cli.files.write import folder_locked, write_atomically
-
-        path, svg = self.job.outputs.place(kind), self.job.outputs.svg
-        if kind == "svg" and path is None:
-            write_stdout(data)
-        self.files[kind] = data
-        with folder_locked(Path() if svg is None else svg.parent):
-            replaced = self._replaced() if kind == "metrics" else {}
-            if kind == "svg" or replaced:
-                # From here on the report there is wrong; whoever finds none knows that the work is not done.
-                forget(self.job)
-            for place, content in replaced.items():
-                write_atomically(place, content)
-            if path is not None:
-                write_atomically(path, data)
-                self.written.append(path)
-            if kind == "metrics":
-                forget_layers(self.job, self.files)
-
-    def _replaced(self) -> dict[Path, bytes]:
-        """The files of this run in whose places lie others of ours by now, or none; an edited one stays as it is."""
-        replaced = {}
-        for kind, data in self.files.items():
-            place = self.job.outputs.place(kind)
-            if kind == "metrics" or place is None or (is_file(place) and place.read_bytes() == data):
-                continue
-            if is_replaceable(place) and not holds_edited(place):
-                replaced[place] = data
-        return replaced
-
-
-@dataclass
-class MemorySink:
-    """Keeps the files, for whoever asked for them from afar."""
-
-    files: dict[str, bytes] = field(default_factory=dict)
-    written: list[Path] = field(default_factory=list)
-
-    def put(self, kind: str, data: bytes) -> None:
-        self.files[kind] = data
 
 
 def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Outcome:
@@ -158,7 +95,7 @@ def run_job(job: Job, request: Request, *, sink: Sink, observer: Observer) -> Ou
 
 
 def uri_line(svg: bytes) -> bytes:
-    """What `--data-uri` prints of an SVG."""
+    """The line that `--data-uri` prints of an SVG."""
     from cubicsplat_cli.svg.markup import data_uri
 
     return data_uri(unpacked(svg, "the SVG").decode()).encode() + b"\n"
@@ -240,13 +177,11 @@ def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sin
         timer.note(f"{task.target.source}: is transparent throughout, so there is no animation")
         return
     from cubicsplat_cli.artwork.style import PHOTO
-    from cubicsplat_cli.html_report.animation import animation
+    from cubicsplat_cli.html_report.animation import animation, film_shapes
 
     timer.observer.stage("animation", timer.job)
     threads = task.request.settings.threads
     if made.style.name != PHOTO or output.paths == 0:
-        from cubicsplat_cli.artwork.film import film_shapes
-
         film_shapes(recorder, made.scene, task.target, threads)
     form = path.suffix[1:].upper()
     sink.put("animation", animation(recorder, made.scene, form=form, about=output.svg_sha256, threads=threads))

@@ -68,7 +68,7 @@ class Schedule:
         return [factor for start, factor in PUBLISHED_RATES if along >= start][-1]
 
     def raster(self, phase: Phase) -> RasterSettings:
-        """How a step of this phase is drawn."""
+        """Settings of drawing in this phase."""
         coverage = "exact" if phase.exact else "relaxed"
         if self.recipe.flatten == "de-casteljau":
             return RasterSettings(coverage, phase.edge_width, 64, FLATNESS, subdivide=True)

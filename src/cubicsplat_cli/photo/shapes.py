@@ -1,4 +1,4 @@
-"""What a fit of restricted shapes optimises in place of their control points."""
+"""Parameters of restricted shapes, which a fit optimises in place of their control points."""
 
 from __future__ import annotations
 

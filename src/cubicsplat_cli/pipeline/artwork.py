@@ -16,12 +16,14 @@ from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style
 from cubicsplat_cli.options import KEEP, REMOVE
+from cubicsplat_cli.pipeline.simplest import within_budget
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way
 from cubicsplat_cli.request import COLOR, OBJECT, Request
 from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg import write_drawing
+from cubicsplat_cli.svg.markup import lean
 from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
@@ -87,7 +89,7 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
     on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
     """
     from cubicsplat_cli.artwork.shapes import scaled_drawing
-    from cubicsplat_cli.artwork.vectorize import draw, prepare
+    from cubicsplat_cli.artwork.vectorize import prepare, versions
 
     chosen = replace(task.request.artwork, curves=task.request.settings.curves)
     deadline, threads = time.perf_counter() + task.seconds_to_make(), task.request.settings.threads or cpu_count()
@@ -99,10 +101,10 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
         def tell(sketch: Drawing) -> None:
             on_sketch(replace(drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
-        drawing = draw(target, chosen, prepared, strokes=task.request.strokes, on_sketch=tell)
-    drawing, notes = _structured(scaled_drawing(drawing, *task.picture.size), task.request)
-    made = drawn(drawing, task.request)
-    notes = [*prepared.notes, *notes]
+        drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=tell)
+        sized = (scaled_drawing(each, *task.picture.size) for each in drawings)
+        made = within_budget(task, (_structured(each, task.request) for each in sized))
+    notes = [*prepared.notes, *made.notes]
     if work.stopped and not work.interrupted:
         notes.append("ended by the time limit: not all of its outlines are fitted")
     facts = {**made.facts, "interrupted": work.interrupted}
@@ -121,11 +123,10 @@ def plain(fill: Rgba, task: Task) -> Made:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
         fill = nearest_in(request.artwork.palette, fill)
-    drawing, notes = _structured(plain_drawing(fill, *task.picture.size), request)
-    return replace(drawn(drawing, request), style=style, notes=notes)
+    return replace(_structured(plain_drawing(fill, *task.picture.size), request), style=style)
 
 
-def _structured(drawing: Drawing, request: Request) -> tuple[Drawing, list[str]]:
+def _structured(drawing: Drawing, request: Request) -> Made:
     """The drawing with the ground, cut, in the order and in the groups that are asked for, and notes."""
     from cubicsplat_cli.artwork import structure
 
@@ -135,7 +136,7 @@ def _structured(drawing: Drawing, request: Request) -> tuple[Drawing, list[str]]
         drawing, ground = structure.on_ground(drawing, fill), fill
     if request.group_by == OBJECT:
         drawing = structure.grouped_by_object(drawing, ground)
-    precision = suggested_precision(drawing.width, drawing.height) if request.precision is None else request.precision
+    precision = _precision(drawing, request)
     if request.artwork.stacking == CUTOUT:
         from cubicsplat_cli.artwork.planar.cutout import cut_out
 
@@ -150,11 +151,17 @@ def _structured(drawing: Drawing, request: Request) -> tuple[Drawing, list[str]]
         drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)
     if request.group_by == COLOR:
         drawing = structure.grouped_by_colour(drawing)
-    return drawing, notes
+    return replace(drawn(drawing, request), notes=notes)
+
+
+def _precision(drawing: Drawing, request: Request) -> int:
+    """The decimals of the file; one less than usual where bytes are few."""
+    usual = suggested_precision(drawing.width, drawing.height)
+    return max(0, usual - (request.max_bytes is not None)) if request.precision is None else request.precision
 
 
 def _ground_notes(request: Request, found: bool) -> list[str]:
-    """What the user should know of the ground that was to be removed or painted."""
+    """Notes on the ground that was to be removed or painted."""
     if not found and request.ground == REMOVE:
         return ["there is no ground to remove: nothing fills the picture behind all else"]
     return ["the figures compare the drawing with the picture as it was, on its own ground"]
@@ -174,11 +181,14 @@ def drawn(drawing: Drawing, request: Request) -> Made:
     }
     if shaded := [shape.name for shape in drawing.shapes if shape.shading is not None]:
         facts["shaded"] = shaded
-    precision = request.precision
+
+    def write(title: str, comment: str) -> str:
+        text = write_drawing(drawing, precision=_precision(drawing, request), title=title, comment=comment)
+        return lean(text) if request.tiny else text
+
     return Made(
         picture_of(drawing) if drawing.shapes else None,
-        # Asked for its size before it is written.
-        lru_cache(1)(lambda title, comment: write_drawing(drawing, precision=precision, title=title, comment=comment)),
+        lru_cache(1)(write),  # asked for its size before it is written
         SAMPLES,
         len(drawing.shapes),
         facts=facts,

@@ -18,11 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.evaluate.images import of_pixels
-from cubicsplat_cli.evaluate.metrics import measurable, psnr_db
-from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.pipeline.likeness import FileLevel
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.request import PHOTO_PRECISION, Request
 from cubicsplat_cli.scene import Scene
@@ -93,16 +91,12 @@ class Photo:
         return len(packed(self.task.text(scene, file_precision(request)), compressed=request.counts_compressed))
 
     @cached_property
-    def _reference(self) -> Picture:
-        return measurable(self.task.picture, math.inf)
+    def _file_level(self) -> FileLevel:
+        return FileLevel(self.task)
 
     def level(self, scene: Scene) -> float:
         """PSNR of the file in dB."""
-        request, reference = self.task.request, self._reference
-        text = self.task.text(scene, file_precision(request))
-        drawn = rerender(text.encode(), reference.width, reference.height)
-        level = psnr_db(reference, of_pixels(drawn.pixels), request.settings.threads)
-        return math.inf if level is None else level
+        return self._file_level(self.task.text(scene, file_precision(self.task.request)))
 
     def importance(self, scene: Scene) -> tuple[float, np.ndarray]:
         """The loss, and (N,) by how much it would rise without each curve."""

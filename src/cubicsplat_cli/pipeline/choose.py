@@ -6,24 +6,17 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from cubicsplat_cli.artwork.plain import only_fill
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
-from cubicsplat_cli.evaluate.images import ImageSource, of_picture, of_scene, of_values
-from cubicsplat_cli.evaluate.metrics import decibels, psnr_db
-from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
+from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
 from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
-from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.request import Request
-from cubicsplat_cli.scene import LayeredScene, Scene
 
-JUDGED_SIDE = 1024  # px of the longer side of the copy on which both are judged, where fine lines count
 ENOUGH_DB = 40.0  # of a drawing that has lost nothing that people see
 FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
@@ -31,7 +24,6 @@ LEAST_BYTES = 5.0  # of a line or cubic in a file
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
 # Shapes can be edited, so the curves must be better by what is plain to see.
 MARGIN_DB = 1.0
-COARSE = 8  # px of a window whose mean people see as one tone, as they see a JPEG's blocks
 # By which a quick photo of objects with soft shading is behind one that is fitted to its end: 5.1 dB of 131 curves.
 QUICK_BEHIND_DB = 5.0
 SKETCH_DB = 2.0  # that fitted outlines are better than polygons, at most
@@ -234,8 +226,12 @@ def _shaded(task: Task) -> Made | None:
 
 def _seen_above(task: Task, first: Made, second: Made) -> bool:
     """Whether a result is nearer than another by what is plain to see."""
-    levels = [seen_db(task, made.scene, made.samples, made.blur) for made in (first, second)]
-    return levels[1] is not None and (levels[0] is None or levels[0] > levels[1] + MARGIN_DB)
+    levels = []
+    for made in (first, second):
+        likeness = None if made.scene is None else Likeness.of(task, made.scene, made.samples, made.blur)
+        pixels_db = None if likeness is None else likeness.pixels_db()
+        levels.append(math.inf if likeness is None or pixels_db is None else likeness.seen_db(pixels_db))
+    return levels[0] > levels[1] + MARGIN_DB
 
 
 def _suiting(task: Task, style: Style) -> Made:
@@ -276,47 +272,6 @@ def _curves_of(task: Task, made: Made) -> int:
     return round(min(max(size / BYTES_PER_CURVE, FEWEST), most))
 
 
-def level_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0) -> float | None:
-    """PSNR of a scene against what is fitted, at most JUDGED_SIDE px; None where they are alike, or there is no scene.
-
-    samples: edges per cubic. blur: px of the target by which the scene is blurred first.
-    """
-    if scene is None:
-        return None
-    judged, layer = _judged(task, scene, samples, blur)
-    return psnr_db(judged, layer, task.request.settings.threads)
-
-
-def _judged(task: Task, scene: Scene | LayeredScene, samples: int, blur: float) -> tuple[Picture, ImageSource]:
-    """What is fitted, at most JUDGED_SIDE px, and a scene of that size; see `level_db`."""
-    judged = resize_picture(task.target, JUDGED_SIDE)
-    layer = of_scene(scene, judged.width, judged.height, samples, task.request.settings.threads)
-    if blur:
-        sigma = blur * judged.width / task.target.width
-        layer = of_values(ndimage.gaussian_filter(layer.rows(0, judged.height), (sigma, sigma, 0.0), mode="nearest"))
-    return judged, layer
-
-
-def seen_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0) -> float | None:
-    """The mean of `level_db` and the PSNR of tones, the means of squares of COARSE px: edges that are a little off hide
-    neither shading that is missing nor what drifts from tone to tone.
-    """
-    fine = level_db(task, scene, samples, blur)
-    if fine is None or scene is None:
-        return None
-    judged, layer = _judged(task, scene, samples, blur)
-    off = np.subtract(*map(_over_black_and_white, (of_picture(judged), layer)))
-    tones = np.square(ndimage.uniform_filter(off, (COARSE, COARSE, 1))).mean(axis=(0, 1))
-    return 0.5 * (fine + decibels(max(float(tones[:3].mean()), float(tones[3:].mean()), 1e-12)))
-
-
-def _over_black_and_white(source: ImageSource) -> np.ndarray:
-    """(H, W, 6) the colours of a picture over black, then over white."""
-    values = source.rows(0, source.height)
-    alpha = values[..., 3:] if source.transparent else np.ones_like(values[..., :1])
-    return np.concatenate([values[..., :3], values[..., :3] + 1.0 - alpha], axis=2)
-
-
 def check_worth_finishing(task: Task, sketch: Made) -> None:
     """Raises PhotoIsNearer where not even fitted outlines would bring a drawing near enough, and what a fit raises."""
     reason = photo_is_nearer(task, sketch, SKETCH_DB, SKETCH_ERROR)
@@ -330,11 +285,11 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
     rise_db, fall: by how many dB the level of the drawing may still rise, and its mean squared error fall, of full
     scale. Raises what a fit raises, and KeyboardInterrupt.
     """
-    level = level_db(task, made.scene, made.samples, made.blur)
-    if level is None or level >= ENOUGH_DB:
+    likeness = None if made.scene is None else Likeness.of(task, made.scene, made.samples, made.blur)
+    level = None if likeness is None else likeness.pixels_db()
+    if likeness is None or level is None or level >= ENOUGH_DB:
         return None
-    drawn = seen_db(task, made.scene, made.samples, made.blur)
-    assert drawn is not None  # as its level is not
+    drawn = likeness.seen_db(level)
     rest = 10.0 ** (-0.1 * drawn) - fall
     rise_db = min(rise_db, -10.0 * math.log10(rest) - drawn) if rest > 0.0 else rise_db
     curves = _curves_of(task, made)

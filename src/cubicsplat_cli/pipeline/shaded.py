@@ -85,36 +85,51 @@ def drawn_shaded(task: Task, objects: Objects) -> Made:
     """The shaded drawing of a picture's objects."""
     request = task.request
     most = int(request.shading) if request.shading.isdecimal() else None
-    with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())):
-        drawing = shaded_drawing(objects, task.settings(), most)
-    return replace(drawn(scaled_drawing(drawing, *task.picture.size), request), may_be_photo=True)
+    with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
+        drawing, interrupted = shaded_drawing(objects, task.settings(), most)
+    made = drawn(scaled_drawing(drawing, *task.picture.size), request)
+    facts = {**made.facts, "interrupted": interrupted or doing.interrupted}
+    return replace(made, facts=facts, may_be_photo=True)
 
 
-def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = None) -> Drawing:
-    """The drawing of objects with their shading. most: curves of an object, or None for as many as are of use."""
+def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = None) -> tuple[Drawing, bool]:
+    """The drawing of objects with their shading, and whether a Ctrl-C left some without. most: curves of an object, or
+    None for as many as are of use.
+    """
     outlined = draw_flat(silhouettes(objects.levels, objects.labels), ArtworkSettings(), 0.0)
-    straight, shapes = _straight(objects.levels), []
-    for index, (shape, share) in enumerate(zip(outlined.shapes, shown(outlined), strict=True)):
-        work().at("shading objects", 0.85 + 0.15 * index / len(outlined.shapes))
-        shapes.append(_shaded(straight, shape, share, settings, most))
-    return replace(outlined, shapes=tuple(shapes))
+    straight, shares = _straight(objects.levels), shown(outlined)
+    shapes = [
+        _in_paint(straight, shape, share >= min(FULL, float(share.max())))
+        for shape, share in zip(outlined.shapes, shares, strict=True)
+    ]
+    interrupted = False
+    with work().stoppable():
+        for index, share in enumerate(shares):
+            work().at("shading objects", 0.85 + 0.15 * index / len(shares))
+            try:
+                shapes[index] = _shaded(straight, shapes[index], share, settings, most)
+            except KeyboardInterrupt:
+                interrupted = True
+                break
+    return replace(outlined, shapes=tuple(shapes)), interrupted
 
 
-def _shaded(straight: np.ndarray, shape: Shape, share: np.ndarray, settings: FitSettings, most: int | None) -> Shape:
-    """A shape in its paint, and with shading where that leaves too much. share: (H, W) where it shows."""
+def _shaded(straight: np.ndarray, plain: Shape, share: np.ndarray, settings: FitSettings, most: int | None) -> Shape:
+    """A shape in the paint of all that shows of it; with shading where that leaves too much. share: (H, W) where it
+    shows. Raises KeyboardInterrupt when the fit is interrupted.
+    """
     height, width = share.shape
-    plain = _in_paint(straight, shape, share >= min(FULL, float(share.max())))
     whole = share > FULL
     if not whole.any() or math.sqrt(float(_off(straight, plain)[whole].mean())) < SHADED:
         return plain
-    clip = inside_of(shape, width, height)
+    clip = inside_of(plain, width, height)
     clipped = coverage_of(clip, width, height) if clip else np.zeros(share.shape)
     inside = np.where(whole, clipped, 0.0)
     curves = round(min(float(inside.sum()) / PX_PER_CURVE, math.inf if most is None else most))
     if curves < 1 or inside.max() < LEAST_SEEN:
         return plain
     rim = whole & (inside < RIM)
-    shaded = _in_paint(straight, shape, rim) if rim.any() else plain
+    shaded = _in_paint(straight, plain, rim) if rim.any() else plain
     # A pixel that the clip cuts shows base paint beside the shading, which makes up for it as far as it can.
     beneath = _paint(shaded, width, height)
     goal = beneath + (straight - beneath) / np.maximum(inside, LEAST_SEEN)[..., None]
@@ -183,6 +198,9 @@ def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings:
         kept = np.flatnonzero(importance >= min(PRICE, float(importance.max())))
         if len(kept) < len(importance):
             fitting.resize(kept, len(kept))
-    scene = fitting.finish().scene
+    fitted = fitting.finish()
+    if fitted.interrupted:
+        raise KeyboardInterrupt
+    scene = fitted.scene
     points = scene.points + np.array([columns[0], rows[0]], np.float32)
     return replace(scene, points=points, background=None, width=goal.shape[1], height=goal.shape[0])

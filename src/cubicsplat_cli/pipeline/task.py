@@ -173,7 +173,11 @@ class Task:
     def svg(self, made: Made) -> str:
         """The text of the SVG of what was made."""
         with self.timer("write"):
-            return self._finished(made.write(self.title, self.comment()))
+            return self.finished(made)
+
+    def finished(self, made: Made) -> str:
+        """The same, as a part of other work."""
+        return self._finished(made.write(self.title, self.comment()))
 
     def text(self, scene: Scene, precision: int) -> str:
         """The SVG of a photo's curves, at the picture's size."""

@@ -153,10 +153,18 @@ def scores_of(task: Task, scene: Scene) -> list[float]:
     ground = np.zeros(4, np.float32) if sized.background is None else np.array(sized.background, np.float32)
     if sized.background is None and goal.shape[2] == 3:
         goal = np.concatenate([goal, np.ones_like(goal[..., :1])], axis=2)
-    drawn = [np.broadcast_to(ground, goal.shape)]
-    for first in reversed(range(sized.curves)):
-        drawn.append(render_scene(sized.chosen(slice(first, None)), threads=task.request.settings.threads))
-    return [float(np.sqrt(np.square(each - goal).mean())) for each in drawn]
+    drawn: np.ndarray = np.broadcast_to(ground, goal.shape)
+    scores = [_root_mean_square(drawn - goal)]
+    for curve in reversed(range(sized.curves)):
+        alone = replace(sized.chosen(slice(curve, curve + 1)), background=None)
+        layer = render_scene(alone, threads=task.request.settings.threads)
+        drawn = layer[..., : goal.shape[2]] + (1.0 - layer[..., 3:]) * drawn
+        scores.append(_root_mean_square(drawn - goal))
+    return scores
+
+
+def _root_mean_square(values: np.ndarray) -> float:
+    return float(np.sqrt(np.square(values).mean()))
 
 
 def output_of(made: Made, text: str, data: bytes, **files: Any) -> Output:

@@ -13,7 +13,7 @@ from cubicsplat_cli.raster.cpu import doubles, native
 
 @dataclass(frozen=True)
 class FittedContour:
-    """What a contour was fitted with. form: CIRCLE, ELLIPSE or BOX of raster/outlines.py with its values (6,), or -1
+    """Outline fitted to a contour. form: CIRCLE, ELLIPSE or BOX of raster/outlines.py with its values (6,), or -1
     for a ring: anchors (A, 2) px, controls (A, 2, 2) px, lines and smooth (A,) bool.
     """
 

@@ -120,12 +120,12 @@ def memory_of(array: np.ndarray) -> Any:
 
 
 def address_of(array: np.ndarray) -> int:
-    """Where the values of an array lie that is contiguous by rows."""
+    """The address of an array that is contiguous by rows."""
     return ctypes.addressof(_Memory.from_buffer(array.data)) if array.flags.writeable else int(array.ctypes.data)
 
 
 def _in_c(given: Any) -> Any:
-    """What is no type of `_KINDS`: numbers of numpy, memory-mapped arrays, and what is an object of ctypes already."""
+    """Arguments of no type of `_KINDS`: numbers of numpy, memory-mapped arrays, and objects of ctypes."""
     if isinstance(given, np.ndarray):
         return memory_of(given)
     return c_int64(int(given)) if isinstance(given, (int, np.integer)) else given

@@ -223,7 +223,7 @@ class Engine(ABC):
         self, scene: EngineScene, settings: RasterSettings, target: Array, weights: Array | None = None,
         penalty: Penalty = SQUARED,
     ) -> float:  # fmt: skip
-        """What the errors of the picture against `target` (H, W, C) cost, without gradients; weights (H, W)."""
+        """The loss of the picture against `target` (H, W, C), without gradients; weights (H, W)."""
         return float(image_loss(self.render(scene, settings), target, weights, penalty))
 
     def gradients(

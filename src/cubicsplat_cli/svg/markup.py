@@ -97,6 +97,15 @@ def empty_document(width: int, height: int, title: str, comment: str) -> Element
     return root
 
 
+def lean(svg: str) -> str:
+    """A document in one line, without what its picture does not need: declaration, comment, title, size in px, and ids
+    but those of gradients.
+    """
+    text = re.sub(r"^<\?xml[^>]*>|<!--.*?-->|<title>.*?</title>|\n", "", svg, flags=re.DOTALL)
+    text = re.sub(r" +(?=viewBox)", " ", _SIDE.sub("", text, count=2), count=1)
+    return re.sub(r'(?<=<)(path|rect|circle|ellipse|g) id="[^"]*"', r"\1", text)
+
+
 _SIDE = re.compile(r'(?<= )(width|height)="[^"]*"')
 
 

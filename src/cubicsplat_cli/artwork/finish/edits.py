@@ -59,6 +59,6 @@ def _cut(cubic: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _parameter(cubic: np.ndarray, reach: float) -> float:
-    """Where a cubic is about `reach` px from its start, at most two fifths along."""
+    """The parameter at which a cubic is about `reach` px from its start, at most two fifths."""
     length = float(np.hypot(*np.diff(cubic, axis=0).T).sum())
     return min(reach / max(length, 1e-9), 0.4)

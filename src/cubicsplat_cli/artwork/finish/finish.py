@@ -128,7 +128,7 @@ class State:
 
     @property
     def sharing(self) -> float:
-        """How much of what a crossing changes is left by the goal's blur, in squares, 1 without one: it spreads what an
+        """The share of a crossing's change, in squares, that the goal's blur leaves, 1 without one: it spreads what an
         outline does to either side of it; along the outline it hardly changes anything."""
         taps = self.goal.taps
         return float(2.0 * (taps**2).sum() - taps[0] ** 2)
@@ -146,7 +146,7 @@ class State:
 
 
 def goal_of(target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = None) -> Goal:
-    """What a drawing is fitted to: a picture (H, W, 4) premultiplied in [0, 1], blurred by a Gaussian of so many px
+    """The goal of a drawing: a picture (H, W, 4) premultiplied in [0, 1], blurred by a Gaussian of so many px
     since it was drawn, and compared in other coordinates: rows of RGBA times `space` (4, 4).
     """
     reach = math.ceil(BLUR_REACH * blur)

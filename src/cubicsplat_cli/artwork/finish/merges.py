@@ -83,7 +83,7 @@ def merged(ring: Ring, plan: list[Merge]) -> Ring:
 
 @dataclass(frozen=True)
 class Visibility:
-    """Where the pieces of an outline show. piece, t: of its crossings, in order; seen: (m,) bool."""
+    """Visible parts of an outline's pieces. piece, t: of its crossings, in order; seen: (m,) bool."""
 
     piece: np.ndarray
     t: np.ndarray

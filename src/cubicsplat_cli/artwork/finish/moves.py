@@ -20,6 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Ring
 # Coverages are known to this much: drawing programs take 4x4 samples a pixel.
 SHARE_SIGMA = 0.04
 PRICE = 4.0  # nats a parameter
+SHAPE_PARAMETERS = 3.0  # of a shape besides its outlines'
 # Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
 WORTH, MOST_CHI = 12.0, 60.0
 UNSEEN = 1e-7  # misfit by chance below which a shape hardly shows
@@ -30,7 +31,7 @@ LEAST_LENGTH = 3.0  # px of a piece that may be cut
 
 @dataclass(frozen=True)
 class Complaint:
-    """What the pixels hold against a piece. chi: half of the excess of chi^2; t: the parameter in its middle; start,
+    """Misfit of a piece's pixels. chi: half of the excess of chi^2; t: the parameter in its middle; start,
     end: the shares of it near the piece's ends."""
 
     chi: float

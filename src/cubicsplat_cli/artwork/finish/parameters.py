@@ -58,7 +58,7 @@ NO_PINS = Pins()
 
 @dataclass(frozen=True)
 class Constraints:
-    """What stays where it is: all that lies on the border of a canvas of width x height px, and what is pinned."""
+    """Coordinates that stay: those on the border of a canvas of width x height px, and pinned ones."""
 
     width: int
     height: int

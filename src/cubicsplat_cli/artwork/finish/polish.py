@@ -15,7 +15,7 @@ PASSES, CROWDED, FULL = 3, 400, 1500
 TRIAL_ROUNDS = 6
 # Pieces beyond which they are settled in fewer rounds still, and not at all.
 MANY, FEWEST_ROUNDS, MOST = 20_000, 3, 100_000
-MERGES = 3  # passes, of a picture that is blurred and not crowded
+MERGES = 3  # passes at most
 
 
 def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0) -> Drawing:
@@ -34,11 +34,8 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
         state = settle(state, goal, _rounds(pieces))
         at("merging pieces", 0.6)
         # What was traced in edges made sharp again has many pieces too many.
-        for _ in range(MERGES if goal.reach and pieces <= CROWDED else 1):
-            following = with_merges(state, goal, constraints, detail, error) if pieces <= FULL else state
-            if following is state:
-                break
-            state = following
+        if pieces <= FULL:
+            state = _merged(state, goal, constraints, detail, error, MERGES if goal.reach and pieces <= CROWDED else 1)
         at("fitting to the pixels", 0.7)
         for _ in range(PASSES if pieces <= CROWDED else 1 if pieces <= FULL else 0):
             following = _moved(state, goal, constraints, detail, error)
@@ -46,6 +43,9 @@ def polish(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0
                 break
             state = following
         state = settle(state, goal, min(TRIAL_ROUNDS, _rounds(pieces)))
+        # What moves and better neighbours have made even.
+        if pieces <= FULL:
+            state = _merged(state, goal, constraints, detail, error, MERGES)
     return drawn(drawing, state)
 
 
@@ -53,6 +53,16 @@ def _rounds(pieces: int) -> int:
     if pieces <= CROWDED:
         return ROUNDS
     return TRIAL_ROUNDS if pieces <= MANY else FEWEST_ROUNDS
+
+
+def _merged(state: State, goal: Goal, constraints: Constraints, detail: float, error: float, passes: int) -> State:
+    """The state after passes of merges, until one changes nothing."""
+    for _ in range(passes):
+        following = with_merges(state, goal, constraints, detail, error)
+        if following is state:
+            break
+        state = following
+    return state
 
 
 def _moved(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:

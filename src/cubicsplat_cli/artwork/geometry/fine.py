@@ -34,7 +34,7 @@ def fine_ring(shape: Circle | Ellipse | Rectangle) -> Ring:
 
 
 def changes(shape: Circle | Ellipse | Rectangle) -> list[np.ndarray]:
-    """How the cubics (S, 4, 2) of the fine ring change with each number of a primitive, in its own order."""
+    """Derivatives of the cubics (S, 4, 2) of the fine ring by each number of a primitive, in its own order."""
     template, _, half, radius, angle = _parts(shape)
     turn, quarter = _turn(angle), _turn(0.5 * np.pi)
     across, down = template.half * [1.0, 0.0] @ turn, template.half * [0.0, 1.0] @ turn

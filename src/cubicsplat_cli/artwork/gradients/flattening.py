@@ -39,7 +39,7 @@ class Flattened:
     gradients: tuple[Gradient, ...]
 
     def gradient(self, fill: np.ndarray) -> Gradient | None:
-        """What a fill (4,) in levels stands for, None where only for itself."""
+        """The gradient that a fill (4,) in levels stands for, or None."""
         own = np.flatnonzero((self.fills == np.rint(fill)).all(axis=1))
         return self.gradients[int(own[0])] if len(own) else None
 
@@ -140,7 +140,7 @@ class Paints:
 
 
 def _fade(out: np.ndarray, levels: np.ndarray, area: ShadedArea, fill: np.ndarray) -> None:
-    """Where a gradient ends without an edge, an edge of its own is drawn, along the line at which it does. fill: (4,)
+    """Draws an edge where a gradient ends without one, along the line at which it does. fill: (4,)
     what stands for the gradient."""
     y, x = area.patch.grown(2, levels.shape).places()
     t = area.shade.t(x + 0.5, y + 0.5)

@@ -116,7 +116,7 @@ def _grown(levels: np.ndarray, area: ShadedArea, condition: Condition) -> Shaded
 
 
 def beside(patch: Patch, mask: np.ndarray) -> Patch:
-    """What of a mask of the same box is not in a patch."""
+    """The part of a mask of the same box that is not in a patch."""
     return replace(patch, mask=mask & ~patch.mask)
 
 

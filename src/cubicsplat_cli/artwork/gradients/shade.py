@@ -45,7 +45,7 @@ class Ramp:
 
 
 def alike(first: Ramp, second: Ramp) -> float:
-    """How far, in levels, the colours of one ramp are from those of the other, the shorter of both ways."""
+    """The distance, in levels, of the colours of one ramp from those of the other, the shorter of both ways."""
     ways = []
     for a, b in ((first, second), (second, first)):
         here, there = (r.at(np.linspace(r.knots[0], r.knots[-1], n)) for r, n in ((a, 9), (b, 65)))

@@ -111,7 +111,7 @@ def _fractional(changes: np.ndarray, length: int) -> tuple[np.ndarray, float, fl
 
 
 def _widest_gap(changes: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How near to each other the changes (n,) are modulo each of the sides (m,), px, and the first of them there."""
+    """Spreads of the changes (n,) modulo each of the sides (m,), px, and the first of them there."""
     rest = np.sort(changes[None] % sides[:, None], axis=1)
     gaps = np.diff(rest, axis=1, append=rest[:, :1] + sides[:, None])
     widest = gaps.argmax(axis=1)

@@ -30,7 +30,7 @@ ROUNDS = 40  # of Landweber's iteration
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """What lies on an even ground of one colour. at: (n,) the pixels of all parts, numbered by rows; own: (n,) int, the
+    """Parts on an even ground of one colour. at: (n,) the pixels of all parts, numbered by rows; own: (n,) int, the
     part of each; off: (n, 3) levels by which they differ from the ground; grounds: (k, 3) levels.
     """
 

@@ -46,9 +46,9 @@ SQUARE = np.ones((3, 3), dtype=bool)
 
 @dataclass(frozen=True)
 class _Window:
-    """What an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that shows,
-    and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or lies
-    outside of the outer one."""
+    """Pixels that an outline of an extent must and may enclose, one px of tolerance taken off: an outer one all that
+    shows, and what upper layers hide besides; one of a hole what shows in it of lower layers, and nothing that shows or
+    lies outside of the outer one."""
 
     top: int
     left: int
@@ -148,7 +148,7 @@ def polygons_of(extent: Extent) -> tuple[Outline, ...]:
 
 @dataclass(frozen=True)
 class _Surroundings:
-    """What there is around the contours of an extent, which only hidden ones need to know. canvas: height and width."""
+    """Surroundings of the contours of an extent, which only hidden ones need to know. canvas: height and width."""
 
     extent: Extent
     canvas: tuple[int, int]
@@ -160,7 +160,7 @@ class _Surroundings:
 
     @cached_property
     def room(self) -> Room:
-        """Where hidden outlines may run."""
+        """The pixels in which hidden outlines may run."""
         e = self.extent
         spare = ndimage.binary_dilation(e.allowed, SQUARE) & ~self.window.must
         return Room(e.top, e.left, e.shown, e.allowed, spare, self.canvas)

@@ -28,8 +28,8 @@ MEETING = 3  # px within which the outlines of three regions meet at one place
 
 @dataclass(frozen=True)
 class _Passing:
-    """How one region's outline passes a meeting point. others: the regions before and after; at: (2,) vertex x, y;
-    turn: radians; error: its standard error."""
+    """Course of one region's outline through a meeting point. others: the regions before and after; at: (2,) vertex x,
+    y; turn: radians; error: its standard error."""
 
     region: int
     others: tuple[int, int]
@@ -44,7 +44,7 @@ class _Passing:
 
 
 def junction_votes(regions: Regions, found: EdgePositions) -> dict[tuple[int, int], float]:
-    """How sure it is that a region lies above another: for (above, below) the sum over their meeting points with a
+    """Votes that a region lies above another: for (above, below) the sum over their meeting points with a
     third, each from LEAST_VOTE to 1.
     """
     places: dict[tuple[int, ...], list[_Passing]] = {}

@@ -30,9 +30,9 @@ SLACK = 1.0  # px that the lines along an edge may be off it
 
 @dataclass(frozen=True)
 class Room:
-    """Where a part of a layer may go on unseen. top, left: of its window, px. shown, allowed: (h, w) bool, as of an
-    extent; spare: (h, w) bool, pixels that may be covered but need not be; canvas: height and width, px. Beyond the
-    canvas all is as on its border.
+    """Pixels in which a part of a layer may go on unseen. top, left: of its window, px. shown, allowed: (h, w) bool, as
+    of an extent; spare: (h, w) bool, pixels that may be covered but need not be; canvas: height and width, px. Beyond
+    the canvas all is as on its border.
     """
 
     top: int

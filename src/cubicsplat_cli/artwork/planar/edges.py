@@ -107,7 +107,8 @@ def _foot(sources: Sources, piece: int, t: float, place: np.ndarray) -> float:
 
 
 def _crossing(cubics: np.ndarray, t: np.ndarray) -> np.ndarray | None:
-    """Where two cubics (2, 4, 2) cross near the parameters (2,), by Newton's method; None where they run abreast."""
+    """The crossing of two cubics (2, 4, 2) near the parameters (2,), by Newton's method; None where they run
+    abreast."""
     for _ in range(_ROUNDS):
         place, (way, _) = points_at(cubics, t[:, None])[:, 0], derivatives(cubics, t[:, None])
         (ax, ay), (bx, by) = way[:, 0]
@@ -150,7 +151,7 @@ def _part(cubic: np.ndarray, t0: float, t1: float) -> np.ndarray:
 def _smooth_pairs(
     ends: list[tuple[int, int]], borders: Borders, sources: Sources
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Which ends at a node go on smoothly: of one piece that was cut, or of two that were joined so."""
+    """Pairs of ends at a node that go on smoothly: of one piece that was cut, or of two that were joined so."""
     pairs = []
     for i, (n, k) in enumerate(ends):
         for m, j in ends[i + 1 :]:

@@ -73,7 +73,7 @@ def _chords(sources: Sources, live: np.ndarray) -> Segments:
 
 
 def _cuts(segments: Segments, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which segments (k,) are to be cut at which grid points (k, 2), and at which share (k,) of their length."""
+    """Segments (k,) that are to be cut, the grid points (k, 2) there, and shares (k,) of their length."""
     a, b = segments.start, segments.end
     reach = float(np.hypot(*(b - a).T).max()) + 4.0
     pairs = PointTree(0.5 * (a + b)).query_pairs(reach)

@@ -35,7 +35,7 @@ def joined_at_corners(fills: np.ndarray, levels: np.ndarray, palette: np.ndarray
 
 
 def _corners(fills: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where two pixels of one fill meet at a corner only: rows (n, 2) and columns (n, 2) of the two others there, and
+    """Corners at which alone two pixels of one fill meet: rows (n, 2) and columns (n, 2) of the two others there, and
     the fill (n,).
     """
     a, b, c, d = fills[:-1, :-1], fills[:-1, 1:], fills[1:, :-1], fills[1:, 1:]

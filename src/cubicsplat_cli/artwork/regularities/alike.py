@@ -75,7 +75,7 @@ class Symmetry:
 
 
 def symmetry_of(track: Track, across: int) -> Symmetry | None:
-    """How an outline is symmetric about an axis across a coordinate; None where hardly anything of it tells."""
+    """The symmetry of an outline about an axis across a coordinate; None where hardly anything of it tells."""
     if len(track.seen) < 8:
         return None
     low, high = track.points[:, across].min(), track.points[:, across].max()

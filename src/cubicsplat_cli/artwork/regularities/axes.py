@@ -42,7 +42,7 @@ def is_box(ring: Ring) -> bool:
 
 
 def _shared(found: dict[int, Symmetry], middle: float) -> dict[int, float]:
-    """Where the axes are: in the middle of the canvas, or in the mean of those that are one, the surest first."""
+    """Places of the axes: the middle of the canvas, or the mean of those that are one, the surest first."""
     places: dict[int, float] = {}
     rest = sorted(found, key=lambda k: (found[k].error, k))
     places |= {k: middle for k in rest if _within(found[k], middle)}

@@ -203,7 +203,8 @@ def mirrored_parameters(found: MirroredRing, constraints: Constraints) -> TiedRi
 
 
 def _ties(v: Numbering, found: MirroredRing) -> list[Tie]:
-    """What of a ring is the same on both sides of its axis, or the opposite; what is fixed on one is on both."""
+    """Pairs of a ring's numbers that are equal or opposite on both sides of its axis; a number fixed on one side is on
+    both."""
     across, ties = found.axis.across, []
     signs = np.where(np.arange(2) == across, -1.0, 1.0)
     for i, j in enumerate(found.partner.tolist()):

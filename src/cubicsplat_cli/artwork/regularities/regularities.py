@@ -199,7 +199,7 @@ def _saved(
 
 
 def _variables(parameters: Parameters) -> int:
-    """How many variables an outline has of its own."""
+    """The number of an outline's own variables."""
     return 0 if isinstance(parameters, CopyParameters) else parameters.jacobian.shape[1]
 
 

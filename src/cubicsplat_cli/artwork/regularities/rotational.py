@@ -37,7 +37,7 @@ class Rotation:
     middle: np.ndarray
 
     def way(self, count: int) -> RigidTransform:
-        """How a ring comes to lie on itself by `count` parts."""
+        """The correspondence by which a ring lies on itself in `count` parts."""
         turn = RigidTransform((1.0, 1.0), (0.0, 0.0), 2.0 * math.pi * count / self.parts)
         x, y = (self.middle - turn.points(self.middle)).tolist()
         return replace(turn, shift=(x, y))
@@ -117,7 +117,7 @@ def _freed(pieces: Pieces, parts: int) -> Pieces:
 
 
 def _constraints(v: Variables, rotation: Rotation) -> tuple[np.ndarray, np.ndarray]:
-    """How what is alike in all parts changes with the variables (rows, variables + 3), behind which come one for all
+    """Derivatives of what is alike in all parts by the variables (rows, variables + 3), behind which come one for all
     that is fixed and the x and y of the middle, and (rows,) by how much, px and radians, each is off now."""
     p, n, numbers = v.pieces, rotation.parts, v.numbering
     own = np.arange(len(p.anchors) // n)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, layers_of, premultiplied, settle
-from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN
+from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, SHARE_SIGMA, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, Picture, areas
@@ -22,7 +22,7 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import Goal
 
-SHAPE_PARAMETERS, FILL_PARAMETERS = 3.0, 3.0  # of a shape besides its outlines', and of a new fill
+FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10
 PASSES = 3
 MOST_TRIED = 400  # areas
@@ -65,7 +65,7 @@ def with_added(
 
 @dataclass(frozen=True)
 class _Change:
-    """What a new shape changes. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
+    """Effect of a new shape. fall: of half of the misfit; floor: what a pixel of it has by chance; price: of the
     shape, nats.
     """
 
@@ -190,7 +190,7 @@ def _back(goal: Goal) -> np.ndarray:
 
 
 def _floor(changes: list[_Change]) -> float:
-    """What a pixel of some shapes has by chance: their mean, by what they explain."""
+    """The misfit by chance of a pixel of some shapes: their mean, by what they explain."""
     falls = np.array([max(change.fall, UNSEEN) for change in changes])
     return float(np.average([change.floor for change in changes], weights=falls)) if changes else UNSEEN
 

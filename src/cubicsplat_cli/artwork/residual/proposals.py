@@ -44,7 +44,7 @@ class Placed:
 
 
 class Canvas:
-    """Which shapes of a drawing show where. stack: they, as drawn."""
+    """The visible parts of a drawing's shapes. stack: they, as drawn."""
 
     def __init__(self, drawing: Drawing, stack: DrawnStack) -> None:
         self.size = drawing.height, drawing.width
@@ -125,7 +125,7 @@ def _cover(share: np.ndarray, where: np.ndarray, blur: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """What is to be drawn in one colour in an area. share: (h, w) what it covers of each pixel; cover: (h, w) bool,
+    """Pixels of an area that one colour may explain. share: (h, w) what it covers of each pixel; cover: (h, w) bool,
     the pixels that are its own; owners, touching: (h, w) which shapes show so far.
     """
 

@@ -58,7 +58,7 @@ def shaded(box: Box, layers: Sequence[BlurredBox], x: np.ndarray, y: np.ndarray)
 
 @dataclass(frozen=True)
 class ShadowSamples:
-    """What is seen of the shadows of some boxes that have the same layers.
+    """Samples of the shadows of some boxes that have the same layers.
 
     pixels: some; seen: (n,) how much each is darkened; through: (n,) light that other shadows leave it; scale: levels
     of a whole shade.

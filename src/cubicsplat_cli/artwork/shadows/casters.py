@@ -124,14 +124,15 @@ def _end(fill: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Caster:
-    """What may cast a shadow. mask: (H, W) bool its silhouette, up to 2 px larger or smaller than itself; box: that."""
+    """Possible caster of a shadow. mask: (H, W) bool its silhouette, up to 2 px larger or smaller than itself; box:
+    that."""
 
     mask: np.ndarray
     box: Box
 
 
 def casters_of(shaded: Shaded, share: np.ndarray, even: np.ndarray) -> list[list[Caster]]:
-    """What may cast the shadow, in a few ways to see it, at most MOST_CASTERS each: what is no shaded ground; of each
+    """Possible casters of the shadow, in a few readings, at most MOST_CASTERS each: what is no shaded ground; of each
     such the even part, since a steep shade looks like a part of what casts it; and the grounds on others as well.
 
     share: (H, W) as of `Shaded.share`. even: (H, W) bool where colours change evenly.
@@ -184,7 +185,7 @@ def _even(silhouette: Patch, even: np.ndarray) -> Patch:
 
 
 def _boxes(silhouettes: list[Patch], shape: tuple[int, ...], hidden: np.ndarray | None = None) -> list[Caster]:
-    """What of some silhouettes in a picture (H, W) are boxes. hidden: as of `box_of`."""
+    """The boxes among some silhouettes in a picture (H, W). hidden: as of `box_of`."""
     found = []
     for own in silhouettes:
         mask = np.zeros(shape, dtype=bool)

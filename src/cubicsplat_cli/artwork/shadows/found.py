@@ -51,7 +51,7 @@ class Shadow:
 
 
 class Shares:
-    """How much the shadows of a picture shade each of its pixels. shape: (H, W)."""
+    """Shares by which the shadows of a picture shade its pixels. shape: (H, W)."""
 
     def __init__(self, shadow: Shadow, shape: tuple[int, int]) -> None:
         self._shape, self._casts = shape, shadow.casts
@@ -175,7 +175,7 @@ class _ShadowSearch:
         return own.sum() < FEWEST or bool(self._explained(found)[own].mean() >= EXPLAINED)
 
     def _samples(self, own: list[int], found: Sequence[Layers | None]) -> ShadowSamples:
-        """What is seen of the shadows of some casters, next to them."""
+        """Samples of the shadows of some casters, next to them."""
         near = np.isin(self.nearest, own)
         at = np.concatenate([np.flatnonzero(near & self.dark)[:DARK], np.flatnonzero(near & ~self.dark)[:LIGHT]])
         others = [k for k, layers in enumerate(found) if layers is not None and k not in own]

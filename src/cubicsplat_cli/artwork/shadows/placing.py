@@ -54,7 +54,7 @@ def _share(cast: Cast, window: tuple[slice, slice]) -> np.ndarray:
 
 
 def _place(owner: np.ndarray, count: int, dark: np.ndarray, shaded: np.ndarray) -> int | None:
-    """How many of the shapes lie below a shadow; None where one that is not shaded does.
+    """The number of shapes below a shadow; None where one that is not shaded is there.
 
     owner: (H, W) as of `_owners`. dark: (H, W) bool where the shadow would be seen; shaded: where it is.
     """

@@ -31,8 +31,8 @@ WORST, GOOD, NARROW = 8.0, 3.5, 1.1
 
 @dataclass(frozen=True)
 class Cut:
-    """What one thing shades. share: (h, w) 0..1 in a window of the picture; shown: (h, w) bool where that is seen;
-    colour: (3,) levels."""
+    """Part of a picture that one shadow shades. share: (h, w) 0..1 in a window of the picture; shown: (h, w) bool where
+    that is seen; colour: (3,) levels."""
 
     cast: Cast
     share: np.ndarray
@@ -79,7 +79,8 @@ def _nine(cut: Cut, frame: tuple[int, int, int, int], box: Box, reach: float) ->
 
 
 def _cuts(first: int, last: int, low: float, high: float, reach: float) -> list[int]:
-    """Where a shadow from `first` to `last` of a box from `low` to `high` is cut: its ends, and where corners end."""
+    """Coordinates at which a shadow from `first` to `last` of a box from `low` to `high` is cut: its ends, and ends of
+    corners."""
     middle = 0.5 * (low + high)
     one, other = round(min(low + reach, middle)), round(max(high - reach, middle))
     inner = [int(np.clip(cut, first, last)) for cut in (one, max(other, one))]

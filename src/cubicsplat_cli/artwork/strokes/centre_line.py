@@ -146,7 +146,7 @@ def _bent(points: np.ndarray) -> bool:
 
 
 def _meeting(a: np.ndarray, way: np.ndarray, b: np.ndarray, onward: np.ndarray) -> np.ndarray | None:
-    """Where the line on from a meets the line back from b; None where both are about one line."""
+    """The point where the line on from a meets the line back from b; None where both are about one line."""
     turn = float(way[0] * onward[1] - way[1] * onward[0])
     if abs(math.atan2(turn, float(way @ onward))) < CORNER:
         return None

@@ -117,8 +117,8 @@ def _reaches(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
 
 
 def _to_middle(tip: _Tip, width: float, beside: float, sides: Sides) -> float:
-    """How far ahead the middle is of the stroke, `beside` px wide, that this one ends in: half of that from its far
-    side."""
+    """The distance ahead to the middle of the stroke, `beside` px wide, that this one ends in: half of that from its
+    far side."""
     off = sides.points - tip.place
     off = off[np.hypot(*off.T) < 2.0 * (width + beside)]
     for reach in np.arange(0.0, width + beside, max(0.02 * width, 0.1)):

@@ -71,7 +71,7 @@ def _level(levels: np.ndarray, regions: Regions, error: float) -> tuple[np.ndarr
 
 
 def _rim(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
-    """How deep below the canvas's upper border, px, the topmost regions begin, (W,), and the standard errors.
+    """Depths below the canvas's upper border, px, at which the topmost regions begin, (W,), and the standard errors.
 
     An edge may run within the first row: what is beyond it, nothing or another fill, shows in its pixels only.
     """

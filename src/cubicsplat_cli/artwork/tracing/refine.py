@@ -25,7 +25,7 @@ class Feet:
 
 
 def feet_of(division: Division) -> Feet:
-    """Where the points of a division belong, to begin with: evenly along its pieces."""
+    """First parameters of the points of a division: evenly along its pieces."""
     sizes = division.sizes
     piece = np.repeat(np.arange(len(sizes)), sizes)
     place = np.arange(len(piece)) - np.repeat(np.cumsum(sizes) - sizes, sizes)

@@ -45,7 +45,7 @@ class Pieces:
 
     @property
     def joints(self) -> Joints:
-        """What stays of the pieces while they move."""
+        """Joints of pieces that move."""
         return Joints(self.lines, self.smooth, self.level, self.tied)
 
     @cached_property
@@ -98,12 +98,12 @@ class Variables:
 
     @cached_property
     def numbering(self) -> Numbering:
-        """Which they are."""
+        """The numbers of the variables."""
         return Numbering(self.pieces)
 
     @cached_property
     def total(self) -> int:
-        """How many there are."""
+        """The number of variables."""
         return self.pieces.joints.variables()
 
     @cached_property

@@ -1,0 +1,121 @@
+"""Ever simpler versions of a finished drawing, for files of few bytes or nodes.
+
+Parameters get dearer from version to version. A shape goes where its picture without it loses less than its parameters
+cost, and runs of pieces become one piece by the same measure, as in the finish.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import compress
+
+import numpy as np
+
+from cubicsplat_cli.artwork.finish.finish import WHITE, State, begin, drawn, kept
+from cubicsplat_cli.artwork.finish.merges import with_merges
+from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, SHARE_SIGMA, floor_of
+from cubicsplat_cli.artwork.finish.parameters import Constraints
+from cubicsplat_cli.artwork.shapes import Drawing
+from cubicsplat_cli.progress import work
+from cubicsplat_cli.raster.stack import Goal
+
+# By how much the price rises from version to version: by STEP, or by less where more than a share of MOST_LOST of the
+# pieces would go at once. At DEAREST times its price at first a parameter counts as much as 60,000 px of full contrast.
+STEP, LEAST_STEP, MOST_LOST = 1.5, 1.02, 0.1
+DEAREST = 1e7
+_ENDS = (np.minimum, slice(0, 2)), (np.maximum, slice(2, 4))  # of boxes: of two boxes, that around both
+
+
+def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.0) -> Iterator[Drawing]:
+    """Versions of a drawing that is fitted to its goal, each with fewer shapes or pieces than the one before.
+
+    detail as in ArtworkSettings. error: of pixels on edges beyond that of a clean picture, of full scale; here at least
+    SHARE_SIGMA, so that what is faint counts less than what is plain to see. It ends where the work is stopped.
+    """
+    constraints, error = Constraints(drawing.width, drawing.height), max(error, SHARE_SIGMA)
+    state, price, step = begin(drawing, goal), 1.0, STEP
+    while price < DEAREST:
+        following = state
+        with work().stoppable():
+            work().at("simplifying", 0.95)
+            dearer = detail / (price * step)
+            following = _merged(_without_shapes(state, dearer, error), goal, constraints, dearer, error)
+        if work().stopped:
+            return
+        left, pieces = int(following.pieces[-1]), int(state.pieces[-1])
+        if left < (1.0 - MOST_LOST) * pieces and step > LEAST_STEP:
+            step **= 0.5
+            continue
+        price, step = price * step, min(STEP, step**2)
+        state, drawing = following, drawn(drawing, following)
+        if left < pieces:
+            yield drawing
+
+
+def _merged(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
+    """The state with runs of pieces merged. Merges look at the pixels that outlines cross; here outlines may move by
+    more than a pixel, so what lies between is looked at too.
+    """
+    after = with_merges(state, goal, constraints, detail, error)
+    if after is state:
+        return state
+    grown = 0.5 * detail * (_squares(after) - _squares(state))
+    boxes, others = _boxes(state), _boxes(after)
+    refused = np.zeros(len(boxes), dtype=bool)
+    for number, (old, new) in enumerate(zip(state.outlines, after.outlines, strict=True)):
+        (x0, y0), (x1, y1) = (f(boxes[number, own], others[number, own]).tolist() for f, own in _ENDS)
+        saved = PRICE * (old.outline().parameters - new.outline().parameters)
+        refused[number] = saved > 0.0 and grown[y0:y1, x0:x1].sum() > saved * floor_of(state, number, error)
+    return after.with_layers(kept(state.layers, after.layers, refused)) if refused.any() else after
+
+
+def _without_shapes(state: State, detail: float, error: float) -> State:
+    """The state without the shapes that explain less than they cost. Those that do not touch are tried together."""
+    layers = state.layers
+    firsts = np.cumsum([0, *(len(layer.outlines) for layer in layers)])[:-1]
+    boxes = np.concatenate([f.reduceat(_boxes(state)[:, own], firsts) for f, own in _ENDS], axis=1)
+    there = np.ones(len(layers), dtype=bool)
+    prices = [PRICE * (SHAPE_PARAMETERS + sum(o.outline().parameters for o in each.outlines)) for each in layers]
+    floors = [floor_of(state, first, error) for first in firsts.tolist()]
+    for group in apart(boxes):
+        work().at()
+        trial = there.copy()
+        trial[group] = False
+        if not trial.any():
+            continue  # one shape stays
+        without = state.with_layers(list(compress(layers, trial)))
+        grown = 0.5 * detail * (_squares(without) - _squares(state))
+        for number in group:
+            x0, y0, x1, y1 = boxes[number].tolist()
+            trial[number] = grown[y0:y1, x0:x1].sum() >= prices[number] * floors[number]
+        if not trial[group].all():
+            there = trial
+            state = state.with_layers(list(compress(layers, there)))
+    return state
+
+
+def _squares(state: State) -> np.ndarray:
+    """(H, W) squared errors of the picture, which unlike its misfit count a whole shape that is missing in full."""
+    return np.square((state.image - state.goal.target) * WHITE).sum(axis=2)
+
+
+def _boxes(state: State) -> np.ndarray:
+    """(outlines, 4) x0, y0, x1, y1 in px, within which each outline changes the picture."""
+    reach, (height, width) = state.goal.reach + 1, state.image.shape[:2]
+    points = [outline.cubics.reshape(-1, 2) for outline in state.outlines]
+    corners = [[*(np.floor(p.min(axis=0)) - reach), *(np.ceil(p.max(axis=0)) + reach)] for p in points]
+    return np.clip(np.array(corners).reshape(-1, 4), 0, [width, height, width, height]).astype(int)
+
+
+def apart(boxes: np.ndarray) -> list[list[int]]:
+    """The numbers of all boxes in groups of which no two overlap, the last boxes first."""
+    groups: list[list[int]] = []
+    for number in reversed(range(len(boxes))):
+        low, high = boxes[number, :2], boxes[number, 2:]
+        for group in groups:
+            if ((boxes[group, 2:] <= low) | (boxes[group, :2] >= high)).any(axis=1).all():
+                group.append(number)
+                break
+        else:
+            groups.append([number])
+    return groups
