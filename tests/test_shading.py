@@ -21,6 +21,7 @@ from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.images import of_scene
 from cubicsplat_cli.export.formats import exported
 from cubicsplat_cli.pipeline.shaded import shaded_drawing, shaded_objects
+from cubicsplat_cli.progress import Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import scene_arrays
 from cubicsplat_cli.raster.settings import RasterSettings
@@ -54,9 +55,7 @@ def ball(spots: int = 2) -> np.ndarray:
 def drawing() -> Drawing:
     objects = shaded_objects(ball())
     assert objects is not None
-    made, interrupted = shaded_drawing(objects, QUICK)
-    assert not interrupted
-    return made
+    return shaded_drawing(objects, QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -248,7 +247,8 @@ def test_an_interrupt_leaves_the_objects_in_their_paints(monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cubicsplat_cli.photo.fitting.Fitting.relax", interrupted)
-    made, ended = shaded_drawing(shaded_objects(ball()), QUICK)
-    assert ended
+    with under_way(Work()) as work:
+        made = shaded_drawing(shaded_objects(ball()), QUICK)
+    assert work.interrupted
     assert len(made.shapes) == 2
     assert all(shape.shading is None for shape in made.shapes)

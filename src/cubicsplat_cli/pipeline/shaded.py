@@ -86,15 +86,15 @@ def drawn_shaded(task: Task, objects: Objects) -> Made:
     request = task.request
     most = int(request.shading) if request.shading.isdecimal() else None
     with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
-        drawing, interrupted = shaded_drawing(objects, task.settings(), most)
+        drawing = shaded_drawing(objects, task.settings(), most)
     made = drawn(scaled_drawing(drawing, *task.picture.size), request)
-    facts = {**made.facts, "interrupted": interrupted or doing.interrupted}
+    facts = {**made.facts, "interrupted": doing.interrupted}
     return replace(made, facts=facts, may_be_photo=True)
 
 
-def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = None) -> tuple[Drawing, bool]:
-    """The drawing of objects with their shading, and whether a Ctrl-C left some without. most: curves of an object, or
-    None for as many as are of use.
+def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = None) -> Drawing:
+    """The drawing of objects with their shading; where the work under way is stopped, some are without. most: curves of
+    an object, or None for as many as are of use.
     """
     outlined = draw_flat(silhouettes(objects.levels, objects.labels), ArtworkSettings(), 0.0)
     straight, shares = _straight(objects.levels), shown(outlined)
@@ -102,16 +102,11 @@ def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = N
         _in_paint(straight, shape, share >= min(FULL, float(share.max())))
         for shape, share in zip(outlined.shapes, shares, strict=True)
     ]
-    interrupted = False
     with work().stoppable():
         for index, share in enumerate(shares):
             work().at("shading objects", 0.85 + 0.15 * index / len(shares))
-            try:
-                shapes[index] = _shaded(straight, shapes[index], share, settings, most)
-            except KeyboardInterrupt:
-                interrupted = True
-                break
-    return replace(outlined, shapes=tuple(shapes)), interrupted
+            shapes[index] = _shaded(straight, shapes[index], share, settings, most)
+    return replace(outlined, shapes=tuple(shapes))
 
 
 def _shaded(straight: np.ndarray, plain: Shape, share: np.ndarray, settings: FitSettings, most: int | None) -> Shape:
