@@ -204,14 +204,10 @@ def _made(task: Task, style: Style) -> Made:
 
 def _or_shaded(task: Task, drawing: Made) -> Made:
     """A drawing; or a shaded one, where the picture has shading and that is plainly nearer."""
-    if not task.request.may_shade or not drawing.may_be_photo or drawing.blur or drawing.interrupted:
-        return drawing
-    if _is_above(task, drawing, ENOUGH_DB):
+    if not drawing.may_be_photo or drawing.interrupted or _is_above(task, drawing, ENOUGH_DB):
         return drawing
     shaded = _shaded(task)
-    if shaded is None or not _seen_above(task, shaded, drawing):
-        return drawing
-    return shaded
+    return drawing if shaded is None or not _seen_above(task, shaded, drawing) else shaded
 
 
 def _shaded(task: Task) -> Made | None:

@@ -16,7 +16,7 @@ from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQ
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
-from cubicsplat_cli.svg.drawing_paths import rounded_of
+from cubicsplat_cli.svg.drawing_paths import controls_of, ring_of, rounded_of
 from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
@@ -34,8 +34,6 @@ _LENGTHS = {
     "path": (),
 }
 AnyPath = TypeVar("AnyPath", bound=Path)
-# A joint that turns by less is meant to be smooth.
-_SMOOTH = math.radians(0.5)
 
 
 def holds_drawing(elements: Sequence[OwnElement]) -> bool:
@@ -136,13 +134,13 @@ class _Content:
 def _ring_of_clip(subpath: Sequence[PathSegment]) -> Ring:
     if not re.fullmatch(r"[LHV]+Z", _letters(subpath)):
         raise ValueError("has a clip path other than of polygons")
-    return _ring(subpath)
+    return ring_of(subpath)
 
 
 def _closed_ring(subpath: Sequence[PathSegment]) -> Ring:
     if not re.fullmatch(r"[LHVC]+Z", _letters(subpath)):
         raise ValueError("has path data other than closed rings of L, H, V and C")
-    return _ring(subpath)
+    return ring_of(subpath)
 
 
 def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
@@ -262,7 +260,7 @@ def _outline(subpath: Sequence[PathSegment]) -> tuple[Outline, bool]:
         raise ValueError(
             "has path data other than closed rings of L, H, V, C, S, two half ellipses, or a rounded rectangle"
         )
-    ring = _ring(subpath)
+    ring = ring_of(subpath)
     return ring, signed_area(ring) > 0.0
 
 
@@ -273,7 +271,7 @@ def _centre_line(subpath: Sequence[PathSegment]) -> Path:
     if not re.fullmatch(r"[LHVCS]+", _letters(subpath)):
         raise ValueError("has an open path of other than L, H, V, C and S")
     anchors = np.array([*(piece.start for piece in subpath), subpath[-1].end])
-    controls, lines = _controls(subpath, anchors[1:])
+    controls, lines = controls_of(subpath, anchors[1:])
     return Chain(anchors, controls, lines, np.zeros(len(anchors), dtype=bool))
 
 
@@ -289,30 +287,3 @@ def extent_of(rings: list[Ring]) -> tuple[np.ndarray, np.ndarray]:
     """The corners (2,) of the box around rings, left and top, right and bottom, px: that of the curves themselves."""
     points = points_at(np.concatenate([ring.cubics for ring in rings]), np.linspace(0.0, 1.0, 65)).reshape(-1, 2)
     return points.min(axis=0), points.max(axis=0)
-
-
-def _ring(subpath: Sequence[PathSegment]) -> Ring:
-    """The ring of a closed subpath; its closing segment is a line of its own if it has a length."""
-    if math.dist(subpath[-1].start, subpath[-1].end) < 1e-9 and len(subpath) > 1:
-        subpath = subpath[:-1]
-    anchors = np.array([piece.start for piece in subpath])
-    controls, lines = _controls(subpath, np.roll(anchors, -1, axis=0))
-    return Ring(anchors, controls, lines, _smooth(anchors, controls))
-
-
-def _controls(subpath: Sequence[PathSegment], ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both control points (n, 2, 2) of each piece, of lines at their thirds, and which of them (n,) are lines."""
-    starts = np.array([piece.start for piece in subpath])
-    controls = starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
-    for index, piece in enumerate(subpath):
-        if piece.handles:
-            controls[index] = piece.handles
-    return controls, np.array([not piece.handles for piece in subpath])
-
-
-def _smooth(anchors: np.ndarray, controls: np.ndarray) -> np.ndarray:
-    """(A,) bool: where the two handles of an anchor are opposite to each other."""
-    back, ahead = anchors - np.roll(controls[:, 1], 1, axis=0), controls[:, 0] - anchors
-    cross = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
-    dot = (back * ahead).sum(axis=1)
-    return (dot > 0.0) & (np.abs(np.arctan2(cross, dot)) < _SMOOTH)

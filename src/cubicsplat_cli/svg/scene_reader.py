@@ -50,7 +50,7 @@ def read_svg(text: str | bytes) -> Scene:
     shading = next((each for each in elements if each.place == "svg/clipPath"), None)
     if shading is not None:
         raise InputError(
-            f"line {shading.line} clips shading, which is no scene of curves alone; read the file with read_drawing"
+            f"line {shading.line} clips shading, which no scene of curves has; use cubicsplat_cli.svg.read_drawing"
         )
     return scene_of(drawing_of(elements)) if holds_drawing(elements) else curves_of(elements)
 
