@@ -156,3 +156,15 @@ def test_curves_cap_the_shapes_and_a_palette_replaces_fills():
 def test_shapes_are_named_by_their_colour():
     drawing = draw(painted(40, 40, (disc(20.0, 20.0, 12.0), RED), ground=WHITE))
     assert [shape.name for shape in drawing.shapes] == ["background", "red"]
+
+
+@pytest.mark.parametrize("size", [(1, 2), (2, 2), (1, 3)])  # px
+def test_specks_of_whole_pixels_are_drawn_exactly(size):
+    target = np.ones((32, 32, 4))
+    target[22:30, 4:28, :3] = 0.0
+    for y in range(3, 20, 6):
+        for x in range(3, 28, 7):
+            target[y : y + size[0], x : x + size[1], :3] = 0.0
+    drawing = draw(target.astype(np.float32))
+    assert np.abs(begin(drawing, goal_of(target)).image - target).max() < 0.01
+    assert len(drawing.shapes) == 2 + 3 * 4

@@ -205,6 +205,20 @@ def test_an_outline_that_goes_astray_is_fitted_closer_to_its_points() -> None:
     assert abs(signed_area(sound.ring())) == pytest.approx(area, abs=allowed)
 
 
+@pytest.mark.parametrize("degrees", [1.0, 8.0])
+def test_a_tip_ends_where_it_can_be_seen(degrees: float) -> None:
+    """Where nearly parallel sides meet, the points do not tell: they end where the tip is half a px wide."""
+    x, slope = np.arange(0.5, 60.0), math.tan(math.radians(degrees / 2.0))
+    half = 0.25 + slope * (60.0 - x)
+    base = np.linspace(-half[0], half[0], 5)
+    sides = [np.stack(each, axis=1) for each in ((x, -half), (x[::-1], half[::-1]), (0.0 * base, base[::-1]))]
+    points = np.concatenate(sides)
+    tip = fit_outline(points, np.full(len(points), 0.05)).ring().anchors[:, 0].max()
+    assert tip < 66.0
+    if degrees > 5.0:
+        assert tip == pytest.approx(60.0 + 0.25 / slope, abs=0.2)
+
+
 @pytest.mark.parametrize("count", [3, 5, 8, 9, 12])
 def test_tiny_loops_are_fitted_too(count: int) -> None:
     angles = np.arange(count) * 2.0 * math.pi / count

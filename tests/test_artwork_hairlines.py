@@ -133,3 +133,14 @@ def test_a_thin_box_of_an_fill_of_its_own_keeps_it():
     levels[40:50, 5:50, :3] = 0.0
     levels[20:22, 10:40, :3] = 90.0
     assert find_regions(levels, picture_fills(levels)).fills[:, 0].tolist().count(90.0) == 1
+
+
+@pytest.mark.parametrize("dot", [[[0.3, 1.0, 0.3], [0.3, 1.0, 0.3]], [[0.6, 0.7], [0.75, 0.65]]])
+def test_dots_of_a_pixel_or_two_amid_a_fill_are_regions(dot):
+    levels = np.full((60, 60, 4), 255.0, np.float32)
+    levels[40:52, 8:50, :3] = 0.0
+    rows, columns = np.shape(dot)
+    for y in range(6, 30, 6):
+        for x in range(6, 54, 6):
+            levels[y : y + rows, x : x + columns, :3] = 255.0 * (1.0 - np.array(dot))[..., None]
+    assert find_regions(levels, picture_fills(levels)).count == 2 + 4 * 8

@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork import limits, plan, vectorize
 from cubicsplat_cli.artwork.finish.finish import begin, goal_of
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, polygon
 from cubicsplat_cli.artwork.layers import completion, stacking
+from cubicsplat_cli.artwork.regions.regions import FlatPicture
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 
@@ -40,6 +41,16 @@ def test_too_many_regions_join_their_neighbours(monkeypatch, caplog):
     drawing = vectorize.draw(picture)
     assert 1 <= len(drawing.shapes) <= 12
     assert "regions are too many to draw" in caplog.text
+
+
+@pytest.mark.parametrize("error", [0.0, 12.0])  # levels
+def test_no_region_of_a_page_is_lost_whatever_happened_to_the_picture(error, caplog):
+    cells = np.random.default_rng(0).integers(0, 6, (40, 40))
+    palette = np.array([[40.0 * k, 255.0 - 40.0 * k, 90.0, 255.0] for k in range(6)])
+    labels = np.kron(cells, np.ones((6, 6), dtype=int)).astype(np.int32)
+    page = FlatPicture(palette[labels].astype(np.float32), palette, labels)
+    assert plan.planned(page, ArtworkSettings(), 1, error, None).regions.count > limits.MOST_COMPLETED
+    assert not caplog.text
 
 
 @pytest.mark.slow

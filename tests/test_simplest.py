@@ -119,7 +119,7 @@ def test_where_the_time_is_up_the_drawing_so_far_says_what_it_has(picture):
 @given(st.lists(st.tuples(*[st.integers(0, 30)] * 4), min_size=1, max_size=30))
 def test_groups_hold_each_box_once_and_none_that_overlap(corners):
     boxes = np.array([[min(a, c), min(b, d), max(a, c) + 1, max(b, d) + 1] for a, b, c, d in corners])
-    groups = apart(boxes)
+    groups = apart(boxes, range(len(boxes)))
     assert sorted(number for group in groups for number in group) == list(range(len(boxes)))
     for group in groups:
         for one, other in combinations(boxes[group], 2):

@@ -12,14 +12,12 @@ from cubicsplat_cli.artwork.shapes import Drawing, scaled_drawing
 
 # A drawing loses nothing visible with this many px; outlines are as exact as ever, in px of the copy.
 MOST_PIXELS = 2_000_000
-# Beyond so many regions a picture that is not clean is noise or a photo, and the smallest join their neighbours. A
-# clean one is a map, a page of text or a tone of dots: MOST_REGIONS are drawn, about a minute's work, the larger
-# beneath the smaller, each ending a little beneath its neighbours. What else lies above what, hidden parts and
-# translucency take a tenth of a second a region.
+# A map, a page of text or a tone of dots has very many regions: MOST_REGIONS are drawn, about a minute's work, the
+# larger beneath the smaller, each ending a little beneath its neighbours; beyond, the smallest join their neighbours.
+# What else lies above what, hidden parts and translucency take a tenth of a second a region, and are sought of so many.
 MOST_COMPLETED = 600
 MOST_REGIONS = 20_000
-# Beyond so many shapes neither regularities are sought nor what hidden outlines do; beyond so many, no lost details.
-MOST_POLISHED, MOST_DETAILED = 800, 2500
+MOST_POLISHED = 800  # shapes, beyond which neither regularities are sought nor what hidden outlines do
 
 _log = logging.getLogger("cubicsplat")
 
@@ -78,14 +76,13 @@ def bounded_regions(
 
 
 def few_enough(drawing: Drawing) -> bool:
-    """Whether a drawing has so few shapes that regularities and lost details are sought; else that is logged."""
+    """Whether a drawing has so few shapes that regularities are sought; else that is logged."""
     few = len(drawing.shapes) <= MOST_POLISHED
     if not few:
         _log.warning(
-            "%d shapes are many: hidden parts, symmetries and copies are not sought, nor, beyond %d, lost "
-            "details; --min-area and --colors leave fewer shapes",
+            "%d shapes are many: hidden parts, symmetries and copies are not sought; "
+            "--min-area and --colors leave fewer shapes",
             len(drawing.shapes),
-            MOST_DETAILED,
         )
     return few
 

@@ -44,7 +44,7 @@ def planned(
     min_area = settings.min_area / factor**2
     while True:
         work().at("finding regions", 0.15)
-        soft, regions = _regions(picture, settings, min_area, MOST_COMPLETED if error else MOST_REGIONS)
+        soft, regions = _regions(picture, settings, min_area, MOST_REGIONS)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
         found = edge_positions(soft, regions, ROUNDING + error)

@@ -23,7 +23,7 @@ from cubicsplat_cli.artwork.input.restore import in_colours, restored, seen_as
 from cubicsplat_cli.artwork.input.sharpened import sharpened
 from cubicsplat_cli.artwork.layers.completion import outlines_of_all, polygons_of
 from cubicsplat_cli.artwork.layers.extents import OVERLAY
-from cubicsplat_cli.artwork.limits import MOST_DETAILED, MOST_POLISHED, blocks_of, enlarged, few_enough
+from cubicsplat_cli.artwork.limits import MOST_POLISHED, blocks_of, enlarged, few_enough
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.plan import planned
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
@@ -164,7 +164,7 @@ def _versions(
             work().at("regularising", 0.8)
             drawing = regularised(drawing, goal, settings.detail, grid, error / 255.0)
         # What was given up for fewer fills or shapes is no detail that was lost.
-        if settings.free_fills and len(shapes) <= MOST_DETAILED:
+        if settings.free_fills:
             work().at("adding details", 0.93)
             min_area = settings.min_area / prepared.scale**2
             drawing = with_added(drawing, goal, condition, settings.detail, min_area, settings.curves)

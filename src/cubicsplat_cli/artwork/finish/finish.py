@@ -233,19 +233,21 @@ def trimmed(state: State, moved: np.ndarray) -> State:
 
 
 def with_outlines(layers: list[Layer], outlines: Iterator[Parameters]) -> list[Layer]:
-    """The layers with other outlines."""
-    return [Layer(each.shape, each.fill, [next(outlines) for _ in each.outlines], each.signs) for each in layers]
+    """The layers with other outlines; those that have the same stay the same objects."""
+    out = []
+    for layer in layers:
+        own = [next(outlines) for _ in layer.outlines]
+        same = all(a is b for a, b in zip(own, layer.outlines, strict=True))
+        out.append(layer if same else Layer(layer.shape, layer.fill, own, layer.signs))
+    return out
 
 
 def kept(old: list[Layer], new: list[Layer], worse: np.ndarray) -> list[Layer]:
     """The new layers, with the old outlines where the new ones are worse."""
-    refused = iter(worse.tolist())
-    return [
-        Layer(
-            b.shape, b.fill, [x if next(refused) else y for x, y in zip(a.outlines, b.outlines, strict=True)], b.signs
-        )
-        for a, b in zip(old, new, strict=True)
-    ]
+    if not worse.any():
+        return new
+    pairs = ((x, y) for a, b in zip(old, new, strict=True) for x, y in zip(a.outlines, b.outlines, strict=True))
+    return with_outlines(new, (x if refused else y for (x, y), refused in zip(pairs, worse.tolist(), strict=True)))
 
 
 def _layer(shape: Shape, constraints: Constraints, space: np.ndarray) -> Layer:

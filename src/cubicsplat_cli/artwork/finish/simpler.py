@@ -6,7 +6,7 @@ cost, and runs of pieces become one piece by the same measure, as in the finish.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import compress
 
 import numpy as np
@@ -21,8 +21,9 @@ from cubicsplat_cli.raster.stack import Goal
 
 # By how much the price rises from version to version: by STEP, or by less where more than a share of MOST_LOST of the
 # pieces would go at once. At DEAREST times its price at first a parameter counts as much as 60,000 px of full contrast.
-STEP, LEAST_STEP, MOST_LOST = 1.5, 1.02, 0.1
+STEP, LEAST_STEP, MOST_LOST = 1.5, 1.05, 0.15
 DEAREST = 1e7
+WORTHY = 3.0  # times its price: a shape that explains so much is not looked at again until its price is as high
 _ENDS = (np.minimum, slice(0, 2)), (np.maximum, slice(2, 4))  # of boxes: of two boxes, that around both
 
 
@@ -34,12 +35,13 @@ def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.
     """
     constraints, error = Constraints(drawing.width, drawing.height), max(error, SHARE_SIGMA)
     state, price, step = begin(drawing, goal), 1.0, STEP
+    worth: dict[int, float] = {}
     while price < DEAREST:
         following = state
         with work().stoppable():
             work().at("simplifying", 0.95)
             dearer = detail / (price * step)
-            following = _merged(_without_shapes(state, dearer, error), goal, constraints, dearer, error)
+            following = _merged(_without_shapes(state, dearer, error, worth), goal, constraints, dearer, error)
         if work().stopped:
             return
         left, pieces = int(following.pieces[-1]), int(state.pieces[-1])
@@ -59,44 +61,51 @@ def _merged(state: State, goal: Goal, constraints: Constraints, detail: float, e
     after = with_merges(state, goal, constraints, detail, error)
     if after is state:
         return state
-    grown = 0.5 * detail * (_squares(after) - _squares(state))
     boxes, others = _boxes(state), _boxes(after)
     refused = np.zeros(len(boxes), dtype=bool)
     for number, (old, new) in enumerate(zip(state.outlines, after.outlines, strict=True)):
-        (x0, y0), (x1, y1) = (f(boxes[number, own], others[number, own]).tolist() for f, own in _ENDS)
         saved = PRICE * (old.outline().parameters - new.outline().parameters)
-        refused[number] = saved > 0.0 and grown[y0:y1, x0:x1].sum() > saved * floor_of(state, number, error)
+        if saved > 0.0:
+            box = np.concatenate([f(boxes[number, own], others[number, own]) for f, own in _ENDS])
+            grown = _squares(after, box) - _squares(state, box)
+            refused[number] = 0.5 * detail * grown > saved * floor_of(state, number, error)
     return after.with_layers(kept(state.layers, after.layers, refused)) if refused.any() else after
 
 
-def _without_shapes(state: State, detail: float, error: float) -> State:
-    """The state without the shapes that explain less than they cost. Those that do not touch are tried together."""
+def _without_shapes(state: State, detail: float, error: float, worth: dict[int, float]) -> State:
+    """The state without the shapes that explain less than they cost. Those that do not touch are tried together.
+
+    worth: by the identity of a shape, the price of a parameter up to which it pays; brought up to date.
+    """
     layers = state.layers
     firsts = np.cumsum([0, *(len(layer.outlines) for layer in layers)])[:-1]
     boxes = np.concatenate([f.reduceat(_boxes(state)[:, own], firsts) for f, own in _ENDS], axis=1)
     there = np.ones(len(layers), dtype=bool)
     prices = [PRICE * (SHAPE_PARAMETERS + sum(o.outline().parameters for o in each.outlines)) for each in layers]
     floors = [floor_of(state, first, error) for first in firsts.tolist()]
-    for group in apart(boxes):
+    in_question = [n for n, each in enumerate(layers) if worth.get(id(each.shape), 0.0) * detail < WORTHY]
+    for group in apart(boxes, in_question):
         work().at()
         trial = there.copy()
         trial[group] = False
         if not trial.any():
             continue  # one shape stays
         without = state.with_layers(list(compress(layers, trial)))
-        grown = 0.5 * detail * (_squares(without) - _squares(state))
         for number in group:
-            x0, y0, x1, y1 = boxes[number].tolist()
-            trial[number] = grown[y0:y1, x0:x1].sum() >= prices[number] * floors[number]
+            grown = _squares(without, boxes[number]) - _squares(state, boxes[number])
+            price = worth[id(layers[number].shape)] = 0.5 * grown / (prices[number] * floors[number])
+            trial[number] = price * detail >= 1.0
         if not trial[group].all():
             there = trial
             state = state.with_layers(list(compress(layers, there)))
     return state
 
 
-def _squares(state: State) -> np.ndarray:
-    """(H, W) squared errors of the picture, which unlike its misfit count a whole shape that is missing in full."""
-    return np.square((state.image - state.goal.target) * WHITE).sum(axis=2)
+def _squares(state: State, box: np.ndarray) -> float:
+    """The sum of the squared errors in a box (4,), which unlike the misfit count a missing shape in full."""
+    x0, y0, x1, y1 = box.tolist()
+    off = (state.image[y0:y1, x0:x1] - state.goal.target[y0:y1, x0:x1]) * WHITE
+    return float(np.vdot(off, off))
 
 
 def _boxes(state: State) -> np.ndarray:
@@ -107,10 +116,10 @@ def _boxes(state: State) -> np.ndarray:
     return np.clip(np.array(corners).reshape(-1, 4), 0, [width, height, width, height]).astype(int)
 
 
-def apart(boxes: np.ndarray) -> list[list[int]]:
-    """The numbers of all boxes in groups of which no two overlap, the last boxes first."""
+def apart(boxes: np.ndarray, numbers: Sequence[int]) -> list[list[int]]:
+    """Numbers of boxes (n, 4) in groups of boxes of which no two overlap, the last ones first."""
     groups: list[list[int]] = []
-    for number in reversed(range(len(boxes))):
+    for number in reversed(numbers):
         low, high = boxes[number, :2], boxes[number, 2:]
         for group in groups:
             if ((boxes[group, 2:] <= low) | (boxes[group, :2] >= high)).any(axis=1).all():

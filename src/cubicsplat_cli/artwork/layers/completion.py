@@ -27,6 +27,7 @@ from cubicsplat_cli.artwork.layers.holes import enclosed, without_stray_holes
 from cubicsplat_cli.artwork.layers.min_link import SLACK, Room, min_link_path
 from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_meeting, simply, ways_on
 from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines
+from cubicsplat_cli.artwork.tracing.primitives import dot_of
 from cubicsplat_cli.raster import ndimage
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
@@ -40,6 +41,7 @@ LEVEL = 1e-6  # px that the ends of a level line may differ
 MOST_TIPS = 3  # corners, the first of them twice, that enclose nothing
 SIDE_SEEN = 1.5  # px from a side of a rounded rectangle in which a point shows it
 FEWEST = 8  # points of a contour, below which it is drawn as a polygon
+DOT = 4  # px of a region, up to which it is a dot
 BATCH = 20_000  # points of contours that are fitted together: a second's work, after which it may be stopped
 SQUARE = np.ones((3, 3), dtype=bool)
 
@@ -110,14 +112,21 @@ def outlines_of_all(
     contour, a few px beneath what hides them.
     """
     for some in _batches(extents):
-        plain = [contour for extent in some for contour in extent.contours if _shows_all(contour, sought)]
+        plain = [
+            contour
+            for extent in some
+            for contour in extent.contours
+            if _shows_all(contour, sought) and not _is_dot(contour, extent)
+        ]
         sigmas = [contour.sigma if sought else _known(contour.sigma) for contour in plain]
         fitted = iter(fit_outlines([contour.points for contour in plain], sigmas, detail))
         for extent in some:
             surroundings = _Surroundings(extent, canvas)
             outlines = []
             for contour in extent.contours:
-                if _shows_all(contour, sought):
+                if _is_dot(contour, extent):
+                    outlines.append(dot_of(contour.points, extent.shown, (extent.left, extent.top)))
+                elif _shows_all(contour, sought):
                     outlines.append(next(fitted))
                 elif len(contour.points) < FEWEST:
                     outlines.append(few_lines(contour.points if sought else _thinned(contour)))
@@ -205,6 +214,12 @@ def _completed(contour: Contour, surroundings: _Surroundings, detail: float, who
                 best, least = outline, count
     best = _as_box(best)
     return _with_corners(best, contour, runs, ways, loop, window, detail) if whole and least <= ALLOWED else best
+
+
+def _is_dot(contour: Contour, extent: Extent) -> bool:
+    """Whether a contour runs around very few px, all of which show."""
+    few = len(contour.points) <= 2 * DOT and not contour.hole and int(extent.shown.sum()) <= DOT
+    return few and bool(np.isfinite(contour.sigma).all())
 
 
 def _thinned(contour: Contour) -> np.ndarray:

@@ -30,8 +30,9 @@ MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures ra
 # Fills beyond which those that no pixel shows pure are not sought; levels by which these differ from all blends of two
 # others; levels that are one colour; and the pixels that show it, also as a share of those that no blend explains.
 MOST_SEEN, STRANGE_FILL, ONE_COLOUR, FEWEST, LEAST_STRANGE = 24, 40.0, 24.0, 4, 0.002
-# A region below SPECK px must have a pixel that is its fill by MOSTLY.
-SPECK, MOSTLY = 9, 0.9
+# A region below SPECK px must have a pixel that is its fill by MOSTLY; one below CRUMB px, or with no such pixel, must
+# have as much in all, and lie amid another region, so that it is no blend of two.
+SPECK, MOSTLY, CRUMB = 9, 0.9, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,7 @@ class PixelFills:
 
     def regions(self, min_area: float) -> Regions:
         """The parts as regions; those of less than `min_area` px, and specks, join a neighbour."""
-        labels = _numbered(_without_specks(self.parts, self.sure, max(min_area, 3.0)))
+        labels = _numbered(_without_specks(self.parts, self.sure, min_area))
         fill_of = _majority(labels, self.fills)
         return Regions(labels, self.palette[fill_of], fill_of)
 
@@ -104,7 +105,8 @@ def pixel_fills(
         fills, pure = known, np.where(largest(np.abs(levels - palette[known])) <= PURE, known, -1)
     fills = joined_at_corners(fills, levels, palette)
     parts, _ = components(fills)
-    return PixelFills(palette, fills, parts, _sure(levels, palette, parts, fills, pure))
+    # What a damaged picture was restored to has crumbs of its noise.
+    return PixelFills(palette, fills, parts, _sure(levels, palette, parts, fills, pure, dots=known is None))
 
 
 def _with_fills_of_lines(levels: np.ndarray, palette: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
@@ -212,26 +214,28 @@ def _strange(
 
 
 def _sure(
-    levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, fills: np.ndarray, pure: np.ndarray
+    levels: np.ndarray, palette: np.ndarray, labels: np.ndarray, fills: np.ndarray, pure: np.ndarray, *, dots: bool
 ) -> np.ndarray:
     """(H, W) bool: pixels that are their fill, or for the most part their fill rather than that of the region which
-    their own touches most.
+    their own touches most. dots: whether regions of a px or two may be real, and blurred ones.
     """
     sure = pure >= 0
     count = int(labels.max()) + 1
-    lacking = (np.bincount(labels.ravel(), sure.ravel(), count) == 0) & (
-        np.bincount(labels.ravel(), None, count) < SPECK
-    )
+    sizes = np.bincount(labels.ravel(), None, count)
+    crumbs = sizes < CRUMB
+    lacking = ((np.bincount(labels.ravel(), sure.ravel(), count) == 0) & (sizes < SPECK)) | crumbs
     if not lacking.any():
         return sure
-    beside = _most_touched(labels, count, lacking)
+    beside, neighbours = _most_touched(labels, count, lacking)
     fill_of = _majority(labels, fills)
     y, x = np.nonzero(lacking[labels])
-    base = palette[fill_of[beside[labels[y, x]]]]
+    own = labels[y, x]
+    base = palette[fill_of[beside[own]]]
     span = palette[fills[y, x]] - base
     share = ((levels[y, x] - base) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
+    amid = (neighbours == 1) & (np.bincount(own, share, count) >= MOSTLY) if dots else np.zeros(count, dtype=bool)
     sure = sure.copy()
-    sure[y, x] = share >= MOSTLY
+    sure[y, x] = ((share >= MOSTLY) & ~crumbs[own]) | amid[own]
     return sure
 
 
@@ -247,7 +251,7 @@ def _without_specks(labels: np.ndarray, sure: np.ndarray, area: float) -> np.nda
         doomed[sizes == 0] = False
         if not doomed.any() or doomed.all():
             break
-        target = _most_touched(labels, count, doomed)
+        target, _ = _most_touched(labels, count, doomed)
         labels = target[labels]
     return labels
 
@@ -258,8 +262,8 @@ def _numbered(labels: np.ndarray) -> np.ndarray:
     return np.asarray(number[labels], dtype=np.int32)
 
 
-def _most_touched(labels: np.ndarray, count: int, doomed: np.ndarray) -> np.ndarray:
-    """(count,) label to take over: itself where not doomed."""
+def _most_touched(labels: np.ndarray, count: int, doomed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(count,) label to take over: itself where not doomed; and how many other labels each doomed one may take."""
     pairs = []
     for a, b in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1])):
         edge = a != b
@@ -270,7 +274,7 @@ def _most_touched(labels: np.ndarray, count: int, doomed: np.ndarray) -> np.ndar
     target = np.arange(count)
     order = np.argsort(touches, kind="stable")
     target[key[order] // count] = key[order] % count
-    return target
+    return target, np.bincount(key // count, minlength=count)
 
 
 def _majority(labels: np.ndarray, fills: np.ndarray) -> np.ndarray:

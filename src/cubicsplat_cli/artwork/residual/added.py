@@ -24,7 +24,7 @@ from cubicsplat_cli.raster.stack import Goal
 
 FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10
-PASSES = 3
+PASSES, CROWDED = 3, 2500  # one pass where there are more shapes, of which each takes ten seconds and more
 MOST_TRIED = 400  # areas
 SEEN = 60  # px of an area that is worth a note
 
@@ -49,7 +49,7 @@ def with_added(
         return drawing
     picture = Picture.of(goal.target @ _back(goal), ErrorModel.of(condition, min_area))
     trials = _Trials(drawing, goal, picture, detail)
-    for _ in range(PASSES):
+    for _ in range(PASSES if len(drawing.shapes) <= CROWDED else 1):
         added = trials.best()
         if added is trials.drawing or (most is not None and len(added.shapes) > most):
             break

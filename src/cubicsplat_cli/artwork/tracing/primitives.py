@@ -7,10 +7,14 @@ its second moments, or where it does not run around what was fitted.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle
 from cubicsplat_cli.raster.outlines import CIRCLE, ELLIPSE, nearest_primitive
+
+WHOLE = 0.1  # px that the points around a dot may be off the edges of whole pixels
 
 
 def fit_primitive(points: np.ndarray, weights: np.ndarray, price: float) -> tuple[Outline, float, float] | None:
@@ -34,3 +38,17 @@ def primitive_of(form: int, values: np.ndarray) -> Outline:
     if form == ELLIPSE:
         return Ellipse(x, y, a, b, angle)
     return Rectangle(x - a, y - b, 2.0 * a, 2.0 * b, radius, angle)
+
+
+def dot_of(points: np.ndarray, shown: np.ndarray, corner: tuple[int, int]) -> Outline:
+    """The outline of very few px, shown (h, w) bool in a window with such a corner x, y: a box of whole pixels if its
+    points (n, 2) keep to their edges, else a circle.
+    """
+    y, x = np.nonzero(shown)
+    low = np.array([x.min(), y.min()], dtype=float) + corner
+    high = np.array([x.max() + 1, y.max() + 1], dtype=float) + corner
+    off = np.minimum(np.abs(points - low), np.abs(points - high)).min(axis=1)
+    if len(x) == np.prod(high - low) and off.max() < WHOLE:
+        return Rectangle(*low.tolist(), *(high - low).tolist())
+    middle = points.mean(axis=0)
+    return Circle(float(middle[0]), float(middle[1]), math.sqrt(len(x) / math.pi))

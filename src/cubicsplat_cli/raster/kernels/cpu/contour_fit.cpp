@@ -89,7 +89,8 @@ bool taken_if_cheaper(Pieces& best, Pieces trial, const Contour& contour, double
   return true;
 }
 
-Outline fitted_between(Contour contour, const Corners& corners, double price) {
+Outline fitted_between(const Contour& loop, const Corners& corners, double price) {
+  Contour contour = loop;
   Pieces best = laid_out(contour, corners, price);
   for (const double widest : kSmoothest) {
     Pieces trial = best;
@@ -100,6 +101,7 @@ Outline fitted_between(Contour contour, const Corners& corners, double price) {
   level.align(contour.weights);
   taken_if_cheaper(best, std::move(level), contour, price);
   Outline out = Outline::of(best);
+  out.shorten(loop);
   out.cost = 0.5 * best.chi + price * double(best.parameters());
   return out;
 }
