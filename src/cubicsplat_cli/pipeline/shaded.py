@@ -34,6 +34,8 @@ SHAPES = "triangle"
 SHARED_OPACITY = 0.78  # of an object's curves at first, so that none says its own
 SHADED = 2.0  # levels, of the root mean square off its paint, above which an object is shaded
 PX_PER_CURVE = 60.0
+# Px of a picture whose objects are shaded, 512 x 512: a larger one would need thousands of curves, and minutes.
+MOST_PIXELS = 2**18
 # What a curve must take away of the squared error, in levels^2 summed over pixels and channels, to stay.
 PRICE = 1000.0
 RIM, LEAST_SEEN = 0.9, 0.3  # of a pixel that the shading covers: below it shows base paint, or next to no shading
@@ -60,6 +62,8 @@ def shaded_objects(target: np.ndarray) -> Objects | None:
     """The objects of a picture (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None where it does not consist
     of few objects with soft shading inside, all opaque but for a transparent ground.
     """
+    if target.shape[0] * target.shape[1] > MOST_PIXELS:
+        return None
     levels = as_levels(target)
     labels = objects_of(levels)
     count = int(labels.max()) + 1
