@@ -211,6 +211,15 @@ def parse_ground(given: str) -> str:
     )
 
 
+def parse_shading(given: str | int) -> str:
+    """ "none", "auto" or a number of curves as text; UsageError for others."""
+    lowered = str(given).strip().lower()
+    if lowered in ("none", "auto") or (lowered.isdecimal() and 0 < int(lowered) <= MOST_SHADING):
+        return lowered
+    raise UsageError(f"must be none, auto, or a number of curves from 1 to {MOST_SHADING}, not {given!r}", "shading")
+
+
+MOST_SHADING = 10_000  # curves of an object
 USUAL_FACTOR = 4.0
 _FOCUS_FORM = "must be X,Y,W,H or X,Y,W,H,FACTOR: a rectangle in pixels of the picture, and how much more it matters"
 

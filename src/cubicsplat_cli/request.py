@@ -26,6 +26,7 @@ from cubicsplat_cli.options import (
     parse_bytes,
     parse_focus,
     parse_ground,
+    parse_shading,
     parse_width,
     renamed,
     setting,
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from cubicsplat_cli.svg.initial import InitialDrawing
 
 STYLES = ("auto", "photo", "artwork", "pixel")
+NO_SHADING = "none"
 PHOTO_PRECISION = 2
 TINY_BYTES = 4000  # after gzip, below which the coordinates of a photo are whole numbers of a coarse grid
 TINY_STEPS = 600  # of a fit whose polygons will lie on such a grid
@@ -98,6 +100,10 @@ class Request:
     max_nodes: int | None = setting(
         None, "count", "Outlines have at most so many points.", least=1, optional=True, group=DRAWINGS
     )
+    shading: str = setting(
+        NO_SHADING, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
+        parse=parse_shading, hidden=True, **_OF_DRAWINGS,
+    )  # fmt: skip
     group_by: str = setting(NONE, "choice", "Put shapes in groups by this.", choices=GROUPINGS, **_OF_DRAWINGS)
     layers: Path | None = setting(
         None, "text", "Also an SVG of each colour, with register marks.", metavar="DIR", parse=Path, decides=False,
@@ -159,6 +165,11 @@ class Request:
         if self.of_photos() and self.of_artwork():
             other = self.of_photos()[0].replace("_", "-")
             raise UsageError(f"is for artwork, --{other} for photos; give one of them", self.of_artwork()[0])
+        if self.shading != NO_SHADING and not self.may_shade:
+            raise UsageError(
+                "is of drawings as they are; leave out options of colours, groups, cutouts, strokes, bytes, movies",
+                "shading",
+            )
         if self.artwork.stacking == CUTOUT and self.strokes:
             option = "--strokes" if self.artwork.strokes else "--mode open"
             asked = next((name for name in ("layers", "overlap") if getattr(self, name) is not None), "")
@@ -226,6 +237,17 @@ class Request:
                 "more bytes",
                 name,
             )
+
+    @property
+    def may_shade(self) -> bool:
+        """Whether shapes may have shading: no option asks for few shapes or colours, groups, cutouts, strokes or an
+        animation.
+        """
+        others = [name for name in self.of_artwork() if name not in ("shading", "detail")]
+        bounded = self.settings.curves is not None or self.max_bytes is not None or self.target_psnr is not None
+        bounded = bounded or self.settings.time_limit is not None
+        single = self.settings.mode is Mode.CLOSED and self.animation is None
+        return self.shading != NO_SHADING and not others and not bounded and single
 
     @property
     def strokes(self) -> bool:

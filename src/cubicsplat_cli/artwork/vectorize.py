@@ -186,6 +186,25 @@ def _with_strokes(drawing: Drawing, goal: Goal | None, detail: float, error: flo
     return drawing
 
 
+def draw_flat(picture: FlatPicture, settings: ArtworkSettings, error: float) -> Drawing:
+    """The drawing of a picture in flat fills, in no others than these, without regard to how the fills look.
+
+    error: levels by which pixels on edges may be off.
+    """
+    height, width = picture.levels.shape[:2]
+    work().at("finding regions", 0.1)
+    plan = planned(picture, settings, 1, error, None)
+    flat = Flattened(plan.levels, np.zeros((0, 4)), ())
+    drawing = Drawing(width, height, _traced(plan.parts, (height, width), settings, flat))
+    with work().stoppable():
+        goal = goal_of(plan.levels.astype(float) / 255.0)
+        drawing = polish(drawing, goal, settings.detail, error / 255.0)
+        if few_enough(drawing):
+            work().at("regularising", 0.8)
+            drawing = regularised(drawing, goal, settings.detail, 0, error / 255.0)
+    return drawing
+
+
 def _may_shine_through(prepared: PreparedInput, settings: ArtworkSettings) -> bool:
     """Whether shapes may be translucent: what is not clean says too little of a blend, who chooses the fills wants no
     others, and cutters know none.

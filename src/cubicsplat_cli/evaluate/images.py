@@ -13,7 +13,7 @@ from cubicsplat_cli.evaluate.scaled import Tile, draw_part
 from cubicsplat_cli.files.load import Picture
 
 if TYPE_CHECKING:
-    from cubicsplat_cli.scene import Scene
+    from cubicsplat_cli.scene import LayeredScene, Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,9 @@ def of_values(values: np.ndarray) -> ImageSource:
     return ImageSource(width, height, channels == 4, rows)
 
 
-def of_scene(scene: Scene | None, width: int, height: int, samples: int, threads: int | None = None) -> ImageSource:
+def of_scene(
+    scene: Scene | LayeredScene | None, width: int, height: int, samples: int, threads: int | None = None
+) -> ImageSource:
     """The engine's exact picture of a scene at width x height px; of None a transparent one.
 
     samples: edges per cubic at most. Each call for rows draws them.
@@ -85,11 +87,29 @@ def of_scene(scene: Scene | None, width: int, height: int, samples: int, threads
     if scene is None:
         return ImageSource(width, height, True, lambda top, bottom: np.zeros((bottom - top, width, 4), np.float32))
     # Most of what is measured is no scene.
-    from cubicsplat_cli.scene import scaled_scene
+    from cubicsplat_cli.scene import LayeredScene, scaled_scene
 
+    if isinstance(scene, LayeredScene):
+        return _of_layers(scene.scaled(width, height), samples, threads)
     sized = scaled_scene(scene, width, height)
 
     def rows(top: int, bottom: int) -> np.ndarray:
         return np.clip(draw_part(sized, 1, Tile(0, top, width, bottom - top), samples, threads), 0.0, 1.0)
 
     return ImageSource(width, height, scene.background is None, rows)
+
+
+def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageSource:
+    """The engine's exact picture of layers, each drawn as a whole, clipped, and laid over those before."""
+
+    def rows(top: int, bottom: int) -> np.ndarray:
+        tile = Tile(0, top, scene.width, bottom - top)
+        out: np.ndarray = np.zeros((bottom - top, scene.width, 4), np.float32)
+        for layer in scene.layers:
+            drawn = draw_part(layer.scene, 1, tile, samples, threads)
+            if layer.clip is not None:
+                drawn *= draw_part(layer.clip, 1, tile, samples, threads)[..., 3:]
+            out = drawn + out * (np.float32(1.0) - drawn[..., 3:])
+        return np.clip(out, 0.0, 1.0)
+
+    return ImageSource(scene.width, scene.height, True, rows)

@@ -66,7 +66,9 @@ def _scene(svg: bytes) -> tuple[str, Scene | None, list[str]]:
     drawing = drawing_of(elements)
     # Several shapes in one path share its id.
     names = [shape.name or str(index) for index, shape in enumerate(drawing.shapes)]
-    return "shape", (scene_of(drawing) if drawing.shapes else None), names[::-1]
+    # What a shape is worth beneath its shading says nothing of either.
+    plain = drawing.shapes and all(shape.shading is None for shape in drawing.shapes)
+    return "shape", (scene_of(drawing) if plain else None), names[::-1]
 
 
 def _losses(scene: Scene, names: list[str], picture: Picture, threads: int | None) -> list[float]:

@@ -121,9 +121,11 @@ def _facts(subject: Subject, kind: str, own: Shown | None) -> list[Fact]:
     if own is not None:
         about = [] if report is None or report.inks is None else [counted(len(report.inks), "colour")]
         count = own.count if report is None else report.count()
-        if count != len(own.losses_db):
+        if own.losses_db and count != len(own.losses_db):
             about.insert(0, f"in {counted(len(own.losses_db), 'element')}")
         facts.append(Fact(f"{kind}s", f"{count:,}", ", ".join(about)))
+    if report is not None and report.shaded:
+        facts.append(Fact("shaded", counted(len(report.shaded), "object"), ", ".join(report.shaded)))
     facts.append(Fact("file", file_size(subject.bytes), f"the picture: {file_size(len(subject.data))}"))
     facts.append(Fact("size", f"{subject.picture.width} \u00d7 {subject.picture.height}", "pixels of the original"))
     if report is not None:

@@ -170,7 +170,10 @@ def export_of(path: Path, svg: bytes, job: Job, request: Request, note: Callable
 def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sink) -> None:
     """Write an animation of a photo's fit, or of a drawing built up from the back."""
     timer, recorder = task.timer, task.recorder
-    if made.scene is None or recorder is None:
+    from cubicsplat_cli.scene import LayeredScene
+
+    # What is animated has no shading, see `Request.may_shade`.
+    if recorder is None or made.scene is None or isinstance(made.scene, LayeredScene):
         timer.note(f"{task.target.source}: is transparent throughout, so there is no animation")
         return
     from cubicsplat_cli.artwork.style import PHOTO

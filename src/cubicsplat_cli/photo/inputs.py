@@ -21,12 +21,14 @@ class FitInputs:
     """weights: (H, W) float32, at least 0 and not all 0: how much each pixel matters; None: all alike.
 
     start: a scene, of any size, to begin with in place of discs; the fit gets as many curves as its settings say, by
-    seeding more or by leaving out the least important. frozen: its curves stay as they are.
+    seeding more or by leaving out the least important. frozen: its curves stay as they are. ground: (H, W, 3) float32
+    what lies behind the curves, in place of a colour; only for pictures without transparency, on the CPU.
     """
 
     weights: np.ndarray | None = None
     start: Scene | None = None
     frozen: bool = False
+    ground: np.ndarray | None = None
 
     @property
     def frozen_curves(self) -> int:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.errors import DeviceError
+from cubicsplat_cli.errors import DeviceError, EngineError
 from cubicsplat_cli.photo.evaluator import Evaluator
 from cubicsplat_cli.photo.initial import choose_background, curves_of, keep_frozen, warmed
 from cubicsplat_cli.photo.inputs import NO_INPUTS, FitInputs, FitResult, TrainingLog
@@ -47,6 +47,10 @@ class FitLoop:
         self.generator = np.random.default_rng(self.settings.seed)
         self.schedule = Schedule(self.settings)
         self.engine = _engine_for(target, self.settings, inputs, opened)
+        if inputs.ground is not None:
+            if self.engine.device != "cpu":
+                raise EngineError("only the CPU's engine fits curves over a picture; use --device cpu")
+            self.engine.ground = np.ascontiguousarray(inputs.ground, np.float32)
         self.step, self.stopped = 0, False  # stopped: before its last step
         self._look_at(target, inputs)
         self.start_loss = math.inf  # of the drawing to begin with, where all of it is in the fit

@@ -99,7 +99,7 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 
         def tell(sketch: Drawing) -> None:
-            on_sketch(replace(_drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
+            on_sketch(replace(drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
         drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=tell)
         sized = (scaled_drawing(each, *task.picture.size) for each in drawings)
@@ -118,7 +118,7 @@ def plain(fill: Rgba, task: Task) -> Made:
     request = task.request
     style = Style(ARTWORK, "of one colour") if request.style == "auto" else Style(request.style, "asked for")
     if style.name == PHOTO:
-        return replace(_drawn(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style)
+        return replace(drawn(plain_drawing(fill, *task.picture.size), request), paths=0, facts={}, style=style)
     if request.artwork.palette:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
@@ -151,7 +151,7 @@ def _structured(drawing: Drawing, request: Request) -> Made:
         drawing = overlapping(drawing, structure.ranks_of(drawing), request.overlap, precision)
     if request.group_by == COLOR:
         drawing = structure.grouped_by_colour(drawing)
-    return replace(_drawn(drawing, request), notes=notes)
+    return replace(drawn(drawing, request), notes=notes)
 
 
 def _precision(drawing: Drawing, request: Request) -> int:
@@ -167,10 +167,11 @@ def _ground_notes(request: Request, found: bool) -> list[str]:
     return ["the figures compare the drawing with the picture as it was, on its own ground"]
 
 
-def _drawn(drawing: Drawing, request: Request) -> Made:
+def drawn(drawing: Drawing, request: Request) -> Made:
+    """A finished drawing as a result."""
     from cubicsplat_cli.artwork.geometry.outlines import Ring
     from cubicsplat_cli.artwork.geometry.stroke import Chain
-    from cubicsplat_cli.artwork.scene import scene_of
+    from cubicsplat_cli.artwork.scene import picture_of
 
     outlines = [o for s in drawing.shapes for o in (s.outlines if s.stroke is None else (s.stroke.path,))]
     facts = _facts(len(drawing.shapes), drawing.segments, drawing.fills) | {
@@ -178,13 +179,15 @@ def _drawn(drawing: Drawing, request: Request) -> Made:
         "gradients": len(drawing.gradients),
         "strokes": sum(shape.stroke is not None for shape in drawing.shapes),
     }
+    if shaded := [shape.name for shape in drawing.shapes if shape.shading is not None]:
+        facts["shaded"] = shaded
 
     def write(title: str, comment: str) -> str:
         text = write_drawing(drawing, precision=_precision(drawing, request), title=title, comment=comment)
         return lean(text) if request.tiny else text
 
     return Made(
-        scene_of(drawing) if drawing.shapes else None,
+        picture_of(drawing) if drawing.shapes else None,
         lru_cache(1)(write),  # asked for its size before it is written
         SAMPLES,
         len(drawing.shapes),

@@ -195,7 +195,31 @@ def _photo_instead(task: Task, drawn: Style, reason: str) -> Made:
 
 def _made(task: Task, style: Style) -> Made:
     """The result of a style."""
-    return replace(MAKERS[style.name](task), style=style)
+    made = MAKERS[style.name](task)
+    return replace(_or_shaded(task, made) if style.name == ARTWORK else made, style=style)
+
+
+def _or_shaded(task: Task, drawing: Made) -> Made:
+    """A drawing; or a shaded one, where that is asked for, the picture has shading, and that is plainly nearer."""
+    if not task.request.may_shade or not drawing.may_be_photo or drawing.interrupted:
+        return drawing
+    if _is_above(task, drawing, ENOUGH_DB):
+        return drawing
+    from cubicsplat_cli.pipeline.shaded import drawn_shaded, shaded_objects  # which few pictures need
+
+    objects = shaded_objects(task.target.target())
+    shaded = None if objects is None else drawn_shaded(task, objects)
+    return drawing if shaded is None or not _seen_above(task, shaded, drawing) else shaded
+
+
+def _seen_above(task: Task, first: Made, second: Made) -> bool:
+    """Whether a result is nearer than another by what is plain to see."""
+    levels = []
+    for made in (first, second):
+        likeness = None if made.scene is None else Likeness.of(task, made.scene, made.samples, made.blur)
+        pixels_db = None if likeness is None else likeness.pixels_db()
+        levels.append(math.inf if likeness is None or pixels_db is None else likeness.seen_db(pixels_db))
+    return levels[0] > levels[1] + MARGIN_DB
 
 
 def _suiting(task: Task, style: Style) -> Made:

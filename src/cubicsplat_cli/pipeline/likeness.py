@@ -14,7 +14,7 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene import LayeredScene, Scene
 
 LIKENESS_SIDE = 1024  # px of the longer side of the copy on which both are compared, where fine lines count
 COARSE = 8  # px of a window whose mean people see as one tone, as they see a JPEG's blocks
@@ -29,7 +29,7 @@ class Likeness:
     threads: int | None
 
     @classmethod
-    def of(cls, task: Task, scene: Scene, samples: int, blur: float = 0.0) -> Likeness:
+    def of(cls, task: Task, scene: Scene | LayeredScene, samples: int, blur: float = 0.0) -> Likeness:
         """samples: edges per cubic. blur: px of the target by which the scene is blurred first."""
         picture, threads = resize_picture(task.target, LIKENESS_SIDE), task.request.settings.threads
         values = of_scene(scene, picture.width, picture.height, samples, threads).rows(0, picture.height)
@@ -68,7 +68,7 @@ class FileLevel:
         return math.inf if level is None else level
 
 
-def level_db(task: Task, scene: Scene | None, samples: int, blur: float = 0.0) -> float | None:
+def level_db(task: Task, scene: Scene | LayeredScene | None, samples: int, blur: float = 0.0) -> float | None:
     """PSNR of a scene against what is fitted; None where they are alike, or there is no scene. See `Likeness.of`."""
     return None if scene is None else Likeness.of(task, scene, samples, blur).pixels_db()
 

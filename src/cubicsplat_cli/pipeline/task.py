@@ -30,7 +30,7 @@ from cubicsplat_cli.metrics import Qualities, Report
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, warnings_to
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import LayeredScene, Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings
 from cubicsplat_cli.svg.markup import data_uri, with_lengths
 
@@ -43,12 +43,13 @@ LEAST_FITTED = 0.1  # of a time limit is the fit's, however long the rest takes
 class Result:
     """A vectorised picture.
 
-    svg: the text of the file. scene: its curves, in pixels of the picture. report: the figures. pixels: (H, W, 4) uint8
-    straight RGBA, the SVG drawn by an independent renderer; None where it was not measured.
+    svg: the text of the file. scene: its curves, in pixels of the picture; in layers where shapes have shading. report:
+    the figures. pixels: (H, W, 4) uint8 straight RGBA, the SVG drawn by an independent renderer; None where it was not
+    measured.
     """
 
     svg: str
-    scene: Scene | None
+    scene: Scene | LayeredScene | None
     report: Report
     pixels: np.ndarray | None = None
 
@@ -104,7 +105,7 @@ class Made:
     without the paper. blur: px by which the target has been blurred since it was drawn, as the drawing is not.
     """
 
-    scene: Scene | None
+    scene: Scene | LayeredScene | None
     write: Callable[[str, str], str]
     samples: int
     paths: int

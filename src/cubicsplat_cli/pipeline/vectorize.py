@@ -137,7 +137,7 @@ def dominant_colors(picture: Picture) -> list[dict[str, Any]]:
 
 def geometrized(task: Task, made: Made, output: Output) -> str | None:
     """The shapes of a photo as Geometrize lists them; None where the picture has one colour."""
-    if made.scene is None or "history" not in made.facts:
+    if not isinstance(made.scene, Scene) or "history" not in made.facts:
         return None
     marks = {"program": PROGRAM, "svg_sha256": output.svg_sha256}
     return geometrize_list(task.request.settings.shapes, made.scene, scores_of(task, made.scene), marks)

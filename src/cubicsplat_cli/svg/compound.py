@@ -28,15 +28,15 @@ def compounds(shapes: Sequence[Shape]) -> list[list[Shape]]:
 
     The rings of all of them in one path cover what the shapes cover, since every outer ring runs clockwise as seen and
     every hole the other way. A shape joins an earlier one where nothing of another fill that is drawn between them
-    touches it, so the picture stays the same. Shapes of different groups stay apart.
+    touches it, so the picture stays the same. Shapes of different groups, and those with shading, stay apart.
     """
     boxes = np.array([_box(shape) for shape in shapes]).reshape(-1, 4)
-    paints = [(shape.gradient or shape.fill, _pen(shape.stroke), shape.group) for shape in shapes]
+    paints = [(s.gradient or s.fill, _pen(s.stroke), s.group, id(s.shading) if s.shading else 0) for s in shapes]
     number_of = {paint: number for number, paint in enumerate(dict.fromkeys(paints))}
     sign = len(number_of) <= FEW_PAINTS and all(shape.stroke is None for shape in shapes)
     numbers = np.array([number_of[paint] for paint in paints], dtype=int)
     leaders = np.arange(len(shapes))
-    last: dict[tuple[Rgba | Gradient, Pen | None, str], int] = {}
+    last: dict[tuple[Rgba | Gradient, Pen | None, str, int], int] = {}
     for index, shape in enumerate(shapes):
         if not _opaque(shape) or (_primitive(shape) and not sign):
             continue

@@ -10,6 +10,7 @@ should be from its end, which is 0.036 of the radius off. Arcs all viewers draw 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -26,6 +27,8 @@ from cubicsplat_cli.svg.paths import PathSegment, Point
 # direction.
 LETTERS = ("HAHAZ", "VAVAZ", "HAVAHAVAZ", "VAHAVAHAZ")
 MOST_ON_RECT = 3.0  # px, the radius up to which viewers agree about `<rect rx>` to a tenth of a px
+# A joint that turns by less is meant to be smooth.
+_SMOOTH = math.radians(0.5)
 Step = tuple[int, int]
 
 
@@ -207,3 +210,30 @@ def _ends(left: float, top: float, right: float, bottom: float, radius: float) -
     if down:
         yield left, bottom - radius
         yield left, top + radius
+
+
+def ring_of(subpath: Sequence[PathSegment]) -> Ring:
+    """The ring of a closed subpath; its closing segment is a line of its own if it has a length."""
+    if math.dist(subpath[-1].start, subpath[-1].end) < 1e-9 and len(subpath) > 1:
+        subpath = subpath[:-1]
+    anchors = np.array([piece.start for piece in subpath])
+    controls, lines = controls_of(subpath, np.roll(anchors, -1, axis=0))
+    return Ring(anchors, controls, lines, _smooth(anchors, controls))
+
+
+def controls_of(subpath: Sequence[PathSegment], ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Both control points (n, 2, 2) of each piece, of lines at their thirds, and which of them (n,) are lines."""
+    starts = np.array([piece.start for piece in subpath])
+    controls = starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
+    for index, piece in enumerate(subpath):
+        if piece.handles:
+            controls[index] = piece.handles
+    return controls, np.array([not piece.handles for piece in subpath])
+
+
+def _smooth(anchors: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """(A,) bool: where the two handles of an anchor are opposite to each other."""
+    back, ahead = anchors - np.roll(controls[:, 1], 1, axis=0), controls[:, 0] - anchors
+    cross = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
+    dot = (back * ahead).sum(axis=1)
+    return (dot > 0.0) & (np.abs(np.arctan2(cross, dot)) < _SMOOTH)

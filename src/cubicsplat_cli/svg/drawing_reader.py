@@ -15,12 +15,13 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, R
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQUARE, Chain, Path, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
-from cubicsplat_cli.scene.paint import Rgba, mean_fill
-from cubicsplat_cli.svg.drawing_paths import rounded_of
+from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
+from cubicsplat_cli.svg.drawing_paths import controls_of, ring_of, rounded_of
 from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_writer import CURVES_ID
+from cubicsplat_cli.svg.shading import REFERENCE, SCALE, ShadingReader
 from cubicsplat_cli.svg.values import hex_colour, number
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
@@ -33,8 +34,6 @@ _LENGTHS = {
     "path": (),
 }
 AnyPath = TypeVar("AnyPath", bound=Path)
-# A joint that turns by less is meant to be smooth.
-_SMOOTH = math.radians(0.5)
 
 
 def holds_drawing(elements: Sequence[OwnElement]) -> bool:
@@ -43,14 +42,13 @@ def holds_drawing(elements: Sequence[OwnElement]) -> bool:
 
     The first element that can tell decides; a `rect` may be the background of either.
     """
-    places = [
-        each.place for each in elements if (each.place == "svg/g" and not _names_a_group(each)) or _is_shape(each)
-    ]
+    places = [each.place for each in elements if (each.place == "svg/g" and not _is_group(each)) or _is_shape(each)]
     return next((place for place in places if place != "svg/rect"), places[0] if places else "svg/g") != "svg/g"
 
 
-def _names_a_group(element: OwnElement) -> bool:
-    return set(element.attributes) == {"id"} and element.attributes["id"] != CURVES_ID
+def _is_group(element: OwnElement) -> bool:
+    """Whether a group is one of shapes, which has a name alone, or a shading."""
+    return set(element.attributes) - {"clip-path"} == {"id"} and element.attributes["id"] != CURVES_ID
 
 
 def _is_shape(element: OwnElement) -> bool:
@@ -65,17 +63,84 @@ def read_drawing(text: str | bytes) -> Drawing:
 def drawing_of(elements: Sequence[OwnElement]) -> Drawing:
     """The drawing that the elements of a document hold; InputError where they are not those of `write_drawing`."""
     width, height = canvas_size(elements[0])
-    gradients = GradientReader(elements)
-    shapes: list[Shape] = []
+    content = _Content((width, height), GradientReader(elements))
     for element in elements:
-        if element.place == "svg/g" and not _names_a_group(element):
-            raise element.refused("has an unexpected <g> element")
-        if _is_shape(element):
-            try:
-                shapes += _strokes(element) if element.attributes.get("fill") == "none" else _fills(element, gradients)
-            except ValueError as error:
-                raise element.refused(error) from error
-    return Drawing(width, height, tuple(shapes))
+        try:
+            content.add(element)
+        except ValueError as error:
+            raise element.refused(error) from error
+    try:
+        return Drawing(width, height, content.shapes())
+    except ValueError as error:
+        raise elements[-1].refused(error) from error
+
+
+class _Content:
+    """The shapes of a document, and the shading of each, as they are read. size: of the canvas, px."""
+
+    def __init__(self, size: tuple[int, int], gradients: GradientReader) -> None:
+        self._size, self._gradients = size, gradients
+        self._shapes: list[Shape] = []
+        self._clips: dict[str, tuple[Ring, ...]] = {}
+        self._clip = ""  # the clip path that is being read
+        self._shading: ShadingReader | None = None  # the group that is being read
+        self._opacity = 1.0  # of curves that say none
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """The shapes read so far. Raises ValueError where a shading is not whole."""
+        self._end_shading()
+        return tuple(self._shapes)
+
+    def add(self, element: OwnElement) -> None:
+        """Raises ValueError for an element that `write_drawing` would not have put there."""
+        given, place = element.attributes, element.place
+        if place == "svg/clipPath":
+            self._clip = given.get("id", "")
+        elif place == "svg/clipPath/path":
+            self._clips[self._clip] = tuple(_ring_of_clip(subpath) for subpath in own_subpaths(element))
+        elif place == "svg/g":
+            self._end_shading()
+            if not _is_group(element):
+                raise ValueError("has an unexpected <g> element")
+            if "clip-path" in given:
+                self._begin_shading(given["clip-path"])
+        elif place == "svg/g/g":
+            if given.get("transform") != SCALE or self._shading is None:
+                raise ValueError("has an unexpected <g> element")
+            self._opacity = _opacity(given, "fill")
+        elif self._shading is not None and place == "svg/g/rect":
+            self._shading.add_ground(*_paint(given, [_primitive(element).ring()], self._gradients))
+        elif self._shading is not None and place == "svg/g/g/path":
+            opacity = _opacity(given, "fill") if "fill-opacity" in given else self._opacity
+            for subpath in own_subpaths(element):
+                self._shading.add_curve(_closed_ring(subpath), hex_colour(given.get("fill", "")), opacity)
+        elif _is_shape(element):
+            self._end_shading()
+            stroked = given.get("fill") == "none"
+            self._shapes += _strokes(element) if stroked else _fills(element, self._gradients)
+
+    def _begin_shading(self, reference: str) -> None:
+        match = REFERENCE.fullmatch(reference)
+        if match is None or match[1] not in self._clips or not self._shapes:
+            raise ValueError(f"has the clip-path {reference!r}, which is none of a shape before it")
+        self._shading = ShadingReader(self._clips[match[1]], self._size)
+
+    def _end_shading(self) -> None:
+        if self._shading is not None:
+            self._shapes[-1] = replace(self._shapes[-1], shading=self._shading.shading())
+            self._shading, self._opacity = None, 1.0
+
+
+def _ring_of_clip(subpath: Sequence[PathSegment]) -> Ring:
+    if not re.fullmatch(r"[LHV]+Z", _letters(subpath)):
+        raise ValueError("has a clip path other than of polygons")
+    return ring_of(subpath)
+
+
+def _closed_ring(subpath: Sequence[PathSegment]) -> Ring:
+    if not re.fullmatch(r"[LHVC]+Z", _letters(subpath)):
+        raise ValueError("has path data other than closed rings of L, H, V and C")
+    return ring_of(subpath)
 
 
 def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
@@ -92,16 +157,20 @@ def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
             if clockwise or not groups:
                 groups.append([])
             groups[-1].append(_rotated(outline, given))
+    fill, gradient = _paint(given, [outline.ring() for group in groups for outline in group], gradients)
+    return [Shape(fill, tuple(group), given.get("id", ""), gradient=gradient) for group in groups]
+
+
+def _paint(given: dict[str, str], rings: list[Ring], gradients: GradientReader) -> tuple[Rgba, Gradient | None]:
+    """The fill of an element of these rings, and its gradient or None."""
     match = _REFERENCE.fullmatch(given.get("fill", ""))
     if match is None:
-        fill, gradient = _fill(given, "fill"), None
-    else:
-        if given.get("fill-opacity", "1") != "1":
-            raise ValueError("has a fill-opacity beside a gradient; give its stops the opacity")
-        low, high = extent_of([outline.ring() for group in groups for outline in group])
-        gradient = gradients.gradient(match[1], (*low.tolist(), *(high - low).tolist()))
-        fill = mean_fill(gradient)
-    return [Shape(fill, tuple(group), given.get("id", ""), gradient=gradient) for group in groups]
+        return _fill(given, "fill"), None
+    if given.get("fill-opacity", "1") != "1":
+        raise ValueError("has a fill-opacity beside a gradient; give its stops the opacity")
+    low, high = extent_of(rings)
+    gradient = gradients.gradient(match[1], (*low.tolist(), *(high - low).tolist()))
+    return mean_fill(gradient), gradient
 
 
 def _strokes(element: OwnElement) -> list[Shape]:
@@ -123,10 +192,14 @@ def _strokes(element: OwnElement) -> list[Shape]:
 
 def _fill(given: dict[str, str], kind: str) -> Rgba:
     """The colour and opacity of a "fill" or "stroke"."""
+    return (*hex_colour(given.get(kind, "")), round(255.0 * _opacity(given, kind)))
+
+
+def _opacity(given: dict[str, str], kind: str) -> float:
     opacity = number(given.get(f"{kind}-opacity", "1"))
     if not 0.0 <= opacity <= 1.0:
         raise ValueError(f"has the opacity {opacity:g}, not one in 0..1")
-    return (*hex_colour(given.get(kind, "")), round(255.0 * opacity))
+    return opacity
 
 
 def _coordinate(text: str) -> float:
@@ -187,7 +260,7 @@ def _outline(subpath: Sequence[PathSegment]) -> tuple[Outline, bool]:
         raise ValueError(
             "has path data other than closed rings of L, H, V, C, S, two half ellipses, or a rounded rectangle"
         )
-    ring = _ring(subpath)
+    ring = ring_of(subpath)
     return ring, signed_area(ring) > 0.0
 
 
@@ -198,7 +271,7 @@ def _centre_line(subpath: Sequence[PathSegment]) -> Path:
     if not re.fullmatch(r"[LHVCS]+", _letters(subpath)):
         raise ValueError("has an open path of other than L, H, V, C and S")
     anchors = np.array([*(piece.start for piece in subpath), subpath[-1].end])
-    controls, lines = _controls(subpath, anchors[1:])
+    controls, lines = controls_of(subpath, anchors[1:])
     return Chain(anchors, controls, lines, np.zeros(len(anchors), dtype=bool))
 
 
@@ -214,30 +287,3 @@ def extent_of(rings: list[Ring]) -> tuple[np.ndarray, np.ndarray]:
     """The corners (2,) of the box around rings, left and top, right and bottom, px: that of the curves themselves."""
     points = points_at(np.concatenate([ring.cubics for ring in rings]), np.linspace(0.0, 1.0, 65)).reshape(-1, 2)
     return points.min(axis=0), points.max(axis=0)
-
-
-def _ring(subpath: Sequence[PathSegment]) -> Ring:
-    """The ring of a closed subpath; its closing segment is a line of its own if it has a length."""
-    if math.dist(subpath[-1].start, subpath[-1].end) < 1e-9 and len(subpath) > 1:
-        subpath = subpath[:-1]
-    anchors = np.array([piece.start for piece in subpath])
-    controls, lines = _controls(subpath, np.roll(anchors, -1, axis=0))
-    return Ring(anchors, controls, lines, _smooth(anchors, controls))
-
-
-def _controls(subpath: Sequence[PathSegment], ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both control points (n, 2, 2) of each piece, of lines at their thirds, and which of them (n,) are lines."""
-    starts = np.array([piece.start for piece in subpath])
-    controls = starts[:, None] + (ends - starts)[:, None] * np.array([1.0, 2.0])[None, :, None] / 3.0
-    for index, piece in enumerate(subpath):
-        if piece.handles:
-            controls[index] = piece.handles
-    return controls, np.array([not piece.handles for piece in subpath])
-
-
-def _smooth(anchors: np.ndarray, controls: np.ndarray) -> np.ndarray:
-    """(A,) bool: where the two handles of an anchor are opposite to each other."""
-    back, ahead = anchors - np.roll(controls[:, 1], 1, axis=0), controls[:, 0] - anchors
-    cross = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
-    dot = (back * ahead).sum(axis=1)
-    return (dot > 0.0) & (np.abs(np.arctan2(cross, dot)) < _SMOOTH)

@@ -47,6 +47,7 @@ from cubicsplat_cli.svg.markup import (
     short_colour,
 )
 from cubicsplat_cli.svg.quantise import check_precision
+from cubicsplat_cli.svg.shading import add_shading
 
 _ANGLE_DECIMALS = 3  # degrees
 
@@ -75,6 +76,8 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
         if group[0].group != held[0]:
             held = group[0].group, _group(root, group[0].group, names)
         held[1].extend(_finished(element, group[0], names, gradients, precision))
+        if group[0].shading is not None:
+            add_shading(held[1], group[0].shading, names, gradients, element.attrib["id"])
     return document(root)
 
 
@@ -85,7 +88,7 @@ def _group(root: ElementTree.Element, name: str, names: Identifiers) -> ElementT
 
 def drawn_elements(svg: str) -> int:
     """The number of elements that a text of `write_drawing` draws; at most its shapes, since one may hold many."""
-    return len(re.findall(r"<(?:path|circle|ellipse|rect)\b", svg))
+    return len(re.findall(r"<(?:path|circle|ellipse|rect)\b", svg)) - svg.count("<clipPath")
 
 
 def _finished(

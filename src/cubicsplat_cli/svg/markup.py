@@ -118,7 +118,7 @@ def with_lengths(svg: str, width: str, height: str) -> str:
 
 def document(root: ElementTree.Element) -> str:
     """The text of a document, with an element of the root or of a group on each line."""
-    for parent in (root, *root.iterfind("g")):
+    for parent in (root, *root.iter("g")):
         parent.text = "\n"
         for child in parent:
             child.tail = "\n"

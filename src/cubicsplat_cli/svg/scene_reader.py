@@ -44,9 +44,14 @@ def read_svg(text: str | bytes) -> Scene:
     """The scene of an SVG that cubicsplat wrote (numpy arrays, index 0 the front).
 
     Raises InputError for anything else: what `own_elements` refuses, path data other than M, C, c and z, curves of
-    different kinds, strokes of several subpaths, or no curve at all.
+    different kinds, strokes of several subpaths, no curve at all, or a drawing with shading.
     """
     elements = own_elements(text)
+    shading = next((each for each in elements if each.place == "svg/clipPath"), None)
+    if shading is not None:
+        raise InputError(
+            f"line {shading.line} clips shading, which no scene of curves has; use cubicsplat_cli.svg.read_drawing"
+        )
     return scene_of(drawing_of(elements)) if holds_drawing(elements) else curves_of(elements)
 
 

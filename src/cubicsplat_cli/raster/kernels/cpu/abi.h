@@ -50,6 +50,7 @@ struct CsImages {
   const float* gradient;  // H x W x C: incoming dL/dF of any loss (instead of the target's)
   float* image;           // H x W x C
   double* loss;           // 1: sum over the pixels
+  const float* ground;    // H x W x C: what lies behind all curves, in place of the scene's background
 };
 
 // Gradients of the parameters as given (values, or logits where scene.logits is set). Null pointers are skipped.

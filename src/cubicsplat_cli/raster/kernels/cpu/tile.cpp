@@ -90,8 +90,10 @@ class BlockWork {
   // Final colour, the picture and the loss's gradient; T is left as it is for the background's gradient.
   void finish(Finished<C>& done) {
     const CsImages& images = *task_.images;
-    for (int c = 0; c < C; c++)
-      done.colour[c] = fused(transmittance_, Lanes(task_.scene->background[c]), accumulated_[c]);
+    Lanes ground[C];
+    for (int c = 0; c < C; c++) ground[c] = Lanes(task_.scene->background[c]);
+    if (images.ground) window_.template load<C>(images.ground, ground);
+    for (int c = 0; c < C; c++) done.colour[c] = fused(transmittance_, ground[c], accumulated_[c]);
     if (images.image) window_.template store<C>(images.image, done.colour);
     if (images.gradient) window_.template load<C>(images.gradient, done.gradient);
     if (!images.target) return;

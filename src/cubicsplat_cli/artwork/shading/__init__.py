@@ -1,0 +1,1 @@
+"""Objects of a shaded picture: where they are, their clean outlines and base paints, and what clips their shading."""

@@ -1,0 +1,205 @@
+"""Shaded drawings: clean objects, and inside each a group of curves of the photo engine, clipped a little inside it.
+
+What shows of an object inside its edge is its shading alone, opaque over a ground. So each is a fit of its own to the
+pixels in which it shows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.input.prepare import as_levels
+from cubicsplat_cli.artwork.names import shape_name
+from cubicsplat_cli.artwork.settings import ArtworkSettings
+from cubicsplat_cli.artwork.shading.insides import FULL, coverage_of, inside_of, shown
+from cubicsplat_cli.artwork.shading.objects import objects_of
+from cubicsplat_cli.artwork.shading.paints import base_paint
+from cubicsplat_cli.artwork.shading.silhouettes import CLEAR, silhouettes
+from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape, scaled_drawing
+from cubicsplat_cli.artwork.vectorize import draw_flat
+from cubicsplat_cli.pipeline.artwork import drawn
+from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.progress import Work, under_way, work
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.paints import nearest_paints
+from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.scene.paint import painted
+from cubicsplat_cli.settings import FitSettings, cpu_count
+
+# At equal bytes triangles come nearer to soft shading than curves of 2 cubics, by a tenth in root mean square.
+SHAPES = "triangle"
+SHARED_OPACITY = 0.78  # of an object's curves at first, so that none says its own
+SHADED = 2.0  # levels, of the root mean square off its paint, above which an object is shaded
+PX_PER_CURVE = 60.0
+# Px of a picture whose objects are shaded, 512 x 512: a larger one would need thousands of curves, and minutes.
+MOST_PIXELS = 2**18
+# What a curve must take away of the squared error, in levels^2 summed over pixels and channels, to stay.
+PRICE = 1000.0
+RIM, LEAST_SEEN = 0.9, 0.3  # of a pixel that the shading covers: below it shows base paint, or next to no shading
+# A picture of more objects has textures, not shading; and so has one that is rough in more of its objects' insides.
+MOST_OBJECTS, MOST_ROUGH = 80, 0.08
+ROUGH = 6.0  # levels by which a pixel is off the mean of its 3 x 3 neighbours, as none is within shading
+LEAST_SHADED = 0.1  # of the picture's objects in px that have more than their paints
+# Of a pixel at the edge of what covers an object: its weight, as about half of it shows, squared; and px to those whose
+# colour it has.
+BENEATH, REACH = 0.25, 3
+FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones converge sooner
+LEAST_STEPS = 0.25  # of them
+
+
+@dataclass(frozen=True, eq=False)
+class Objects:
+    """levels: (H, W, 4) premultiplied. labels: (H, W) int32 the object of each pixel."""
+
+    levels: np.ndarray
+    labels: np.ndarray
+
+
+def shaded_objects(target: np.ndarray) -> Objects | None:
+    """The objects of a picture (H, W, 3) or premultiplied (H, W, 4), float32 in [0, 1]; None where it does not consist
+    of few objects with soft shading inside, all opaque but for a transparent ground.
+    """
+    if target.shape[0] * target.shape[1] > MOST_PIXELS:
+        return None
+    levels = as_levels(target)
+    labels = objects_of(levels)
+    count = int(labels.max()) + 1
+    inside = ndimage.minimum_filter(labels, 5) == ndimage.maximum_filter(labels, 5)
+    visible = inside & (levels[..., 3] >= CLEAR)
+    if count > MOST_OBJECTS or not visible.any() or (levels[..., 3][visible] < 250.0).mean() > MOST_ROUGH:
+        return None
+    rough = np.abs(levels - ndimage.uniform_filter(levels, (3, 3, 1))).max(axis=2) > ROUGH
+    if rough[visible].mean() > MOST_ROUGH:
+        return None
+    off = np.zeros(labels.shape)
+    straight = _straight(levels)
+    for number in range(count):
+        own = visible & (labels == number)
+        if own.any():
+            plain = _in_paint(straight, None, own)
+            off[own] = _off(straight, plain)[own].mean()
+    shaded = off[visible] > SHADED**2
+    return Objects(levels, labels) if shaded.mean() >= LEAST_SHADED else None
+
+
+def drawn_shaded(task: Task, objects: Objects) -> Made:
+    """The shaded drawing of a picture's objects."""
+    request = task.request
+    most = int(request.shading) if request.shading.isdecimal() else None
+    with under_way(Work(task.on_progress, math.inf, request.settings.threads or cpu_count())) as doing:
+        drawing = shaded_drawing(objects, task.settings(), most)
+    made = drawn(scaled_drawing(drawing, *task.picture.size), request)
+    facts = {**made.facts, "interrupted": doing.interrupted}
+    return replace(made, facts=facts, may_be_photo=True)
+
+
+def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = None) -> Drawing:
+    """The drawing of objects with their shading; where the work under way is stopped, some are without. most: curves of
+    an object, or None for as many as are of use.
+    """
+    outlined = draw_flat(silhouettes(objects.levels, objects.labels), ArtworkSettings(), 0.0)
+    straight, shares = _straight(objects.levels), shown(outlined)
+    shapes = [
+        _in_paint(straight, shape, share >= min(FULL, float(share.max())))
+        for shape, share in zip(outlined.shapes, shares, strict=True)
+    ]
+    with work().stoppable():
+        for index, share in enumerate(shares):
+            work().at("shading objects", 0.85 + 0.15 * index / len(shares))
+            shapes[index] = _shaded(straight, shapes[index], share, settings, most)
+    return replace(outlined, shapes=tuple(shapes))
+
+
+def _shaded(straight: np.ndarray, plain: Shape, share: np.ndarray, settings: FitSettings, most: int | None) -> Shape:
+    """A shape in the paint of all that shows of it; with shading where that leaves too much. share: (H, W) where it
+    shows. Raises KeyboardInterrupt when the fit is interrupted.
+    """
+    height, width = share.shape
+    whole = share > FULL
+    if not whole.any() or math.sqrt(float(_off(straight, plain)[whole].mean())) < SHADED:
+        return plain
+    clip = inside_of(plain, width, height)
+    clipped = coverage_of(clip, width, height) if clip else np.zeros(share.shape)
+    inside = np.where(whole, clipped, 0.0)
+    curves = round(min(float(inside.sum()) / PX_PER_CURVE, math.inf if most is None else most))
+    if curves < 1 or inside.max() < LEAST_SEEN:
+        return plain
+    rim = whole & (inside < RIM)
+    shaded = _in_paint(straight, plain, rim) if rim.any() else plain
+    # A pixel that the clip cuts shows base paint beside the shading, which makes up for it as far as it can.
+    beneath = _paint(shaded, width, height)
+    goal = beneath + (straight - beneath) / np.maximum(inside, LEAST_SEEN)[..., None]
+    weights = np.where(inside >= LEAST_SEEN, inside**2, 0.0)
+    _continue_beneath(goal, weights, (share > 0.0) & ~whole & (clipped > FULL))
+    scene = _fitted(np.clip(goal, 0.0, 255.0), weights, _paint(plain, width, height), settings.with_(curves=curves))
+    return replace(shaded, shading=Shading(clip, plain.fill, plain.gradient, scene))
+
+
+def _continue_beneath(goal: np.ndarray, weights: np.ndarray, edge: np.ndarray) -> None:
+    """Makes the goal (H, W, 3) of pixels that are half covered (H, W) bool that of the nearest that are not."""
+    y, x = np.nonzero(edge)
+    at = y * edge.shape[1] + x
+    paints, places = nearest_paints(np.where(weights > FULL, 0, -1), at, REACH, 1)
+    near = paints[:, 0] == 0
+    goal.reshape(-1, 3)[at[near]] = goal.reshape(-1, 3)[places[near, 0]]
+    weights.reshape(-1)[at[near]] = BENEATH
+
+
+def _in_paint(straight: np.ndarray, shape: Shape | None, where: np.ndarray) -> Shape:
+    """A shape in the paint of the pixels (H, W) bool of a picture (H, W, 3); without one, the paint alone."""
+    y, x = np.nonzero(where)
+    fill, gradient = base_paint(straight[y, x], x, y)
+    if shape is None:
+        return Shape(fill, (), "", gradient)
+    height, width = where.shape
+    return replace(shape, fill=fill, gradient=gradient, name=shape_name(fill, shape.outlines, width, height))
+
+
+def _straight(levels: np.ndarray) -> np.ndarray:
+    """(H, W, 3) straight colours of premultiplied levels."""
+    return np.asarray(levels[..., :3] * (255.0 / np.maximum(levels[..., 3:], 1.0)))
+
+
+def _paint(shape: Shape, width: int, height: int) -> np.ndarray:
+    """(H, W, 3) levels of a shape's paint over the whole canvas."""
+    if shape.gradient is None:
+        return np.broadcast_to(np.array(shape.fill[:3], float), (height, width, 3))
+    y, x = np.mgrid[:height, :width]
+    return 255.0 * painted(shape.gradient, x + 0.5, y + 0.5)[..., :3]
+
+
+def _off(straight: np.ndarray, shape: Shape) -> np.ndarray:
+    """(H, W) the mean square of three channels, in levels^2, by which a shape's paint is off."""
+    height, width = straight.shape[:2]
+    return np.asarray(((straight - _paint(shape, width, height)) ** 2).mean(axis=2))
+
+
+def _fitted(goal: np.ndarray, weights: np.ndarray, ground: np.ndarray, settings: FitSettings) -> Scene:
+    """Curves over a ground that are near a picture, both (H, W, 3) in levels, where there are weights (H, W)."""
+    from cubicsplat_cli.photo import FitInputs, Fitting
+
+    rows, columns = (np.flatnonzero(weights.any(axis=axis)) for axis in (1, 0))
+    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    target, behind = ((each[window] / 255.0).astype(np.float32) for each in (goal, ground))
+    steps = round(settings.steps * min(1.0, max(LEAST_STEPS, settings.curves / FULL_STEPS)))
+    given = {**vars(FitSettings.from_preset(preset=settings.preset, shapes=SHAPES)), "curves": settings.curves}
+    own = FitSettings(**given).with_(
+        steps=steps, seed=settings.seed, threads=settings.threads, device="cpu", background="auto",
+        recipe=replace(settings.recipe, shared_opacity=SHARED_OPACITY),
+    )  # fmt: skip
+    inputs = FitInputs(np.ascontiguousarray(weights[window], np.float32), ground=behind)
+    fitting = Fitting(target, own, inputs=inputs)
+    if fitting.relax():
+        importance = fitting.importance() * 255.0**2
+        kept = np.flatnonzero(importance >= min(PRICE, float(importance.max())))
+        if len(kept) < len(importance):
+            fitting.resize(kept, len(kept))
+    fitted = fitting.finish()
+    if fitted.interrupted:
+        raise KeyboardInterrupt
+    scene = fitted.scene
+    points = scene.points + np.array([columns[0], rows[0]], np.float32)
+    return replace(scene, points=points, background=None, width=goal.shape[1], height=goal.shape[0])

@@ -1,0 +1,44 @@
+"""Scenes on one another, some of them clipped: what a drawing with shading is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from cubicsplat_cli.scene.scene import Scene, scaled_scene
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A scene without a background, of which only what lies within `clip` is seen: the curves, filled, of another scene
+    of its size; all of it with None. name: of what it shades, empty for shapes.
+    """
+
+    scene: Scene
+    clip: Scene | None = None
+    name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class LayeredScene:
+    """Layers back to front on a transparent canvas of width x height px."""
+
+    width: int
+    height: int
+    layers: tuple[Layer, ...]
+
+    @property
+    def curves(self) -> int:
+        """The primitives of all layers."""
+        return sum(layer.scene.curves for layer in self.layers)
+
+    def scaled(self, width: int, height: int) -> LayeredScene:
+        """The same on a canvas of another size; see `scaled_scene`."""
+        layers = tuple(
+            replace(
+                layer,
+                scene=scaled_scene(layer.scene, width, height),
+                clip=layer.clip and scaled_scene(layer.clip, width, height),
+            )
+            for layer in self.layers
+        )
+        return LayeredScene(width, height, layers)

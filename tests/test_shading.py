@@ -1,0 +1,254 @@
+"""Shading within clean outlines: objects, silhouettes, clips, files that all renderers draw alike."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from test_svg_viewers import AGREEMENT_DB, CHROMIUM, agreement, in_chromium
+
+from cubicsplat_cli.artwork.geometry.outlines import Circle
+from cubicsplat_cli.artwork.scene import picture_of
+from cubicsplat_cli.artwork.shading.insides import INSET, TOLERANCE, coverage_of, inside_of
+from cubicsplat_cli.artwork.shading.objects import objects_of
+from cubicsplat_cli.artwork.shading.silhouettes import silhouettes
+from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape, scaled_drawing
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.images import of_scene
+from cubicsplat_cli.export.formats import exported
+from cubicsplat_cli.pipeline.shaded import shaded_drawing, shaded_objects
+from cubicsplat_cli.progress import Work, under_way
+from cubicsplat_cli.raster.cpu import CpuEngine
+from cubicsplat_cli.raster.engines import scene_arrays
+from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.request import request_of
+from cubicsplat_cli.scene import LayeredScene, Scene
+from cubicsplat_cli.settings import FitSettings, Mode
+from cubicsplat_cli.svg import read_drawing, read_svg, write_drawing
+
+SIDE, RADIUS = 72, 26.0
+QUICK = FitSettings.from_preset(steps=120, threads=1)
+
+
+def shares(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The coverage of a disc's pixels, from the distance to its rim."""
+    return np.clip(RADIUS + 0.5 - np.hypot(x - SIDE / 2, y - SIDE / 2), 0.0, 1.0)
+
+
+def ball(spots: int = 2) -> np.ndarray:
+    """(SIDE, SIDE, 4) a ball on nothing, of a shading that is no gradient, and on it a dark square; premultiplied."""
+    y, x = np.mgrid[:SIDE, :SIDE] + 0.5
+    light = np.zeros((SIDE, SIDE))
+    for cx, cy in ((26, 24), (50, 46))[:spots]:
+        light += np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / 220.0)
+    colour = np.stack([200 + 50 * light, 90 + 120 * light, 40 + 30 * light], axis=2) / 255.0
+    colour[40:52, 24:36] = 0.1, 0.1, 0.3
+    alpha = shares(x, y)[..., None]
+    return np.concatenate([np.clip(colour, 0, 1) * alpha, alpha], axis=2).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def drawing() -> Drawing:
+    objects = shaded_objects(ball())
+    assert objects is not None
+    return shaded_drawing(objects, QUICK)
+
+
+@pytest.fixture(scope="module")
+def svg(drawing) -> str:
+    return write_drawing(drawing, title="ball", comment="c")
+
+
+def levels_off(picture: np.ndarray, text: str) -> np.ndarray:
+    """(H, W) mean levels by which cairosvg's picture is off, over white."""
+    pixels = rerender(text.encode(), SIDE, SIDE).pixels / 255.0
+    over = pixels[..., :3] * pixels[..., 3:] + 1.0 - pixels[..., 3:]
+    return 255.0 * np.abs(over - (picture[..., :3] + 1.0 - picture[..., 3:])).mean(axis=2)
+
+
+def test_objects_end_at_edges_and_not_where_shading_changes():
+    labels = objects_of(255.0 * ball())
+    assert labels.max() == 2  # nothing, the ball, the square
+    assert len(np.unique(labels[[20, 36, 60], [24, 60, 40]])) == 1
+    assert labels[46, 30] != labels[20, 24] != labels[2, 2]
+
+
+def test_silhouettes_keep_the_shares_of_the_edges():
+    levels = 255.0 * ball()
+    flat = silhouettes(levels, objects_of(levels)).levels
+    y, x = np.mgrid[:SIDE, :SIDE] + 0.5
+    assert np.abs(flat[..., 3] / 255.0 - shares(x, y)).max() < 0.03
+    assert len(np.unique(flat[flat[..., 3] == 255.0].round(), axis=0)) < 60  # two fills, and the edge between them
+
+
+def test_a_thin_line_stays_an_object_of_its_own():
+    levels = np.full((40, 40, 4), 255.0)
+    levels[:, 18:21, :3] = 0.0, 120.0, 60.0
+    levels[10:30, 14:25, :3] = 0.0, 120.0, 60.0
+    flat = silhouettes(levels, objects_of(levels)).levels
+    assert np.abs(flat[3, 19] - flat[20, 19]).max() < 1.0
+    assert np.abs(flat[3, 19] - flat[3, 5]).max() > 40.0
+
+
+def test_insides_lie_inside_but_not_inside_the_canvas():
+    disc = Shape((0, 0, 0, 255), (Circle(20.0, 20.0, 12.0),), "disc")
+    area = coverage_of(inside_of(disc, 40, 40), 40, 40).sum()
+    assert np.pi * (12.0 - INSET - 2 * TOLERANCE) ** 2 < area < np.pi * (12.0 - INSET) ** 2
+    cut = Shape((0, 0, 0, 255), (Circle(0.0, 20.0, 12.0),), "cut")
+    assert coverage_of(inside_of(cut, 40, 40), 40, 40)[20, 0] == pytest.approx(1.0)
+    assert inside_of(Shape((0, 0, 0, 255), (Circle(20.0, 20.0, 0.5),), "dot"), 40, 40) == ()
+
+
+def test_shading_brings_a_drawing_near_and_leaves_edges_to_the_base(drawing, svg):
+    shaded = [shape for shape in drawing.shapes if shape.shading is not None]
+    assert len(drawing.shapes) == 2
+    assert [shape.name for shape in shaded] == ["orange"]
+    plain = write_drawing(
+        replace(drawing, shapes=tuple(replace(s, shading=None) for s in drawing.shapes)), title="", comment=""
+    )
+    near, far = levels_off(ball(), svg), levels_off(ball(), plain)
+    assert near.mean() < 0.5 * far.mean()
+    assert near.max() < 40.0
+    alpha = rerender(svg.encode(), SIDE, SIDE).pixels[..., 3]
+    assert np.abs(alpha - 255.0 * ball()[..., 3]).max() < 32.0  # more where many curves meet at the clip
+
+
+def test_the_group_is_named_and_lies_between_its_shape_and_what_covers_it(svg):
+    order = re.findall(r'<(?:g|circle|rect|clipPath) id="([^"]*)"', svg)
+    assert order[:3] == ["orange", "orange-inside", "orange-shading"]
+    assert len(order) == 4
+    assert 'clip-path="url(#orange-inside)"' in svg
+
+
+def test_a_file_reads_back_as_it_was_written(drawing, svg):
+    read = read_drawing(svg)
+    assert write_drawing(read, title="ball", comment="c") == svg
+    curves = [shape.shading.curves.curves for shape in read.shapes if shape.shading is not None]
+    assert curves == [shape.shading.curves.curves for shape in drawing.shapes if shape.shading is not None]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("url(#orange-inside)", "url(#other)"),
+        ('transform="scale(.1)"', 'transform="scale(3)"'),
+        ("z", "a1 1 0 0 1 2 2z"),
+    ],
+)
+def test_what_is_no_shading_of_ours_is_refused(svg, old, new):
+    group = svg.index("<clipPath")
+    with pytest.raises(InputError, match="line"):
+        read_drawing(svg[:group] + svg[group:].replace(old, new, 1))
+
+
+def test_a_drawing_with_shading_is_no_scene_of_curves(svg):
+    with pytest.raises(InputError, match="read_drawing"):
+        read_svg(svg)
+
+
+def test_cairosvg_and_resvg_draw_it_alike(svg):
+    for side in (SIDE, 4 * SIDE):
+        drawn = [rerender(svg.encode(), side, side, renderer=name).pixels for name in ("cairosvg", "resvg")]
+        assert agreement(*drawn) > AGREEMENT_DB
+        assert np.abs(drawn[0][..., 3].astype(int) - drawn[1][..., 3]).max() <= 40
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed (apt-get install chromium)")
+def test_chromium_draws_it_alike(svg, tmp_path):
+    (tmp_path / "x.svg").write_text(svg, encoding="utf-8")
+    shown = in_chromium(tmp_path / "x.svg", SIDE, SIDE, tmp_path)
+    assert agreement(shown, rerender(svg.encode(), SIDE, SIDE).pixels) > AGREEMENT_DB
+
+
+def test_the_engine_draws_the_layers_as_renderers_do(drawing, svg):
+    scene = picture_of(drawing)
+    assert isinstance(scene, LayeredScene)
+    assert scene.curves == sum(1 + (s.shading.curves.curves + 1 if s.shading else 0) for s in drawing.shapes)
+    own = of_scene(scene, SIDE, SIDE, 24, 1).rows(0, SIDE)
+    straight = np.concatenate([own[..., :3] / np.maximum(own[..., 3:], 1e-6), own[..., 3:]], axis=2)
+    drawn = rerender(svg.encode(), SIDE, SIDE).pixels
+    assert agreement(np.rint(255.0 * np.clip(straight, 0, 1)).astype(np.uint8), drawn) > AGREEMENT_DB
+
+
+def test_shading_grows_with_its_drawing(drawing):
+    large = scaled_drawing(drawing, 2 * SIDE, 2 * SIDE)
+    small, big = (of_scene(picture_of(each), SIDE, SIDE, 24, 1).rows(0, SIDE) for each in (drawing, large))
+    assert np.abs(small - big).max() < 0.02
+
+
+def test_a_ground_lies_behind_the_curves_of_the_engine():
+    ground = np.random.default_rng(0).random((8, 8, 3), np.float32)
+    points = np.array([[[0, 0], [3, 0], [6, 0], [9, 0], [6, 3], [3, 6], [0, 9], [0, 6], [0, 3]]], np.float32)
+    colours, opacities = np.array([[1, 0, 0]], np.float32), np.array([0.25], np.float32)
+    scene = Scene(Mode.CLOSED, 8, 8, points, colours, opacities, np.zeros(1, np.float32), (0.0, 1.0, 0.0))
+    engine = CpuEngine(1)
+    engine.ground = ground
+    drawn = engine.render(scene_arrays(scene), RasterSettings("exact", 1.0, 8, 0.0))
+    assert drawn[7, 7] == pytest.approx(ground[7, 7])
+    assert drawn[1, 1] == pytest.approx(0.75 * ground[1, 1] + (0.25, 0.0, 0.0), abs=1e-6)
+
+
+def test_flat_pictures_and_textures_have_no_shading():
+    assert shaded_objects(ball(0)) is None
+    noise = np.random.default_rng(0).random((SIDE, SIDE, 3), np.float32)
+    assert shaded_objects(noise) is None
+
+
+def test_the_command_shades_as_asked(run_cli, tmp_path):
+    pixels = ball()
+    straight = pixels[..., :3] / np.maximum(pixels[..., 3:], 1e-6)
+    image = np.rint(255.0 * np.concatenate([straight, pixels[..., 3:]], axis=2)).astype(np.uint8)
+    Image.fromarray(image).save(tmp_path / "ball.png")
+    texts = {}
+    for shading in ("none", "12"):
+        out = tmp_path / f"{shading}.svg"
+        given = ("--style", "artwork", "--shading", shading, "--preset", "draft", "--threads", 1)
+        done = run_cli("vectorize", tmp_path / "ball.png", "-o", out, *given)
+        assert done.returncode == 0, done.stderr
+        texts[shading] = out.read_text()
+    assert "clipPath" not in texts["none"]
+    assert 1 <= texts["12"].count("<path") - 3 <= 12  # two shapes and the clip
+
+
+@pytest.mark.parametrize("shading", ["0", "many", "-3", "1.5"])
+def test_shading_takes_none_auto_or_a_number(shading):
+    with pytest.raises(UsageError, match="none, auto"):
+        request_of({"shading": shading})
+
+
+@pytest.mark.parametrize("option", [{"stacking": "cutout"}, {"colors": 3}, {"group_by": "object"}, {"curves": 9}])
+def test_shading_does_not_go_with_options_of_flat_shapes(option):
+    with pytest.raises(UsageError, match="leave out"):
+        request_of({"shading": "20", **option})
+    assert not request_of(option).may_shade
+
+
+def test_programs_without_clips_get_the_shapes_alone(svg):
+    made = exported(svg.encode(), "xml", "the SVG", tolerance=0.05)
+    assert made.data.count(b"<path") == 2
+    assert "1 shading" in " ".join(made.notes)
+
+
+def test_shading_of_a_shape_needs_a_ground_and_curves(drawing):
+    shape = next(shape for shape in drawing.shapes if shape.shading is not None)
+    assert isinstance(shape.shading, Shading)
+    text = write_drawing(drawing, title="", comment="")
+    with pytest.raises(InputError, match="without a ground"):
+        read_drawing(re.sub(r'(<g id="orange-shading"[^>]*>)\s*<rect[^>]*/>', r"\1", text))
+
+
+def test_an_interrupt_leaves_the_objects_in_their_paints(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cubicsplat_cli.photo.fitting.Fitting.relax", interrupted)
+    with under_way(Work()) as work:
+        made = shaded_drawing(shaded_objects(ball()), QUICK)
+    assert work.interrupted
+    assert len(made.shapes) == 2
+    assert all(shape.shading is None for shape in made.shapes)
