@@ -193,7 +193,7 @@ def test_a_background_that_was_asked_for_lies_under_a_transparent_picture(tmp_pa
         (["vectorize", "x.png", "--curves"], "--curves needs a value; see --help"),
         (["doctor", "twice"], "there is nothing that 'twice' could be for; see --help"),
         (["bench", "bogus"], "there is no command 'bogus'; the commands are step, "),
-        (["help", "it's"], 'there is no command "it\'s"; the commands are vectorize, eval, '),
+        (["help", "it's"], 'there is no command "it\'s"; the commands are vectorize, animate, eval, '),
         (["vectorize", "a.png", "-o", "x"], "the output must end in .svg, but -o is x; -o x.svg is a file, -o x/ a"),
         (
             ["vectorize", "a.png", "--svgz", "-o", "x.svg"],
