@@ -137,10 +137,20 @@ def test_a_thin_box_of_an_fill_of_its_own_keeps_it():
 
 @pytest.mark.parametrize("dot", [[[0.3, 1.0, 0.3], [0.3, 1.0, 0.3]], [[0.6, 0.7], [0.75, 0.65]]])
 def test_dots_of_a_pixel_or_two_amid_a_fill_are_regions(dot):
+    """Where there are many of them, as in a tone."""
+    levels = np.full((140, 140, 4), 255.0, np.float32)
+    levels[126:138, 8:50, :3] = 0.0
+    rows, columns = np.shape(dot)
+    for y in range(3, 123, 6):
+        for x in range(6, 134, 6):
+            levels[y : y + rows, x : x + columns, :3] = 255.0 * (1.0 - np.array(dot))[..., None]
+    assert find_regions(levels, picture_fills(levels)).count == 2 + 20 * 22
+
+
+def test_a_few_faint_or_blurred_dots_are_left_to_the_finished_drawing():
     levels = np.full((60, 60, 4), 255.0, np.float32)
     levels[40:52, 8:50, :3] = 0.0
-    rows, columns = np.shape(dot)
-    for y in range(6, 30, 6):
-        for x in range(6, 54, 6):
-            levels[y : y + rows, x : x + columns, :3] = 255.0 * (1.0 - np.array(dot))[..., None]
-    assert find_regions(levels, picture_fills(levels)).count == 2 + 4 * 8
+    levels[6, 6:8, :3] = 128.0
+    levels[12, 12, :3] = 240.0
+    levels[18:20, 18, :3] = 0.0
+    assert find_regions(levels, np.array([[255.0] * 4, [0.0, 0.0, 0.0, 255.0], [240.0] * 3 + [255.0]])).count == 3

@@ -31,8 +31,9 @@ MOST_PALETTE = 64  # fills, beyond which a picture has gradients and textures ra
 # others; levels that are one colour; and the pixels that show it, also as a share of those that no blend explains.
 MOST_SEEN, STRANGE_FILL, ONE_COLOUR, FEWEST, LEAST_STRANGE = 24, 40.0, 24.0, 4, 0.002
 # A region below SPECK px must have a pixel that is its fill by MOSTLY; one below CRUMB px, or with no such pixel, must
-# have as much in all, and lie amid another region, so that it is no blend of two.
-SPECK, MOSTLY, CRUMB = 9, 0.9, 3
+# have as much in all, and lie amid another region, so that it is no blend of two. Unless there are MANY_DOTS of these,
+# too many to be tried one by one in the finished drawing, they must be purely of a colour of their own.
+SPECK, MOSTLY, CRUMB, MANY_DOTS = 9, 0.9, 3, 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +234,10 @@ def _sure(
     base = palette[fill_of[beside[own]]]
     span = palette[fills[y, x]] - base
     share = ((levels[y, x] - base) * span).sum(axis=1) / np.maximum((span * span).sum(axis=1), 1e-9)
-    amid = (neighbours == 1) & (np.bincount(own, share, count) >= MOSTLY) if dots else np.zeros(count, dtype=bool)
+    amid = (neighbours == 1) & (np.bincount(own, share, count) >= MOSTLY) & dots
+    if amid.sum() <= MANY_DOTS:
+        plain = sure[y, x] & (largest(np.abs(span)) > ONE_COLOUR)
+        amid &= np.bincount(own, plain, count) == sizes
     sure = sure.copy()
     sure[y, x] = ((share >= MOSTLY) & ~crumbs[own]) | amid[own]
     return sure
