@@ -250,7 +250,7 @@ def test_a_quick_photo_is_fitted_only_as_far_as_its_level_matters(level, monkeyp
     assert len(shares) == (1 if level == 60.0 else 3)
 
 
-@pytest.mark.parametrize(("drawn", "beyond"), [(30.0, 33.0), (21.0, 24.0), (11.5, 13.16)])
+@pytest.mark.parametrize(("drawn", "beyond"), [(30.0, 31.0), (21.0, 22.0), (11.5, 11.16)])
 def test_outlines_may_bring_a_sketch_nearer_by_so_many_decibels_or_so_much_of_its_error(drawn, beyond, monkeypatch):
     asked = []
     monkeypatch.setattr(Likeness, "pixels_db", lambda _: drawn)

@@ -22,8 +22,9 @@ FAR_DB = 22.0  # a mean error of 8 % of full scale, plain to see
 BYTES_PER_CURVE = 170.0  # of the photo style at its usual precision
 LEAST_BYTES = 5.0  # of a line or cubic in a file
 FEWEST, MOST = 8, 512  # curves of the quick fit; the photo has no more either, unless that is asked for
-# Shapes can be edited, so the curves must be better by what is plain to see.
-MARGIN_DB = 1.0
+# Shapes can be edited, so the curves must be better by what is plain to see. A quick photo is behind one that is fitted
+# to its end by so much at least.
+MARGIN_DB, QUICK_BEHIND_DB = 1.0, 2.0
 SKETCH_DB = 2.0  # that fitted outlines are better than polygons, at most
 # Mean squared error that polygons have and fitted outlines do not, of full scale: they are 0.3 px off at the edges, on
 # which a tenth of the pixels lie.
@@ -272,7 +273,7 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
     curves = _curves_of(task, made)
     if curves not in task.quick_photos:
         task.quick_photos[curves] = QuickPhoto(task, curves, lambda scene: seen_db(task, scene, made.samples))
-    fitted = task.quick_photos[curves].beyond(drawn + rise_db + MARGIN_DB)
+    fitted = task.quick_photos[curves].beyond(drawn + rise_db + MARGIN_DB - QUICK_BEHIND_DB)
     if fitted is None:
         return None
     near = "is identical" if math.isinf(fitted) else f"has {fitted:.1f} dB"
