@@ -168,8 +168,8 @@ def _versions(
             work().at("adding details", 0.93)
             min_area = settings.min_area / prepared.scale**2
             drawing = with_added(drawing, goal, condition, settings.detail, min_area, settings.curves)
-    yield _painted(_with_strokes(drawing, goal, settings.detail, error / 255.0) if strokes else drawing)
-    for each in simpler(drawing, goal, settings.detail, error / 255.0) if goal is not None else ():
+    further = iter(()) if goal is None else simpler(drawing, goal, settings.detail, error / 255.0)
+    for each in chain([drawing], further):
         yield _painted(_with_strokes(each, goal, settings.detail, error / 255.0) if strokes else each)
 
 
