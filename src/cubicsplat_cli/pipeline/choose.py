@@ -204,23 +204,27 @@ def _or_shaded(task: Task, drawing: Made) -> Made:
     """A drawing; or a shaded one, where that is asked for, the picture has shading, and that is plainly nearer."""
     if not task.request.may_shade or not drawing.may_be_photo or drawing.interrupted:
         return drawing
-    if _is_above(task, drawing, ENOUGH_DB):
+    drawn_db = _seen_db(task, drawing, ENOUGH_DB)
+    if math.isinf(drawn_db):
         return drawing
     from cubicsplat_cli.pipeline.shaded import drawn_shaded, shaded_objects  # which few pictures need
 
     objects = shaded_objects(task.target.target())
-    shaded = None if objects is None else drawn_shaded(task, objects)
-    return drawing if shaded is None or not _seen_above(task, shaded, drawing) else shaded
+    if objects is None:
+        return drawing
+    shaded = drawn_shaded(task, objects)
+    return shaded if _seen_db(task, shaded) > drawn_db + MARGIN_DB else drawing
 
 
-def _seen_above(task: Task, first: Made, second: Made) -> bool:
-    """Whether a result is nearer than another by what is plain to see."""
-    levels = []
-    for made in (first, second):
-        likeness = None if made.scene is None else Likeness.of(task, made.scene, made.samples, made.blur)
-        pixels_db = None if likeness is None else likeness.pixels_db()
-        levels.append(math.inf if likeness is None or pixels_db is None else likeness.seen_db(pixels_db))
-    return levels[0] > levels[1] + MARGIN_DB
+def _seen_db(task: Task, made: Made, enough_db: float = math.inf) -> float:
+    """The level of a result as people see it; infinite where it is the picture, has no scene, or has enough dB already
+    by its pixels.
+    """
+    likeness = None if made.scene is None else Likeness.of(task, made.scene, made.samples, made.blur)
+    pixels_db = None if likeness is None else likeness.pixels_db()
+    if likeness is None or pixels_db is None or pixels_db >= enough_db:
+        return math.inf
+    return likeness.seen_db(pixels_db)
 
 
 def _suiting(task: Task, style: Style) -> Made:
@@ -263,11 +267,9 @@ def photo_is_nearer(task: Task, made: Made, rise_db: float = 0.0, fall: float = 
     rise_db, fall: by how many dB the level of the drawing may still rise, and its mean squared error fall, of full
     scale. Raises what a fit raises, and KeyboardInterrupt.
     """
-    likeness = None if made.scene is None else Likeness.of(task, made.scene, made.samples, made.blur)
-    level = None if likeness is None else likeness.pixels_db()
-    if likeness is None or level is None or level >= ENOUGH_DB:
+    drawn = _seen_db(task, made, ENOUGH_DB)
+    if math.isinf(drawn):
         return None
-    drawn = likeness.seen_db(level)
     rest = 10.0 ** (-0.1 * drawn) - fall
     rise_db = min(rise_db, -10.0 * math.log10(rest) - drawn) if rest > 0.0 else rise_db
     curves = _curves_of(task, made)
