@@ -8,11 +8,10 @@ import numpy as np
 
 from cubicsplat_cli.raster.engine import EngineScene
 from cubicsplat_cli.scene import MovingScene, Scene
-from cubicsplat_cli.scene.moving import TRACKS, lines_at
+from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, TRACKS, lines_at
 
 PAINTS = ("colours", "opacities")  # the tracks whose values lie in [0, 1]
 LEVELS = 255
-OPACITY_DECIMALS, MIN_WIDTH_DECIMALS = 2, 2  # of animated files
 
 
 @dataclass

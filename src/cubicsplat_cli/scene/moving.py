@@ -12,6 +12,8 @@ from cubicsplat_cli.scene.scene import Scene
 
 # What moves on knots of its own: the shape without its offset (control points and half-width), the offset, the fill.
 TRACKS = ("shapes", "offsets", "colours", "opacities")
+# Decimals of a file: of opacities, where more would not show beside the error of a fit; of widths, at least.
+OPACITY_DECIMALS, MIN_WIDTH_DECIMALS = 2, 2
 
 
 @dataclass

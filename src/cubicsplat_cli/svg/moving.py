@@ -10,12 +10,11 @@ import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import Scene
-from cubicsplat_cli.scene.moving import Clip, MovingScene
+from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Clip, MovingScene
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.quantise import MAX_COORDINATE, MIN_WIDTH_DECIMALS, check_precision
+from cubicsplat_cli.svg.quantise import MAX_COORDINATE, check_precision
 
 SHAPE, OFFSET, COLOUR, OPACITY, WIDTH = "shape", "offset", "colour", "opacity", "width"
-OPACITY_DECIMALS = 2  # beside the fit's error of some hundredths more would not show
 TIME_DECIMALS = 4  # of seconds
 _OF_A_FRAME = 0.03  # by which the time of a knot may be off
 _NOISE = 1e-9  # of float arithmetic, in steps

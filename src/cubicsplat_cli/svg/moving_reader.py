@@ -9,12 +9,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.moving import (
     COLOUR,
     OFFSET,
     OPACITY,
-    OPACITY_DECIMALS,
     SHAPE,
     WIDTH,
     GridClip,
@@ -22,7 +22,6 @@ from cubicsplat_cli.svg.moving import (
     Track,
 )
 from cubicsplat_cli.svg.paths import subpaths
-from cubicsplat_cli.svg.quantise import MIN_WIDTH_DECIMALS
 from cubicsplat_cli.svg.values import NUMBERS, hex_colour
 
 _SVG = "{http://www.w3.org/2000/svg}"

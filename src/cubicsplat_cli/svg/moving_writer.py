@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from cubicsplat_cli.scene.moving import OPACITY_DECIMALS
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.markup import comment_text, format_number, short_colour, xml_text
 from cubicsplat_cli.svg.moving import (
     COLOUR,
     OFFSET,
     OPACITY,
-    OPACITY_DECIMALS,
     SHAPE,
     TIME_DECIMALS,
     WIDTH,
