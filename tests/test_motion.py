@@ -13,10 +13,10 @@ import pytest
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion import fit_clip
 from cubicsplat_cli.motion.fitting import ClipFit
-from cubicsplat_cli.motion.groups import Group, groups
+from cubicsplat_cli.motion.groups import FrameGroup, groups
 from cubicsplat_cli.motion.joint import JointFit
 from cubicsplat_cli.motion.knots import Choice, choose
-from cubicsplat_cli.motion.tracks import Track, Tracks
+from cubicsplat_cli.motion.tracks import KnotTrack, Tracks
 from cubicsplat_cli.progress import Progress, Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
@@ -128,7 +128,7 @@ def test_a_group_goes_on_with_the_curves_that_the_one_before_shows_at_its_end() 
     pictures = [disc(8.0 + frame, 12.0) for frame in range(7)]
     settings = FitSettings.from_preset("draft", curves=3, steps=150, threads=1, background="#e6e6cc")
     fit = ClipFit(pictures[0], settings, precision=1, bytes_per_second=math.inf, count=7)
-    first = fit.group(Group(after_cut=True, pictures=pictures[:4], times=[0.0, 0.1, 0.2, 0.3], end=0.4), None)
+    first = fit.group(FrameGroup(after_cut=True, pictures=pictures[:4], times=[0.0, 0.1, 0.2, 0.3], end=0.4), None)
     assert first is not None
     last = first.at(3)
     shown = render_scene(last, threads=1)
@@ -136,7 +136,7 @@ def test_a_group_goes_on_with_the_curves_that_the_one_before_shows_at_its_end() 
         replace(last, opacities=np.where(np.arange(3) == curve, np.float32(0.0), last.opacities)) for curve in range(3)
     ]
     dead = min(gone, key=lambda scene: float(np.square(render_scene(scene, threads=1) - shown).sum()))
-    second = fit.group(Group(after_cut=False, pictures=pictures[4:], times=[0.4, 0.5, 0.6], end=0.7), dead)
+    second = fit.group(FrameGroup(after_cut=False, pictures=pictures[4:], times=[0.4, 0.5, 0.6], end=0.7), dead)
     assert second is not None
     assert second.curves == 3
     assert place(second.at(2)) == pytest.approx((14.0, 12.0), abs=0.3)
@@ -213,7 +213,7 @@ def test_knots_are_those_of_the_least_error_and_price(price: float) -> None:
     generator = np.random.default_rng(3)
     times = np.cumsum(0.1 + generator.random(6))
     values, there = generator.random((6, 1, 2)).astype(np.float32), np.ones((6, 1), bool)
-    track = Track(values, there.copy(), np.zeros(1, bool))
+    track = KnotTrack(values, there.copy(), np.zeros(1, bool))
     choice = Choice(track, np.array([[1.0, 2.0]]), there, times)
     found, error = choice.at(price, 1e9 if price > 10 else -1e9)
 
@@ -235,7 +235,9 @@ def test_fitted_knots_are_the_least_squares_of_the_path() -> None:
     generator = np.random.default_rng(5)
     times = np.cumsum(0.1 + generator.random(7))
     values, there = generator.random((7, 2, 1)).astype(np.float32), np.ones((7, 2), bool)
-    track = Track(values, np.array([[1, 1], [0, 1], [1, 0], [0, 0], [0, 1], [0, 0], [1, 1]], bool), np.zeros(2, bool))
+    track = KnotTrack(
+        values, np.array([[1, 1], [0, 1], [1, 0], [0, 0], [0, 1], [0, 0], [1, 1]], bool), np.zeros(2, bool)
+    )
     whole = Choice(track, np.ones((2, 1)), there, times).fitted(track).whole(times).values
     for curve in range(2):
         at = np.flatnonzero(track.knots[:, curve])

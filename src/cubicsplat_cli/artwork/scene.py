@@ -10,7 +10,7 @@ from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape
 from cubicsplat_cli.errors import InputError
-from cubicsplat_cli.scene import Layer, LayeredScene, Scene, pack_rings
+from cubicsplat_cli.scene import LayeredScene, Scene, SceneLayer, pack_rings
 from cubicsplat_cli.scene.gradients import gradients_of
 from cubicsplat_cli.settings import Mode
 
@@ -23,14 +23,14 @@ def picture_of(drawing: Drawing) -> Scene | LayeredScene:
     for shape in drawing.shapes:
         plain.append(shape)
         if shape.shading is not None:
-            layers += [Layer(_part(drawing, plain)), *_shading_layers(drawing, shape, shape.shading)]
+            layers += [SceneLayer(_part(drawing, plain)), *_shading_layers(drawing, shape, shape.shading)]
             plain = []
     if plain:
-        layers.append(Layer(_part(drawing, plain)))
+        layers.append(SceneLayer(_part(drawing, plain)))
     return LayeredScene(drawing.width, drawing.height, tuple(layers))
 
 
-def _shading_layers(drawing: Drawing, shape: Shape, shading: Shading) -> list[Layer]:
+def _shading_layers(drawing: Drawing, shape: Shape, shading: Shading) -> list[SceneLayer]:
     """The ground of a shading and its curves, both clipped."""
     ground = Shape(shading.fill, shading.clip, shape.name, shading.gradient)
     # The rings run as they should: holes may be anywhere among them.
@@ -44,7 +44,7 @@ def _shading_layers(drawing: Drawing, shape: Shape, shading: Shading) -> list[La
         colours=np.ones((1, 3), np.float32),
         opacities=np.ones(1, np.float32),
     )
-    return [Layer(below, clip, shape.name), Layer(shading.curves, clip, shape.name)]
+    return [SceneLayer(below, clip, shape.name), SceneLayer(shading.curves, clip, shape.name)]
 
 
 def _box_around(rings: tuple[Ring, ...]) -> Rectangle:

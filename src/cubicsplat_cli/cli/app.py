@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from cubicsplat_cli._version import __version__
-from cubicsplat_cli.cli.options import Command, Group, GroupedCommand
+from cubicsplat_cli.cli.options import Command, CommandGroup, GroupedCommand
 from cubicsplat_cli.files.paths import is_there
 from cubicsplat_cli.formatting import did_you_mean
 from cubicsplat_cli.options import listed
@@ -46,7 +46,7 @@ def application(*commands: str) -> typer.Typer:
     """
     app = typer.Typer(
         name="cubicsplat",
-        cls=Group,
+        cls=CommandGroup,
         help="Turn pictures into SVGs: photos as curves that blend, drawings as few shapes. Measure any SVG.",
         add_completion=True,
         # A traceback of a bug is for a bug report: plain, complete, and without the values of local variables.

@@ -198,7 +198,7 @@ class _AsGiven:
         return parameters
 
 
-class Group(_AsGiven, TyperGroup):
+class CommandGroup(_AsGiven, TyperGroup):
     """Commands with a name in common."""
 
 

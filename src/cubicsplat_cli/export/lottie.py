@@ -11,7 +11,7 @@ import numpy as np
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.files.marks import PROGRAM
 from cubicsplat_cli.settings import Mode
-from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, WIDTH, GridClip, GridGroup, Track
+from cubicsplat_cli.svg.moving import COLOUR, OFFSET, OPACITY, SHAPE, WIDTH, GridClip, GridGroup, GridTrack
 
 _FORMAT = "5.7.0"  # of Lottie, which all players of today know
 _SHAPES, _SOLID = 4, 1  # kinds of layers
@@ -56,7 +56,7 @@ def _placed(kind: int, index: int, begin: float, end: float, scale: float) -> di
 def _layer(clip: GridClip, group: GridGroup, fps: float, index: int) -> dict[str, Any]:
     placed = _placed(_SHAPES, index, group.begin * fps, group.end * fps, 100 / 10**clip.precision)
 
-    def moving(track: Track, value: Callable[[list[int]], Any], *, path: bool = False) -> dict[str, Any]:
+    def moving(track: GridTrack, value: Callable[[list[int]], Any], *, path: bool = False) -> dict[str, Any]:
         values = [value(row) for row in track.values.tolist()]
         if len(values) == 1:
             return {"a": 0, "k": values[0]}
@@ -70,7 +70,7 @@ def _layer(clip: GridClip, group: GridGroup, fps: float, index: int) -> dict[str
     return placed | {"shapes": [_curve(clip, curve, moving) for curve in group.curves]}
 
 
-def _curve(clip: GridClip, curve: dict[str, Track], moving: Callable[..., dict[str, Any]]) -> dict[str, Any]:
+def _curve(clip: GridClip, curve: dict[str, GridTrack], moving: Callable[..., dict[str, Any]]) -> dict[str, Any]:
     closed = clip.mode is Mode.CLOSED
     outline = {"ty": "sh", "ks": moving(curve[SHAPE], lambda row: _bezier(row, closed=closed), path=True)}
     paint: dict[str, Any] = {

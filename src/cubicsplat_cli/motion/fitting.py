@@ -13,8 +13,8 @@ import numpy as np
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion.following import follow
-from cubicsplat_cli.motion.groups import Group, groups
-from cubicsplat_cli.motion.joint import JointFit, Rates
+from cubicsplat_cli.motion.groups import FrameGroup, groups
+from cubicsplat_cli.motion.joint import JointFit, KnotRates
 from cubicsplat_cli.motion.knots import choose, sensitivity, split_offsets
 from cubicsplat_cli.motion.tracks import Tracks, grid_of
 from cubicsplat_cli.photo.initial import choose_background
@@ -149,7 +149,7 @@ class ClipFit:
         by_curves = math.sqrt(MEMORY / (8 * len(TRACKS) * settings.curves))
         self.most_frames = max(2, min(MOST_FRAMES, MEMORY // picture.nbytes, int(by_curves)))
 
-    def group(self, group: Group, start: Scene | None) -> MovingScene | None:
+    def group(self, group: FrameGroup, start: Scene | None) -> MovingScene | None:
         """The curves of a group's frames, of fewer where the work is stopped, or None if that was right away.
 
         start: the curves of the frame before, if this group goes on with it.
@@ -179,7 +179,7 @@ class ClipFit:
         """The tracks with fewer knots, fitted to all frames at once."""
         finish, between = round(FINISH * epochs), round(LOOSENED * epochs)
         each = (epochs - finish - (ROUNDS - 1) * between) // ROUNDS
-        rates, stage = Rates(RATE * self.unit, PAINT_RATE), "moving curves"
+        rates, stage = KnotRates(RATE * self.unit, PAINT_RATE), "moving curves"
         tracks = self._thinned(tracks, pictures)
         with work().stoppable():
             for turn in range(ROUNDS):

@@ -15,7 +15,7 @@ REMEMBERED = 8  # differences
 
 
 @dataclass
-class Group:
+class FrameGroup:
     """pictures: (H, W, C) float32 each. times: when each begins, s. end: of the last, s. after_cut: whether its first
     frame has nothing to do with the one before.
     """
@@ -31,17 +31,17 @@ class Group:
         self.end = end
 
 
-def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iterator[Group]:
+def groups(frames: Iterable[tuple[np.ndarray, float, float]], most: int) -> Iterator[FrameGroup]:
     """Groups of at most so many frames. frames: pictures (H, W, C), and the seconds of their begin and end."""
     recent: deque[float] = deque(maxlen=REMEMBERED)
-    group, before = Group(after_cut=True), None
+    group, before = FrameGroup(after_cut=True), None
     for picture, begin, end in frames:
         blocks = _blocks(picture)
         jump = 0.0 if before is None else float(np.abs(blocks - before).mean())
         cut = jump > max(LEAST_JUMP, JUMP * max(recent, default=0.0))
         if cut or len(group.pictures) == most:
             yield group
-            group = Group(after_cut=cut)
+            group = FrameGroup(after_cut=cut)
         recent.append(jump)
         if cut:
             recent.clear()

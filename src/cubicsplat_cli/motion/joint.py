@@ -18,15 +18,15 @@ RATE_END = 0.05  # of the first step size, at the end of the cosine decay
 
 
 @dataclass(frozen=True)
-class Rates:
+class KnotRates:
     """Step sizes of Adam. points: px, of shapes and offsets. paints: of colours and opacities, in their range."""
 
     points: float
     paints: float
 
-    def scaled(self, share: float) -> Rates:
+    def scaled(self, share: float) -> KnotRates:
         """So many times as long steps."""
-        return Rates(share * self.points, share * self.paints)
+        return KnotRates(share * self.points, share * self.paints)
 
     def of(self, track: str) -> float:
         """That of a track."""
@@ -52,7 +52,7 @@ class JointFit:
         self.ages = {name: np.zeros(value.shape[:2], np.int32) for name, value in values.items()}
         self.losses = np.full(len(frames), math.inf)
 
-    def run(self, epochs: int, rates: Rates, generator: np.random.Generator) -> None:
+    def run(self, epochs: int, rates: KnotRates, generator: np.random.Generator) -> None:
         """So many times every frame, with step sizes that decay. Raises Stopped between two steps."""
         stride = min(STRIDE, len(self.frames))
         for epoch in range(epochs):
@@ -61,7 +61,7 @@ class JointFit:
                 work().at()
                 self.step(range(phase, len(self.frames), stride), rates.scaled(share))
 
-    def step(self, chosen: range, rates: Rates) -> None:
+    def step(self, chosen: range, rates: KnotRates) -> None:
         """One step by the gradients of some frames."""
         sums, touched = self.gradients(chosen)
         for name, gradient in sums.items():

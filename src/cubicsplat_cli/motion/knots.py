@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cubicsplat_cli.motion.tracks import PAINTS, Track, Tracks, gradients_of
+from cubicsplat_cli.motion.tracks import PAINTS, KnotTrack, Tracks, gradients_of
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
 
@@ -69,7 +69,7 @@ class Choice:
     bool, the frames at which errors count.
     """
 
-    track: Track
+    track: KnotTrack
     weights: np.ndarray
     there: np.ndarray
     times: np.ndarray
@@ -85,7 +85,7 @@ class Choice:
             middle = (scaled * there[..., None]).sum(axis=0) / np.maximum(there.sum(axis=0), 1.0)[:, None]
             self.still_errors[part] = (np.square(scaled - middle).sum(axis=2) * there).sum(axis=0)
 
-    def at(self, price: float, start: float) -> tuple[Track, float]:
+    def at(self, price: float, start: float) -> tuple[KnotTrack, float]:
         """The track with the knots of the least sum of errors and prices, and the sum of its errors.
 
         price: of a knot; start: of a curve that is not still; both in units of the loss. Values are those of before.
@@ -94,12 +94,12 @@ class Choice:
         still = self.still_errors <= cost + start
         knots[1:-1, still] = False
         error = np.where(still, self.still_errors, cost - price * (knots.sum(axis=0) - 1))
-        return Track(self.track.values, knots, still), float(error.sum())
+        return KnotTrack(self.track.values, knots, still), float(error.sum())
 
-    def fitted(self, track: Track) -> Track:
+    def fitted(self, track: KnotTrack) -> KnotTrack:
         """A track of these knots whose path is nearest to the values that this one was chosen for."""
         values = least_squares(track, self.track.values, self.there, self.times)
-        return Track(values, track.knots, track.still)
+        return KnotTrack(values, track.knots, track.still)
 
 
 def choose(tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, loss: float, most_bytes: float) -> Tracks:
@@ -117,7 +117,7 @@ def choose(tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, lo
     most_error = max(LEAST_KNOT_LOSS * loss, min(KNOT_LOSS * loss, MOTION_LOSS * motion))
     costs = {name: knot_bytes(name, track.values.shape[2]) for name, track in tracks.by_name.items()}
 
-    def at(price: float) -> dict[str, tuple[Track, float]]:
+    def at(price: float) -> dict[str, tuple[KnotTrack, float]]:
         return {name: one.at(price * costs[name], price * START_BYTES) for name, one in choices.items()}
 
     def near(price: float) -> bool:
@@ -186,7 +186,7 @@ def _cheapest(errors: np.ndarray, price: float) -> tuple[np.ndarray, np.ndarray]
     return knots, cost[-1]
 
 
-def least_squares(track: Track, wanted: np.ndarray, there: np.ndarray, times: np.ndarray) -> np.ndarray:
+def least_squares(track: KnotTrack, wanted: np.ndarray, there: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(F, N, C): values at the knots of a track with which its path is nearest to the wanted ones (F, N, C), at the
     frames that count, `there` (F, N); others count a little.
 

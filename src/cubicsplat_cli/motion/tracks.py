@@ -15,7 +15,7 @@ LEVELS = 255
 
 
 @dataclass
-class Track:
+class KnotTrack:
     """One of `TRACKS`. values: (F, N, C) float32, of which only the rows of knots count. knots: (F, N) bool.
 
     still: (N,) bool: the curves whose values never change; they are those of the first frame.
@@ -40,7 +40,7 @@ class Track:
         before[:, self.still], after[:, self.still], share[:, self.still] = 0, 0, 0.0
         return Lines(before, after, share)
 
-    def whole(self, times: np.ndarray) -> Track:
+    def whole(self, times: np.ndarray) -> KnotTrack:
         """The same with the values between knots, and those of still curves, set."""
         lines = self.lines(times)
         return replace(self, values=np.stack([lines.at(self.values, frame) for frame in range(len(times))]))
@@ -71,14 +71,14 @@ class Lines:
 class Tracks:
     """All numbers of N curves over F frames. scene: canvas and topology. times: (F,) s. end: of the last frame, s.
 
-    by_name: of each of `TRACKS` its `Track`: shapes (2 K coordinates in px, and the half-width), offsets (2, px),
+    by_name: of each of `TRACKS` its `KnotTrack`: shapes (2 K coordinates in px, and the half-width), offsets (2, px),
     colours (3), opacities (1). Control points are shape plus offset.
     """
 
     scene: Scene
     times: np.ndarray
     end: float
-    by_name: dict[str, Track]
+    by_name: dict[str, KnotTrack]
 
     @classmethod
     def on_every_frame(cls, scenes: list[Scene], times: np.ndarray, end: float) -> Tracks:
@@ -94,7 +94,8 @@ class Tracks:
         }
         every, never = np.ones((frames, curves), np.bool_), np.zeros(curves, np.bool_)
         by_name = {
-            name: Track(np.ascontiguousarray(values[name], np.float32), every.copy(), never.copy()) for name in TRACKS
+            name: KnotTrack(np.ascontiguousarray(values[name], np.float32), every.copy(), never.copy())
+            for name in TRACKS
         }
         return cls(scenes[0], times, end, by_name)
 
@@ -117,7 +118,7 @@ class Tracks:
         every = np.ones_like(self.by_name["shapes"].knots)
         never = np.zeros(every.shape[1], bool)
         by_name = {
-            name: Track(track.whole(self.times).values, every.copy(), never.copy())
+            name: KnotTrack(track.whole(self.times).values, every.copy(), never.copy())
             for name, track in self.by_name.items()
         }
         return replace(self, by_name=by_name)

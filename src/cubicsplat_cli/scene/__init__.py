@@ -1,10 +1,17 @@
 """The scene: the curves that fit, raster and svg exchange, in arrays of numpy or torch, and their fills' gradients."""
 
-from cubicsplat_cli.scene.layers import Layer, LayeredScene
+from cubicsplat_cli.scene.layers import LayeredScene, SceneLayer
 from cubicsplat_cli.scene.moving import Clip, MovingScene
 from cubicsplat_cli.scene.scene import Scene, pack_rings, points_from_segments, scaled_scene, segments_from_points
 
 __all__ = [
-    "Clip", "Layer", "LayeredScene", "MovingScene", "Scene", "pack_rings", "points_from_segments", "scaled_scene",
+    "Clip",
+    "LayeredScene",
+    "MovingScene",
+    "Scene",
+    "SceneLayer",
+    "pack_rings",
+    "points_from_segments",
+    "scaled_scene",
     "segments_from_points",
 ]  # fmt: skip

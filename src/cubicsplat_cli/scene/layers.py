@@ -8,7 +8,7 @@ from cubicsplat_cli.scene.scene import Scene, scaled_scene
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class SceneLayer:
     """A scene without a background, of which only what lies within `clip` is seen: the curves, filled, of another scene
     of its size; all of it with None. name: of what it shades, empty for shapes.
     """
@@ -24,7 +24,7 @@ class LayeredScene:
 
     width: int
     height: int
-    layers: tuple[Layer, ...]
+    layers: tuple[SceneLayer, ...]
 
     @property
     def curves(self) -> int:

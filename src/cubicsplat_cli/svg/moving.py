@@ -21,7 +21,7 @@ _NOISE = 1e-9  # of float arithmetic, in steps
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class GridTrack:
     """What a number of values does over a group: linear between knots.
 
     keys: (k,) int64, rising from 0, when the knots are, in units of `GridClip.key_s` after the group's begin. values:
@@ -49,7 +49,7 @@ class GridGroup:
 
     begin: float
     end: float
-    curves: list[dict[str, Track]]
+    curves: list[dict[str, GridTrack]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class GridClip:
 
     @property
     def key_s(self) -> float:
-        """Seconds of a unit of `Track.keys`."""
+        """Seconds of a unit of `GridTrack.keys`."""
         return self.duration / 10**self.key_decimals
 
     @property
@@ -152,7 +152,7 @@ def to_grid_clip(clip: Clip, precision: int, off: float = 0.5) -> GridClip:
     return GridClip(first.mode, clip.width, clip.height, precision, background, duration, decimals, groups)
 
 
-def _curves(group: MovingScene, precision: int, key_s: float, off: float) -> list[dict[str, Track]]:
+def _curves(group: MovingScene, precision: int, key_s: float, off: float) -> list[dict[str, GridTrack]]:
     if group.base.ring_ends is not None:
         raise InputError("curves of a clip are single rings of equal length; holes cannot be written")
     if np.abs(group.points).max() > MAX_COORDINATE:
@@ -172,7 +172,7 @@ def _curves(group: MovingScene, precision: int, key_s: float, off: float) -> lis
     }
     knots = {name: group.knots_of(track) for name, (_, track) in grids.items()}
 
-    def track(name: str, curve: int) -> Track:
+    def track(name: str, curve: int) -> GridTrack:
         chosen = knots[name][:, curve]
         return _needed(keys[chosen], grids[name][0][chosen, curve], off)
 
@@ -187,12 +187,12 @@ def _rounded(values: np.ndarray) -> np.ndarray:
     return np.rint(values.reshape(*values.shape[:2], -1)).astype(np.int64)
 
 
-def _needed(keys: np.ndarray, values: np.ndarray, most: float) -> Track:
+def _needed(keys: np.ndarray, values: np.ndarray, most: float) -> GridTrack:
     """The track through the knots that are more than so many steps off the lines between others (Douglas and Peucker,
     1973).
     """
     if np.abs(values - values[0]).max() <= most - 0.5:
-        return Track(keys[:1] * 0, values[:1])
+        return GridTrack(keys[:1] * 0, values[:1])
     # Two frames may have one key where they are a hundredth of a frame apart.
     distinct = np.append(np.diff(keys) > 0, True)
     keys, values = keys[distinct], values[distinct]
@@ -207,10 +207,10 @@ def _needed(keys: np.ndarray, values: np.ndarray, most: float) -> Track:
             ahead += [(middle, last), (first, middle)]
         else:
             kept.append(last)
-    return Track(keys[kept], values[kept])
+    return GridTrack(keys[kept], values[kept])
 
 
-def _rigid(tracks: dict[str, Track], most: float, *, free: bool) -> dict[str, Track]:
+def _rigid(tracks: dict[str, GridTrack], most: float, *, free: bool) -> dict[str, GridTrack]:
     """The tracks of a curve; those of its points as an offset where all of them move alike and none is there yet."""
     shape = tracks[SHAPE]
     if not free or len(shape.keys) == 1:
@@ -219,4 +219,4 @@ def _rigid(tracks: dict[str, Track], most: float, *, free: bool) -> dict[str, Tr
     offsets = np.rint(moved.mean(axis=1)).astype(np.int64)
     if np.abs(moved - offsets[:, None]).max() > 1:  # the rounding of a point, and that of the offset
         return tracks
-    return {**tracks, SHAPE: Track(shape.keys[:1], shape.values[:1]), OFFSET: _needed(shape.keys, offsets, most)}
+    return {**tracks, SHAPE: GridTrack(shape.keys[:1], shape.values[:1]), OFFSET: _needed(shape.keys, offsets, most)}

@@ -19,7 +19,7 @@ from cubicsplat_cli.svg.moving import (
     WIDTH,
     GridClip,
     GridGroup,
-    Track,
+    GridTrack,
 )
 from cubicsplat_cli.svg.paths import subpaths
 from cubicsplat_cli.svg.values import NUMBERS, hex_colour
@@ -69,17 +69,17 @@ def _times(group: ElementTree.Element, clip: GridClip) -> tuple[float, float]:
     return keys[shown], keys[shown + 1] if shown + 1 < len(keys) else clip.duration
 
 
-def _curve(path: ElementTree.Element, clip: GridClip) -> dict[str, Track]:
+def _curve(path: ElementTree.Element, clip: GridClip) -> dict[str, GridTrack]:
     moving = {each.attrib["attributeName"]: each for each in path}
     paint = "fill" if clip.mode is Mode.CLOSED else "stroke"
     width_decimals = max(clip.precision, MIN_WIDTH_DECIMALS) - clip.precision
 
-    def track(name: str, usual: str, read: object) -> Track:
+    def track(name: str, usual: str, read: object) -> GridTrack:
         element = moving.get(name)
         texts = [path.get(name, usual)] if element is None else element.attrib["values"].split(";")
         values = np.array([read(text) for text in texts], dtype=np.int64)  # type: ignore[operator]
         keys = [0] if element is None else _keys(element, len(texts), clip)
-        return Track(np.array(keys, np.int64), values)
+        return GridTrack(np.array(keys, np.int64), values)
 
     return {
         SHAPE: track("d", "", lambda text: _points(text, clip.mode)),

@@ -18,7 +18,7 @@ from cubicsplat_cli.svg.moving import (
     WIDTH,
     GridClip,
     GridGroup,
-    Track,
+    GridTrack,
 )
 from cubicsplat_cli.svg.scene_writer import BACKGROUND_ID
 
@@ -99,7 +99,7 @@ class _Timing:
         self._begin = f' begin="{_seconds(group.begin - clip.duration)}"' if later else ""
         self._repeated = _said(repeated(clip.duration, plays + 1 if later and plays else plays))
 
-    def attributes(self, track: Track, values: Sequence[str]) -> str:
+    def attributes(self, track: GridTrack, values: Sequence[str]) -> str:
         """` values="..." keyTimes="..." begin="..." dur="..." ...`."""
         keys, texts = track.keys.tolist(), [*values]
         if keys[-1] < self._whole:
@@ -110,7 +110,7 @@ class _Timing:
         return f' values="{";".join(texts)}"' + (f' keyTimes="{times}"' if times else "") + self._begin + self._repeated
 
 
-def _path(clip: GridClip, curve: dict[str, Track], timing: _Timing, *, still: bool) -> str:
+def _path(clip: GridClip, curve: dict[str, GridTrack], timing: _Timing, *, still: bool) -> str:
     """One curve. still: whether it belongs to the first frame, which viewers show that know no animation."""
     paint = "fill" if clip.mode is Mode.CLOSED else "stroke"
     texts = {
@@ -133,7 +133,7 @@ def _path(clip: GridClip, curve: dict[str, Track], timing: _Timing, *, still: bo
     return f"<path{attributes}>{children}</path>" if children else f"<path{attributes}/>"
 
 
-def _numbers(track: Track, decimals: int) -> list[str]:
+def _numbers(track: GridTrack, decimals: int) -> list[str]:
     return [format_number(value, decimals) for value in track.values[:, 0].tolist()]
 
 
