@@ -20,7 +20,7 @@ def within_budget(task: Task, versions: Iterator[Made]) -> Made:
     """
     made, request = next(versions), task.request
     if request.target_psnr is not None:
-        return _reaching(request.target_psnr, made, versions, FileLevel(task))
+        return _reaching(request.target_psnr, made, versions, task)
     while (has := _excess(task, made)) is not None:
         following = next(versions, None)
         if following is not None:
@@ -43,13 +43,14 @@ def _excess(task: Task, made: Made) -> str | None:
     return f"{size} bytes" if size > request.max_bytes else None
 
 
-def _reaching(least: float, made: Made, versions: Iterator[Made], level_of: FileLevel) -> Made:
-    level = level_of(level_of.task.finished(made))
+def _reaching(least: float, made: Made, versions: Iterator[Made], task: Task) -> Made:
+    level_of = FileLevel(task)
+    level = level_of(task.finished(made))
     if level < least:
         note = f"reached {level:.2f} dB of the {least:g} dB asked for; more --detail or --style photo may reach it"
         return replace(made, notes=[*made.notes, note])
     for following in versions:
-        if level_of(level_of.task.finished(following)) < least:
+        if level_of(task.finished(following)) < least:
             break
         made = following
     return made
