@@ -200,7 +200,7 @@ class ClipFit:
     def _thinned(self, tracks: Tracks, pictures: list[np.ndarray]) -> Tracks:
         lines = tracks.lines()
         loss = sum(
-            self.engine.loss(tracks.at(frame, lines), self.exact, picture) for frame, picture in enumerate(pictures)
+            self.engine.loss(tracks.at(frame, lines)[0], self.exact, picture) for frame, picture in enumerate(pictures)
         )
         weights = sensitivity(tracks, self.engine, self.relaxed, self.generator)
         split_offsets(tracks, weights)

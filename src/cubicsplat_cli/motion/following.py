@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cubicsplat_cli.motion.flow import flow, sampled
 from cubicsplat_cli.photo.inputs import FitInputs
 from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import Phase
@@ -60,6 +61,7 @@ class Follower:
             self.scenes.append(self.scenes[-1])
             self.ids.append(ids)
             return
+        self._carry(flow(loop.goal, picture))
         loop.goal[...] = picture
         if frames_left >= SHORTEST_LIFE:
             ids = self._replace(ids)
@@ -77,6 +79,11 @@ class Follower:
             loop.stepper.step(phase, PROGRESS, measured=False)
         loop.stepper.check_finite(loop.step)
         self._keep(ids)
+
+    def _carry(self, shifts: np.ndarray) -> None:
+        """Moves every control point as the picture around it does; shifts: `flow`."""
+        points = self.loop.state.curves.points
+        points += sampled(shifts, points[..., 0] - 0.5, points[..., 1] - 0.5)
 
     def _replace(self, ids: np.ndarray) -> np.ndarray:
         """Replaces curves that this frame has no use for by new ones at its errors. Returns the numbers of all."""

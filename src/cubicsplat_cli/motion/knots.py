@@ -18,8 +18,6 @@ from cubicsplat_cli.motion.tracks import PAINTS, KnotTrack, Tracks, gradients_of
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
 
-PROBES = 4  # random signs of each frame that is looked at
-LOOKED_AT = 12  # frames
 CHUNK = 64  # curves at once, of F x C numbers each
 UNSEEN = 1e-3  # of the weight of other frames: what cannot be seen decides only where nothing else does
 # Bytes of an animated path beside its knots, of a number of a path with its separator, and of the time of a knot.
@@ -35,18 +33,17 @@ def sensitivity(
     tracks: Tracks, engine: Engine, raster: RasterSettings, generator: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """Of each track (N, C): by how much the squared error of a frame rises for the square of a change, on average."""
-    lines, count = tracks.lines(), 0
-    sums: dict[str, np.ndarray] = {}
-    for frame in np.unique(np.linspace(0, tracks.frames - 1, LOOKED_AT).round().astype(int)):
-        scene = tracks.at(int(frame), lines)
-        for _ in range(PROBES):
-            shape = (scene.height, scene.width, scene.channels)
-            signs = (2.0 * generator.integers(0, 2, shape) - 1.0).astype(np.float32)
-            _, found = engine.gradients(scene, raster, gradient=signs)
-            count += 1
-            for name, gradient in gradients_of(found).items():
-                sums[name] = sums.get(name, 0.0) + gradient.astype(np.float64) ** 2
-    return {name: total / count for name, total in sums.items()}
+    lines, curves = tracks.lines(), tracks.by_name["shapes"].knots.shape[1]
+    sums = {name: np.zeros(track.values.shape[1:]) for name, track in tracks.by_name.items()}
+    count = np.zeros((curves, 1))
+    for frame in range(tracks.frames):
+        scene, seen = tracks.at(frame, lines)
+        count[seen] += 1.0
+        signs = 2.0 * generator.integers(0, 2, (scene.height, scene.width, scene.channels)) - 1.0
+        _, found = engine.gradients(scene, raster, gradient=signs.astype(np.float32))
+        for name, gradient in gradients_of(found).items():
+            sums[name][seen] += gradient.astype(np.float64) ** 2
+    return {name: total / np.maximum(count, 1.0) for name, total in sums.items()}
 
 
 def split_offsets(tracks: Tracks, weights: dict[str, np.ndarray]) -> None:
@@ -132,6 +129,8 @@ def choose(tracks: Tracks, weights: dict[str, np.ndarray], there: np.ndarray, lo
     fitted = {name: choices[name].fitted(track) for name, (track, _) in at(chosen).items()}
     for name in PAINTS:
         fitted[name].values.clip(0.0, 1.0, out=fitted[name].values)
+    opacities = fitted["opacities"]
+    opacities.values[~there & ~opacities.still] = 0.0
     return replace(tracks, by_name=fitted)
 
 

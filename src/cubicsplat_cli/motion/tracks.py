@@ -12,6 +12,7 @@ from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, TR
 
 PAINTS = ("colours", "opacities")  # the tracks whose values lie in [0, 1]
 LEVELS = 255
+EVERY = slice(None)
 
 
 @dataclass
@@ -54,17 +55,30 @@ class Lines:
     after: np.ndarray
     share: np.ndarray
 
-    def at(self, values: np.ndarray, frame: int) -> np.ndarray:
-        """(N, C): the values (F, N, C) of knots, at a frame between them."""
-        curves, share = np.arange(values.shape[1]), self.share[frame][:, None]
-        first = values[self.before[frame], curves]
-        return first + share * (values[self.after[frame], curves] - first)
+    def at(
+        self, values: np.ndarray, frame: int, curves: np.ndarray | slice = EVERY, steps: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(n, C): the values (F, N, C) of knots, at a frame between them, of some curves (n,).
 
-    def distribute(self, gradient: np.ndarray, frame: int, sums: np.ndarray) -> None:
-        """The transpose of `at`: adds the gradient (N, C) by a frame's values to that by knots', `sums` (F, N, C)."""
-        curves, share = np.arange(sums.shape[1]), self.share[frame][:, None]
-        sums[self.before[frame], curves] += (1.0 - share) * gradient
-        sums[self.after[frame], curves] += share * gradient
+        steps: (C,), to whose multiples the values of knots are rounded first.
+        """
+        before, after, share = self.before[frame, curves], self.after[frame, curves], self.share[frame, curves][:, None]
+        numbers = np.arange(values.shape[1])[curves]
+        first, last = values[before, numbers], values[after, numbers]
+        if steps is not None:
+            first, last = rounded(first, steps), rounded(last, steps)
+        return first + share * (last - first)
+
+    def distributed(self, gradient: np.ndarray, frame: int, curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The transpose of `at`: the gradient (r, C) by the values of knots, and their places (r,) in (F N, C), each
+        once, from that (n, C) by a frame's values of some curves (n,).
+        """
+        share, count = self.share[frame, curves], self.before.shape[1]
+        between = share > 0.0
+        places = [self.before[frame, curves] * count + curves]
+        places.append((self.after[frame, curves] * count + curves)[between])
+        share = share[:, None]
+        return np.concatenate([(1.0 - share) * gradient, (share * gradient)[between]]), np.concatenate(places)
 
 
 @dataclass
@@ -108,10 +122,19 @@ class Tracks:
         """Of each track; good for as long as knots and still curves stay the same."""
         return {name: track.lines(self.times) for name, track in self.by_name.items()}
 
-    def at(self, frame: int, lines: dict[str, Lines]) -> EngineScene:
-        """The scene of a frame, as the engine draws it."""
-        found = {name: lines[name].at(track.values, frame) for name, track in self.by_name.items()}
-        return scene_of(self.scene, found)
+    def at(
+        self, frame: int, lines: dict[str, Lines], grid: dict[str, np.ndarray] | None = None
+    ) -> tuple[EngineScene, np.ndarray]:
+        """The scene of a frame, as the engine draws it, of the curves (n,) that have an opacity there, and which they
+        are. grid: the steps of the values of knots in a file, to draw what that shows.
+        """
+        steps = grid or {}
+        opacities = lines["opacities"].at(self.by_name["opacities"].values, frame, EVERY, steps.get("opacities"))
+        seen = np.flatnonzero(opacities[:, 0] > 0.0)
+        found = {
+            name: lines[name].at(track.values, frame, seen, steps.get(name)) for name, track in self.by_name.items()
+        }
+        return scene_of(self.scene, found), seen
 
     def loosened(self) -> Tracks:
         """The same with a knot at every frame."""
