@@ -13,10 +13,13 @@ import pytest
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.motion import fit_clip
 from cubicsplat_cli.motion.fitting import ClipFit
+from cubicsplat_cli.motion.flow import flow, sampled
+from cubicsplat_cli.motion.following import Follower
 from cubicsplat_cli.motion.groups import FrameGroup, groups
-from cubicsplat_cli.motion.joint import JointFit
-from cubicsplat_cli.motion.knots import Choice, choose
+from cubicsplat_cli.motion.joint import JointFit, KnotRates
+from cubicsplat_cli.motion.knots import Choice, choose, sensitivity
 from cubicsplat_cli.motion.tracks import KnotTrack, Tracks
+from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Progress, Work, under_way
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.engines import render_scene
@@ -25,6 +28,7 @@ from cubicsplat_cli.scene import Clip, Scene
 from cubicsplat_cli.settings import FitSettings, Mode
 
 WHITE = (1.0, 1.0, 1.0)
+QUICK = FitSettings.from_preset("draft", curves=2, steps=120, threads=1, background="#e6e6cc")
 
 
 def disc(x: float, y: float, size: int = 24, radius: float = 6.0) -> np.ndarray:
@@ -142,9 +146,75 @@ def test_a_group_goes_on_with_the_curves_that_the_one_before_shows_at_its_end() 
     assert place(second.at(2)) == pytest.approx((14.0, 12.0), abs=0.3)
 
 
+def test_a_picture_that_moves_carries_the_curves_with_it() -> None:
+    # No step of a fit would find a disc that lies beside the curves.
+    follower = Follower(FitLoop(disc(12.0, 16.0, 48, 4.0), QUICK, opened=lambda *_, **__: CpuEngine(1)))
+    follower.first()
+    follower.follow(disc(17.0, 20.0, 48, 4.0), steps=1, frames_left=1)
+    assert place(follower.scenes[0]) == pytest.approx((12.0, 16.0), abs=0.5)
+    assert place(follower.scenes[1]) == pytest.approx((17.0, 20.0), abs=1.0)
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_flow_is_the_shift_of_each_place(channels: int) -> None:
+    rows, columns = np.mgrid[:40, :61]
+
+    def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        values = 0.5 + 0.2 * np.sin(x / 3.0) + 0.2 * np.cos(y / 4.0 + x / 7.0)
+        return np.repeat(values[..., None], channels, axis=2).astype(np.float32)
+
+    found = flow(waves(columns, rows), waves(columns - 2.3, rows + 1.6))
+    inside = found[6:-6, 6:-6]
+    assert found.shape == (40, 61, 2)
+    assert np.abs(np.median(inside, axis=(0, 1)) - (2.3, -1.6)).max() < 0.1
+    assert np.abs(inside - (2.3, -1.6)).mean() < 0.2
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (33, 2)])
+def test_still_pictures_of_any_size_have_no_flow(size: tuple[int, int]) -> None:
+    picture = np.random.default_rng(0).random((*size, 3)).astype(np.float32)
+    assert np.abs(flow(picture, picture)).max() < 1e-5
+
+
+def test_places_between_pixels_have_values_between_theirs() -> None:
+    picture = np.arange(12.0, dtype=np.float32).reshape(3, 4, 1)
+    x, y = np.array([0.5, 3.0, 9.0, -2.0]), np.array([0.0, 1.5, 2.0, 0.25])
+    assert sampled(picture, x, y)[:, 0] == pytest.approx([0.5, 9.0, 11.0, 1.0])
+
+
+def test_a_curve_without_opacity_is_not_drawn_and_stays_so() -> None:
+    tracks = random_tracks(np.random.default_rng(2), every=True)
+    opacities = tracks.by_name["opacities"].values
+    opacities[2:, 1] = 0.0
+    shapes = tracks.by_name["shapes"].values
+    before = shapes.copy()
+    scene, seen = tracks.at(3, tracks.lines())
+    assert (scene.curves, seen.tolist()) == (2, [0, 2])
+    frames = [np.full((20, 20, 3), 0.5, np.float32)] * 5
+    joint = JointFit(tracks, frames, CpuEngine(1), RasterSettings("exact", 1.0, 12))
+    joint.run(3, KnotRates(0.1, 0.1), np.random.default_rng(0))
+    assert (opacities[2:, 1] == 0.0).all()
+    moved = (shapes != before).any(axis=2)
+    assert moved[:, [0, 2]].all()
+    assert moved[:, 1].tolist() == [True, True, False, False, False]
+
+
+def test_a_curve_that_is_there_for_a_few_frames_counts_as_much_in_these() -> None:
+    generator = np.random.default_rng(4)
+    tracks = random_tracks(generator, every=True)
+    for track in tracks.by_name.values():
+        track.values[:] = track.values[:1]
+    raster, engine = RasterSettings("exact", 1.0, 12), CpuEngine(1)
+    always = sensitivity(tracks, engine, raster, np.random.default_rng(0))
+    tracks.by_name["opacities"].values[1:, 0] = 0.0  # the frontmost
+    once = sensitivity(tracks, engine, raster, np.random.default_rng(0))
+    for name in ("offsets", "colours"):
+        assert once[name][0].sum() > 0.3 * always[name][0].sum()
+
+
 def test_fewer_bytes_leave_fewer_knots() -> None:
     generator = np.random.default_rng(1)
-    tracks = random_tracks(generator, frames=8).loosened()
+    tracks = random_tracks(generator, frames=8, every=True)
     weights = {name: np.ones(track.values.shape[1:]) for name, track in tracks.by_name.items()}
     there = np.ones((8, 3), bool)
     counts = [
@@ -163,7 +233,7 @@ def test_what_cannot_be_fitted_is_refused_in_one_line() -> None:
         fitted([disc(9.0, 9.0)], fill="linear")
 
 
-def random_tracks(generator: np.random.Generator, frames: int = 5) -> Tracks:
+def random_tracks(generator: np.random.Generator, frames: int = 5, *, every: bool = False) -> Tracks:
     scenes = []
     for _ in range(frames):
         middles = 4.0 + 12.0 * generator.random((3, 1, 2))
@@ -178,7 +248,7 @@ def random_tracks(generator: np.random.Generator, frames: int = 5) -> Tracks:
             )
         )  # fmt: skip
     tracks = Tracks.on_every_frame(scenes, np.cumsum(0.1 + generator.random(frames)), 99.0)
-    for track in tracks.by_name.values():
+    for track in () if every else tracks.by_name.values():
         track.knots[1:-1] = generator.random((frames - 2, 3)) < 0.5
         track.still[0] = generator.random() < 0.5
     return tracks
@@ -193,15 +263,19 @@ def test_the_gradient_of_knots_is_that_of_all_frames_together(name: str) -> None
     joint = JointFit(tracks, frames, CpuEngine(1), raster)
 
     def loss() -> float:
-        joint.gradients(range(tracks.frames))
-        return float(joint.losses.sum())
+        return sum(joint.gradients(frame)[0] for frame in range(tracks.frames))
 
-    sums, touched = joint.gradients(range(tracks.frames))
     track = tracks.by_name[name]
-    direction = (generator.standard_normal(track.values.shape) * touched[name][..., None]).astype(np.float32)
+    sums, touched = np.zeros_like(track.values), np.zeros(track.knots.size, bool)
+    for frame in range(tracks.frames):
+        gradient, places = joint.gradients(frame)[1][name]
+        sums.reshape(len(touched), -1)[places] += gradient
+        touched[places] = True
+    touched = touched.reshape(*track.knots.shape, 1)
+    direction = (generator.standard_normal(track.values.shape) * touched).astype(np.float32)
     if name == "shapes":
         direction[..., -1] = 0.0  # closed curves have no width
-    wanted, h, before = float((sums[name] * direction).sum()), 2e-3, track.values.copy()
+    wanted, h, before = float((sums * direction).sum()), 2e-3, track.values.copy()
     track.values[...] = before + h * direction
     more = loss()
     track.values[...] = before - h * direction

@@ -27,24 +27,19 @@ from cubicsplat_cli.scene.moving import TRACKS
 from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
-# joint fit in all, in each of which every frame has its part in one step.
-FOLLOWING, EPOCHS = 1 / 12, 1 / 8
-ROUNDS = 3  # of choosing knots, each followed by a joint fit
-LOOSENED = 0.1  # of the epochs: steps of each frame on its own between two rounds, which say where knots are missing
-FINISH = 0.3  # of the epochs: with exact coverage, and numbers as the file has them
+# joint fit, in each of which every frame has one step.
+FOLLOWING, EPOCHS = 1 / 10, 1 / 12
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
 EDGES, TOLERANCE = 12, 0.1  # of a cubic's polyline, and px; cairo draws with the same
 BEFORE_DEADLINE = 0.9  # of the time that is left
-FOLLOWING_SHARE = 0.5  # of the time that a group takes
+FOLLOWING_SHARE = 0.4  # of the time that a group takes
 LEAST_STEPS, LEAST_EPOCHS = 8, 10
 EPOCH_COST = 2.0  # steps of one frame that an epoch takes for each, with the choice of knots
 MEASURED_STEPS = 4
 OVERHEAD = 2.0  # times the first steps: later ones are exact, or move curves to other places
-# Step sizes: of control points, in length units, and of colours and opacities, in their range; of steps of frames on
-# their own, and of the finish, as shares of those.
+# Step sizes of the joint fit: of control points, in length units, and of colours and opacities, in their range.
 RATE, PAINT_RATE = 0.025, 0.01
-LOOSE_RATE, FINISH_RATE = 0.4, 0.3
 SEEN = 0.004  # an opacity that 8-bit renderers show
 
 
@@ -143,8 +138,7 @@ class ClipFit:
         self.generator = np.random.default_rng(settings.seed)
         self.bytes_per_second, self.count, self.done = bytes_per_second, count, 0
         self.unit = settings.recipe.unit(width, height, settings.curves or 1)
-        self.relaxed = RasterSettings("relaxed", settings.recipe.edge_end, EDGES, TOLERANCE)
-        self.exact = RasterSettings("exact", settings.recipe.finish_edge_width, EDGES, TOLERANCE)
+        self.raster = RasterSettings("exact", settings.recipe.finish_edge_width, EDGES, TOLERANCE)
         self.grid = grid_of(points_from_segments(settings.mode, settings.segments), precision)
         by_curves = math.sqrt(MEMORY / (8 * len(TRACKS) * settings.curves))
         self.most_frames = max(2, min(MOST_FRAMES, MEMORY // picture.nbytes, int(by_curves)))
@@ -176,33 +170,23 @@ class ClipFit:
         return tracks.moving()
 
     def _joint(self, tracks: Tracks, pictures: list[np.ndarray], epochs: int) -> Tracks:
-        """The tracks with fewer knots, fitted to all frames at once."""
-        finish, between = round(FINISH * epochs), round(LOOSENED * epochs)
-        each = (epochs - finish - (ROUNDS - 1) * between) // ROUNDS
-        rates, stage = KnotRates(RATE * self.unit, PAINT_RATE), "moving curves"
+        """The tracks with fewer knots, fitted to all frames at once, with numbers as the file has them."""
         tracks = self._thinned(tracks, pictures)
+        fit = JointFit(tracks, pictures, self.engine, self.raster, self.grid)
+
+        def on_epoch(share: float) -> None:
+            self._tell("moving curves", (FOLLOWING_SHARE + (1.0 - FOLLOWING_SHARE) * share) * len(pictures))
+
         with work().stoppable():
-            for turn in range(ROUNDS):
-                share = FOLLOWING_SHARE + (1.0 - FOLLOWING_SHARE) * (1.0 - FINISH) * turn / ROUNDS
-                self._tell(stage, share * len(pictures))
-                if turn:
-                    free = tracks.loosened()
-                    JointFit(free, pictures, self.engine, self.relaxed).run(
-                        between, rates.scaled(LOOSE_RATE), self.generator
-                    )
-                    tracks = self._thinned(free, pictures)
-                JointFit(tracks, pictures, self.engine, self.relaxed).run(each, rates, self.generator)
-            self._tell(stage, (1.0 - FINISH * (1.0 - FOLLOWING_SHARE)) * len(pictures))
-            last = JointFit(tracks, pictures, self.engine, self.exact, self.grid)
-            last.run(finish, rates.scaled(FINISH_RATE), self.generator)
+            fit.run(epochs, KnotRates(RATE * self.unit, PAINT_RATE), self.generator, on_epoch)
         return tracks
 
     def _thinned(self, tracks: Tracks, pictures: list[np.ndarray]) -> Tracks:
         lines = tracks.lines()
         loss = sum(
-            self.engine.loss(tracks.at(frame, lines)[0], self.exact, picture) for frame, picture in enumerate(pictures)
+            self.engine.loss(tracks.at(frame, lines)[0], self.raster, picture) for frame, picture in enumerate(pictures)
         )
-        weights = sensitivity(tracks, self.engine, self.relaxed, self.generator)
+        weights = sensitivity(tracks, self.engine, self.raster, self.generator)
         split_offsets(tracks, weights)
         there = tracks.by_name["opacities"].values[..., 0] > SEEN
         seconds = tracks.end - float(tracks.times[0])

@@ -24,7 +24,8 @@ def flow(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     if min(height, width) >= 2 * SMALLEST:
         coarse = 2.0 * flow(_halved(before), _halved(after)).repeat(2, axis=0).repeat(2, axis=1)
         shifts = np.pad(coarse, [(0, height - len(coarse)), (0, width - coarse.shape[1]), (0, 0)], mode="edge")
-    down, across = np.gradient(before, axis=(0, 1))
+    around = np.pad(before, [(1, 1), (1, 1), (0, 0)], mode="edge")
+    across, down = 0.5 * (around[1:-1, 2:] - around[1:-1, :-2]), 0.5 * (around[2:, 1:-1] - around[:-2, 1:-1])
     xx, xy, yy = (
         _windowed((first * second).sum(axis=2)) for first, second in ((across, across), (across, down), (down, down))
     )

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.motion.tracks import PAINTS, Tracks, gradients_of
-from cubicsplat_cli.progress import work
+from cubicsplat_cli.progress import nothing, work
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
 
-KEEP_MEAN, KEEP_SQUARE, EPSILON = 0.9, 0.95, 1e-12  # Adam's (Kingma and Ba, 2015)
+KEEP_MEAN, KEEP_SQUARE, EPSILON = 0.8, 0.95, 1e-12  # Adam's (Kingma and Ba, 2015)
 RATE_END = 0.05  # of the first step size, at the end of the cosine decay
 
 
@@ -55,10 +56,16 @@ class JointFit:
         }
         self.gone = rows["opacities"] == 0.0
 
-    def run(self, epochs: int, rates: KnotRates, generator: np.random.Generator) -> None:
-        """So many times every frame, with step sizes that decay. Raises Stopped between two steps."""
+    def run(
+        self, epochs: int, rates: KnotRates, generator: np.random.Generator, on_epoch: Callable[[float], None] = nothing
+    ) -> None:  # fmt: skip
+        """So many times every frame, with step sizes that decay. on_epoch: told the share of epochs that are done.
+
+        Raises Stopped between two steps.
+        """
         steps = epochs * len(self.frames)
         for epoch in range(epochs):
+            on_epoch(epoch / epochs)
             for turn, frame in enumerate(generator.permutation(len(self.frames)).tolist()):
                 work().at()
                 along = (epoch * len(self.frames) + turn) / steps

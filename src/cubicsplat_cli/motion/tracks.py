@@ -136,16 +136,6 @@ class Tracks:
         }
         return scene_of(self.scene, found), seen
 
-    def loosened(self) -> Tracks:
-        """The same with a knot at every frame."""
-        every = np.ones_like(self.by_name["shapes"].knots)
-        never = np.zeros(every.shape[1], bool)
-        by_name = {
-            name: KnotTrack(track.whole(self.times).values, every.copy(), never.copy())
-            for name, track in self.by_name.items()
-        }
-        return replace(self, by_name=by_name)
-
     def on_grid(self, grid: dict[str, np.ndarray]) -> Tracks:
         """The same with the values of knots as a file has them."""
         by_name = {
