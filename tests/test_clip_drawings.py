@@ -163,3 +163,29 @@ def test_a_flat_clip_is_drawn_without_being_asked(tmp_path):
     assert len(animation.frames()) == 4
     with pytest.raises(UsageError, match="style photo"):
         animation.lottie()
+
+
+def stickers() -> list[Image.Image]:
+    """A face that moves before nothing, in pixels that are there or not, as a GIF has them."""
+    pictures = []
+    for index in range(2):
+        large = Image.new("RGBA", (4 * 72, 4 * 72), (255, 204, 51, 0))
+        pen, left = ImageDraw.Draw(large), 24 + 20 * index
+        pen.ellipse((left, 40, left + 200, 240), fill="#ffcc33")
+        for x in (60, 120):
+            pen.ellipse((left + x, 100, left + x + 24, 140), fill="#553300")
+        small = np.array(large.resize((72, 72), Image.Resampling.BOX))
+        small[..., 3] = np.where(small[..., 3] > 127, 255, 0)
+        pictures.append(Image.fromarray(small))
+    return pictures
+
+
+def test_a_sticker_of_pixels_that_are_there_or_not_is_drawn(tmp_path):
+    first, second = stickers()
+    first.save(tmp_path / "face.gif", save_all=True, append_images=[second], duration=100, disposal=2)
+    done = run_here("animate", tmp_path / "face.gif", "--threads", 1)
+    assert done.returncode == 0, done.stderr.decode()
+    assert re.search(r"artwork  2 frames  3 shapes", done.stderr.decode())
+    text = (tmp_path / "face.svg").read_text()
+    shown = rerender(still(text, 0.0).encode(), 72, 72).pixels
+    assert shown[0, 0, 3] == 0 and np.abs(shown[35, 31].astype(int) - (255, 204, 51, 255)).max() <= 2

@@ -60,15 +60,22 @@ def animate_clip(task: ClipTask, write: Callable[[Animation], None] = nothing) -
 
 
 def style_of(task: ClipTask) -> Style:
-    """The style that is asked for, or suits the first frame: a drawing, unless a photo of it is nearer."""
+    """The style that is asked for, or suits the first frame: a drawing, unless a photo of it is nearer.
+
+    Photos are not tried where pixels are either there or not, as in a GIF: no shape has such edges, and the error at
+    them would decide.
+    """
     if task.request.style != AUTO:
         return Style(task.request.style, "asked for")
     if task.request.format == LOTTIE or task.request.max_bytes is not None:
         return Style(PHOTO, "asked for by the format" if task.request.format == LOTTIE else "asked for by max_bytes")
     first = next(task.frames()).picture
-    style = choose_style(first.target())
-    if style.name != ARTWORK:
-        return style if style.name == PHOTO else Style(ARTWORK, style.reason)
+    target = first.target()
+    style = choose_style(target)
+    if style.name == PHOTO:
+        return style
+    if style.name != ARTWORK or (target.shape[2] == 4 and np.unique(target[..., 3]).tolist() == [0.0, 1.0]):
+        return Style(ARTWORK, style.reason)
     from cubicsplat_cli.pipeline.choose import candidates
     from cubicsplat_cli.pipeline.vectorize import task_of
 
