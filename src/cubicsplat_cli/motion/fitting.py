@@ -28,12 +28,12 @@ from cubicsplat_cli.settings import ANY, FitSettings
 
 # Shares of the steps that the fit of one picture takes: those that follow it from frame to frame, and the epochs of the
 # joint fit, in each of which every frame has one step.
-FOLLOWING, EPOCHS = 1 / 10, 1 / 12
+FOLLOWING, EPOCHS = 1 / 16, 1 / 9
 MEMORY = 1 << 28  # bytes of a group's pictures
 MOST_FRAMES = 120  # of a group: knots are chosen in a time that grows with their square
 EDGES, TOLERANCE = 12, 0.1  # of a cubic's polyline, and px; cairo draws with the same
 BEFORE_DEADLINE = 0.9  # of the time that is left
-FOLLOWING_SHARE = 0.4  # of the time that a group takes
+FOLLOWING_SHARE = 0.3  # of the time that a group takes
 LEAST_STEPS, LEAST_EPOCHS = 8, 10
 EPOCH_COST = 2.0  # steps of one frame that an epoch takes for each, with the choice of knots
 MEASURED_STEPS = 4

@@ -19,7 +19,7 @@ from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import as_numpy
 from cubicsplat_cli.settings import FitSettings
 
-RATE, RATE_END = 0.6, 0.1  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
+RATE, RATE_END = 0.3, 0.1  # of a frame's steps: the first, in step sizes of the start of a fit; the last, as a share
 EXACT = 0.3  # of a frame's steps have exact coverage
 PROGRESS = 0.5  # of a fit, for penalties on shapes: what is followed is in the middle of one
 # A new curve takes away about a curve's share of the loss. One whose removal costs less than this part of that goes.
