@@ -10,9 +10,8 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
 from cubicsplat_cli.artwork.tracing.fitting import fit_outline, parameter_price
-from cubicsplat_cli.artwork.tracing.refine import feet_of, refine
 from cubicsplat_cli.artwork.tracing.smoothing import arc_lengths, local_fits
-from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.artwork.tracing.variables import Pieces, feet_of, refine
 from cubicsplat_cli.raster.cubics import Division, divided_run
 
 SIGMA = 0.05  # px, of a point of the centre line
