@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cubicsplat_cli.artwork.finish.finish import LONGEST
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Pins, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, polygon
-from cubicsplat_cli.artwork.geometry.ways import RigidTransform
+from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.directions import Slope, directed, has_diagonal
 from cubicsplat_cli.artwork.regularities.tied import tied_ring
 from cubicsplat_cli.artwork.regularities.ties import null_basis

@@ -101,7 +101,7 @@ def population(mode: str, count: int = 10) -> FitState:
     chosen = settings(mode)
     points = control_points(torch.full((count, 2), 20.0), 3.0, chosen, random_numbers())
     colours = torch.arange(3.0 * count).reshape(count, 3) / 100
-    state = FitState.beginning_with(new_curves(points, colours, 1.5, chosen, (50, 40)))
+    state = FitState.unmoved(new_curves(points, colours, 1.5, chosen, (50, 40)))
     state.optimiser.ages += torch.arange(1, count + 1, dtype=torch.int32)
     return state
 

@@ -16,7 +16,7 @@ _ALIKE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Shading:
-    """What changes within a shape beyond its paint: drawn right above it, beneath what covers it.
+    """Colours within a shape beyond its paint: drawn right above it, beneath what covers it.
 
     clip: rings, oriented as a shape's, a little inside its own; only what lies within them is seen. fill, gradient: the
     opaque paint that fills them beneath the curves, as a shape's. curves: filled, on the drawing's canvas, front to

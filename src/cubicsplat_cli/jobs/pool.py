@@ -88,7 +88,7 @@ class _Pool:
                 self._hand_out(jobs)
             elif not stopped:
                 stopped = True
-                self._tell_to_stop()
+                self._request_stop()
             busy = [worker for worker in self.workers if worker.job is not None]
             if not busy:
                 return
@@ -130,7 +130,7 @@ class _Pool:
         context = _context()
         ours, theirs = context.Pipe()
         process = context.Process(target=_work, args=(theirs, self.request, self.threads[slot]), daemon=True)
-        with _interrupts_held():
+        with _interrupts_blocked():
             process.start()
         theirs.close()
         worker = _Worker(slot, process, ours)
@@ -165,7 +165,7 @@ class _Pool:
         text = f"{job.name}: its worker process died {ATTEMPTS} times ({how}); try fewer --jobs, or --max-size"
         return Outcome(job, FAILED, error=text, exit_code=1)
 
-    def _tell_to_stop(self) -> None:
+    def _request_stop(self) -> None:
         self.again.clear()
         for worker in self.workers:
             if worker.job is not None:
@@ -192,7 +192,7 @@ def _describe(exitcode: int | None) -> str:
 
 
 @contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
+def _interrupts_blocked() -> Iterator[None]:
     """Ctrl-C goes to every process of a terminal; a process started in here never gets it, and we get it after."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

@@ -25,7 +25,7 @@ from cubicsplat_cli.request import COLOR, OBJECT, Request
 from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg import write_drawing
-from cubicsplat_cli.svg.markup import lean
+from cubicsplat_cli.svg.markup import minified
 from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
@@ -100,10 +100,10 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
         prepared = prepare(target)
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 
-        def tell(sketch: Drawing) -> None:
+        def add_sketch(sketch: Drawing) -> None:
             on_sketch(replace(drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
-        drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=tell)
+        drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=add_sketch)
         sized = (scaled_drawing(each, *task.picture.size) for each in drawings)
         made = within_budget(task, (_structured(each, task.request) for each in sized))
     notes = [*prepared.notes, *made.notes]
@@ -186,7 +186,7 @@ def drawn(drawing: Drawing, request: Request) -> Made:
 
     def write(title: str, comment: str) -> str:
         text = write_drawing(drawing, precision=_precision(drawing, request), title=title, comment=comment)
-        return lean(text) if request.tiny else text
+        return minified(text) if request.tiny else text
 
     return Made(
         picture_of(drawing) if drawing.shapes else None,
@@ -198,7 +198,7 @@ def drawn(drawing: Drawing, request: Request) -> Made:
 
 
 def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:
-    """The members of the report that tell of shapes, none of which is anything but a path of one colour."""
+    """The members of the report that add_sketch of shapes, none of which is anything but a path of one colour."""
     colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*fill) for fill in fills]
     return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": colours}
 

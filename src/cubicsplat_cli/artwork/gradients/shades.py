@@ -49,7 +49,7 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
         return None
     best, least = None, np.inf
     for k in np.flatnonzero(spread <= UNLIKELY**2 * spread.min() + SIGMA**2):
-        shade = _settled(_stopped(*frames[k], few), few)
+        shade = _fitted(_stopped(*frames[k], few), few)
         cost = _cost(shade, few, count)
         if cost < least:
             best, least = shade, cost
@@ -57,7 +57,7 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
     best = _pruned(best, few, count)
     if count > FEW_PIXELS:
         few = pixels.some(order)
-        best = _settled(best, few)
+        best = _fitted(best, few)
     return _reaching(_level(best, few, count), pixels)
 
 
@@ -67,7 +67,7 @@ def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels) -
     return Shade(frame, radial, ramp.trimmed(), parameters)
 
 
-def _settled(shade: Shade, pixels: Pixels) -> Shade:
+def _fitted(shade: Shade, pixels: Pixels) -> Shade:
     """The shade with its geometry and its stops at their best."""
     frame, knots, colours = fitted(shade.frame, shade.parameters, shade.ramp.knots, shade.ramp.colours, pixels)
     return Shade(frame, shade.radial, Ramp(knots, colours).trimmed(), shade.parameters)
@@ -87,7 +87,7 @@ def _pruned(shade: Shade, pixels: Pixels, count: int) -> Shade:
         for i in range(len(knots) - 1):
             one = knots[i] if i == 0 else knots[i + 1] if i == len(knots) - 2 else 0.5 * (knots[i] + knots[i + 1])
             trials.append(shade.stopped(np.concatenate([knots[:i], [one], knots[i + 2 :]]), pixels))
-        trial = _settled(min(trials, key=lambda own: own.misfit(pixels)), pixels)
+        trial = _fitted(min(trials, key=lambda own: own.misfit(pixels)), pixels)
         following = _cost(trial, pixels, count)
         if following >= cost:
             break

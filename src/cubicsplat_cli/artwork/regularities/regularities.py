@@ -76,7 +76,7 @@ def with_circles(state: State, goal: Goal, constraints: Constraints, detail: flo
         one = parameters.outline()
         if isinstance(one, Ellipse) and abs(one.rx - one.ry) <= 2.0 * FARTHEST:
             tied[k] = parametrised(Circle(one.cx, one.cy, 0.5 * (one.rx + one.ry)), constraints)
-    return _settled(state, tied, goal, detail, error)
+    return _tied(state, tied, goal, detail, error)
 
 
 def with_symmetries(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
@@ -87,7 +87,7 @@ def with_symmetries(state: State, goal: Goal, constraints: Constraints, detail: 
     axes = _found_axes(shown, (constraints.width, constraints.height))
     mirrored = {k: _mirrored(rings[k], axis, constraints) for k, axis in axes.items()}
     tied = {k: parameters for k, parameters in mirrored.items() if parameters is not None}
-    return _settled(state, tied, goal, detail, error)
+    return _tied(state, tied, goal, detail, error)
 
 
 def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> TiedRing | None:
@@ -111,7 +111,7 @@ def with_directions(state: State, goal: Goal, detail: float, error: float) -> St
     rings = {k: ring for k in free if isinstance(ring := free[k].outline(), Ring)}
     slopes = found_slopes({k: (ring, Visibility.of(state, k)) for k, ring in rings.items()})
     tied = {k: one for k, own in slopes.items() if (one := directed(free[k], own)) is not None}
-    return _settled(state, tied, goal, detail, error)
+    return _tied(state, tied, goal, detail, error)
 
 
 def with_copies(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
@@ -130,8 +130,8 @@ def with_copies(state: State, goal: Goal, constraints: Constraints, detail: floa
     order = sorted(tracks, key=lambda k: (outlines[k].jacobian.shape[1], k))
     numbers = {k: outlines[k].jacobian.shape[1] for k in order}
     copies = found_copies({k: tracks[k] for k in order}, numbers, 10.0 ** -suggested_precision(*size), size)
-    tied = {k: CopyParameters(outlines[copy.model], copy.way, copy.model) for k, copy in copies.items()}
-    return _settled(state, tied, goal, detail, error)
+    tied = {k: CopyParameters(outlines[copy.model], copy.transform, copy.model) for k, copy in copies.items()}
+    return _tied(state, tied, goal, detail, error)
 
 
 def with_rotations(state: State, goal: Goal, detail: float, error: float) -> State:
@@ -144,7 +144,7 @@ def with_rotations(state: State, goal: Goal, detail: float, error: float) -> Sta
             found = rotated(parameters, Track.of(ring, Visibility.of(state, k)))
             tied |= {k: found} if found is not None else {}
     tied |= _followers(outlines, tied)
-    return _settled(state, tied, goal, detail, error)
+    return _tied(state, tied, goal, detail, error)
 
 
 def _followers(outlines: list[Parameters], models: Mapping[int, Parameters]) -> dict[int, Parameters]:
@@ -153,7 +153,7 @@ def _followers(outlines: list[Parameters], models: Mapping[int, Parameters]) -> 
     return {k: copy.following(models[copy.source]) for k, copy in copies.items()}
 
 
-def _settled(state: State, tied: Mapping[int, Parameters], goal: Goal, detail: float, error: float) -> State:
+def _tied(state: State, tied: Mapping[int, Parameters], goal: Goal, detail: float, error: float) -> State:
     """The state with some outlines tied, less those that cost more than they save: of a model and its copies, where
     these do together, first the copies that do, and then all that are left."""
     if not tied:

@@ -81,7 +81,7 @@ class _Crossing:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Candidate:
     """An overlay in regions. grounds: region that is covered: region beneath it."""
 
     paint: Paint
@@ -110,7 +110,7 @@ def without_overlays(
     return regions, tuple(overlays)
 
 
-def _uppermost(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> _Found | None:
+def _uppermost(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> _Candidate | None:
     """Of the overlays that nothing speaks against, the largest: where several lie over each other that is one of them
     rather than the place in which they do.
     """
@@ -138,7 +138,7 @@ def _crossings(regions: Regions, found: EdgePositions, fixed: np.ndarray) -> lis
     return out
 
 
-def _overlays(regions: Regions, crossings: list[_Crossing]) -> list[_Found]:
+def _overlays(regions: Regions, crossings: list[_Crossing]) -> list[_Candidate]:
     """Overlays of crossings that share a region and are of one paint, the surest ones first."""
     out = []
     left = sorted(crossings, key=lambda c: not c.sure)
@@ -158,7 +158,7 @@ def _overlays(regions: Regions, crossings: list[_Crossing]) -> list[_Found]:
                     grounds, paint, sure, growing = trial, better, sure + each.sure, True
                     left.remove(each)
         assert paint is not None
-        out.append(_Found(paint, grounds, sure))
+        out.append(_Candidate(paint, grounds, sure))
     return out
 
 
@@ -171,7 +171,7 @@ def _paint(regions: Regions, grounds: dict[int, int]) -> Paint | None:
     return paint_of(regions.fills[list(grounds)], regions.fills[list(grounds.values())])
 
 
-def _plausible(regions: Regions, overlay: _Found) -> bool:
+def _plausible(regions: Regions, overlay: _Candidate) -> bool:
     """Whether an overlay makes the description shorter: fewer outlines than what it covers has without it."""
     cover = np.isin(regions.labels, list(overlay.grounds))
     return overlay.sure > 0 and ndimage.label(cover)[1] < len(overlay.grounds)
