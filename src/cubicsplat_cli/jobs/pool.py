@@ -49,13 +49,20 @@ def share_threads(threads: int | None, workers: int) -> list[int]:
 
 
 def run_in_workers(
-    jobs: Iterator[Job], request: Request, *, workers: int, observer: Observer, stopping: Callable[[], bool]
+    jobs: Iterator[Job],
+    request: Request,
+    *,
+    workers: int,
+    observer: Observer,
+    stopping: Callable[[], bool],
+    work: Callable[[Connection, Request, int], None] | None = None,
 ) -> Iterator[Outcome]:
     """The outcomes of `jobs` in the order in which they end; `jobs` is asked for the next when a worker is free.
 
     Once `stopping()` is true nothing is begun any more, and the fits under way end early with the best they have.
+    work: what a worker does with its end of a pipe, a request and so many threads (default: the jobs that it gets).
     """
-    pool = _Pool(request, share_threads(request.settings.threads, workers), observer)
+    pool = _Pool(request, share_threads(request.settings.threads, workers), observer, work or _work)
     try:
         yield from pool.run(jobs, stopping)
     finally:
@@ -77,6 +84,7 @@ class _Pool:
     request: Request
     threads: list[int]
     observer: Observer
+    work: Callable[[Connection, Request, int], None]
     workers: list[_Worker] = field(default_factory=list)
     again: deque[Job] = field(default_factory=deque)
     deaths: dict[str, int] = field(default_factory=dict)
@@ -129,7 +137,7 @@ class _Pool:
     def _start(self, slot: int) -> _Worker:
         context = _context()
         ours, theirs = context.Pipe()
-        process = context.Process(target=_work, args=(theirs, self.request, self.threads[slot]), daemon=True)
+        process = context.Process(target=self.work, args=(theirs, self.request, self.threads[slot]), daemon=True)
         with _interrupts_blocked():
             process.start()
         theirs.close()
