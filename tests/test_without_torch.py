@@ -59,8 +59,8 @@ def test_no_command_on_the_cpu_imports_torch(tmp_path):
     lines = [
         [*fit, "a.svg", *usual],
         [*fit, "open.svg", *usual, "--device", "cpu", "--mode", "open"],
-        [*fit, "all.svg", *usual, "--fill", "linear", "--weights", "mask.png", "--focus", "8,8,20,20", "--loss", "huber",
-         *penalties, "--report", "--animation", "a.webp"],
+        [*fit, "all.svg", *usual, "--fill", "linear", "--loss", "huber", *penalties, "--weights", "mask.png",
+         "--focus", "8,8,20,20", "--report", "--animation", "a.webp"],
         [*fit, "b.svg", *usual, "--init", "a.svg"],
         [*fit, "b.svg", *usual[:-3], "--force", "--curves", "20", "--init", "a.svg", "--freeze"],
         ["vectorize", "a.png", "-o", "b.svg", "--style", "photo", "--steps", "12", "--max-bytes", "900", "--force"],
