@@ -17,11 +17,11 @@ from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.read import packed
-from cubicsplat_cli.options import KEEP, REMOVE
+from cubicsplat_cli.options import COLOR, KEEP, OBJECT, REMOVE
 from cubicsplat_cli.pipeline.likeness import FileLevel
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, nothing, under_way, work
-from cubicsplat_cli.request import COLOR, OBJECT, Request
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg import write_drawing
