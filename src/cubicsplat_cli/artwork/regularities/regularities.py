@@ -36,7 +36,7 @@ from cubicsplat_cli.artwork.regularities.directions import directed, found_slope
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_parameters, mirrored_rings
 from cubicsplat_cli.artwork.regularities.rotational import rotated
-from cubicsplat_cli.artwork.regularities.tied import TiedRing, tied_ring
+from cubicsplat_cli.artwork.regularities.ties import TiedRing, tied_ring
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster.stack import Goal
 

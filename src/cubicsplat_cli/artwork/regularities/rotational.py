@@ -15,8 +15,7 @@ import numpy as np
 from cubicsplat_cli.artwork.finish.parameters import RingParameters
 from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, Track
-from cubicsplat_cli.artwork.regularities.tied import TiedRing
-from cubicsplat_cli.artwork.regularities.ties import LEAST, null_basis
+from cubicsplat_cli.artwork.regularities.ties import LEAST, TiedRing, null_basis
 from cubicsplat_cli.artwork.regularities.turned import NEAR, STEPS, Walk
 from cubicsplat_cli.artwork.tracing.variables import PAIR, Pieces, Variables
 from cubicsplat_cli.raster.sparse import SparseRows

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage
-from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings, polygon
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import fewer_points
 
 INSET = 0.5  # px
 FINE = 4  # samples per px of the distance to an outline

@@ -19,11 +19,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, polygon
 from cubicsplat_cli.artwork.tracing.primitives import primitive_of
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster.contours import FittedContour, fitted_contours
+from cubicsplat_cli.raster.outlines import fewer_points
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
 PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than one too few to put in
