@@ -1,4 +1,4 @@
-"""Variables that are the same, or opposite: fewer that move freely, and rings that follow from them and stay regular."""
+"""Variables that are the same, or opposite: fewer that move freely; and rings that move with them and stay regular."""
 
 from __future__ import annotations
 
