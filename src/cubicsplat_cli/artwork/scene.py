@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import LayeredScene, Scene, SceneLayer, pack_rings
 from cubicsplat_cli.scene.gradients import gradients_of
+from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import Mode
 
 
@@ -53,21 +55,19 @@ def scene_of(drawing: Drawing) -> Scene:
     if not drawing.shapes:
         raise InputError("the drawing has no shapes; give one of a picture that is not all transparent")
     front_first = drawing.shapes[::-1]
-    points, ring_ends = pack_rings(Mode.CLOSED, [_rings(shape) for shape in front_first])
     # The opacity of a gradient is its stops'.
-    fills = np.array([(*s.fill[:3], 255) if s.gradient else s.fill for s in front_first], np.float32)
-    fills /= np.float32(255.0)
-    return Scene(
-        mode=Mode.CLOSED,
-        width=drawing.width,
-        height=drawing.height,
-        points=points,
-        colours=np.ascontiguousarray(fills[:, :3]),
-        opacities=np.ascontiguousarray(fills[:, 3]),
-        half_widths=np.zeros(len(front_first), np.float32),
-        ring_ends=ring_ends,
-        gradients=gradients_of([shape.gradient for shape in front_first]),
-    )
+    fills = [(*s.fill[:3], 255) if s.gradient else s.fill for s in front_first]
+    scene = filled_scene(drawing.width, drawing.height, [_rings(shape) for shape in front_first], fills)
+    return replace(scene, gradients=gradients_of([shape.gradient for shape in front_first]))
+
+
+def filled_scene(width: int, height: int, rings: list[list[np.ndarray]], fills: Sequence[Rgba]) -> Scene:
+    """Closed curves, front to back, of some rings each, (3m, 2) px, and a fill of 8 bits, without a background."""
+    points, ring_ends = pack_rings(Mode.CLOSED, rings)
+    colours = np.array(fills, np.float32) / np.float32(255.0)
+    rgb, opacities = np.ascontiguousarray(colours[:, :3]), np.ascontiguousarray(colours[:, 3])
+    half_widths = np.zeros(len(fills), np.float32)
+    return Scene(Mode.CLOSED, width, height, points, rgb, opacities, half_widths, ring_ends=ring_ends)
 
 
 def _rings(shape: Shape) -> list[np.ndarray]:
