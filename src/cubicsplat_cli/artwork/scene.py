@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, reversed_ring, signed_area
-from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import LayeredScene, Scene, SceneLayer, pack_rings
 from cubicsplat_cli.scene.gradients import gradients_of
@@ -18,41 +18,28 @@ from cubicsplat_cli.settings import Mode
 
 
 def picture_of(drawing: Drawing) -> Scene | LayeredScene:
-    """`scene_of` a drawing without shading; of one with shading its shapes, and the shading of each above it."""
+    """`scene_of` a drawing without shading; of one with shading those and the others in layers."""
     if all(shape.shading is None for shape in drawing.shapes):
         return scene_of(drawing)
     layers, plain = [], list[Shape]()
     for shape in drawing.shapes:
-        plain.append(shape)
-        if shape.shading is not None:
-            layers += [SceneLayer(_part(drawing, plain)), *_shading_layers(drawing, shape, shape.shading)]
+        if shape.shading is None:
+            plain.append(shape)
+        else:
+            if plain:
+                layers.append(SceneLayer(_part(drawing, plain)))
+            layers.append(_shaded(drawing, shape))
             plain = []
     if plain:
         layers.append(SceneLayer(_part(drawing, plain)))
     return LayeredScene(drawing.width, drawing.height, tuple(layers))
 
 
-def _shading_layers(drawing: Drawing, shape: Shape, shading: Shading) -> list[SceneLayer]:
-    """The ground of a shading and its curves, both clipped."""
-    ground = Shape(shading.fill, shading.clip, shape.name, shading.gradient)
-    # The rings run as they should: holes may be anywhere among them.
-    points, ring_ends = pack_rings(Mode.CLOSED, [[ring.cubics[:, :3].reshape(-1, 2) for ring in shading.clip]])
-    below = _part(drawing, [replace(ground, outlines=(_box_around(shading.clip),))])
-    clip = replace(
-        below,
-        points=points.astype(np.float32),
-        ring_ends=ring_ends,
-        gradients=None,
-        colours=np.ones((1, 3), np.float32),
-        opacities=np.ones(1, np.float32),
-    )
-    return [SceneLayer(below, clip, shape.name), SceneLayer(shading.curves, clip, shape.name)]
-
-
-def _box_around(rings: tuple[Ring, ...]) -> Rectangle:
-    points = np.concatenate([ring.cubics.reshape(-1, 2) for ring in rings])
-    (left, top), (right, bottom) = np.floor(points.min(axis=0)), np.ceil(points.max(axis=0))
-    return Rectangle(float(left), float(top), float(right - left), float(bottom - top))
+def _shaded(drawing: Drawing, shape: Shape) -> SceneLayer:
+    """A shape's paint, as far as its box, and its shading, both within its outlines."""
+    clip = replace(shape, fill=(255, 255, 255, 255), gradient=None)
+    ground = _part(drawing, [replace(shape, outlines=(shape.box(),))])
+    return SceneLayer(ground, shape.shading, _part(drawing, [clip]), shape.name)
 
 
 def _part(drawing: Drawing, shapes: list[Shape]) -> Scene:

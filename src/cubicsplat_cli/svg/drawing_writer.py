@@ -40,7 +40,7 @@ from cubicsplat_cli.svg.markup import (
     short_colour,
 )
 from cubicsplat_cli.svg.quantise import check_precision
-from cubicsplat_cli.svg.shading import add_shading
+from cubicsplat_cli.svg.shading import clipped
 
 _ANGLE_DECIMALS = 3  # degrees
 
@@ -68,9 +68,8 @@ def write_drawing(drawing: Drawing, *, precision: int | None = None, title: str,
             continue
         if group[0].group != held[0]:
             held = group[0].group, group_element(root, group[0].group, names)
-        held[1].extend(_finished(element, group[0], names, gradients, precision))
-        if group[0].shading is not None:
-            add_shading(held[1], group[0].shading, names, gradients, element.attrib["id"])
+        finished = _finished(element, group[0], names, gradients, precision)
+        held[1].extend(finished if group[0].shading is None else clipped(finished, group[0], names))
     return document(root)
 
 
