@@ -26,7 +26,6 @@ from scenes import (
     MODES,
     PAPER,
     TENSORS,
-    as_arguments,
     in_double,
     random_scene,
     random_target,
@@ -37,7 +36,7 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.raster import RasterSettings, reference, render, render_scene
+from cubicsplat_cli.raster import RasterSettings, reference, reference_coverage, render, render_scene
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.operator import render_op
 from cubicsplat_cli.raster.settings import FLATNESS
@@ -164,7 +163,7 @@ def test_what_nothing_reads_may_be_anything():
 def test_a_scaled_scene_has_the_same_gradients(mode):
     scene = painted(mode, 6, 20, 18)
     larger = scaled_scene(scene, 40, 36)
-    at = reference.pixel_centres(20, 18)
+    at = reference_coverage.pixel_centres(20, 18)
     for curve in (1, 2, 4, 5):
         assert torch.allclose(
             paint_at(scene.gradients, curve, at), paint_at(larger.gradients, curve, 2.0 * at), atol=1e-5
@@ -220,8 +219,7 @@ def wanted(mode, background, raster):
     scene = painted(mode, 9, seed=4 + (raster is EXACT), background=background)
     scene.validate()
     leaves = in_double_painted(scene)
-    tensors, keywords = as_arguments(leaves)
-    image = reference.render(*tensors, **keywords, settings=raster)
+    image = reference.render(leaves, raster)
     loss = reference.image_loss(image, random_target(scene).double())
     loss.backward()
     found = {name: getattr(leaves, name).grad for name in compared(scene)}
@@ -250,8 +248,7 @@ def test_the_engine_matches_the_reference(engine, mode, background):
 def test_importance(engine, kind):
     scene = painted(Mode.CLOSED, 8, 41, 35, 2, background=PAPER)
     target = random_target(scene, 3)
-    tensors, keywords = as_arguments(in_double(scene))
-    want = reference.importance(*tensors, **keywords, settings=RELAXED, target=target.double(), kind=kind)
+    want = reference.importance(in_double(scene), RELAXED, target=target.double(), kind=kind)
     here, target = packed(scene, engine.device), target.to(engine.device)
     _, got = engine.gradients(here, RELAXED, target=target, importance=kind)
     assert close(got["importance"], want, 5e-3)
@@ -356,8 +353,7 @@ def test_a_place_at_the_centre_of_a_radial_gradient_has_finite_gradients(engine)
     target = random_target(scene)
     _, got = engine.gradients(packed(scene), RELAXED, target=target)
     leaves = in_double_painted(scene)
-    tensors, keywords = as_arguments(leaves)
-    reference.image_loss(reference.render(*tensors, **keywords, settings=RELAXED), target.double()).backward()
+    reference.image_loss(reference.render(leaves, RELAXED), target.double()).backward()
     assert close(got["frames"], leaves.gradients.frames.grad, 1e-3)
     for name in (*TENSORS, "frames", "stops"):
         assert torch.isfinite(got[name]).all(), name
