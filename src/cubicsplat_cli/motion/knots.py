@@ -26,7 +26,7 @@ LEAST_PRICE, MOST_PRICE = 1e-9, 1e3  # of a byte, in units of the loss: one pixe
 BISECTIONS = 24
 # The loss may rise by so many times itself when knots are left out, before the joint fit takes most of it back; but by
 # no more than this part of what all that moves is good for, unless that is next to nothing beside the loss.
-KNOT_LOSS, LEAST_KNOT_LOSS, MOTION_LOSS = 2.2, 0.1, 0.1
+KNOT_LOSS, LEAST_KNOT_LOSS, MOTION_LOSS = 1.7, 0.1, 0.1
 
 
 def sensitivity(
