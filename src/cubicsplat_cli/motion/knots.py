@@ -32,7 +32,9 @@ KNOT_LOSS, LEAST_KNOT_LOSS, MOTION_LOSS = 1.7, 0.1, 0.1
 def sensitivity(
     tracks: Tracks, engine: Engine, raster: RasterSettings, generator: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Of each track (N, C): by how much the squared error of a frame rises for the square of a change, on average."""
+    """Of each track (N, C): by how much the squared error of a frame rises for the square of a change, on average over
+    the frames that show the curve.
+    """
     lines, curves = tracks.lines(), tracks.by_name["shapes"].knots.shape[1]
     sums = {name: np.zeros(track.values.shape[1:]) for name, track in tracks.by_name.items()}
     count = np.zeros((curves, 1))
