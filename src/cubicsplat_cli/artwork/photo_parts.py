@@ -1,0 +1,234 @@
+"""Photographs within a page: the parts of a picture that the measure of photos calls such, where it calls the rest a
+drawing.
+
+The even areas of a page end at its photos, and text is thin. So what is left between them, where whole squares fit into
+it, may be a photo.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.artwork.input.evenness import ALIKE, TILE
+from cubicsplat_cli.artwork.style import ARTWORK, COLOUR, PHOTO, UNSEEN, choose_style
+from cubicsplat_cli.raster import ndimage
+
+LEAST_SIDE = 4 * TILE  # px
+FRAME = 8  # px of a frame around a photo, at most, and of an edge's blends
+LEAST_LINE = 0.9  # of the pixels of a row, in one colour, that is one of a frame
+# Levels by which the pixels of a drawing's areas are off one colour or gradient, root mean square: rounding, and twice
+# what a JPEG leaves off the edges. A photo's grain is more.
+GRAIN = 1.0
+LEAST_FILLED = 0.9  # of a rectangle with all its corners, that a photo fills: what is missing is as even as the page
+# Of a photo's px in one colour: at most .25 in photos, at least .5 in text that a JPEG's blocks surround.
+MOST_IN_ONE = 0.35
+LEAST_REST = 0.002  # of the picture, in px away from the parts, at which something is drawn
+Box = tuple[int, int, int, int]  # left, top, right, bottom, px
+_SQUARE = np.ones((3, 3), dtype=bool)
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoPart:
+    """A photograph in a picture: mask (h, w) bool of the window's pixels, its left and top, px; stand_in: three levels
+    of a fill that differs from all that is around it, under which it is drawn.
+    """
+
+    left: int
+    top: int
+    mask: np.ndarray
+    stand_in: np.ndarray
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        height, width = self.mask.shape
+        return slice(self.top, self.top + height), slice(self.left, self.left + width)
+
+    @property
+    def rectangular(self) -> bool:
+        return bool(self.mask.all())
+
+    @property
+    def area(self) -> int:
+        """In px."""
+        return int(self.mask.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A drawing with photographs in it: flat (H, W, 3), float32 in [0, 1], the picture with a fill in place of each of
+    them.
+    """
+
+    flat: np.ndarray
+    parts: tuple[PhotoPart, ...]
+    reason: str
+
+
+def page_of(target: np.ndarray) -> Page | None:
+    """The drawing and the photographs of a picture (H, W, 3), float32 in [0, 1]; None where it does not consist of
+    both.
+    """
+    levels = np.rint(255.0 * target).astype(np.float32)
+    even = _even_areas(levels)
+    parts = [part for part in _candidates(levels, even) if _is_photo(levels, part)]
+    if not parts:
+        return None
+    flat = levels.copy()
+    for part in parts:
+        flat[part.window][part.mask] = part.stand_in
+    flat = (flat / np.float32(255.0)).astype(np.float32)
+    rest = choose_style(flat)
+    if rest.name != ARTWORK or _drawn_share(flat * 255.0, parts) < LEAST_REST:
+        return None
+    return Page(flat, tuple(parts), rest.reason)
+
+
+def _even_areas(levels: np.ndarray) -> np.ndarray:
+    """(H, W) int32 the number of the connected area in one colour or one linear gradient, of a TILE's square at least,
+    that a pixel is in; 0 elsewhere.
+    """
+    spread = ndimage.maximum_filter(levels, (3, 3, 1)) - ndimage.minimum_filter(levels, (3, 3, 1))
+    areas, count = ndimage.label(largest(spread) <= ALIKE)
+    sizes = np.bincount(areas.ravel(), minlength=count + 1)
+    large = sizes >= TILE**2
+    large[0] = False
+    areas = (np.cumsum(large) * large)[areas]
+    off = _off_planes(levels, areas, int(large.sum()))
+    kept = np.concatenate([[False], off <= GRAIN])
+    return np.asarray((np.cumsum(kept) * kept)[areas], np.int32)
+
+
+def _off_planes(levels: np.ndarray, areas: np.ndarray, count: int) -> np.ndarray:
+    """(count,) levels by which the pixels of areas, numbered from 1 on, are off the nearest linear gradient, root mean
+    square of the channel with most.
+    """
+    y, x = np.nonzero(areas)
+    owner, sides = areas[y, x] - 1, np.array(areas.shape, float)
+    terms = np.stack([np.ones(len(y)), x / sides[1] - 0.5, y / sides[0] - 0.5, *levels[y, x].T.astype(float)])
+    sums = np.array([[np.bincount(owner, a * b, count) for b in terms] for a in terms]).transpose(2, 0, 1)
+    # A very thin area has no slope across: the ridge is far below any other.
+    normal, right = sums[:, :3, :3] + 1e-6 * np.eye(3), sums[:, :3, 3:]
+    squares = np.einsum("nkk->nk", sums[:, 3:, 3:]) - (right * np.linalg.solve(normal, right)).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0).max(axis=1, initial=0.0) / np.maximum(sums[:, 0, 0], 1.0)))
+
+
+def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
+    """What is not even and not thin: rectangles that end at their strongest steps, without what frames them, or other
+    forms.
+    """
+    thick = _opened(even == 0)
+    parts = []
+    labels, _ = ndimage.label(ndimage.binary_fill_holes(thick))
+    for number, (rows, columns) in enumerate(ndimage.find_objects(labels), 1):
+        whole = (columns.start, rows.start, columns.stop, rows.stop)
+        own = labels == number
+        box = _ended(levels, whole)
+        mask = _mask_of(own, even, box)
+        corners = mask[[0, 0, -1, -1], [0, -1, 0, -1]]
+        if corners.all() and mask.mean() >= LEAST_FILLED:
+            mask = np.ones_like(mask)
+        else:
+            box = whole
+            mask = _mask_of(own, even, box)
+        if min(mask.shape) >= LEAST_SIDE and mask.sum() >= LEAST_SIDE**2:
+            parts.append(PhotoPart(box[0], box[1], mask, _stand_in(levels, box)))
+    return parts
+
+
+def _opened(mask: np.ndarray) -> np.ndarray:
+    """(H, W) bool: what of a mask squares a little wider than a TILE fit into."""
+    narrowed = ndimage.minimum_filter(mask.astype(np.float32), TILE + 1)
+    return np.asarray(ndimage.maximum_filter(narrowed, TILE + 1) > 0.0)
+
+
+def _ended(levels: np.ndarray, box: Box) -> Box:
+    """A box (left, top, right, bottom) with its sides moved inwards to where the picture changes most along them, and
+    beyond what frames it, each by at most 2 FRAME px.
+    """
+    left, top, right, bottom = box
+    grown = np.pad(levels, ((1, 1), (1, 1), (0, 0)), constant_values=-np.inf)  # beyond the picture all is different
+    part = grown[top : bottom + 2, left : right + 2]
+    turned = part.swapaxes(0, 1)
+    sides = (turned[:, 1:-1], part[:, 1:-1], turned[::-1, 1:-1], part[::-1, 1:-1])
+    steps = [_strongest(side) for side in sides]
+    steps = [step + _frame(side[1 + step :]) for step, side in zip(steps, sides, strict=True)]
+    return left + steps[0], top + steps[1], right - steps[2], bottom - steps[3]
+
+
+def _strongest(part: np.ndarray) -> int:
+    """The number of rows, of those after the first one, at the top of a part before the outermost of the steps from one
+    row to the next that are about as large as the largest.
+    """
+    rows = part[: min(2 * FRAME, len(part) // 3) + 1]
+    sizes = np.median(largest(np.abs(np.diff(rows, axis=0))), axis=1)
+    return int(np.argmax(sizes >= 0.5 * sizes.max()))
+
+
+def _frame(part: np.ndarray) -> int:
+    """The number of rows at the top of a part that frame it."""
+    found = 0
+    for row in range(min(FRAME, len(part) - 1)):
+        line = part[row]
+        off = largest(np.abs(line - np.median(line, axis=0)))
+        if (off <= UNSEEN).mean() < LEAST_LINE:
+            break
+        if (largest(np.abs(part[row + 1] - line)) > ALIKE).mean() > 0.5:
+            found = row + 1
+    return found
+
+
+def _mask_of(own: np.ndarray, even: np.ndarray, box: Box) -> np.ndarray:
+    """(h, w) bool: what of a box belongs to a part (H, W) bool: all but even areas that reach into it from outside."""
+    left, top, right, bottom = box
+    inside = even[top:bottom, left:right]
+    counts = np.bincount(even.ravel())
+    outside = np.bincount(inside.ravel(), minlength=len(counts)) < counts
+    outside[0] = False
+    free = ~ndimage.binary_dilation(outside[inside], _SQUARE)
+    labels, count = ndimage.label(_opened(free))
+    sizes = np.bincount(labels.ravel(), own[top:bottom, left:right].ravel(), count + 1)
+    sizes[0] = 0.0
+    # Corners, which no square fits into, again.
+    wide = ndimage.maximum_filter((labels == int(sizes.argmax())).astype(np.float32), TILE // 2 - 1) > 0.0
+    return np.asarray(ndimage.binary_fill_holes(wide & free))
+
+
+def _stand_in(levels: np.ndarray, box: Box) -> np.ndarray:
+    """(3,) levels as far as may be from those around a box."""
+    left, top, right, bottom = box
+    height, width = levels.shape[:2]
+    rows, columns = slice(max(0, top - FRAME), bottom + FRAME), slice(max(0, left - FRAME), right + FRAME)
+    around = np.ones((height, width), dtype=bool)
+    around[top:bottom, left:right] = False
+    near = levels[rows, columns][around[rows, columns]]
+    corners = np.array(np.meshgrid(*[(0.0, 255.0)] * 3)).reshape(3, -1).T
+    if not len(near):
+        return corners[0]
+    return corners[int(np.abs(corners[:, None] - np.unique(near, axis=0)).max(axis=2).min(axis=1).argmax())]
+
+
+def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:
+    """Whether the measure of photos calls the part one, and does not doubt it, and it has no ground."""
+    crop = levels[part.window] / np.float32(255.0)
+    values = levels[part.window][part.mask]
+    code = (values // COLOUR).astype(np.int64) @ (256 ** np.arange(3))
+    _, which, counts = np.unique(code, return_inverse=True, return_counts=True)
+    commonest = values[which.reshape(-1) == int(counts.argmax())].mean(axis=0)
+    if (largest(np.abs(values - commonest)) <= UNSEEN).mean() > MOST_IN_ONE:
+        return False
+    if not part.rectangular:
+        crop = np.concatenate([crop, np.ones_like(crop[..., :1])], axis=2) * part.mask[..., None]
+    found = choose_style(crop)
+    return found.name == PHOTO and not found.doubtful
+
+
+def _drawn_share(flat: np.ndarray, parts: list[PhotoPart]) -> float:
+    """The share of the pixels off the parts and what frames them that differ from a neighbour."""
+    differ = (ndimage.maximum_filter(flat, (3, 3, 1)) - ndimage.minimum_filter(flat, (3, 3, 1))).max(axis=2) > UNSEEN
+    for part in parts:
+        rows, columns = part.window
+        differ[max(0, rows.start - FRAME) : rows.stop + FRAME, max(0, columns.start - FRAME) : columns.stop + FRAME] = False
+    return float(differ.mean())
