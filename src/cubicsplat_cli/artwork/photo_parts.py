@@ -58,10 +58,11 @@ class PhotoPart:
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """A drawing with photographs in it: flat (H, W, 3), float32 in [0, 1], the picture with a fill in place of each of
-    them.
+    """A drawing with photographs in it: picture (H, W, 3), float32 in [0, 1]; flat, the same with a fill in place of
+    each of them. reason: what says that this is a drawing.
     """
 
+    picture: np.ndarray
     flat: np.ndarray
     parts: tuple[PhotoPart, ...]
     reason: str
@@ -83,7 +84,7 @@ def page_of(target: np.ndarray) -> Page | None:
     rest = choose_style(flat)
     if rest.name != ARTWORK or _drawn_share(flat * 255.0, parts) < LEAST_REST:
         return None
-    return Page(flat, tuple(parts), rest.reason)
+    return Page(target, flat, tuple(parts), rest.reason)
 
 
 def _even_areas(levels: np.ndarray) -> np.ndarray:
@@ -229,6 +230,6 @@ def _drawn_share(flat: np.ndarray, parts: list[PhotoPart]) -> float:
     """The share of the pixels off the parts and what frames them that differ from a neighbour."""
     differ = (ndimage.maximum_filter(flat, (3, 3, 1)) - ndimage.minimum_filter(flat, (3, 3, 1))).max(axis=2) > UNSEEN
     for part in parts:
-        rows, columns = part.window
-        differ[max(0, rows.start - FRAME) : rows.stop + FRAME, max(0, columns.start - FRAME) : columns.stop + FRAME] = False
+        rows, columns = (slice(max(0, each.start - FRAME), each.stop + FRAME) for each in part.window)
+        differ[rows, columns] = False
     return float(differ.mean())

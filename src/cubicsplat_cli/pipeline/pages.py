@@ -1,0 +1,144 @@
+"""Pages: drawings in which some parts are photographs, each a shape with a group of curves that are fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, pieces_of_rings
+from cubicsplat_cli.artwork.limits import blocks_of, reduction
+from cubicsplat_cli.artwork.photo_parts import Page, PhotoPart, page_of
+from cubicsplat_cli.artwork.shading.insides import inside_of
+from cubicsplat_cli.artwork.shading.paints import base_paint
+from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape
+from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.formatting import counted
+from cubicsplat_cli.pipeline.artwork import drawn_outlines
+from cubicsplat_cli.pipeline.photo import fitted_photo
+from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.scene import Scene
+
+NAME = "photo"  # of a shape that is one
+RIM = 2  # px of a part's edge, whose colours its base paint has
+NEAR = 64  # levels by which the fill of a part's shape may be off the one it was drawn in: far less than to others
+SOFT, FAINT = 8.0, 1e-3  # px over which a photo goes on beyond its edge; of its weight, below which it is its mean
+LEAST_COMMON = 0.7  # of the boxes of a part and of its shape
+
+
+class PartIsLost(Exception):
+    """The drawing of a page has no shape for one of its photographs."""
+
+
+def page_in(task: Task) -> Page | None:
+    """The page that a picture shows; None where it is none, or the request is for something else."""
+    if not task.request.may_hold_photos or task.recorder is not None or task.target.alpha is not None:
+        return None
+    target = task.target.target()
+    factor = reduction(*target.shape[:2])
+    if factor > 1:
+        opaque = np.concatenate([target, np.ones_like(target[..., :1])], axis=2)
+        target = np.ascontiguousarray(blocks_of(opaque, factor)[..., :3])
+    return page_of(target)
+
+
+def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) -> Made:
+    """The drawing of a page with its photographs.
+
+    on_sketch: given the work on the page without them, and a first version of what has very many shapes; what it raises
+    ends the drawing. Raises PartIsLost where there is no shape for a photograph.
+    """
+    without = _of_pixels(task, page.flat)
+    curves = task.settings().for_size(sum(part.area for part in page.parts), 1).curves
+    interrupted = False
+
+    def with_photos(drawing: Drawing) -> Drawing:
+        nonlocal interrupted
+        shapes = list(drawing.shapes)
+        for part in page.parts:
+            index = _shape_of(drawing, part)
+            share = max(1, round(curves * part.area / sum(each.area for each in page.parts)))
+            photo = _photo(task, page, part, share)
+            interrupted |= photo.interrupted
+            assert isinstance(photo.scene, Scene)
+            shapes[index] = _with_photo(page, shapes[index], part, photo.scene)
+        return replace(drawing, shapes=tuple(shapes))
+
+    made = drawn_outlines(without, lambda sketch: on_sketch(without, sketch), with_photos)
+    note = f"{counted(len(page.parts), 'photograph')} in it fitted as {curves} curves"
+    facts = {**made.facts, "interrupted": made.interrupted or interrupted}
+    return replace(made, notes=[*made.notes, note], facts=facts)
+
+
+def _of_pixels(task: Task, rgb: np.ndarray) -> Task:
+    """The work on other pixels (H, W, 3), for a picture of the same size."""
+    target = Picture(rgb, None, task.target.source, task.target.sha256)
+    return replace(task, target=target, quick_photos={})
+
+
+def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:
+    """The curves fitted to a part, over a background, in px of its window."""
+    crop = page.picture[part.window]
+    own = _of_pixels(task, np.ascontiguousarray(crop if part.rectangular else _continued(crop, part.mask)))
+    settings = task.request.settings.with_(curves=curves)
+    return fitted_photo(replace(own, picture=own.target, request=replace(task.request, settings=settings)))
+
+
+def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """A picture (H, W, 3) that goes on softly beyond a mask (H, W) bool, where an edge would take curves."""
+    inside = mask[..., None].astype(np.float32)
+    weights, sums = (ndimage.gaussian_filter(each, (SOFT, SOFT, 0.0)) for each in (inside, crop * inside))
+    mean = crop[mask].mean(axis=0)
+    return np.where(inside > 0.0, crop, (sums + FAINT * mean) / (weights + FAINT)).astype(np.float32)
+
+
+def _shape_of(drawing: Drawing, part: PhotoPart) -> int:
+    """The number of the shape that stands for a part."""
+    height, width = part.mask.shape
+    own = np.array([part.left, part.top, part.left + width, part.top + height], float)
+    common = [
+        _in_common(own, _box(shape)) if shape.gradient is None and _is_near(shape, part) else 0.0
+        for shape in drawing.shapes
+    ]
+    if max(common, default=0.0) < LEAST_COMMON:
+        raise PartIsLost
+    return int(np.argmax(common))
+
+
+def _is_near(shape: Shape, part: PhotoPart) -> bool:
+    return bool(np.abs(np.array(shape.fill[:3]) - part.stand_in).max() <= NEAR)
+
+
+def _box(shape: Shape) -> np.ndarray:
+    cubics, _ = pieces_of_rings(shape.oriented())
+    return np.concatenate([cubics.min(axis=(0, 1)), cubics.max(axis=(0, 1))])
+
+
+def _in_common(first: np.ndarray, second: np.ndarray) -> float:
+    """The area of two boxes that is in both, of that which is in either."""
+
+    def area(box: np.ndarray) -> float:
+        return float(np.maximum(box[2:] - box[:2], 0.0).prod())
+
+    shared = area(np.concatenate([np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])]))
+    return shared / (area(first) + area(second) - shared)
+
+
+def _with_photo(page: Page, shape: Shape, part: PhotoPart, photo: Scene) -> Shape:
+    """A shape with a photo's curves in it, in place of the fill that stood for it."""
+    rows, columns = page.flat.shape[:2]
+    height, width = part.mask.shape
+    box = Rectangle(float(part.left), float(part.top), float(width), float(height))
+    outlines: tuple[Outline, ...] = (box,) if part.rectangular else shape.outlines
+    clip = (box.ring(),) if part.rectangular else inside_of(shape, columns, rows)
+    rim = part.mask & (ndimage.distance_transform_edt(np.pad(part.mask, 1))[1:-1, 1:-1] <= RIM)
+    y, x = np.nonzero(rim)
+    fill, gradient = base_paint(255.0 * page.picture[part.window][rim], x + part.left, y + part.top)
+    points = photo.points + np.array([part.left, part.top], np.float32)
+    curves = replace(photo, points=points, background=None, width=columns, height=rows)
+    assert photo.background is not None  # that of an opaque picture
+    red, green, blue = (round(255.0 * value) for value in photo.background)
+    shading = Shading(clip, (red, green, blue, 255), None, curves)
+    return replace(shape, fill=fill, gradient=gradient, outlines=outlines, name=NAME, shading=shading)
