@@ -8,7 +8,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import EmbeddedImage, Scene, resized
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 _ALIKE = 1e-3
@@ -20,13 +20,13 @@ class Shading:
 
     clip: rings, oriented as a shape's, a little inside its own; only what lies within them is seen. fill, gradient: the
     opaque paint that fills them beneath the curves, as a shape's. curves: filled, on the drawing's canvas, front to
-    back.
+    back; or a picture in their place.
     """
 
     clip: tuple[Ring, ...]
     fill: Rgba
     gradient: Gradient | None
-    curves: Scene
+    curves: Scene | EmbeddedImage
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
 def _scaled_shading(shading: Shading, width: int, height: int, across: float, down: float) -> Shading:
     clip = tuple(scaled_outline(ring, across, down).ring() for ring in shading.clip)
     gradient = shading.gradient and shading.gradient.scaled(across, down)
-    return Shading(clip, shading.fill, gradient, scaled_scene(shading.curves, width, height))
+    return Shading(clip, shading.fill, gradient, resized(shading.curves, width, height))
 
 
 def _alike(across: float, down: float) -> bool:

@@ -101,12 +101,17 @@ def of_scene(
 
 def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageSource:
     """The engine's exact picture of layers, each drawn as a whole, clipped, and laid over those before."""
+    from cubicsplat_cli.scene import EmbeddedImage
 
     def rows(top: int, bottom: int) -> np.ndarray:
         tile = Tile(0, top, scene.width, bottom - top)
         out: np.ndarray = np.zeros((bottom - top, scene.width, 4), np.float32)
         for layer in scene.layers:
-            drawn = draw_part(layer.scene, 1, tile, samples, threads)
+            content = layer.scene
+            if isinstance(content, EmbeddedImage):
+                drawn = content.rows(top, bottom)
+            else:
+                drawn = draw_part(content, 1, tile, samples, threads)
             if layer.clip is not None:
                 drawn *= draw_part(layer.clip, 1, tile, samples, threads)[..., 3:]
             out = drawn + out * (np.float32(1.0) - drawn[..., 3:])

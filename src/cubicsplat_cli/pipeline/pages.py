@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from PIL import Image
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, pieces_of_rings
 from cubicsplat_cli.artwork.limits import blocks_of, reduction
@@ -19,8 +21,10 @@ from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.scene import Scene
+from cubicsplat_cli.request import IMAGE
+from cubicsplat_cli.scene import EmbeddedImage, Scene
 
+JPEG_QUALITY = 92  # of an embedded photo: hardly anybody sees what it loses
 NAME = "photo"  # of a shape that is one
 RIM = 2  # px of a part's edge, whose colours its base paint has
 NEAR = 64  # levels by which the fill of a part's shape may be off the one it was drawn in: far less than to others
@@ -52,13 +56,16 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
     """
     without = _of_pixels(task, page.flat)
     curves = task.settings().for_size(sum(part.area for part in page.parts), 1).curves
-    interrupted = False
+    interrupted, embedded = False, task.request.photo_parts == IMAGE
 
     def with_photos(drawing: Drawing) -> Drawing:
         nonlocal interrupted
         shapes = list(drawing.shapes)
         for part in page.parts:
             index = _shape_of(drawing, part)
+            if embedded:
+                shapes[index] = _with_photo(page, shapes[index], part, _image(page, part))
+                continue
             share = max(1, round(curves * part.area / sum(each.area for each in page.parts)))
             photo = _photo(task, page, part, share)
             interrupted |= photo.interrupted
@@ -67,7 +74,8 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
         return replace(drawing, shapes=tuple(shapes))
 
     made = drawn_outlines(without, lambda sketch: on_sketch(without, sketch), with_photos)
-    note = f"{counted(len(page.parts), 'photograph')} in it fitted as {curves} curves"
+    how = "embedded" if embedded else f"fitted as {counted(curves, 'curve')}"
+    note = f"{counted(len(page.parts), 'photograph')} in it {how}"
     facts = {**made.facts, "interrupted": made.interrupted or interrupted}
     return replace(made, notes=[*made.notes, note], facts=facts)
 
@@ -84,6 +92,17 @@ def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:
     own = _of_pixels(task, np.ascontiguousarray(crop if part.rectangular else _continued(crop, part.mask)))
     settings = task.request.settings.with_(curves=curves)
     return fitted_photo(replace(own, picture=own.target, request=replace(task.request, settings=settings)))
+
+
+def _image(page: Page, part: PhotoPart) -> EmbeddedImage:
+    """The picture of a part in the smaller of a PNG and a JPEG file."""
+    height, width = part.mask.shape
+    image = Image.fromarray(np.rint(255.0 * page.picture[part.window]).astype(np.uint8))
+    files = [io.BytesIO() for _ in range(2)]
+    image.save(files[0], "PNG", optimize=True)
+    image.save(files[1], "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
+    data = min((file.getvalue() for file in files), key=len)
+    return EmbeddedImage(page.flat.shape[1::-1], part.left, part.top, width, height, data)
 
 
 def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -126,19 +145,25 @@ def _in_common(first: np.ndarray, second: np.ndarray) -> float:
     return shared / (area(first) + area(second) - shared)
 
 
-def _with_photo(page: Page, shape: Shape, part: PhotoPart, photo: Scene) -> Shape:
-    """A shape with a photo's curves in it, in place of the fill that stood for it."""
+def _with_photo(page: Page, shape: Shape, part: PhotoPart, photo: Scene | EmbeddedImage) -> Shape:
+    """A shape with a photo, on the page's canvas or as curves in px of the part, in place of the fill that stood for
+    it.
+    """
     rows, columns = page.flat.shape[:2]
     height, width = part.mask.shape
     box = Rectangle(float(part.left), float(part.top), float(width), float(height))
     outlines: tuple[Outline, ...] = (box,) if part.rectangular else shape.outlines
     clip = (box.ring(),) if part.rectangular else inside_of(shape, columns, rows)
+    colours = 255.0 * page.picture[part.window]
     rim = part.mask & (ndimage.distance_transform_edt(np.pad(part.mask, 1))[1:-1, 1:-1] <= RIM)
     y, x = np.nonzero(rim)
-    fill, gradient = base_paint(255.0 * page.picture[part.window][rim], x + part.left, y + part.top)
-    points = photo.points + np.array([part.left, part.top], np.float32)
-    curves = replace(photo, points=points, background=None, width=columns, height=rows)
-    assert photo.background is not None  # that of an opaque picture
-    red, green, blue = (round(255.0 * value) for value in photo.background)
-    shading = Shading(clip, (red, green, blue, 255), None, curves)
+    fill, gradient = base_paint(colours[rim], x + part.left, y + part.top)
+    ground = colours[part.mask].mean(axis=0)
+    if isinstance(photo, Scene):
+        assert photo.background is not None  # that of an opaque picture
+        ground = 255.0 * np.array(photo.background)
+        points = photo.points + np.array([part.left, part.top], np.float32)
+        photo = replace(photo, points=points, background=None, width=columns, height=rows)
+    red, green, blue = (round(value) for value in ground.tolist())
+    shading = Shading(clip, (red, green, blue, 255), None, photo)
     return replace(shape, fill=fill, gradient=gradient, outlines=outlines, name=NAME, shading=shading)

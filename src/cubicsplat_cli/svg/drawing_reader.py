@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
 from cubicsplat_cli.svg.drawing_paths import controls_of, ring_of, rounded_of
+from cubicsplat_cli.svg.embedded import picture_in
 from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
@@ -110,6 +111,13 @@ class _Content:
             self._opacity = _opacity(given, "fill")
         elif self._shading is not None and place == "svg/g/rect":
             self._shading.add_ground(*_paint(given, [_primitive(element).ring()], self._gradients))
+        elif place == "svg/g/image":
+            if self._shading is None or given.get("preserveAspectRatio") != "none":
+                raise ValueError("has an unexpected <image> element")
+            x, y, width, height = (_coordinate(given.get(name, "0")) for name in _LENGTHS["rect"][:4])
+            if min(width, height) <= 0.0:
+                raise ValueError("has an <image> without extent")
+            self._shading.add_image((x, y, width, height), picture_in(given.get("xlink:href", "")))
         elif self._shading is not None and place == "svg/g/g/path":
             opacity = _opacity(given, "fill") if "fill-opacity" in given else self._opacity
             for subpath in own_subpaths(element):

@@ -40,6 +40,7 @@ _OWN: dict[str, set[str]] = {
     "svg/clipPath/path": {"d"},
     "svg/g/g": {"transform", "fill-opacity"},
     "svg/g/g/path": {"d", "fill", "fill-opacity"},
+    "svg/g/image": {"x", "y", "width", "height", "preserveAspectRatio", "xlink:href"},
     "svg/path": {"d", "transform", *_PAINT, *_STROKE},
     "svg/rect": {"x", "y", "width", "height", "rx", "transform", *_PAINT, *_STROKE},
     "svg/circle": {"cx", "cy", "r", *_PAINT, *_STROKE},

@@ -11,9 +11,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.artwork.shapes import Shading
-from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene import EmbeddedImage, Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.embedded import uri_of
 from cubicsplat_cli.svg.markup import GradientElements, Identifiers, format_number, short_colour
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, to_grid
 
@@ -22,6 +23,7 @@ SCALE = f"scale({format_number(1, PRECISION)})"  # whole numbers to px
 REFERENCE = re.compile(r"url\(#([A-Za-z0-9_.-]+)\)")
 SHADING = "-shading"  # the end of a group's name
 _UNIT = 10**PRECISION
+XLINK = "http://www.w3.org/1999/xlink"
 
 
 def add_shading(
@@ -29,7 +31,8 @@ def add_shading(
 ) -> None:
     """Appends the group of a shape's shading, named after the shape's id, and before it what clips it.
 
-    The group holds its ground, a rectangle, and the group of its curves, whose numbers are whole tenths of a px.
+    The group holds its ground, a rectangle, and the group of its curves, whose numbers are whole tenths of a px, or an
+    embedded picture.
     """
     fill, gradient = short_colour(*shading.fill[:3]), None
     if shading.gradient is not None:
@@ -41,7 +44,15 @@ def add_shading(
     attributes = {"id": names.unique(f"{shape}{SHADING}"), "clip-path": f"url(#{clip.attrib['id']})"}
     group = ElementTree.SubElement(parent, "g", attributes)
     ElementTree.SubElement(group, "rect", {**_box(shading.clip), "fill": fill})
-    group.append(_curves(shading.curves))
+    group.append(_image(shading.curves) if isinstance(shading.curves, EmbeddedImage) else _curves(shading.curves))
+
+
+def _image(image: EmbeddedImage) -> ElementTree.Element:
+    box = {"x": image.left, "y": image.top, "width": image.width, "height": image.height}
+    attributes = {name: format_number(round(value * _UNIT), PRECISION) for name, value in box.items()}
+    # SVG 1.1 has no other reference; what knows SVG 2 knows it too.
+    attributes |= {"preserveAspectRatio": "none", "xmlns:xlink": XLINK, "xlink:href": uri_of(image.data)}
+    return ElementTree.Element("image", attributes)
 
 
 def _curves(scene: Scene) -> ElementTree.Element:
@@ -102,6 +113,7 @@ class ShadingReader:
         self._clip, self._size = clip, size
         self._ground: tuple[Rgba, Gradient | None] | None = None
         self._curves: list[tuple[Ring, Rgba]] = []
+        self._image: EmbeddedImage | None = None
 
     def add_ground(self, fill: Rgba, gradient: Gradient | None) -> None:
         """The paint beneath the curves. Raises ValueError where there is one already, or one that shines through."""
@@ -114,9 +126,17 @@ class ShadingReader:
         moved = Ring(ring.anchors / _UNIT, ring.controls / _UNIT, ring.lines, ring.smooth)
         self._curves.append((moved, (*colour, opacity)))  # type: ignore[arg-type]
 
+    def add_image(self, box: tuple[float, float, float, float], data: bytes) -> None:
+        """A picture in place of curves. Raises ValueError where there are such already."""
+        if self._image is not None or self._curves:
+            raise ValueError("is an image beside another one or curves")
+        self._image = EmbeddedImage(self._size, *box, data)
+
     def shading(self) -> Shading:
-        """What was read. Raises ValueError where the ground or the curves are missing."""
-        if self._ground is None or not self._curves:
+        """What was read. Raises ValueError where the ground, or curves and a picture, are missing."""
+        if self._ground is not None and self._image is not None and not self._curves:
+            return Shading(self._clip, *self._ground, self._image)
+        if self._ground is None or not self._curves or self._image is not None:
             raise ValueError("has a shading without a ground or without curves")
         front_first = self._curves[::-1]
         rings = [[ring.cubics[:, :3].reshape(-1, 2).astype(np.float32)] for ring, _ in front_first]
