@@ -297,3 +297,14 @@ def test_images_do_not_go_with_what_has_none(options):
 def test_photo_parts_takes_three_words():
     with pytest.raises(UsageError, match="curves, image"):
         request_of({"photo_parts": "all"})
+
+
+def test_an_interrupt_leaves_the_photo_in_its_mean_colour(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.goal_of", interrupted)
+    made = vectorize(page(), style="artwork", measure=False, **QUICK)
+    assert made.report.interrupted
+    off = np.abs(drawn(made.svg)[100, 80] - page()[TOP:BOTTOM, LEFT:RIGHT].mean(axis=(0, 1)))
+    assert off.max() < 3.0

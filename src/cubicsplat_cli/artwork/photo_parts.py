@@ -25,6 +25,7 @@ GRAIN = 1.0
 LEAST_FILLED = 0.9  # of a rectangle with all its corners, that a photo fills: what is missing is as even as the page
 # Of a photo's px in one colour: at most .25 in photos, at least .5 in text that a JPEG's blocks surround.
 MOST_IN_ONE = 0.35
+SOFT, FAINT = 2.0, 1e-6  # px over which a picture goes on beyond a mask; of its weight, below which that is its mean
 LEAST_REST = 0.002  # of the picture, in px away from the parts, at which something is drawn
 Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 _SQUARE = np.ones((3, 3), dtype=bool)
@@ -79,12 +80,40 @@ def page_of(target: np.ndarray) -> Page | None:
         return None
     flat = levels.copy()
     for part in parts:
-        flat[part.window][part.mask] = part.stand_in
+        _stand_in_for(part, flat)
     flat = (flat / np.float32(255.0)).astype(np.float32)
     rest = choose_style(flat)
     if rest.name != ARTWORK or _drawn_share(flat * 255.0, parts) < LEAST_REST:
         return None
     return Page(target, flat, tuple(parts), rest.reason)
+
+
+def _stand_in_for(part: PhotoPart, flat: np.ndarray) -> None:
+    """Puts the fill of a part into levels (H, W, 3), at the edge of what is no rectangle blended with what surrounds
+    it.
+    """
+    if part.rectangular:
+        flat[part.window] = part.stand_in
+        return
+    whole = np.zeros(flat.shape[:2], dtype=bool)
+    whole[part.window] = part.mask
+    around = tuple(slice(max(0, side.start - 1), side.stop + 1) for side in part.window)
+    crop, mask = flat[around], whole[around]
+    edge = mask & ndimage.binary_dilation(~mask, _SQUARE)
+    outside, inside = (continued(crop, known) for known in (~mask, mask & ~ndimage.binary_dilation(edge, _SQUARE)))
+    # The share of the photo in a pixel that lies between both colours.
+    apart = inside - outside
+    share = ((crop - outside) * apart).sum(axis=2) / np.maximum(np.square(apart).sum(axis=2), ALIKE**2)
+    covered = np.where(edge, np.clip(share, 0.0, 1.0), mask)[..., None]
+    flat[around] = covered * part.stand_in + (1.0 - covered) * outside
+
+
+def continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """A picture (h, w, 3) that goes on softly beyond a mask (h, w) bool, which is not empty."""
+    inside = mask[..., None].astype(np.float32)
+    weights, sums = (ndimage.gaussian_filter(each, (SOFT, SOFT, 0.0)) for each in (inside, crop * inside))
+    mean = crop[mask].mean(axis=0)
+    return np.where(inside > 0.0, crop, (sums + FAINT * mean) / (weights + FAINT)).astype(np.float32)
 
 
 def _even_areas(levels: np.ndarray) -> np.ndarray:
@@ -135,7 +164,7 @@ def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
             box = whole
             mask = _mask_of(own, even, box)
         if min(mask.shape) >= LEAST_SIDE and mask.sum() >= LEAST_SIDE**2:
-            parts.append(PhotoPart(box[0], box[1], mask, _stand_in(levels, box)))
+            parts.append(PhotoPart(box[0], box[1], mask, _stand_in(levels, box, mask)))
     return parts
 
 
@@ -197,18 +226,18 @@ def _mask_of(own: np.ndarray, even: np.ndarray, box: Box) -> np.ndarray:
     return np.asarray(ndimage.binary_fill_holes(wide & free))
 
 
-def _stand_in(levels: np.ndarray, box: Box) -> np.ndarray:
-    """(3,) levels as far as may be from those around a box."""
+def _stand_in(levels: np.ndarray, box: Box, mask: np.ndarray) -> np.ndarray:
+    """(3,) levels as far as may be from those around a mask in a box."""
     left, top, right, bottom = box
-    height, width = levels.shape[:2]
+    around = np.ones(levels.shape[:2], dtype=bool)
+    around[top:bottom, left:right] = ~mask
     rows, columns = slice(max(0, top - FRAME), bottom + FRAME), slice(max(0, left - FRAME), right + FRAME)
-    around = np.ones((height, width), dtype=bool)
-    around[top:bottom, left:right] = False
     near = levels[rows, columns][around[rows, columns]]
     corners = np.array(np.meshgrid(*[(0.0, 255.0)] * 3)).reshape(3, -1).T
     if not len(near):
         return corners[0]
-    return corners[int(np.abs(corners[:, None] - np.unique(near, axis=0)).max(axis=2).min(axis=1).argmax())]
+    far = [largest(np.abs(near - corner)).min() for corner in corners]
+    return corners[int(np.argmax(far))]
 
 
 def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:

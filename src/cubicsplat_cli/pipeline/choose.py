@@ -65,15 +65,14 @@ def _first(task: Task) -> Made:
     fill = only_fill(task.picture)
     if fill is not None:
         return plain(fill, task)
-    page = _page(task)
     asked = _asked_for(request)
-    if page is not None:
-        return page if asked is None else replace(page, style=asked, may_be_photo=False)
     if asked is not None:
-        return replace(_made(task, asked), may_be_photo=False)
+        page = _page(task)
+        made = _made(task, asked) if page is None else replace(page, style=asked)
+        return replace(made, may_be_photo=False)
     style = choose_style(task.target.target())
     try:
-        return _suiting(task, style)
+        return (None if style.cells else _page(task)) or _suiting(task, style)
     except PhotoIsNearer as nearer:
         return _photo_instead(task, style, str(nearer))
     except UsageError:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, pieces_of_rings
 from cubicsplat_cli.artwork.limits import blocks_of, reduction
-from cubicsplat_cli.artwork.photo_parts import Page, PhotoPart, page_of
+from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, continued, page_of
 from cubicsplat_cli.artwork.shading.insides import inside_of
 from cubicsplat_cli.artwork.shading.paints import base_paint
 from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape
@@ -20,6 +20,7 @@ from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
+from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.request import IMAGE
 from cubicsplat_cli.scene import EmbeddedImage, Scene
@@ -28,7 +29,6 @@ JPEG_QUALITY = 92  # of an embedded photo: hardly anybody sees what it loses
 NAME = "photo"  # of a shape that is one
 RIM = 2  # px of a part's edge, whose colours its base paint has
 NEAR = 64  # levels by which the fill of a part's shape may be off the one it was drawn in: far less than to others
-SOFT, FAINT = 8.0, 1e-3  # px over which a photo goes on beyond its edge; of its weight, below which it is its mean
 LEAST_COMMON = 0.7  # of the boxes of a part and of its shape
 
 
@@ -62,6 +62,8 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
         nonlocal interrupted
         shapes = list(drawing.shapes)
         for part in page.parts:
+            if interrupted or work().stopped:
+                break
             index = _shape_of(drawing, part)
             if embedded:
                 shapes[index] = _with_photo(page, shapes[index], part, _image(page, part))
@@ -71,7 +73,7 @@ def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) 
             interrupted |= photo.interrupted
             assert isinstance(photo.scene, Scene)
             shapes[index] = _with_photo(page, shapes[index], part, photo.scene)
-        return replace(drawing, shapes=tuple(shapes))
+        return replace(drawing, shapes=tuple(_recoloured(page, shapes)))
 
     made = drawn_outlines(without, lambda sketch: on_sketch(without, sketch), with_photos)
     how = "embedded" if embedded else f"fitted as {counted(curves, 'curve')}"
@@ -89,7 +91,7 @@ def _of_pixels(task: Task, rgb: np.ndarray) -> Task:
 def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:
     """The curves fitted to a part, over a background, in px of its window."""
     crop = page.picture[part.window]
-    own = _of_pixels(task, np.ascontiguousarray(crop if part.rectangular else _continued(crop, part.mask)))
+    own = _of_pixels(task, np.ascontiguousarray(crop if part.rectangular else continued(crop, part.mask)))
     settings = task.request.settings.with_(curves=curves)
     return fitted_photo(replace(own, picture=own.target, request=replace(task.request, settings=settings)))
 
@@ -105,29 +107,38 @@ def _image(page: Page, part: PhotoPart) -> EmbeddedImage:
     return EmbeddedImage(page.flat.shape[1::-1], part.left, part.top, width, height, data)
 
 
-def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """A picture (H, W, 3) that goes on softly beyond a mask (H, W) bool, where an edge would take curves."""
-    inside = mask[..., None].astype(np.float32)
-    weights, sums = (ndimage.gaussian_filter(each, (SOFT, SOFT, 0.0)) for each in (inside, crop * inside))
-    mean = crop[mask].mean(axis=0)
-    return np.where(inside > 0.0, crop, (sums + FAINT * mean) / (weights + FAINT)).astype(np.float32)
+def _recoloured(page: Page, shapes: list[Shape]) -> list[Shape]:
+    """The shapes, in a part's mean colour where they have the fill that stood for it still: specks at its edge, and
+    those without a photo where there was no time.
+    """
+    for part in page.parts:
+        red, green, blue = np.rint(255.0 * page.picture[part.window][part.mask].mean(axis=0)).astype(int).tolist()
+        own = _box_of(part)
+        for index, shape in enumerate(shapes):
+            off = np.abs(_box(shape) - np.clip(_box(shape), own[[0, 1, 0, 1]], own[[2, 3, 2, 3]])).max()
+            if off <= FRAME and _is_near(shape, part):
+                shapes[index] = replace(shape, fill=(red, green, blue, 255))
+    return shapes
+
+
+def _box_of(part: PhotoPart) -> np.ndarray:
+    """(4,) left, top, right and bottom in px."""
+    rows, columns = part.window
+    return np.array([columns.start, rows.start, columns.stop, rows.stop], float)
 
 
 def _shape_of(drawing: Drawing, part: PhotoPart) -> int:
     """The number of the shape that stands for a part."""
-    height, width = part.mask.shape
-    own = np.array([part.left, part.top, part.left + width, part.top + height], float)
-    common = [
-        _in_common(own, _box(shape)) if shape.gradient is None and _is_near(shape, part) else 0.0
-        for shape in drawing.shapes
-    ]
+    own = _box_of(part)
+    common = [_in_common(own, _box(shape)) if _is_near(shape, part) else 0.0 for shape in drawing.shapes]
     if max(common, default=0.0) < LEAST_COMMON:
         raise PartIsLost
     return int(np.argmax(common))
 
 
 def _is_near(shape: Shape, part: PhotoPart) -> bool:
-    return bool(np.abs(np.array(shape.fill[:3]) - part.stand_in).max() <= NEAR)
+    """Whether a shape is in about the fill that stands for a part."""
+    return shape.gradient is None and bool(np.abs(np.array(shape.fill[:3]) - part.stand_in).max() <= NEAR)
 
 
 def _box(shape: Shape) -> np.ndarray:
