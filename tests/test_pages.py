@@ -142,6 +142,9 @@ def test_drawings_photos_and_text_have_no_part():
         for left in range(8, WIDTH - 16, 7):
             text[row : row + 8, left : left + 5] = np.where(rng.random((8, 5, 1)) < 0.5, 255, 30)
     assert page_of(floats(as_jpeg(text, 70))) is None
+    small = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
+    small[20:40, 20:200] = photo(180, 20)
+    assert page_of(floats(small)) is None
 
 
 def test_a_photo_with_even_margins_alone_stays_a_photo():

@@ -153,6 +153,8 @@ def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
     parts = []
     labels, _ = ndimage.label(ndimage.binary_fill_holes(thick))
     for number, (rows, columns) in enumerate(ndimage.find_objects(labels), 1):
+        if min(rows.stop - rows.start, columns.stop - columns.start) < LEAST_SIDE:
+            continue
         whole = (columns.start, rows.start, columns.stop, rows.stop)
         own = labels == number
         box = _ended(levels, whole)
