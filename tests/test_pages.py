@@ -129,6 +129,8 @@ def test_two_photos_are_two_parts():
     pixels[60:160, 168:290] = 255
     pixels[70:170, 180:290] = photo(110, 100)[:, ::-1]
     assert sorted(boxes_of(pixels)) == [(LEFT, TOP, RIGHT, BOTTOM), (180, 70, 290, 170)]
+    first, second = page_of(floats(pixels)).parts
+    assert (first.stand_in != second.stand_in).any()
 
 
 def test_drawings_photos_and_text_have_no_part():

@@ -26,6 +26,7 @@ LEAST_FILLED = 0.9  # of a rectangle with all its corners, that a photo fills: w
 # Of a photo's px in one colour: at most .25 in photos, at least .5 in text that a JPEG's blocks surround.
 MOST_IN_ONE = 0.35
 SOFT, FAINT = 2.0, 1e-6  # px over which a picture goes on beyond a mask; of its weight, below which that is its mean
+OTHER = 64.0  # levels that a fill may be nearer to what surrounds it for being another one than that of a part
 LEAST_REST = 0.002  # of the picture, in px away from the parts, at which something is drawn
 Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 _SQUARE = np.ones((3, 3), dtype=bool)
@@ -150,7 +151,7 @@ def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
     forms.
     """
     thick = _opened(even == 0)
-    parts = []
+    parts = list[PhotoPart]()
     labels, _ = ndimage.label(ndimage.binary_fill_holes(thick))
     for number, (rows, columns) in enumerate(ndimage.find_objects(labels), 1):
         if min(rows.stop - rows.start, columns.stop - columns.start) < LEAST_SIDE:
@@ -166,7 +167,7 @@ def _candidates(levels: np.ndarray, even: np.ndarray) -> list[PhotoPart]:
             box = whole
             mask = _mask_of(own, even, box)
         if min(mask.shape) >= LEAST_SIDE and mask.sum() >= LEAST_SIDE**2:
-            parts.append(PhotoPart(box[0], box[1], mask, _stand_in(levels, box, mask)))
+            parts.append(PhotoPart(box[0], box[1], mask, _stand_in(levels, box, mask, parts)))
     return parts
 
 
@@ -228,18 +229,19 @@ def _mask_of(own: np.ndarray, even: np.ndarray, box: Box) -> np.ndarray:
     return np.asarray(ndimage.binary_fill_holes(wide & free))
 
 
-def _stand_in(levels: np.ndarray, box: Box, mask: np.ndarray) -> np.ndarray:
-    """(3,) levels as far as may be from those around a mask in a box."""
+def _stand_in(levels: np.ndarray, box: Box, mask: np.ndarray, others: list[PhotoPart]) -> np.ndarray:
+    """(3,) levels as far as may be from those around a mask in a box, and other than those of other parts: what covers
+    two of one fill would make them one shape.
+    """
     left, top, right, bottom = box
     around = np.ones(levels.shape[:2], dtype=bool)
     around[top:bottom, left:right] = ~mask
     rows, columns = slice(max(0, top - FRAME), bottom + FRAME), slice(max(0, left - FRAME), right + FRAME)
     near = levels[rows, columns][around[rows, columns]]
     corners = np.array(np.meshgrid(*[(0.0, 255.0)] * 3)).reshape(3, -1).T
-    if not len(near):
-        return corners[0]
-    far = [largest(np.abs(near - corner)).min() for corner in corners]
-    return corners[int(np.argmax(far))]
+    used = [(corners == other.stand_in).all(axis=1) for other in others]
+    far = [largest(np.abs(near - corner)).min(initial=255.0) for corner in corners]
+    return corners[int(np.argmax(far - OTHER * np.sum(used, axis=0)))]
 
 
 def _is_photo(levels: np.ndarray, part: PhotoPart) -> bool:

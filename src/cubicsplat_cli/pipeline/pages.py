@@ -19,6 +19,7 @@ from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.pipeline.photo import fitted_photo
+from cubicsplat_cli.pipeline.shaded import shaded_objects
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
@@ -45,7 +46,10 @@ def page_in(task: Task) -> Page | None:
     if factor > 1:
         opaque = np.concatenate([target, np.ones_like(target[..., :1])], axis=2)
         target = np.ascontiguousarray(blocks_of(opaque, factor)[..., :3])
-    return page_of(target)
+    page = page_of(target)
+    if page is None or shaded_objects(target) is not None:  # soft shading without grain is no photo
+        return None
+    return page
 
 
 def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) -> Made:
