@@ -9,26 +9,21 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, pieces_of_rings
+from cubicsplat_cli.artwork.geometry.outlines import Rectangle, pieces_of_rings
 from cubicsplat_cli.artwork.limits import blocks_of, reduction
 from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, continued, page_of
-from cubicsplat_cli.artwork.shading.insides import inside_of
-from cubicsplat_cli.artwork.shading.paints import base_paint
-from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.formatting import counted
+from cubicsplat_cli.options import IMAGE
 from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.pipeline.photo import fitted_photo
-from cubicsplat_cli.pipeline.shaded import shaded_objects
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import work
-from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.request import IMAGE
 from cubicsplat_cli.scene import EmbeddedImage, Scene
 
 JPEG_QUALITY = 92  # of an embedded photo: hardly anybody sees what it loses
 NAME = "photo"  # of a shape that is one
-RIM = 2  # px of a part's edge, whose colours its base paint has
 NEAR = 64  # levels by which the fill of a part's shape may be off the one it was drawn in: far less than to others
 LEAST_COMMON = 0.7  # of the boxes of a part and of its shape
 
@@ -46,10 +41,7 @@ def page_in(task: Task) -> Page | None:
     if factor > 1:
         opaque = np.concatenate([target, np.ones_like(target[..., :1])], axis=2)
         target = np.ascontiguousarray(blocks_of(opaque, factor)[..., :3])
-    page = page_of(target)
-    if page is None or shaded_objects(target) is not None:  # soft shading without grain is no photo
-        return None
-    return page
+    return page_of(target)
 
 
 def drawn_page(task: Task, page: Page, on_sketch: Callable[[Task, Made], None]) -> Made:
@@ -164,21 +156,15 @@ def _with_photo(page: Page, shape: Shape, part: PhotoPart, photo: Scene | Embedd
     """A shape with a photo, on the page's canvas or as curves in px of the part, in place of the fill that stood for
     it.
     """
-    rows, columns = page.flat.shape[:2]
     height, width = part.mask.shape
     box = Rectangle(float(part.left), float(part.top), float(width), float(height))
-    outlines: tuple[Outline, ...] = (box,) if part.rectangular else shape.outlines
-    clip = (box.ring(),) if part.rectangular else inside_of(shape, columns, rows)
-    colours = 255.0 * page.picture[part.window]
-    rim = part.mask & (ndimage.distance_transform_edt(np.pad(part.mask, 1))[1:-1, 1:-1] <= RIM)
-    y, x = np.nonzero(rim)
-    fill, gradient = base_paint(colours[rim], x + part.left, y + part.top)
-    ground = colours[part.mask].mean(axis=0)
+    ground = 255.0 * page.picture[part.window][part.mask].mean(axis=0)
     if isinstance(photo, Scene):
         assert photo.background is not None  # that of an opaque picture
         ground = 255.0 * np.array(photo.background)
+        rows, columns = page.flat.shape[:2]
         points = photo.points + np.array([part.left, part.top], np.float32)
         photo = replace(photo, points=points, background=None, width=columns, height=rows)
     red, green, blue = (round(value) for value in ground.tolist())
-    shading = Shading(clip, (red, green, blue, 255), None, photo)
-    return replace(shape, fill=fill, gradient=gradient, outlines=outlines, name=NAME, shading=shading)
+    outlines = (box,) if part.rectangular else shape.outlines
+    return replace(shape, fill=(red, green, blue, 255), outlines=outlines, name=NAME, shading=photo)

@@ -37,7 +37,7 @@ class EmbeddedImage:
         with Image.open(io.BytesIO(self.data), formats=("PNG", "JPEG")) as image:
             pixels = np.asarray(image.convert("RGB").resize(size, Image.Resampling.LANCZOS), np.float32) / 255.0
         out = np.zeros((self.canvas[1], self.canvas[0], 4), np.float32)
-        shown = out[max(0, first) : first + size[1], max(0, left) : left + size[0]]
+        shown = out[max(0, first) : max(0, first + size[1]), max(0, left) : max(0, left + size[0])]
         cut = pixels[max(0, -first) :, max(0, -left) :]
         shown[..., :3], shown[..., 3] = cut[: shown.shape[0], : shown.shape[1]], 1.0
         return out[top:bottom]
@@ -45,13 +45,20 @@ class EmbeddedImage:
 
 @dataclass(frozen=True, eq=False)
 class SceneLayer:
-    """A scene without a background, or a picture, of which only what lies within `clip` is seen: the curves, filled, of
-    another scene of its size; all of it with None. name: of what it shades, empty for shapes.
+    """A scene, or one or a picture over another one, of which only what lies within `clip` is seen: the curves, filled,
+    of a further scene; all of it with None. All are of one size and without a background. name: of what is shaded,
+    empty for shapes.
     """
 
-    scene: Scene | EmbeddedImage
+    scene: Scene
+    over: Scene | EmbeddedImage | None = None
     clip: Scene | None = None
     name: str = ""
+
+    @property
+    def scenes(self) -> tuple[Scene | EmbeddedImage, ...]:
+        """What is drawn, back to front."""
+        return (self.scene,) if self.over is None else (self.scene, self.over)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +72,15 @@ class LayeredScene:
     @property
     def curves(self) -> int:
         """The primitives of all layers."""
-        return sum(layer.scene.curves for layer in self.layers)
+        return sum(scene.curves for layer in self.layers for scene in layer.scenes)
 
     def scaled(self, width: int, height: int) -> LayeredScene:
         """The same on a canvas of another size; see `scaled_scene`."""
         layers = tuple(
             replace(
                 layer,
-                scene=resized(layer.scene, width, height),
+                scene=scaled_scene(layer.scene, width, height),
+                over=layer.over and resized(layer.over, width, height),
                 clip=layer.clip and scaled_scene(layer.clip, width, height),
             )
             for layer in self.layers
