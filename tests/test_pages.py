@@ -124,6 +124,19 @@ def test_a_round_photo_keeps_its_form():
     assert np.abs((drawn(result.svg) - pixels)[:, 140:]).max() <= 1.0
 
 
+def test_soft_shading_within_an_outline_is_no_photo(monkeypatch):
+    pixels = page((20, 50, 130, 160), frame=False)
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    waves = [np.sin(x / 9.0 + y / 13.0), np.cos(x / 11.0 - y / 8.0), np.sin(y / 6.0) * np.cos(x / 7.0)]
+    shaded = np.rint(140.0 + 70.0 * np.stack(waves, axis=2)).astype(np.uint8)
+    inside = np.hypot(x - 75, y - 105) < 54
+    pixels[50:160, 20:140] = 255
+    pixels[inside] = shaded[inside]
+    assert page_of(floats(pixels)) is None
+    monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.GRAINY", 0.0)
+    assert page_of(floats(pixels)) is not None
+
+
 def test_two_photos_are_two_parts():
     pixels = page(frame=False)
     pixels[60:160, 168:290] = 255
