@@ -105,7 +105,7 @@ def _stand_in_for(part: PhotoPart, flat: np.ndarray) -> None:
     around = tuple(slice(max(0, side.start - 1), side.stop + 1) for side in part.window)
     crop, mask = flat[around], whole[around]
     edge = mask & ndimage.binary_dilation(~mask, _SQUARE)
-    outside, inside = (continued(crop, known) for known in (~mask, mask & ~ndimage.binary_dilation(edge, _SQUARE)))
+    outside, inside = (_continued(crop, known) for known in (~mask, mask & ~ndimage.binary_dilation(edge, _SQUARE)))
     # The share of the photo in a pixel that lies between both colours.
     apart = inside - outside
     share = ((crop - outside) * apart).sum(axis=2) / np.maximum(np.square(apart).sum(axis=2), ALIKE**2)
@@ -113,7 +113,7 @@ def _stand_in_for(part: PhotoPart, flat: np.ndarray) -> None:
     flat[around] = covered * part.stand_in + (1.0 - covered) * outside
 
 
-def continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def _continued(crop: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """A picture (h, w, 3) that goes on softly beyond a mask (h, w) bool, which is not empty."""
     inside = mask[..., None].astype(np.float32)
     weights, sums = (ndimage.gaussian_filter(each, (SOFT, SOFT, 0.0)) for each in (inside, crop * inside))

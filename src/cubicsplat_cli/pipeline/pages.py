@@ -11,11 +11,14 @@ from PIL import Image
 
 from cubicsplat_cli.artwork.geometry.outlines import Rectangle, pieces_of_rings
 from cubicsplat_cli.artwork.limits import blocks_of, reduction
-from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, continued, page_of
+from cubicsplat_cli.artwork.photo_parts import FRAME, Page, PhotoPart, page_of
+from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.artwork.style import PHOTO
 from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.files.weights import Mask
 from cubicsplat_cli.formatting import counted
-from cubicsplat_cli.options import IMAGE
+from cubicsplat_cli.options import IMAGE, NO_SHADING
 from cubicsplat_cli.pipeline.artwork import drawn_outlines
 from cubicsplat_cli.pipeline.photo import fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
@@ -86,10 +89,16 @@ def _of_pixels(task: Task, rgb: np.ndarray) -> Task:
 
 def _photo(task: Task, page: Page, part: PhotoPart, curves: int) -> Made:
     """The curves fitted to a part, over a background, in px of its window."""
-    crop = page.picture[part.window]
-    own = _of_pixels(task, np.ascontiguousarray(crop if part.rectangular else continued(crop, part.mask)))
-    settings = task.request.settings.with_(curves=curves)
-    return fitted_photo(replace(own, picture=own.target, request=replace(task.request, settings=settings)))
+    own = _of_pixels(task, np.ascontiguousarray(page.picture[part.window]))
+    request = replace(
+        task.request,
+        style=PHOTO,
+        shading=NO_SHADING,
+        artwork=ArtworkSettings(),
+        settings=task.request.settings.with_(curves=curves),
+        weights=None if part.rectangular else Mask(part.mask.astype(np.float32), NAME, ""),
+    )
+    return fitted_photo(replace(own, picture=own.target, request=request))
 
 
 def _image(page: Page, part: PhotoPart) -> EmbeddedImage:
