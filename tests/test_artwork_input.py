@@ -26,6 +26,7 @@ from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.hidden_fills import overshoots
+from cubicsplat_cli.artwork.regions.sampling import aliased
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.convert import as_picture
@@ -436,3 +437,31 @@ def test_a_drawing_is_that_of_the_picture_blended_as_viewers_do():
     (one,), (other,) = (drawing.shapes[1].outlines for drawing in (plain, found))
     assert isinstance(one, Circle) and isinstance(other, Circle)
     assert abs(one.r - other.r) < 0.02
+
+
+IN_STEPS = '<path d="M0 0H96V96H0z" fill="#fff"/><circle cx="34.3" cy="40.2" r="24.6" fill="#1a4fa0"/>'
+LEVEL = "".join(f'<path d="M{12 * k} {8 * k}h11v{3 + k}h-11z" fill="#c03020"/>' for k in range(8))
+
+
+def in_steps(body: str, *, smooth: bool) -> np.ndarray:
+    """(96, 96, 4) float32 the picture of a drawing in [0, 1], with or without anti-aliasing."""
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 96">{body}</svg>'
+    return as_picture(Document(text.encode(), "x", 96).draw(smooth=smooth)).premultiplied()
+
+
+def test_edges_without_anti_aliasing_are_known_by_their_steps():
+    slanted = IN_STEPS + '<path d="M60 20L90 31L70 80z" fill="#f0a020"/>'
+    for body, expected in ((IN_STEPS, True), (slanted, True), (LEVEL, False)):
+        assert aliased(as_levels(in_steps(body, smooth=False))) is expected
+        assert not aliased(as_levels(in_steps(body, smooth=True)))
+    assert not aliased(np.repeat(np.repeat(as_levels(in_steps(IN_STEPS, smooth=False)), 3, axis=0), 3, axis=1))
+
+
+def test_what_has_no_anti_aliasing_is_drawn_through_its_steps():
+    drawing = draw(in_steps(IN_STEPS, smooth=False))
+    ((circle,),) = (shape.outlines for shape in drawing.shapes[1:])
+    assert isinstance(circle, Circle)
+    assert max(abs(circle.cx - 34.3), abs(circle.cy - 40.2), abs(circle.r - 24.6)) < 0.15
+    assert analysed(in_steps(IN_STEPS, smooth=False)).notes == [
+        "drawn through the steps of its edges, which have no anti-aliasing"
+    ]

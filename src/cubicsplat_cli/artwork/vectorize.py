@@ -142,7 +142,7 @@ def _versions(
     work().at("finding colours", 0.1)
     even = _even(flat.levels, prepared, settings)
     placeholders = flat.fills if _may_shine_through(prepared, settings) else None
-    plan = planned(even, settings, prepared.scale, condition.restored_error, placeholders)
+    plan = planned(even, settings, prepared.scale, condition.restored_error, placeholders, condition.share_error)
     height, width = plan.levels.shape[:2]
     if len(plan.parts) > MANY:
         sketch = Drawing(width, height, _polygons(plan.parts, (height, width), flat))
@@ -158,7 +158,7 @@ def _versions(
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
         came = plan.levels if condition.clean else flat.levels
-        goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
+        goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition), condition.share_error)
         drawing = polish(drawing, goal, settings.detail, error / 255.0)
         if few_enough(drawing):
             work().at("regularising", 0.8)

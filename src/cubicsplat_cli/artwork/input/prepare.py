@@ -52,6 +52,8 @@ class PreparedInput:
             found.append("edges drawn where they are in linear light, in which they were blended")
         if self.scanned:
             found.append("drawn as ink on white paper under even light")
+        if self.condition.aliased:
+            found.append("drawn through the steps of its edges, which have no anti-aliasing")
         if not self.condition.clean:
             found.append(f"drawn through {self.condition.words()}")
         return found
@@ -81,7 +83,8 @@ def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> Prepa
     if not condition.noise or condition.jpeg:  # what makes pictures larger may ring as well
         levels, times = before_enlargement(levels)
         if times > 1:
-            condition = condition_of(levels)
+            # What was enlarged without smoothing is wanted pixel by pixel.
+            condition = replace(condition_of(levels), aliased=False)
     if condition.only_blurred:
         # The ramps of shadows and gradients are as wide as blurred edges: it is told by what is left without them.
         without = lifted(levels)
