@@ -222,7 +222,7 @@ def _even(levels: np.ndarray, prepared: PreparedInput, settings: ArtworkSettings
 
 
 def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatPicture:
-    """A clean picture in no more than the colours asked for, or in those of the palette."""
+    """A clean picture in no more than the colours asked for, or in those of the palette that are near."""
     levels, palette = picture.levels, picture.palette
     regions = find_regions(levels, picture_fills(levels) if palette is None else palette, picture.labels)
     known, first, number = np.unique(regions.fill_of, return_index=True, return_inverse=True)
@@ -230,7 +230,7 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
     areas = np.bincount(labels.ravel(), minlength=len(known))
     colours, owner = fewer_colours(own, areas, settings.colors)
     if settings.palette:
-        colours, becomes = nearest_colours(colours, settings.palette)
+        colours, becomes = nearest_colours(colours, settings.palette, settings.palette_tolerance)
         owner = becomes[owner]
     return FlatPicture(in_colours(levels, labels, own, colours[owner]), colours)
 
