@@ -465,3 +465,13 @@ def test_what_has_no_anti_aliasing_is_drawn_through_its_steps():
     assert analysed(in_steps(IN_STEPS, smooth=False)).notes == [
         "drawn through the steps of its edges, which have no anti-aliasing"
     ]
+
+
+def test_fills_of_a_jpeg_that_are_all_but_pure_are_pure():
+    body = '<path d="M0 0H96V96H0z" fill="#fff"/><circle cx="40" cy="44" r="31" fill="#002b80"/>'
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 96">{body}</svg>'
+    buffer = io.BytesIO()
+    Image.fromarray(Document(text.encode(), "x", 96).draw()[..., :3].copy()).save(buffer, "JPEG", quality=70)
+    levels = as_levels(as_picture(np.asarray(Image.open(buffer))).target())
+    assert 0.0 < np.median(levels[30:60, 25:55, 0]) < 5.0
+    assert {tuple(fill) for fill in restored(levels, condition_of(levels)).palette[:, [0, 3]]} == {(0, 255), (255, 255)}

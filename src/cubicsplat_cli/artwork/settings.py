@@ -43,6 +43,7 @@ class ArtworkSettings:
         optional=True,
         metavar="NUMBER",
         group=DRAWINGS,
+        hidden=True,
     )
     min_area: float = setting(
         0.0, "number", "Smaller regions join a neighbour.", most=1e9, metavar="PX", group=DRAWINGS
