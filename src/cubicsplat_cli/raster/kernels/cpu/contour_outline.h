@@ -20,9 +20,8 @@ constexpr double kLevelErrors = 2.0;  // standard errors a line may be off an ax
 constexpr double kLeastOff = 0.03;    // px, of one end against the other, that always count so
 constexpr double kUnknownOff = 0.3;   // px, of a line that no points tell about
 constexpr double kSteepest = 0.2;     // off the axis, per px along it, at most
-// px that a tip goes on beyond its last point: a px, since there are no more points, and as far as its sides are less
-// than kTipSeen px apart, where it can hardly be seen; at most kLongestTip, as of sides that meet at 5 degrees.
-constexpr double kTipSeen = 0.5, kShortestTip = 1.0, kLongestTip = 6.0;
+// px that a tip goes on beyond its last point, at most: sides that meet at 5 degrees are half a px apart 6 px before.
+constexpr double kLongestTip = 6.0;
 
 enum Form : int32_t { kRing = -1, kCircle = 0, kEllipse = 1, kBox = 2 };
 
@@ -241,8 +240,8 @@ struct Outline {
         const double away = std::hypot(loop.at[k].x - here.x, loop.at[k].y - here.y);
         if (away < least) least = away, nearest = k;
       }
-      double most = longest_tip(i);
-      if (!(least > most)) continue;
+      if (!(least > kLongestTip)) continue;
+      double most = kLongestTip;
       for (int64_t k = nearest - 1; hidden(k) && nearest - k < n; k--) most += 1.0;
       for (int64_t k = nearest; hidden(k) && k - nearest < n; k++) most += 1.0;
       if (least <= most) continue;
@@ -274,25 +273,6 @@ struct Outline {
 
  private:
   static constexpr double kHalfTurn = 3.141592653589793;
-
-  // px that an anchor may be beyond its points, by the angle at which its pieces meet: half of it has this tangent.
-  double longest_tip(size_t i) const {
-    const size_t last = (i + anchors.size() - 1) % anchors.size();
-    const Point here = anchors[i], on = direction(here, controls[i], anchors[(i + 1) % anchors.size()]),
-                back = direction(here, {controls[last][1], controls[last][0]}, anchors[last]);
-    const double across = std::hypot(on.x - back.x, on.y - back.y), along = std::hypot(on.x + back.x, on.y + back.y);
-    const double thin = across > 0.0 ? 0.5 * kTipSeen * along / across : HUGE_VAL;
-    return std::min(kShortestTip + thin, kLongestTip);
-  }
-
-  // The unit vector in which a piece leaves an anchor, by the first of its other points that is not there too.
-  static Point direction(Point from, const std::array<Point, 2>& controls, Point to) {
-    for (const Point each : {controls[0], controls[1], to}) {
-      const double length = std::hypot(each.x - from.x, each.y - from.y);
-      if (length > 0.0) return {(each.x - from.x) / length, (each.y - from.y) / length};
-    }
-    return {0.0, 0.0};
-  }
 
   // Brings the control points of a line to its thirds.
   void straighten(size_t i) {
