@@ -61,7 +61,7 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
 
     request = task.request
     chosen, most = request.artwork, [n for n in (request.artwork.colors, request.settings.curves) if n is not None]
-    cells = cells.limited(min(most, default=None)).in_palette(chosen.palette)
+    cells = cells.limited(min(most, default=None)).in_palette(chosen.palette, chosen.palette_tolerance)
     notes = cells.notes
     if request.group_by == OBJECT:
         notes.append("--group-by object is of shapes, but pixel art has one path a colour")
@@ -128,7 +128,7 @@ def plain(fill: Rgba, task: Task) -> Made:
     if request.artwork.palette:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
-        fill = nearest_in(request.artwork.palette, fill)
+        fill = nearest_in(request.artwork.palette, fill, request.artwork.palette_tolerance)
     return replace(_structured(plain_drawing(fill, *task.picture.size), request), style=style)
 
 
