@@ -38,6 +38,9 @@ def truth(details: str) -> Document:
     return Document(text.encode(), "truth")
 
 
+HIDDEN = '<path d="M6 38L40 4L44 29z" fill="#ffa828"/>'
+
+
 def plain() -> Drawing:
     """The drawing without any details."""
     boxes = (
@@ -165,3 +168,13 @@ def test_of_many_areas_the_worst_are_tried(monkeypatch, caplog):
     monkeypatch.setattr(added, "MOST_TRIED", 3)
     assert 3 < len(explained(plain(), picture(truth(DOTS))).shapes) <= 12
     assert "only the 3 largest are tried" in caplog.text
+
+
+def test_the_seam_of_a_hidden_shape_along_the_edge_of_another_gets_no_dots() -> None:
+    text = (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 48"><path d="M0 0H64V48H0z" fill="#fff"/>'
+        '<path d="M50 2H60V12H50z" fill="#ffa828"/>{}<path d="M6 38L40 4L50 30z" fill="#e2e0e4"/></svg>'
+    )
+    document, seamed = (Document(text.format(each).encode(), "x", 64) for each in ("", HIDDEN))
+    drawing = vectorize.draw(as_picture(document.draw()).target())
+    assert explained(drawing, picture(seamed)) is drawing

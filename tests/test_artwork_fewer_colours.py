@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.artwork.document import Document
 from cubicsplat_cli.artwork.regions.fewer import MOST_COMPARED, fewer_colours, nearest_colours, nearest_in
 from cubicsplat_cli.artwork.settings import ArtworkSettings
 from cubicsplat_cli.artwork.vectorize import draw
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.convert import as_picture
 
 SKY, SEA, SAND, FILL = (90, 160, 230), (70, 140, 215), (240, 220, 150), (20, 20, 25)
 
@@ -66,3 +69,25 @@ def test_a_palette_keeps_opacities():
     kept, owner = nearest_colours(np.array([[100.0, 0, 0, 128], [0, 0, 200, 255]]), ((255, 0, 0), (0, 0, 255)))
     assert kept[owner].round().tolist() == [[128, 0, 0, 128], [0, 0, 255, 255]]
     assert nearest_in(((255, 0, 0), (0, 0, 255)), (90, 80, 200, 77)) == (0, 0, 255, 77)
+
+
+def test_colours_far_from_a_palette_stay_with_a_tolerance():
+    # Nearly the palette's red, in two opacities; another red; and its blue.
+    colours = np.array([[250.0, 4, 8, 255], [125, 2, 4, 128], [180, 0, 40, 255], [0, 0, 255, 255]])
+    palette = ((255, 0, 0), (0, 0, 255))
+    kept, owner = nearest_colours(colours, palette, 3.0)
+    assert kept[owner].round().tolist() == [[255, 0, 0, 255], [128, 0, 0, 128], [180, 0, 40, 255], [0, 0, 255, 255]]
+    assert len(nearest_colours(colours, palette, 40.0)[0]) == 3
+    assert nearest_in(palette, (180, 0, 40, 255), 3.0) == (180, 0, 40, 255)
+
+
+def test_a_drawing_takes_colours_of_a_palette_that_are_near():
+    text = (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64"><path d="M0 0H64V64H0z" fill="#fdfdff"/>'
+        '<circle cx="20" cy="30" r="14" fill="#fa0408"/><path d="M40 8h16v40h-16z" fill="#145078"/></svg>'
+    )
+    target = as_picture(Document(text.encode(), "x", 64).draw()).target()
+    drawing = draw(target, ArtworkSettings(palette=((255, 0, 0), (255, 255, 255)), palette_tolerance=3.0))
+    assert {shape.fill[:3] for shape in drawing.shapes} == {(255, 0, 0), (255, 255, 255), (20, 80, 120)}
+    with pytest.raises(UsageError, match="--palette"):
+        ArtworkSettings(palette_tolerance=3.0)

@@ -20,11 +20,13 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Rectangle
 from cubicsplat_cli.artwork.input import prepare
 from cubicsplat_cli.artwork.input.condition import CLEAN, Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
+from cubicsplat_cli.artwork.input.linear_light import light_of, without_linear_light
 from cubicsplat_cli.artwork.input.palette import noisy_fills
 from cubicsplat_cli.artwork.input.prepare import analysed, as_levels
 from cubicsplat_cli.artwork.input.restore import explained_by_blur, restored
 from cubicsplat_cli.artwork.input.subpixels import without_subpixels
 from cubicsplat_cli.artwork.regions.hidden_fills import overshoots
+from cubicsplat_cli.artwork.regions.sampling import aliased
 from cubicsplat_cli.artwork.style import choose_style
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.files.convert import as_picture
@@ -399,3 +401,77 @@ def test_text_for_an_lcd_is_drawn_in_its_fill():
     assert any("LCD" in note for note in prepared.notes)
     drawing = draw(_text((8, 77, 86, 77, 8), 1) / 255.0)
     assert len(drawing.fills) == 2
+
+
+def disc_in_two_spaces(ink: tuple[int, int, int], ground: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Two (64, 64, 4) pictures in levels of a disc, blended as sRGB values and in linear light."""
+    at = (np.arange(64 * 16) + 0.5) / 16
+    fine = np.hypot(at[:, None] - 31.3, at - 32.1) < 24.7
+    share = fine.reshape(64, 16, 64, 16).mean(axis=(1, 3))[..., None]
+    light = share * light_of(np.array(ink)) + (1.0 - share) * light_of(np.array(ground))
+    values = np.arange(256)
+    in_light = np.abs(light_of(values) - light[..., None]).argmin(axis=-1)
+    as_values = np.rint(share * ink + (1.0 - share) * ground)
+    opaque = np.full((64, 64, 1), 255.0)
+    return tuple(np.concatenate([each, opaque], axis=2).astype(np.float32) for each in (as_values, in_light))
+
+
+@pytest.mark.parametrize(
+    ("ink", "ground"), [((0, 0, 0), (255, 255, 255)), ((20, 60, 200), (250, 220, 60)), ((255, 170, 0), (40, 40, 60))]
+)
+def test_edges_blended_in_linear_light_are_blended_again_as_viewers_do(ink, ground):
+    as_values, in_light = disc_in_two_spaces(ink, ground)
+    assert without_linear_light(as_values) is as_values
+    found = without_linear_light(in_light)
+    # Of an edge's shares rounding leaves more in the dark, where light is told by fewer levels.
+    assert np.abs(found - as_values).max() <= 8.0 < np.abs(in_light - as_values).max()
+    assert np.abs(found - as_values).mean() < 0.1 * np.abs(in_light - as_values).mean()
+
+
+def test_a_drawing_is_that_of_the_picture_blended_as_viewers_do():
+    as_values, in_light = disc_in_two_spaces((255, 170, 0), (40, 40, 60))
+    plain, found = (draw((each / 255.0)[..., :3]) for each in (as_values, in_light))
+    assert analysed((in_light / 255.0)[..., :3]).notes == [
+        "edges drawn where they are in linear light, in which they were blended"
+    ]
+    (one,), (other,) = (drawing.shapes[1].outlines for drawing in (plain, found))
+    assert isinstance(one, Circle) and isinstance(other, Circle)
+    assert abs(one.r - other.r) < 0.02
+
+
+IN_STEPS = '<path d="M0 0H96V96H0z" fill="#fff"/><circle cx="34.3" cy="40.2" r="24.6" fill="#1a4fa0"/>'
+LEVEL = "".join(f'<path d="M{12 * k} {8 * k}h11v{3 + k}h-11z" fill="#c03020"/>' for k in range(8))
+
+
+def in_steps(body: str, *, smooth: bool) -> np.ndarray:
+    """(96, 96, 4) float32 the picture of a drawing in [0, 1], with or without anti-aliasing."""
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 96">{body}</svg>'
+    return as_picture(Document(text.encode(), "x", 96).draw(smooth=smooth)).premultiplied()
+
+
+def test_edges_without_anti_aliasing_are_known_by_their_steps():
+    slanted = IN_STEPS + '<path d="M60 20L90 31L70 80z" fill="#f0a020"/>'
+    for body, expected in ((IN_STEPS, True), (slanted, True), (LEVEL, False)):
+        assert aliased(as_levels(in_steps(body, smooth=False))) is expected
+        assert not aliased(as_levels(in_steps(body, smooth=True)))
+    assert not aliased(np.repeat(np.repeat(as_levels(in_steps(IN_STEPS, smooth=False)), 3, axis=0), 3, axis=1))
+
+
+def test_what_has_no_anti_aliasing_is_drawn_through_its_steps():
+    drawing = draw(in_steps(IN_STEPS, smooth=False))
+    ((circle,),) = (shape.outlines for shape in drawing.shapes[1:])
+    assert isinstance(circle, Circle)
+    assert max(abs(circle.cx - 34.3), abs(circle.cy - 40.2), abs(circle.r - 24.6)) < 0.15
+    assert analysed(in_steps(IN_STEPS, smooth=False)).notes == [
+        "drawn through the steps of its edges, which have no anti-aliasing"
+    ]
+
+
+def test_fills_of_a_jpeg_that_are_all_but_pure_are_pure():
+    body = '<path d="M0 0H96V96H0z" fill="#fff"/><circle cx="40" cy="44" r="31" fill="#002b80"/>'
+    text = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 96">{body}</svg>'
+    buffer = io.BytesIO()
+    Image.fromarray(Document(text.encode(), "x", 96).draw()[..., :3].copy()).save(buffer, "JPEG", quality=70)
+    levels = as_levels(as_picture(np.asarray(Image.open(buffer))).target())
+    assert 0.0 < np.median(levels[30:60, 25:55, 0]) < 5.0
+    assert {tuple(fill) for fill in restored(levels, condition_of(levels)).palette[:, [0, 3]]} == {(0, 255), (255, 255)}

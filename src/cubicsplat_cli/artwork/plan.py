@@ -10,6 +10,7 @@ from cubicsplat_cli.artwork.layers.seams import without_seams
 from cubicsplat_cli.artwork.limits import MOST_COMPLETED, MOST_REGIONS, bounded_regions
 from cubicsplat_cli.artwork.regions.fills import LEAST_FLAT, flat_pixels, picture_fills
 from cubicsplat_cli.artwork.regions.regions import FlatPicture, Regions
+from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.settings import ON, ArtworkSettings
 from cubicsplat_cli.artwork.tracing.contours import ROUNDING, EdgePositions, edge_positions
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
@@ -33,13 +34,18 @@ class Plan:
 
 
 def planned(
-    picture: FlatPicture, settings: ArtworkSettings, factor: int, error: float, placeholders: np.ndarray | None
+    picture: FlatPicture,
+    settings: ArtworkSettings,
+    factor: int,
+    error: float,
+    placeholders: np.ndarray | None,
+    share_error: float = FEW_SAMPLES,
 ) -> Plan:
     """The plan of a picture's drawing: at most settings.curves parts.
 
     factor: by which the drawing is enlarged at last. error: in levels, of pixels on edges beyond that of a clean
     picture. placeholders: (G, 4) fills that stand for gradients, of which no translucent shape makes others; None where
-    no such shapes are sought.
+    no such shapes are sought. share_error: of the shares of pixels that shapes cover.
     """
     min_area = settings.min_area / factor**2
     while True:
@@ -47,7 +53,7 @@ def planned(
         soft, regions = _regions(picture, settings, min_area, MOST_REGIONS)
         soft = without_seams(soft, regions)
         work().at("locating edges", 0.2)
-        found = edge_positions(soft, regions, ROUNDING + error)
+        found = edge_positions(soft, regions, ROUNDING + error, share_error)
         fixed = None
         if placeholders is not None:
             fixed = (np.rint(regions.fills)[:, None] == placeholders[None]).all(axis=2).any(axis=1)

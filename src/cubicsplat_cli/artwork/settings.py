@@ -20,8 +20,9 @@ class ArtworkSettings:
     """Settings of the drawing of a flat picture. Raises UsageError on values that make no sense.
 
     colors: at most so many fills, 1..256, or None for as many as the picture has. palette: the fills to use, each
-    8-bit sRGB or a colour's name, or text with commas between names; empty for the picture's own. min_area: px^2,
-    smaller regions join a neighbour. detail: 1 weighs outlines as the picture supports them, more follows it more
+    8-bit sRGB or a colour's name, or text with commas between names; empty for the picture's own.
+    palette_tolerance: in CIEDE2000, what is farther from all of these keeps its own fill; None for nothing. min_area:
+    px^2, smaller regions join a neighbour. detail: 1 weighs outlines as the picture supports them, more follows it more
     closely, less draws with fewer pieces; 0.01..100. stacking: "stacked" or "cutout". completion: "on" or "off",
     whether outlines go on beneath what hides them as what shows suggests, and pieces of one fill are one shape there.
     strokes: lines of even width become strokes. curves: at most so many shapes, or None.
@@ -32,6 +33,17 @@ class ArtworkSettings:
     )
     palette: tuple[tuple[int, int, int], ...] = setting(
         (), "text", "Use these colours only: names or #rrggbb.", metavar="COLOUR,...", group=DRAWINGS
+    )
+    palette_tolerance: float | None = setting(
+        None,
+        "number",
+        "Colours farther than this (CIEDE2000) from all of --palette stay.",
+        least=0.0,
+        most=200.0,
+        optional=True,
+        metavar="NUMBER",
+        group=DRAWINGS,
+        hidden=True,
     )
     min_area: float = setting(
         0.0, "number", "Smaller regions join a neighbour.", most=1e9, metavar="PX", group=DRAWINGS
@@ -64,6 +76,9 @@ class ArtworkSettings:
         object.__setattr__(self, "palette", tuple(_triple(colour) for colour in given))
         if len(self.palette) > MOST_COLORS:
             raise UsageError(f"takes at most {MOST_COLORS} colours, not {len(self.palette)}", "palette")
+
+        if self.palette_tolerance is not None and not self.palette:
+            raise UsageError("is of the colours of --palette; give these too", "palette_tolerance")
 
     @property
     def free_fills(self) -> bool:

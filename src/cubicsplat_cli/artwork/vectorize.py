@@ -142,7 +142,7 @@ def _versions(
     work().at("finding colours", 0.1)
     even = _even(flat.levels, prepared, settings)
     placeholders = flat.fills if _may_shine_through(prepared, settings) else None
-    plan = planned(even, settings, prepared.scale, condition.restored_error, placeholders)
+    plan = planned(even, settings, prepared.scale, condition.restored_error, placeholders, condition.share_error)
     height, width = plan.levels.shape[:2]
     if len(plan.parts) > MANY:
         sketch = Drawing(width, height, _polygons(plan.parts, (height, width), flat))
@@ -158,7 +158,7 @@ def _versions(
         grid = samples_across(plan.levels, plan.regions) if condition.clean else 0
         # Edges that were restored tell less than the picture as it came.
         came = plan.levels if condition.clean else flat.levels
-        goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition))
+        goal = goal_of(came.astype(float) / 255.0, condition.blur, seen_as(condition), condition.share_error)
         drawing = polish(drawing, goal, settings.detail, error / 255.0)
         if few_enough(drawing):
             work().at("regularising", 0.8)
@@ -222,7 +222,7 @@ def _even(levels: np.ndarray, prepared: PreparedInput, settings: ArtworkSettings
 
 
 def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatPicture:
-    """A clean picture in no more than the colours asked for, or in those of the palette."""
+    """A clean picture in no more than the colours asked for, or in those of the palette that are near."""
     levels, palette = picture.levels, picture.palette
     regions = find_regions(levels, picture_fills(levels) if palette is None else palette, picture.labels)
     known, first, number = np.unique(regions.fill_of, return_index=True, return_inverse=True)
@@ -230,7 +230,7 @@ def _in_chosen_colours(picture: FlatPicture, settings: ArtworkSettings) -> FlatP
     areas = np.bincount(labels.ravel(), minlength=len(known))
     colours, owner = fewer_colours(own, areas, settings.colors)
     if settings.palette:
-        colours, becomes = nearest_colours(colours, settings.palette)
+        colours, becomes = nearest_colours(colours, settings.palette, settings.palette_tolerance)
         owner = becomes[owner]
     return FlatPicture(in_colours(levels, labels, own, colours[owner]), colours)
 

@@ -61,7 +61,7 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
 
     request = task.request
     chosen, most = request.artwork, [n for n in (request.artwork.colors, request.settings.curves) if n is not None]
-    cells = cells.limited(min(most, default=None)).in_palette(chosen.palette)
+    cells = cells.limited(min(most, default=None)).in_palette(chosen.palette, chosen.palette_tolerance)
     notes = cells.notes
     if request.group_by == OBJECT:
         notes.append("--group-by object is of shapes, but pixel art has one path a colour")
@@ -85,10 +85,13 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
     )
 
 
-def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
+def drawn_outlines(
+    task: Task, on_sketch: Callable[[Made], None] = nothing, completed: Callable[[Drawing], Drawing] | None = None
+) -> Made:
     """The drawing of regions with smooth outlines.
 
-    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
+    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing. completed: what
+    becomes of a drawing, in px of the target, before it is as large as the picture.
     """
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import prepare, versions
@@ -104,7 +107,8 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
             on_sketch(replace(drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
         drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=add_sketch)
-        sized = (scaled_drawing(each, *task.picture.size) for each in drawings)
+        whole = drawings if completed is None else map(completed, drawings)
+        sized = (scaled_drawing(each, *task.picture.size) for each in whole)
         made = within_budget(task, (_structured(each, task.request) for each in sized))
     notes = [*prepared.notes, *made.notes]
     if work.stopped and not work.interrupted:
@@ -124,7 +128,7 @@ def plain(fill: Rgba, task: Task) -> Made:
     if request.artwork.palette:
         from cubicsplat_cli.artwork.regions.fewer import nearest_in
 
-        fill = nearest_in(request.artwork.palette, fill)
+        fill = nearest_in(request.artwork.palette, fill, request.artwork.palette_tolerance)
     return replace(_structured(plain_drawing(fill, *task.picture.size), request), style=style)
 
 

@@ -53,7 +53,7 @@ class Goal:
     taps: (reach + 1,) weights along a row or column, from the middle on, of what blurs the stack's picture before it is
     compared; space: (4, 4) what RGBA was multiplied by to give the coordinates of the target, in which fills are too.
     leak_weight: of the squared share of the background that shows `inside` the target; a blur spreads that, so it
-    counts without one."""
+    counts without one. share_error: standard deviation of the shares of pixels that shapes cover in the target."""
 
     target: np.ndarray
     channels: Sequence[float]
@@ -62,6 +62,7 @@ class Goal:
     taps: np.ndarray = field(default_factory=lambda: np.ones(1))
     space: np.ndarray = field(default_factory=lambda: np.eye(4))
     leak_weight: float = 0.0
+    share_error: float = 0.04
 
     @property
     def reach(self) -> int:

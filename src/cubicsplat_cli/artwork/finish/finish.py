@@ -22,6 +22,7 @@ from cubicsplat_cli.artwork.finish.parameters import (
     parametrised,
 )
 from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
+from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces, Unknowns
@@ -30,7 +31,8 @@ from cubicsplat_cli.scene.paint import Rgba
 ROUNDS = 14
 # Pixels are known to this fraction of full scale; parameters that no pixel sees stay to within FREE px.
 PIXEL_SIGMA, FREE = 0.02, 0.5
-HUBER = 0.15  # residuals beyond count linearly: they are details that no shape draws
+# Residuals beyond count linearly: they are details that no shape draws. Times the error of shares, for edges in steps.
+HUBER, ERRORS = 0.15, 3.0
 # Relative gain of a round below which it is finished, and of an outline's step below which that rests.
 ENOUGH, RESTS = 2e-3, 2e-4
 CHANCE = 4.0 / 12.0 / 255.0**2  # misfit of a pixel whose four channels were rounded to 8 bits
@@ -145,16 +147,20 @@ class State:
         return self.stack.growth(after.stack, before, later, len(wanted), self.spread, leaks)
 
 
-def goal_of(target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = None) -> Goal:
+def goal_of(
+    target: np.ndarray, blur: float = 0.0, space: np.ndarray | None = None, share_error: float = FEW_SAMPLES
+) -> Goal:
     """The goal of a drawing: a picture (H, W, 4) premultiplied in [0, 1], blurred by a Gaussian of so many px
     since it was drawn, and compared in other coordinates: rows of RGBA times `space` (4, 4).
+    share_error: of the shares of pixels that shapes cover.
     """
     reach = math.ceil(BLUR_REACH * blur)
     taps = np.exp(-0.5 * (np.arange(reach + 1) / max(blur, 1e-9)) ** 2)
     taps /= 2.0 * taps.sum() - taps[0]
     space = np.eye(4) if space is None else space
     target = np.ascontiguousarray(target @ space, dtype=np.float64)
-    return Goal(target, WHITE.tolist(), HUBER, 0, taps, space, LEAK_WEIGHT)
+    bound = max(HUBER, ERRORS * share_error)
+    return Goal(target, WHITE.tolist(), bound, 0, taps, space, LEAK_WEIGHT, share_error)
 
 
 def begin(drawing: Drawing, goal: Goal, pins: Pins = NO_PINS) -> State:

@@ -12,16 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, trimmed, with_outlines
-from cubicsplat_cli.artwork.finish.moves import PRICE, SHARE_SIGMA, UNSEEN, floor_of, shorter
+from cubicsplat_cli.artwork.finish.moves import PRICE, UNSEEN, floor_of, shorter
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Constraints, parametrised
 from cubicsplat_cli.artwork.geometry.beziers import bernstein
 from cubicsplat_cli.artwork.geometry.outlines import Ring
+from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.raster.cubics import found_merges
 from cubicsplat_cli.raster.stack import Goal
 
 LONGEST_RUN, LONGEST_HIDDEN = 3, 12  # pieces that are merged at once, where they show and where none does
 # Px to which a place is known by a pixel where an outline shows, as coverages are, and how far hidden parts may move.
-SEEN_SIGMA, HIDDEN_SIGMA = SHARE_SIGMA, 1.0
+SEEN_SIGMA, HIDDEN_SIGMA = FEW_SAMPLES, 1.0
 HOPEFUL = 0.5  # of the cost before it is settled, that counts against a merge when runs are chosen
 MOST_TURN = float(np.cos(np.radians(100.0)))  # cosine of the angle by which a run turns from start to end
 FEW = 24  # points of a piece suffice
@@ -83,19 +84,22 @@ def merged(ring: Ring, plan: list[Merge]) -> Ring:
 
 @dataclass(frozen=True)
 class Visibility:
-    """Visible parts of an outline's pieces. piece, t: of its crossings, in order; seen: (m,) bool."""
+    """Visible parts of an outline's pieces. piece, t: of its crossings, in order; seen: (m,) bool. sigma: px, to which
+    these are known.
+    """
 
     piece: np.ndarray
     t: np.ndarray
     seen: np.ndarray
+    sigma: float
 
     @classmethod
     def of(cls, state: State, number: int) -> Visibility:
         c, own = state.crossings, slice(state.marks[number], state.marks[number + 1])
         piece, t = c.piece[own] - state.pieces[number], c.t[own]
         order = np.lexsort((t, piece))
-        seen = ((c.slope[own] * WHITE) ** 2).sum(axis=1) * SHARE_SIGMA**2 > UNSEEN
-        return cls(piece[order], t[order], seen[order])
+        seen = ((c.slope[own] * WHITE) ** 2).sum(axis=1) * SEEN_SIGMA**2 > UNSEEN
+        return cls(piece[order], t[order], seen[order], state.goal.share_error)
 
     def weights(self, piece: np.ndarray | int, t: np.ndarray) -> np.ndarray:
         """(n,) 1/px^2 of points of pieces (n,), or of one, at parameters (n,)."""
@@ -108,7 +112,7 @@ class Visibility:
         if not len(places):
             return np.full(len(t), HIDDEN_SIGMA**-2)
         near = np.where(np.abs(self.t[before] - t) < np.abs(self.t[after] - t), before, after)
-        return np.where(crossed & self.seen[near], SEEN_SIGMA**-2, HIDDEN_SIGMA**-2)
+        return np.where(crossed & self.seen[near], self.sigma**-2, HIDDEN_SIGMA**-2)
 
 
 @dataclass(frozen=True)

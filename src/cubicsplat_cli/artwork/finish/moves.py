@@ -16,8 +16,6 @@ from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
 
-# Coverages are known to this much: drawing programs take 4x4 samples a pixel.
-SHARE_SIGMA = 0.04
 PRICE = 4.0  # nats a parameter
 SHAPE_PARAMETERS = 3.0  # of a shape besides its outlines'
 # Half of chi^2 beyond what chance gives from which a piece is worth looking at; a pixel counts at most MOST_CHI.
@@ -90,7 +88,7 @@ def complaints(state: State, error: float = 0.0) -> dict[int, Complaint]:
 def _floor(state: State, own: slice, error: float) -> np.ndarray:
     """(m,) the misfit that the pixels of some crossings have by chance."""
     slopes = ((state.crossings.slope[own] * WHITE) ** 2).sum(axis=1)
-    return SHARE_SIGMA**2 * state.sharing * slopes + error**2
+    return state.goal.share_error**2 * state.sharing * slopes + error**2
 
 
 def _edited(
@@ -161,4 +159,4 @@ def gains(before: State, after: State, wanted: np.ndarray, error: float) -> np.n
 def floor_of(state: State, number: int, error: float) -> float:
     """The misfit of a pixel that an outline crosses by chance."""
     own = _floor(state, slice(state.marks[number], state.marks[number + 1]), error)
-    return max(float(np.median(own)) if len(own) else 0.0, SHARE_SIGMA**2 * state.sharing * 1e-4)
+    return max(float(np.median(own)) if len(own) else 0.0, state.goal.share_error**2 * state.sharing * 1e-4)

@@ -13,7 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import WHITE, State, begin, drawn, kept
 from cubicsplat_cli.artwork.finish.merges import with_merges
-from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, SHARE_SIGMA, floor_of
+from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, floor_of
 from cubicsplat_cli.artwork.finish.parameters import Constraints
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.progress import work
@@ -31,9 +31,9 @@ def simpler(drawing: Drawing, goal: Goal, detail: float = 1.0, error: float = 0.
     """Versions of a drawing that is fitted to its goal, each with fewer shapes or pieces than the one before.
 
     detail as in ArtworkSettings. error: of pixels on edges beyond that of a clean picture, of full scale; here at least
-    SHARE_SIGMA, so that what is faint counts less than what is plain to see. It ends where the work is stopped.
+    the error of shares, so that what is faint counts less than what is plain to see. It ends where the work is stopped.
     """
-    constraints, error = Constraints(drawing.width, drawing.height), max(error, SHARE_SIGMA)
+    constraints, error = Constraints(drawing.width, drawing.height), max(error, goal.share_error)
     state, price, step = begin(drawing, goal), 1.0, STEP
     worth: dict[int, float] = {}
     while price < DEAREST:

@@ -81,9 +81,9 @@ class Cells:
         areas = np.bincount(self.numbers.ravel(), minlength=len(self.colours))
         return self._merged(*fewer_colours(self.colours, areas, most), self.merged or visible)
 
-    def in_palette(self, palette: tuple[tuple[int, int, int], ...]) -> Cells:
-        """The same in the nearest colours of a palette; as it is where that is empty."""
-        return self._merged(*nearest_colours(self.colours, palette), self.merged) if palette else self
+    def in_palette(self, palette: tuple[tuple[int, int, int], ...], tolerance: float | None = None) -> Cells:
+        """The same in the nearest colours of a palette by `nearest_colours`; as it is where that is empty."""
+        return self._merged(*nearest_colours(self.colours, palette, tolerance), self.merged) if palette else self
 
     def _merged(self, colours: np.ndarray, owner: np.ndarray, merged: int) -> Cells:
         return replace(self, numbers=owner[self.numbers], colours=colours, merged=merged)

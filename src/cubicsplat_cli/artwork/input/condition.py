@@ -6,10 +6,11 @@ Pictures are (H, W, 4) float32 premultiplied RGBA in levels of 0..255.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES, ONE_SAMPLE, aliased
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import edge_variances, second_differences
 from cubicsplat_cli.raster.unmix import spread
@@ -59,16 +60,23 @@ class Condition:
     """noise: its standard deviation in levels away from edges, 0 where there is none. jpeg: whether the picture has
     the blocks of a JPEG, or rings like one or a lossy WebP. blur: standard deviation in px of what edges are blurred
     by beyond their pixels, 0 for none. coarse: whether the noise is that of a paper's grain, alike over a px or two.
+    aliased: whether edges are steps of whole pixels.
     """
 
     noise: float = 0.0
     jpeg: bool = False
     blur: float = 0.0
     coarse: bool = False
+    aliased: bool = False
 
     @property
     def clean(self) -> bool:
-        return self == CLEAN
+        return not (self.noise or self.jpeg or self.blur)
+
+    @property
+    def share_error(self) -> float:
+        """Standard deviation of the shares of pixels that shapes cover, by the samples that these were drawn from."""
+        return ONE_SAMPLE if self.aliased else FEW_SAMPLES
 
     @property
     def only_blurred(self) -> bool:
@@ -115,7 +123,8 @@ def condition_of(levels: np.ndarray) -> Condition:
         near = quiet & (ndimage.uniform_filter(rough.astype(np.float32), BLOCK + 1) > 0.0)
         noise = max(noise, float(np.sqrt((second[near] ** 2).mean())) / (SECOND * LARGER))
     blur = edge_blur(levels, noise) or 0.0
-    return Condition(noise, jpeg, blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0)
+    condition = Condition(noise, jpeg, blur if blur >= (LEAST_BLUR_OF_JPEG if jpeg else LEAST_BLUR) else 0.0)
+    return replace(condition, aliased=condition.clean and aliased(levels))
 
 
 def _compressed(levels: np.ndarray, luma: np.ndarray, rough: np.ndarray, quiet: np.ndarray, noise: float) -> bool:

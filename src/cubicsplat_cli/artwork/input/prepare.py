@@ -10,6 +10,7 @@ from cubicsplat_cli.artwork.gradients.blurred import without_blurred_gradients
 from cubicsplat_cli.artwork.gradients.flattening import Flattened, flattened
 from cubicsplat_cli.artwork.input.condition import Condition, condition_of
 from cubicsplat_cli.artwork.input.enlargement import before_enlargement
+from cubicsplat_cli.artwork.input.linear_light import without_linear_light
 from cubicsplat_cli.artwork.input.paper import scan_of
 from cubicsplat_cli.artwork.input.pens import Pens, pens_of
 from cubicsplat_cli.artwork.input.restore import explained_by_blur
@@ -24,7 +25,8 @@ class PreparedInput:
     drawing is enlarged to (width, height), the picture's, px. times: by which the picture itself was, 1 for not.
     scanned: whether levels are the ink on a scan's paper, made white and evenly lit; pens: what drew its lines.
     flat: levels without gradients, where they had to be found to tell the condition; lifted: without their soft
-    shadow, where that was. of_lcd: whether text was smoothed for an LCD's subpixels.
+    shadow, where that was. of_lcd: whether text was smoothed for an LCD's subpixels;
+    of_light: whether edges were blended in linear light.
     """
 
     levels: np.ndarray
@@ -38,6 +40,7 @@ class PreparedInput:
     flat: Flattened | None = None
     lifted: Lifted | None = None
     of_lcd: bool = False
+    of_light: bool = False
 
     @property
     def notes(self) -> list[str]:
@@ -45,8 +48,12 @@ class PreparedInput:
         found = [f"drawn as it was before it was made {self.times} times as large"] if self.times > 1 else []
         if self.of_lcd:
             found.append("text drawn without the colour fringes that it has for LCDs")
+        if self.of_light:
+            found.append("edges drawn where they are in linear light, in which they were blended")
         if self.scanned:
             found.append("drawn as ink on white paper under even light")
+        if self.condition.aliased:
+            found.append("drawn through the steps of its edges, which have no anti-aliasing")
         if not self.condition.clean:
             found.append(f"drawn through {self.condition.words()}")
         return found
@@ -57,9 +64,10 @@ def analysed(target: np.ndarray) -> PreparedInput:
     height, width = target.shape[:2]
     factor = reduction(height, width)
     came = as_levels(target)
-    levels = without_subpixels(came)
+    whole = without_subpixels(came)
+    levels = without_linear_light(whole)
     prepared = _taken_in(reduced(levels, factor), factor, width, height)
-    return prepared if levels is came else replace(prepared, of_lcd=True)
+    return replace(prepared, of_lcd=whole is not came, of_light=levels is not whole)
 
 
 def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> PreparedInput:
@@ -75,7 +83,8 @@ def _taken_in(levels: np.ndarray, factor: int, width: int, height: int) -> Prepa
     if not condition.noise or condition.jpeg:  # what makes pictures larger may ring as well
         levels, times = before_enlargement(levels)
         if times > 1:
-            condition = condition_of(levels)
+            # What was enlarged without smoothing is wanted pixel by pixel.
+            condition = replace(condition_of(levels), aliased=False)
     if condition.only_blurred:
         # The ramps of shadows and gradients are as wide as blurred edges: it is told by what is left without them.
         without = lifted(levels)

@@ -8,13 +8,48 @@ from __future__ import annotations
 
 import numpy as np
 
+from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.regions.regions import Regions
 
+# Standard deviations of the share of a pixel that a shape is drawn to cover: from 4 x 4 samples, which areas in 8 bits
+# are hardly better than where other shapes are near; and from one, all or nothing of it.
+FEW_SAMPLES, ONE_SAMPLE = 0.04, 12.0**-0.5
 SAMPLES = 16
 LEAST_CONTRAST = 100.0  # levels between two fills, whose blends tell sixteenths apart
 NEAR = 0.12  # of a sample
 FEWEST, MOST = 40, 20_000  # blends looked at
 SAMPLED = 0.8  # share of them near whole samples; by chance it would be 0.24
+# An edge of so many levels between two colours has blends, pixels between them by so much of it, or steps: it goes on a
+# pixel higher or lower in the next column. So many times as many steps as blends, and so many of them, in rows and
+# columns of so many px.
+EDGE, BETWEEN, MORE_STEPS, FEWEST_STEPS, LOOKED_AT = 48.0, 0.1, 4.0, 24, 2**18
+
+
+def aliased(levels: np.ndarray) -> bool:
+    """Whether the edges of a picture (H, W, 4) in levels were drawn from one sample a pixel: in steps, without blends.
+
+    Edges that are level or upright, and those of pixels that were made larger, have no steps of a pixel.
+    """
+    if min(levels.shape[:2]) < 3:
+        return False
+    found = [_steps_and_blends(each) for each in (levels, levels.swapaxes(0, 1))]
+    steps, blends = (sum(numbers) for numbers in zip(*found, strict=True))
+    return steps >= FEWEST_STEPS and steps > MORE_STEPS * blends
+
+
+def _steps_and_blends(levels: np.ndarray) -> tuple[int, int]:
+    """How many steps and blends edges of a picture (H, W, 4) have that run rather level."""
+    every = 1 + levels[..., 0].size // LOOKED_AT
+    upper, here, lower = (levels[k : len(levels) - 2 + k : every] for k in range(3))
+    y, x = np.nonzero(largest(np.abs(lower - upper))[:, :-1] > EDGE)
+    above, below = here[y, x] - upper[y, x], lower[y, x] - here[y, x]
+    between = np.minimum(np.abs(above), np.abs(below)) > BETWEEN * np.abs(above + below)
+    blends = (between & (above * below > 0.0)).any(axis=1)
+    even = (upper[y, x] == upper[y, x + 1]).all(axis=1) & (lower[y, x] == lower[y, x + 1]).all(axis=1)
+    ends = np.stack([upper[y, x], lower[y, x]])
+    first, second = ((here[y, x + k] == ends).all(axis=2) for k in (0, 1))
+    steps = even & ((first[0] & second[1]) | (first[1] & second[0]))
+    return int(steps.sum()), int(blends.sum())
 
 
 def samples_across(levels: np.ndarray, regions: Regions) -> int:

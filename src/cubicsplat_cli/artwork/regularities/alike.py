@@ -36,7 +36,7 @@ class Track:
     def of(cls, ring: Ring, visibility: Visibility) -> Track:
         points = dense(flattened(ring, STEP), STEP)
         samples = samples_along(ring, visibility, MOST)
-        shown = samples.weights > 0.5 * SEEN_SIGMA**-2
+        shown = samples.weights > 0.5 * visibility.sigma**-2
         return cls(points, PointTree(points), samples.points[shown], bool(shown.all()))
 
     @cached_property

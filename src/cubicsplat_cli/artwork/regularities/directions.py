@@ -60,7 +60,7 @@ def _sloping(ring: Ring, visibility: Visibility) -> Iterable[tuple[int, float, f
         length = float(np.hypot(*ways[i]))
         if length >= SHORTEST:
             weights = visibility.weights(i, (np.arange(math.ceil(length)) + 0.5) / math.ceil(length))
-            if (weights > 0.5 * SEEN_SIGMA**-2).mean() >= SHOWN:
+            if (weights > 0.5 * visibility.sigma**-2).mean() >= SHOWN:
                 yield i, length, math.atan2(ways[i, 1], ways[i, 0])
 
 

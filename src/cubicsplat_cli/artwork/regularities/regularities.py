@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import State, begin, drawn, layer_of, settle
-from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
+from cubicsplat_cli.artwork.finish.merges import Visibility
 from cubicsplat_cli.artwork.finish.moves import PRICE, floor_of, gains
 from cubicsplat_cli.artwork.finish.parameters import (
     NO_PINS,
@@ -191,7 +191,7 @@ def _saved(
     for k in np.flatnonzero(wanted).tolist():
         crossed = int(state.marks[k + 1] - state.marks[k])
         known = 1.0 - error**2 / max(floor_of(state, k, error), error**2, TINY)
-        allowed = 0.5 * crossed * known * (SYSTEMATIC / SEEN_SIGMA) ** 2
+        allowed = 0.5 * crossed * known * (SYSTEMATIC / state.goal.share_error) ** 2
         saved[k] = (gained[k] + allowed) * detail
     for k, parameters in tied.items():
         saved[k] += PRICE * (_variables(outlines[k]) - _variables(parameters))

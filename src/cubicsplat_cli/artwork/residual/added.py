@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State, layer_of, layers_of, premultiplied, settle
-from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, SHARE_SIGMA, UNSEEN
+from cubicsplat_cli.artwork.finish.moves import PRICE, SHAPE_PARAMETERS, UNSEEN
 from cubicsplat_cli.artwork.finish.parameters import Still
 from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.residual.areas import MARGIN, SQUARE, Area, ErrorModel, Picture, areas
@@ -155,7 +155,7 @@ class _Trials:
             return _Change(0.0, UNSEEN, price)
         errors = self.picture.model.noise + self.picture.ringing[window][own][:, 0]
         slope = (premultiplied(shape.fill) @ self.goal.space - self.before.image[window][own]) * WHITE
-        floor = SHARE_SIGMA**2 * float((slope**2).sum(axis=1).mean()) + float(((errors / 255.0) ** 2).mean())
+        floor = self.goal.share_error**2 * float((slope**2).sum(axis=1).mean()) + float(((errors / 255.0) ** 2).mean())
         return _Change(float(falls[window][own].sum()), max(floor, UNSEEN), price)
 
     def _net(self, change: _Change, floor: float) -> float:

@@ -68,7 +68,9 @@ class ErrorModel:
 
     @classmethod
     def of(cls, condition: Condition, min_area: float) -> ErrorModel:
-        least, smallest = (LEAST_CLEAN, SMALLEST_CLEAN) if condition.clean else (LEAST, SMALLEST)
+        least, smallest = (
+            (LEAST_CLEAN, SMALLEST_CLEAN) if condition.clean and not condition.aliased else (LEAST, SMALLEST)
+        )
         seam = SEAM if condition.clean else 0.0
         return cls(
             condition.noise, condition.edge_error, condition.jpeg, condition.blur, least, max(smallest, min_area), seam

@@ -149,6 +149,8 @@ class _Drawn:
             own = parts == number
             beneath = _beneath(self.owners[own], self.touching[own])
             if sizes[number] <= DOT:
+                if (self.cover & ~own)[ndimage.binary_dilation(own, SQUARE)].any():
+                    continue  # of a line between two shapes, of which dots here and there are none of the drawing
                 yield beneath, (self._dot(own),)
                 continue
             opaque = self.canvas.fills[np.maximum(self.owners, 0), 3] >= OPAQUE

@@ -13,6 +13,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.regions.cracks import CrackLoop
 from cubicsplat_cli.artwork.regions.regions import Regions
+from cubicsplat_cli.artwork.regions.sampling import FEW_SAMPLES
 from cubicsplat_cli.artwork.regions.thin import thin_edges
 
 # So many pixels to either side of a crack may belong to the border's blend.
@@ -21,8 +22,8 @@ WALK = 3
 PURE_SHARE = 0.02
 # Residuals, in levels, of a blend that only its two fills explain.
 CLEAN_RESIDUAL = 10.0
-# Standard errors in px: of drawing programs with 4x4 samples a pixel; beside a third fill; without a clean walk.
-FLOOR, NEAR_THIRD, GUESS = 0.04, 0.3, 0.5
+# Standard errors in px: beside a third fill; without a clean walk.
+NEAR_THIRD, GUESS = 0.3, 0.5
 THIN = 0.1  # of an edge of a line without a pure pixel
 ROUNDING = 0.8  # levels by which a clean picture's pixels are off
 # Of what ends with the canvas; and levels by which a pixel there must differ from its fill for an edge to be sought.
@@ -48,29 +49,34 @@ class EdgePositions:
     rim: float = 0.0
 
 
-def edge_positions(levels: np.ndarray, regions: Regions, error: float = ROUNDING) -> EdgePositions:
-    """Positions for all cracks between different regions of a picture (H, W, 4) in levels, known to an error."""
-    rows, row_sigma = _level(levels, regions, error)
+def edge_positions(
+    levels: np.ndarray, regions: Regions, error: float = ROUNDING, share_error: float = FEW_SAMPLES
+) -> EdgePositions:
+    """Positions for all cracks between different regions of a picture (H, W, 4) in levels, known to an error.
+
+    share_error: of the shares of pixels that shapes cover.
+    """
+    rows, row_sigma = _level(levels, regions, error, share_error)
     turned = Regions(regions.labels.T, regions.fills, regions.fill_of)
-    columns, column_sigma = _level(levels.transpose(1, 0, 2), turned, error)
+    columns, column_sigma = _level(levels.transpose(1, 0, 2), turned, error, share_error)
     return EdgePositions(rows, row_sigma, columns.T, column_sigma.T, RIM if error > ROUNDING else 0.0)
 
 
-def _level(levels: np.ndarray, regions: Regions, error: float) -> tuple[np.ndarray, np.ndarray]:
+def _level(levels: np.ndarray, regions: Regions, error: float, share_error: float) -> tuple[np.ndarray, np.ndarray]:
     height, width = regions.labels.shape
     at = np.broadcast_to(np.arange(height + 1, dtype=float)[:, None], (height + 1, width)).copy()
     sigma = np.full((height + 1, width), 0.02)
     y, x = np.nonzero(regions.labels[1:] != regions.labels[:-1])
     if len(y):
-        at[y + 1, x], sigma[y + 1, x] = _heights(levels, regions, y + 1, x, error)
-    depth, sigma[0] = _rim(levels, regions)
+        at[y + 1, x], sigma[y + 1, x] = _heights(levels, regions, y + 1, x, (error, share_error))
+    depth, sigma[0] = _rim(levels, regions, share_error)
     at[0] = depth
-    depth, sigma[-1] = _rim(levels[::-1], Regions(regions.labels[::-1], regions.fills, regions.fill_of))
+    depth, sigma[-1] = _rim(levels[::-1], Regions(regions.labels[::-1], regions.fills, regions.fill_of), share_error)
     at[-1] = height - depth
     return at, sigma
 
 
-def _rim(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
+def _rim(levels: np.ndarray, regions: Regions, share_error: float) -> tuple[np.ndarray, np.ndarray]:
     """Depths below the canvas's upper border, px, at which the topmost regions begin, (W,), and the standard errors.
 
     An edge may run within the first row: what is beyond it, nothing or another fill, shows in its pixels only.
@@ -94,7 +100,7 @@ def _rim(levels: np.ndarray, regions: Regions) -> tuple[np.ndarray, np.ndarray]:
     clean = ended & (rest <= CLEAN_RESIDUAL) & ~beside[x]
     depth[x] = np.where(clean, walked, 0.0)
     contrast = np.sqrt((span * span).sum(axis=1))
-    sigma[x] = np.where(clean, np.hypot(FLOOR, ROUNDING / np.maximum(contrast, 1.0)), NEAR_THIRD)
+    sigma[x] = np.where(clean, np.hypot(share_error, ROUNDING / np.maximum(contrast, 1.0)), NEAR_THIRD)
     return depth, sigma
 
 
@@ -113,7 +119,7 @@ def _beyond(values: np.ndarray, base: np.ndarray, regions: Regions) -> tuple[np.
 
 
 def _heights(
-    levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray, error: float
+    levels: np.ndarray, regions: Regions, y: np.ndarray, x: np.ndarray, errors: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     above, below = regions.labels[y - 1, x], regions.labels[y, x]
     base = regions.fills[below]
@@ -141,7 +147,7 @@ def _heights(
         line = np.flatnonzero(~ended & (regions.labels[np.clip(y + sign * WALK, 0, levels.shape[0] - 1), x] != own))
         edge[line], by_line[line] = thin_edges(levels, regions, y[line], x[line], sign)
         shift += -walked if sign < 0 else walked
-    sigma = np.hypot(FLOOR, error / np.maximum(contrast, 1.0))
+    sigma = np.hypot(errors[1], errors[0] / np.maximum(contrast, 1.0))
     sigma = np.where(third, NEAR_THIRD, sigma)
     sigma = np.where(clean, sigma, GUESS)
     return np.where(by_line, edge, y + shift), np.where(by_line, THIN, sigma)

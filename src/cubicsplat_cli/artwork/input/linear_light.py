@@ -1,0 +1,98 @@
+"""Pictures whose edges were blended in linear light, as they are when they are blended as SVG viewers blend them.
+
+Colours are mixed as their sRGB values, or, in games, films and some browsers, as the light that these stand for: then
+the pixels of an edge are lighter than what they are taken for, and a shape of light colour seems up to a quarter of a
+pixel too wide. Along a straight edge the place grows evenly from one column to the next, and pixels lie on the line
+between two colours, in the space in which they were blended only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.raster.paints import blends, nearest_paints
+from cubicsplat_cli.raster.unmix import SLOTS
+
+# Edges that tell: levels of contrast; px by which the places differ between three columns, and between the two spaces,
+# at least; how many there must be; how many, in rows of how many px in all, are looked at each way.
+CONTRAST, DIFFERENT, FEWEST, MOST, LOOKED_AT = 60.0, 0.1, 40, 20_000, 2**20
+# Px by which a place may be off at most, which corners are; times the squares in linear light that those in sRGB are:
+# 2.2 and more in pictures blended there, even with 4 x 4 samples a pixel, else at most 1.1.
+CORNER, BETTER = 0.2, 1.4
+EVEN = 2.0  # levels by which the pixels of a square of 2 x 2 px in one colour may differ
+REACH, CELL = 3, 8.0  # px in which the two colours of a blend lie, and levels that are one colour there
+OFF = 12.0  # levels of light that blends of two or three colours may be off at most
+
+
+def without_linear_light(levels: np.ndarray) -> np.ndarray:
+    """A picture (H, W, 4) in levels with its edges blended as sRGB values; the same array where they are already, or it
+    is not opaque, or has too few edges to tell.
+    """
+    if min(levels.shape[:2]) < 4 or (levels[..., 3] < 255.0).any() or not _blended_in_light(levels[..., :3]):
+        return levels
+    colours = levels[..., :3]
+    blended = ~_pure(colours)
+    cells = np.rint(colours / CELL).astype(np.int32) @ np.array([1, 64, 4096], np.int32)
+    near, places = nearest_paints(np.where(blended, -1, cells), np.flatnonzero(blended), REACH, SLOTS)
+    values, ends = levels[blended], levels.reshape(-1, 4)[places]
+    again, off = blends(light_of(values), near, light_of(ends), ends, three=True)
+    out = levels.copy()
+    out[blended] = np.where((off <= OFF)[:, None], np.rint(again), values)
+    return out
+
+
+def light_of(values: np.ndarray) -> np.ndarray:
+    """The linear light of sRGB values, both in 0..255 (IEC 61966-2-1)."""
+    v = np.asarray(values, np.float64) / 255.0
+    return 255.0 * np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+def _blended_in_light(colours: np.ndarray) -> bool:
+    """Whether the edges of a picture (H, W, 3) are straighter, and their colours nearer to blends, in linear light."""
+    parts = [_steps(c) for c in (colours, colours.swapaxes(0, 1))]
+    found = np.concatenate([part[:: 1 + len(part) // MOST] for part in parts]).astype(np.float64)
+    (places, off), (in_light, off_in_light) = _places(found), _places(light_of(found))
+    telling = (np.ptp(places, axis=1) > DIFFERENT) & (np.abs(places - in_light).max(axis=1) > DIFFERENT)
+    if telling.sum() < FEWEST:
+        return False
+    squares, squares_in_light = (np.minimum(each, CORNER**2)[telling].mean() for each in (off, off_in_light))
+    return bool(squares > BETTER * squares_in_light)
+
+
+def _steps(colours: np.ndarray) -> np.ndarray:
+    """(n, 4, 3, 3) pieces of a picture (H, W, 3), of 4 rows and 3 columns, whose first and last row each have one
+    colour, with an edge between them.
+    """
+    tops = np.arange(0, len(colours) - 3, 1 + colours[..., 0].size // LOOKED_AT)
+    upper, lower = colours[tops], colours[tops + 3]
+    contrast = largest(np.abs(lower[:, 1:-1] - upper[:, 1:-1]))
+    y, x = np.nonzero(_alike(upper) & _alike(lower) & (contrast > CONTRAST))
+    return colours[tops[y, None, None] + np.arange(4)[:, None], x[:, None, None] + np.arange(3)]
+
+
+def _alike(colours: np.ndarray) -> np.ndarray:
+    """(H, W - 2) bool: the three pixels in a row of (H, W, 3) that have one colour."""
+    steps = largest(np.abs(np.diff(colours, axis=1)))
+    return np.asarray((steps[:, :-1] == 0.0) & (steps[:, 1:] == 0.0))
+
+
+def _places(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) px, the height of the edge in each column of some pieces (n, 4, 3, 3), and (n,) px^2 by which it is not
+    straight and its pixels are no blends.
+    """
+    first, span = steps[:, :1, :1], steps[:, 3:, :1] - steps[:, :1, :1]
+    square = (span * span).sum(axis=-1)
+    share = ((steps - first) * span).sum(axis=-1) / square
+    rest = (steps - first - share[..., None] * span) / square[..., None] ** 0.5
+    place = share[:, 1:3].sum(axis=1)
+    bend = place[:, 0] - 2.0 * place[:, 1] + place[:, 2]
+    return place, bend**2 + (rest[:, 1:3] ** 2).sum(axis=-1).max(axis=(1, 2))
+
+
+def _pure(colours: np.ndarray) -> np.ndarray:
+    """(H, W) bool: the pixels of a picture (H, W, 3) in some square of 2 x 2 px of about one colour."""
+    corners = [colours[y : len(colours) - 1 + y, x : colours.shape[1] - 1 + x] for y in (0, 1) for x in (0, 1)]
+    even = largest(np.maximum.reduce(corners) - np.minimum.reduce(corners)) <= EVEN
+    padded = np.pad(even, 1)
+    return padded[:-1, :-1] | padded[1:, :-1] | padded[:-1, 1:] | padded[1:, 1:]
