@@ -15,6 +15,7 @@ from types import ModuleType
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
+from cubicsplat_cli.evaluate.cairo import import_cairosvg
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted, with_size
 
@@ -184,7 +185,7 @@ def choose_renderer(renderer: str | None) -> tuple[ModuleType, str, str | None]:
 def _load(name: str) -> tuple[ModuleType | None, str | None]:
     """Import a renderer; where that fails, the problem and its remedy instead."""
     try:
-        return importlib.import_module(_PACKAGES[name]), None
+        return import_cairosvg() if name == "cairosvg" else importlib.import_module(_PACKAGES[name]), None
     except OSError as error:
         # cairocffi looks for the shared library while it is imported.
         first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
