@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from typing import Any
 
 from cubicsplat_cli._version import __version__
@@ -11,6 +11,7 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import PROGRAM, settings_hash
 from cubicsplat_cli.metrics import SCHEMA, head, plain, to_json
 from cubicsplat_cli.options import parse_bytes, setting, settings_of
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import MAX_PIXELS, PRECISION, FitSettings
 
 STYLES = AUTO, PHOTO, ARTWORK = "auto", "photo", "artwork"

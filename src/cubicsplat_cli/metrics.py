@@ -10,12 +10,13 @@ import json
 import math
 import types
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import field, fields, is_dataclass, replace
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from cubicsplat_cli._version import __version__
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import PROGRAM, sha256_of
+from cubicsplat_cli.records import dataclass
 
 SCHEMA = 1
 USUAL = ("psnr", "ssim")

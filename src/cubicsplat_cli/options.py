@@ -9,11 +9,12 @@ import contextlib
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import Field, astuple, dataclass, field, fields
+from dataclasses import Field, astuple, field, fields
 from typing import Any, Literal
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.formatting import did_you_mean
+from cubicsplat_cli.records import dataclass
 
 Kind = Literal["count", "number", "choice", "flag", "text"]
 # The groups of the help, in its order. An option of the photos' or drawings' group implies that style.

@@ -11,9 +11,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import cpu_count
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, fields, replace
 from enum import Enum
 from typing import Any
 
@@ -26,6 +26,7 @@ from cubicsplat_cli.options import (
     settings_of,
     unknown_setting,
 )
+from cubicsplat_cli.records import dataclass
 
 # Defaults that the preset or the picture decides, before anybody computes with them; hence not in the field's type.
 FROM_PRESET: Any = None

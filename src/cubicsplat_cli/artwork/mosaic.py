@@ -5,7 +5,7 @@ A colour reaches one cell beneath the opaque colours above it, so that no ground
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import Mode

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.style import UNSEEN
 from cubicsplat_cli.raster.engines import render_scene
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.records import dataclass
 
 # Px by which outlines of one shape may differ in two frames, and by which it has not moved: below what edges show.
 SAME_PX = 1.0 / 3.0

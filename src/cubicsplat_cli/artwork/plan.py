@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.seams import without_seams
@@ -15,6 +13,7 @@ from cubicsplat_cli.artwork.tracing.contours import ROUNDING, EdgePositions, edg
 from cubicsplat_cli.artwork.translucent.parts import TranslucentPart, parts_of
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 
 # A picture of more than FEW regions has regions of LEAST_AREA px and more on average, or is blurred by the next of
 # BLURS, px.

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.options import DRAWINGS, parse_colour, setting, settings_of
+from cubicsplat_cli.records import dataclass
 
 MOST_COLORS = 256
 # Upper shapes lie on lower ones, or all abut and share their edges.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 

@@ -5,7 +5,6 @@ and gradients explain.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from cubicsplat_cli.artwork.input.cells import Cells, cells_of, without_repeats
 from cubicsplat_cli.artwork.input.contrasts import APART, contrasts
 from cubicsplat_cli.artwork.input.evenness import SMALL, even, in_blocks
+from cubicsplat_cli.records import dataclass
 
 PHOTO, ARTWORK, PIXEL = "photo", "artwork", "pixel"
 # A pixel is flat where its 3 x 3 neighbours differ by no more; texture is where no pixel of a whole block is flat,

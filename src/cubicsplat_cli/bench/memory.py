@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
-from dataclasses import dataclass
 from pathlib import Path
+
+from cubicsplat_cli.records import dataclass
 
 STATUS = Path("/proc/self/status")
 

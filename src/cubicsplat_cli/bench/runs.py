@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, field, fields
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.metrics import Report, to_json
 from cubicsplat_cli.pipeline import Result, vectorize_picture
 from cubicsplat_cli.progress import Progress
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +15,7 @@ from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
 from cubicsplat_cli.files.names import STDIO
 from cubicsplat_cli.formatting import mean, one_line
 from cubicsplat_cli.metrics import NAMES, USUAL, chosen_metrics, figures_text, head, plain, to_json
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE, FitSettings
 
 if TYPE_CHECKING:

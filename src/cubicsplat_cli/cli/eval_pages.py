@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.names import PAGE
 from cubicsplat_cli.files.paths import check_outputs, is_file
 from cubicsplat_cli.metrics import Report
+from cubicsplat_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cubicsplat_cli.evaluate.comparison import Comparison

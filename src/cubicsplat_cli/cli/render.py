@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -24,6 +23,7 @@ from cubicsplat_cli.files.paths import (
 from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.formatting import did_you_mean, file_size, one_line, printable
 from cubicsplat_cli.options import Setting, listed
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.request import DXF_TOLERANCE
 
 _SIDE = Setting("count", "", least=1, most=32_767, optional=True)

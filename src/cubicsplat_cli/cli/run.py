@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import FrameType
 
 from cubicsplat_cli.cli.console import Reporter
@@ -21,6 +21,7 @@ from cubicsplat_cli.jobs.plan import JobPlan
 from cubicsplat_cli.jobs.run import DONE, FAILED, INTERRUPTED, PLANNED, UNCHANGED, Outcome, failure, named_job, uri_line
 from cubicsplat_cli.metrics import Report, plain
 from cubicsplat_cli.progress import interrupt
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.request import Request
 
 EXIT_FAILED, EXIT_INTERRUPTED = 1, 130

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from cubicsplat_cli.errors import InputError, UsageError
@@ -14,6 +14,7 @@ from cubicsplat_cli.evaluate.scaled import downsampled_scene, downsampled_svg
 from cubicsplat_cli.files.load import Picture, load_picture
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.metrics import Input, Quality
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import MAX_PIXELS, SCALE
 
 # Half a percent: what rounding to whole pixels does to a small picture's shape is no mistake of the user.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.scaled import Tile, draw_part
 from cubicsplat_cli.files.load import Picture
+from cubicsplat_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cubicsplat_cli.scene import LayeredScene, Scene

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +15,7 @@ from cubicsplat_cli.evaluate.rerender import MAX_SIDE
 from cubicsplat_cli.evaluate.similarity import REACH, TAPS, similarity_sums
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.metrics import Quality
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import cpu_count
 
 # Far below half a step of 16 bits: differences under this come from float arithmetic, not from the pictures.

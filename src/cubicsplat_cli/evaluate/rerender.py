@@ -9,7 +9,6 @@ import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate.cairo import import_cairosvg
 from cubicsplat_cli.formatting import one_line
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted, with_size
 
 # cairo's image surfaces end at 32767 px a side; the area bounds the memory (4 bytes a pixel, with resvg more).

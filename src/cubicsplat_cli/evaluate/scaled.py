@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import ModuleType
 from typing import TYPE_CHECKING
 from xml.parsers import expat
@@ -29,6 +29,7 @@ from cubicsplat_cli.evaluate.rerender import (
     drawing_with,
     full_name,
 )
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import SCALE
 from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import counted, one_line
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.paint import Gradient
 from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, reference
 from cubicsplat_cli.svg.own import LINEAR, MOST_STOPS, RADIAL, Box, GradientReader, OwnElement

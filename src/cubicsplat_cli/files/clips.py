@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from cubicsplat_cli.files.paths import is_folder
 from cubicsplat_cli.files.read import read_whole
 from cubicsplat_cli.files.video import is_video, open_video
 from cubicsplat_cli.formatting import one_line, printable
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import MAX_PIXELS
 
 FOLDER_FPS = 25.0  # of pictures in a folder, which say no times; as ffmpeg has it

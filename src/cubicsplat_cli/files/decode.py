@@ -11,7 +11,6 @@ from __future__ import annotations
 import importlib
 import io
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.names import reads_heic
 from cubicsplat_cli.files.paths import is_file, read_head
+from cubicsplat_cli.records import dataclass
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF", "GIF", "PPM")
 FORMATS_TEXT = ", ".join((*FORMATS, "AVIF"))

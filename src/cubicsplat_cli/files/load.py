@@ -15,7 +15,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,7 @@ from cubicsplat_cli.files.decode import (
 )
 from cubicsplat_cli.files.read import check_size, read_whole
 from cubicsplat_cli.formatting import counted, one_line, printable
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import MAX_PIXELS
 
 _pillow_lock = threading.Lock()

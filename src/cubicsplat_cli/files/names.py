@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
@@ -24,6 +24,7 @@ from cubicsplat_cli.files.paths import (
 )  # fmt: skip
 from cubicsplat_cli.formatting import did_you_mean
 from cubicsplat_cli.options import listed
+from cubicsplat_cli.records import dataclass
 
 STDIO = "-"
 PLAIN, COMPRESSED = ".svg", ".svgz"

@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cubicsplat_cli.errors import EngineError, InputError
 from cubicsplat_cli.formatting import one_line, printable
+from cubicsplat_cli.records import dataclass
 
 USUAL_FPS = 25.0  # of a video that says none
 # How the files of videos begin that are read: no lists of other files or addresses, which would be followed.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from PIL import Image
 
@@ -11,6 +9,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.convert import PictureLike, as_picture
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.options import Focus
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import MAX_PIXELS
 
 GREY = np.array([0.2126, 0.7152, 0.0722], np.float32)  # of the channels in a mask's brightness

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from cubicsplat_cli.artwork.scene import scene_of
@@ -11,6 +10,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.evaluate.metrics import measurable
 from cubicsplat_cli.files.load import Picture
 from cubicsplat_cli.raster.engines import leave_one_out_importance
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.svg.drawing_reader import drawing_of, holds_drawing
 from cubicsplat_cli.svg.own import own_elements

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
@@ -19,6 +18,7 @@ from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import counted, duration, file_size, mean, number
 from cubicsplat_cli.html_report.embed import THUMBNAIL, rendered, thumbnail_url
 from cubicsplat_cli.metrics import Quality, Report
+from cubicsplat_cli.records import dataclass
 
 _HEADINGS = ("PSNR, dB", "SSIM", "shapes", "file", "time")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from cubicsplat_cli.html_report.drawing import Shown, shown
 from cubicsplat_cli.html_report.embed import data_url, picture_url, rendered
 from cubicsplat_cli.metrics import Quality, Report
 from cubicsplat_cli.options import Setting, renamed, settings_of
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import FitSettings, Recipe
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,7 @@ from cubicsplat_cli.jobs.run import (
 )
 from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import Observer
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
 

@@ -6,7 +6,7 @@ import itertools
 import os
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 
 from cubicsplat_cli.errors import CubicSplatError, InputError, UsageError
@@ -24,6 +24,7 @@ from cubicsplat_cli.files.names import (
 from cubicsplat_cli.files.paths import format_of, is_folder, is_svg, is_there, make_folder_of
 from cubicsplat_cli.formatting import printable
 from cubicsplat_cli.jobs.sources import Source, find_sources, is_batch
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.request import Request
 
 

@@ -16,7 +16,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from queue import SimpleQueue
@@ -27,6 +27,7 @@ from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.run import FAILED, INTERRUPTED, Outcome, attempt
 from cubicsplat_cli.jobs.sinks import FileSink
 from cubicsplat_cli.progress import Observer, Progress, interrupt
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.request import Request
 from cubicsplat_cli.settings import cpu_count
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.sinks import Sink
 from cubicsplat_cli.metrics import Output, Report, head
 from cubicsplat_cli.progress import FRAMES, FrameRecorder, Observer, StageTimer, command_began, warnings_to
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.request import Request
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Protocol
 
@@ -10,6 +10,7 @@ from cubicsplat_cli.files.paths import is_file, is_replaceable
 from cubicsplat_cli.files.write import write_stdout
 from cubicsplat_cli.jobs.earlier import forget, forget_layers, holds_edited
 from cubicsplat_cli.jobs.plan import Job
+from cubicsplat_cli.records import dataclass
 
 
 class Sink(Protocol):

@@ -6,12 +6,13 @@ import glob
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.names import STDIO, is_heic_name, is_picture_name, reads_heic
 from cubicsplat_cli.files.paths import is_folder, is_ours
+from cubicsplat_cli.records import dataclass
 
 _SEPARATORS = re.escape(os.sep + (os.altsep or ""))
 _ANY_DEPTH = re.compile(rf"(?:(?<![^{_SEPARATORS}])\*\*(?:[{_SEPARATORS}]+|$))+")  # `**`, or several, in a pattern

@@ -6,7 +6,6 @@ import itertools
 import math
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +21,7 @@ from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.progress import Stopped, work
 from cubicsplat_cli.raster.cpu import CpuEngine
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Clip, MovingScene, Scene, points_from_segments
 from cubicsplat_cli.scene.moving import TRACKS
 from cubicsplat_cli.settings import ANY, FitSettings

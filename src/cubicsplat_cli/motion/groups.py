@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
+
+from cubicsplat_cli.records import dataclass
 
 BLOCKS = 12  # along the longer side: means of blocks move little where a camera pans
 LEAST_JUMP = 0.06  # of the range of values, between the blocks of two frames: no cut is smaller

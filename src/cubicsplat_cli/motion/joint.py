@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from cubicsplat_cli.motion.tracks import PAINTS, Tracks, gradients_of
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.records import dataclass
 
 KEEP_MEAN, KEEP_SQUARE, EPSILON = 0.9, 0.95, 1e-12  # Adam's (Kingma and Ba, 2015)
 STRIDE = 8  # frames of a step lie so far apart: most knots then have one of them near

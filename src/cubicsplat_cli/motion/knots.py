@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.motion.tracks import PAINTS, KnotTrack, Tracks, gradients_of
 from cubicsplat_cli.raster.engine import Engine
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.records import dataclass
 
 PROBES = 4  # random signs of each frame that is looked at
 LOOKED_AT = 12  # frames

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.raster.engine import EngineScene
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import MovingScene, Scene
 from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, TRACKS, lines_at
 

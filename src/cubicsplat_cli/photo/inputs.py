@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from cubicsplat_cli.progress import REPORT_SECONDS, Progress
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import FitSettings
 

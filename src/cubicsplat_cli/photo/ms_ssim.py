@@ -5,12 +5,13 @@ What of it depends on the picture alone is computed once for a fit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
+
+from cubicsplat_cli.records import dataclass
 
 SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # as published, from the finest scale on
 TAPS, SIGMA = 11, 1.5

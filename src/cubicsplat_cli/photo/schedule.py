@@ -6,12 +6,12 @@ Nearly all is a function of the progress in [0, 1]: the share of the steps or, u
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.raster.engine import Rates
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.arrays import Array, as_numpy
 from cubicsplat_cli.settings import FitSettings
 

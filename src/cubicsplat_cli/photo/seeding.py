@@ -7,13 +7,13 @@ residual, which needs no labelling and treats all pixels at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from cubicsplat_cli.photo.initial import colour_to_logits, colours_at, control_points, new_curves, random_ring
 from cubicsplat_cli.photo.state import Background, FitCurves
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.arrays import Array, contiguous, copied, like, namespace
 from cubicsplat_cli.settings import FitSettings, Mode
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import segments_from_points
 from cubicsplat_cli.scene.arrays import Array, namespace
 from cubicsplat_cli.settings import Mode

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from cubicsplat_cli.photo.fills import adan
 from cubicsplat_cli.raster.engine import Rates
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, contiguous, like, namespace
 from cubicsplat_cli.scene.shapes import TEMPLATES, lengths, nearest_shape, shape_gradient, shape_points
 

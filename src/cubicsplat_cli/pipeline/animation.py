@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from cubicsplat_cli.export.lottie import lottie
 from cubicsplat_cli.files.write import write_atomically
 from cubicsplat_cli.metrics import head, to_json
 from cubicsplat_cli.raster.engines import render_scene
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.svg.moving import GridClip
 from cubicsplat_cli.svg.moving_drawing import still

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from cubicsplat_cli.files.clips import ClipSource, Frame
 from cubicsplat_cli.files.load import laid_over
 from cubicsplat_cli.files.marks import provenance_comment
 from cubicsplat_cli.progress import Progress, StageTimer
+from cubicsplat_cli.records import dataclass
 
 # Seconds that one frame takes to become the next. What is shown for much longer stands still before it changes.
 CHANGE_S = 0.2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +13,7 @@ from cubicsplat_cli.evaluate.rerender import rerender
 from cubicsplat_cli.files.load import Picture, resize_picture
 from cubicsplat_cli.pipeline.task import Task
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import LayeredScene, Scene
 
 LIKENESS_SIDE = 1024  # px of the longer side of the copy on which both are compared, where fine lines count

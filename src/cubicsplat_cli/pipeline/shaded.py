@@ -7,7 +7,7 @@ pixels in which it shows.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.progress import Work, under_way, work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import nearest_paints
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import painted
 from cubicsplat_cli.settings import FitSettings, cpu_count

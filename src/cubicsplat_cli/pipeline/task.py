@@ -6,7 +6,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from cubicsplat_cli.formatting import did_you_mean, printable
 from cubicsplat_cli.metrics import Qualities, Report
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.progress import FrameRecorder, Progress, StageTimer, warnings_to
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.request import DXF_TOLERANCE, Request
 from cubicsplat_cli.scene import LayeredScene, Scene, scaled_scene
 from cubicsplat_cli.settings import FitSettings

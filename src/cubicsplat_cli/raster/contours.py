@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from ctypes import c_int64
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from ctypes import byref, c_double, c_int64
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.records import dataclass
 
 _native = partial(native, "outlines")
 Outline = tuple[np.ndarray, np.ndarray, np.ndarray]

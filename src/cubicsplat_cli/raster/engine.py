@@ -6,12 +6,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.settings import SQUARED, Penalty, RasterSettings, image_loss
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, namespace
 from cubicsplat_cli.settings import Recipe

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from ctypes import byref, c_int64, c_void_p
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.records import dataclass
 
 _native = partial(native, "outlines")
 CIRCLE, ELLIPSE, BOX = 0, 1, 2

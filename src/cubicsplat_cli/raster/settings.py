@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.arrays import Array, namespace
 
 # A pixel's alpha is kept below one so that the backward pass may divide by 1 - alpha; the transmittance at which

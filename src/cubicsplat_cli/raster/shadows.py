@@ -9,13 +9,13 @@ EngineError where the library or the memory is missing.
 from __future__ import annotations
 
 from ctypes import c_double
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.records import dataclass
 
 _native = partial(native, "shadows")
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_int32, c_int64, c_void_p
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.cpu import address_of, library
 from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.records import dataclass
 
 _OPAQUE = 254.5 / 255.0
 

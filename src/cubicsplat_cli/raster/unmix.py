@@ -7,12 +7,12 @@ EngineError where the library or the memory is missing.
 from __future__ import annotations
 
 from ctypes import c_int64
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from cubicsplat_cli.raster.cpu import doubles, native
+from cubicsplat_cli.records import dataclass
 
 _native = partial(native, "regions")
 SLOTS = 4  # colours that are looked at near a pixel

@@ -12,10 +12,12 @@ import mmap
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+
+from cubicsplat_cli.records import dataclass
 
 if TYPE_CHECKING:
     import torch

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, copied, is_array, kind_of, like, namespace
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient
 

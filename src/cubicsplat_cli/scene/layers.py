@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.scene import Scene, scaled_scene
 
 

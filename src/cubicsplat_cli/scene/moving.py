@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.scene import Scene
 
 # What moves on knots of its own: the shape without its offset (control points and half-width), the offset, the fill.

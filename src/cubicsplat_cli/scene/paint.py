@@ -8,9 +8,11 @@ not premultiplied, and before the first and beyond the last they stay (SVG 1.1, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+
+from cubicsplat_cli.records import dataclass
 
 Rgba = tuple[int, int, int, int]  # sRGB and opacity, 8 bits each, not premultiplied
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.arrays import Array, CurveArrays, is_array, kind_of, like, namespace, padded, places_used
 from cubicsplat_cli.scene.gradients import Gradients
 from cubicsplat_cli.settings import Mode

@@ -9,13 +9,14 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.svg.values import Rgba, colour, length, share, transform_matrix, translation
 
 SVG = "{http://www.w3.org/2000/svg}"

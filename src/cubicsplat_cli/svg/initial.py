@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -16,6 +16,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import sha256_of
 from cubicsplat_cli.files.read import read_file
 from cubicsplat_cli.formatting import counted, one_line, printable
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.settings import Mode
 from cubicsplat_cli.svg.elements import LEAST_OPACITY, StyledShape, StyledTree, local_name, reference

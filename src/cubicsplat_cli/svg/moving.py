@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.moving import MIN_WIDTH_DECIMALS, OPACITY_DECIMALS, Clip, MovingScene
 from cubicsplat_cli.settings import Mode

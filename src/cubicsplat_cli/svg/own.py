@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 from xml.parsers import expat
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.formatting import printable
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 from cubicsplat_cli.svg.paths import PathSegment, subpaths
 from cubicsplat_cli.svg.shapes import ATTRIBUTES

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.svg.values import NUMBER, NUMBERS
 
 LETTERS = "MmLlHhVvCcSsQqTtAaZz"

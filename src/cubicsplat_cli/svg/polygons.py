@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.shapes import polygon_points
 from cubicsplat_cli.settings import Mode

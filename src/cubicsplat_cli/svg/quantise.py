@@ -8,11 +8,11 @@ curve may begin at another of its anchors, or run backwards, where that is short
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene, pack_rings
 from cubicsplat_cli.scene.arrays import Array, as_numpy
 from cubicsplat_cli.scene.gradients import gradients_of

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from xml.parsers import expat
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
 from cubicsplat_cli.files.read import MAX_SVG_BYTES, looks_like_svg
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.svg.own import MAX_ELEMENTS
 from cubicsplat_cli.svg.values import absolute_length
 

@@ -7,8 +7,6 @@ description of the picture becomes shorter: half of chi^2 over the pixels it cro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.finish import WHITE, State, kept, settle, trimmed, with_outlines
@@ -18,6 +16,7 @@ from cubicsplat_cli.artwork.geometry.beziers import bernstein
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.raster.cubics import found_merges
 from cubicsplat_cli.raster.stack import Goal
+from cubicsplat_cli.records import dataclass
 
 LONGEST_RUN, LONGEST_HIDDEN = 3, 12  # pieces that are merged at once, where they show and where none does
 # Px to which a place is known by a pixel where an outline shows, as coverages are, and how far hidden parts may move.

@@ -7,7 +7,7 @@ chi^2 over the pixels that the outline crosses, plus a price for every parameter
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, round
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
+from cubicsplat_cli.records import dataclass
 
 # Coverages are known to this much: drawing programs take 4x4 samples a pixel.
 SHARE_SIGMA = 0.04

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Protocol
 
@@ -13,6 +12,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, R
 from cubicsplat_cli.artwork.geometry.ways import RigidTransform
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.records import dataclass
 
 # Nearer to the canvas' border than this, px, a coordinate is on it and stays there.
 ON_BORDER = 0.06

@@ -5,12 +5,12 @@ All points are linear in the middle, the half sides and the radius; the template
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
+from cubicsplat_cli.records import dataclass
 
 SIXTEENTHS = 16  # of a circle, one cubic each
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
+from cubicsplat_cli.records import dataclass
 
 BUTT, ROUND, SQUARE = "butt", "round", "square"
 MITER, BEVEL = "miter", "bevel"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from cubicsplat_cli.artwork.gradients.parts import smooth_parts
 from cubicsplat_cli.artwork.gradients.shade import ShadedArea, gradient_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import blends, nearest_paints
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.paint import Gradient, painted
 
 REACH, SLOTS = 3, 4  # px in which the paints of a blend are sought, and how many

@@ -7,7 +7,6 @@ not.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import bends_and_steps, trimmed_range
 from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.records import dataclass
 
 # Levels: a second difference that rounding makes, and the steepest change per px.
 BEND, STEEP = 2.6, 12.0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.parts import LEAST_AREA, Part, Patch, joined, part_of
@@ -11,6 +9,7 @@ from cubicsplat_cli.artwork.gradients.shade import CLOSE, Shade, ShadedArea, ali
 from cubicsplat_cli.artwork.gradients.shades import common_shade
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.records import dataclass
 
 EXPLAINED = 0.95  # share of an area's pixels, for one gradient to be enough
 ALIKE = 0.4  # share of an area's pixels that another's gradient explains, for one to be sought for both

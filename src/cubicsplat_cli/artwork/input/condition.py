@@ -6,13 +6,13 @@ Pictures are (H, W, 4) float32 premultiplied RGBA in levels of 0..255.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import edge_variances, second_differences
 from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.records import dataclass
 
 # Levels: pixels whose 5 x 5 neighbours span less are away from edges; a second difference that an even or shaded
 # picture does not have.

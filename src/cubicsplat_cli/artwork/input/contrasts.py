@@ -8,9 +8,9 @@ alone, since photos are asked this too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+
+from cubicsplat_cli.records import dataclass
 
 APART = 3  # px between the pixels of a pair, past an edge's blends
 LEAST_NOISE, LEAST_SCALE = 1.0, 0.5  # levels

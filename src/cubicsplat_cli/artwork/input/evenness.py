@@ -7,11 +7,10 @@ asked this too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
+from cubicsplat_cli.records import dataclass
 
 ALIKE, EDGE = 3.0, 24.0  # levels: neighbours that differ by no more are alike, and between others lies an edge
 SMALL = 64  # px of the longer side, up to which other things tell

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+
+from cubicsplat_cli.records import dataclass
 
 # Enlargements by less than this are not told from none. Those by no whole number need so many nats of evidence: the
 # logarithm of the odds that all borders fall on such a grid by chance, of which some thousands are tried.

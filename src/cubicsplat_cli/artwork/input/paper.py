@@ -7,11 +7,10 @@ explains.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 
 LUMA = np.array([0.299, 0.587, 0.114])
 LEAST_SIDE, CELLS = 96, 48  # px, and along the longer side

@@ -7,12 +7,11 @@ two apart. The means of all profiles of about one mass and tint tell it by least
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.input.profiles import REACH, STEP, Profiles, profiles_of
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 
 LUMA = np.array([0.299, 0.587, 0.114])
 FAINT = 4.0  # standard deviations of the grain that a line is deeper than at the least

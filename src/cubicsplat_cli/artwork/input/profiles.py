@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.records import dataclass
 
 SCALE = 1.2  # px, standard deviation of the Gaussian whose derivatives tell where lines run
 # Along a line the depth bends less than a share of how it bends across it; and across by so much for its depth.

@@ -7,12 +7,11 @@ times as fine as the picture. The filter is undone, and the mean of three subpix
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import spread
+from cubicsplat_cli.records import dataclass
 
 SQUARE = np.ones((3, 3), dtype=bool)
 PLACES = np.array([-1.0, 0.0, 1.0])  # of a pixel's subpixels, thirds of a pixel

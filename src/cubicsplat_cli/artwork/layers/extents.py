@@ -6,7 +6,6 @@ The pixel masks decide only the topology; where the outlines run follows from th
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import hull_mask
+from cubicsplat_cli.records import dataclass
 
 # px that a layer reaches under its upper neighbours, so that no hairline shows.
 UNDERLAP = 3

@@ -8,7 +8,6 @@ to meet; the others' turns must not be as small.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, loop_points
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import turns
+from cubicsplat_cli.records import dataclass
 
 REACHES = (14.0, 7.0)  # px along an outline from which its heading is taken, the first that is smooth
 SMOOTH = 3.0  # mean squared residual, in sigmas, of a smooth one

@@ -7,7 +7,6 @@ taken. Corners are sought along the run itself, deeper beneath the upper layers,
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +15,7 @@ from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import Hiding, fewest_links
+from cubicsplat_cli.records import dataclass
 
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried
 # px beneath the run at which a corner is tried, and at how many places along it; where nothing is found, as what hides

@@ -8,7 +8,6 @@ higher regions between them are pieces of one shape that continues beneath.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
@@ -24,6 +23,7 @@ from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.graphs import strong_groups
 from cubicsplat_cli.raster.outlines import held_by_hull
+from cubicsplat_cli.records import dataclass
 
 # Of the hull of two pieces, so much may show anything but pieces of its own and what lies above.
 EXPOSED = 0.004

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.continuation import continued
 from cubicsplat_cli.artwork.layers.ends import REACH, End, end_of
 from cubicsplat_cli.artwork.layers.min_link import Room, along_edge, min_link_path
+from cubicsplat_cli.records import dataclass
 
 CURVE_SIGMA = 0.3  # px, of the points of a cubic that goes on
 # The most that such a cubic turns, radians: an edge less likely turns by more than a right angle.

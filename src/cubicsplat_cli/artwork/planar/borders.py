@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.sources import Sources
+from cubicsplat_cli.records import dataclass
 
 _JUMP = 0.5  # of the parameter: where a ring of one piece begins again
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from cubicsplat_cli.artwork.planar.faces import Faces
 from cubicsplat_cli.artwork.planar.snapping import GRID
 from cubicsplat_cli.artwork.planar.sources import Sources
 from cubicsplat_cli.raster.cubics import newton_steps
+from cubicsplat_cli.records import dataclass
 
 SHORT = 0.08  # px: a run that is shorter is no edge but part of a node
 AT_END = 1e-6  # of the parameter

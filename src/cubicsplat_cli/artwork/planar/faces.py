@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.planar.snapping import Segments
+from cubicsplat_cli.records import dataclass
 
 NOTHING = -1
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from cubicsplat_cli.artwork.planar.sources import Sources, canvas_ring, rings_of
 from cubicsplat_cli.artwork.planar.visible import connected
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import offset_ring
+from cubicsplat_cli.records import dataclass
 
 # What a piece is of, when the shapes of one rank are looked at: the grown ones, those drawn later, the shapes
 # themselves, whose numbers count along an edge of several, and the canvas.

@@ -6,13 +6,12 @@ nearest to the crossing, and every one that passes a vertex closely is led throu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.planar.sources import Sources
 from cubicsplat_cli.errors import EngineError
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.records import dataclass
 
 GRID = 64  # steps a px
 FLAT, LONGEST = 0.004, 2.0  # px: a chord off its cubic, and its length

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from cubicsplat_cli.artwork.geometry.outlines import (
     signed_area,
 )
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
+from cubicsplat_cli.records import dataclass
 
 
 @dataclass(frozen=True)

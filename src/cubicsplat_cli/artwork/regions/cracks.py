@@ -6,11 +6,10 @@ are clockwise as seen (y grows downwards) and holes the other way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.raster.outlines import traced
+from cubicsplat_cli.records import dataclass
 
 # Directions of a crack: east, south, west, north.
 STEP = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])

@@ -6,13 +6,12 @@ along the line the same one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.unmix import best_blend, blend_with, fills_of_lines, near_fills, residual_of_three, spread
+from cubicsplat_cli.records import dataclass
 
 # Residuals, in levels, of a blend that the fills beside it explain, and that the fill of a line must explain; lines are
 # sought with the MOST_FILLS commonest fills.

@@ -6,12 +6,11 @@ thinner lines hardly lie within one row of pixels each, and none of the drawings
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 
 # Levels that are one colour along a pixel line, and by which it must differ from what is on either side of it.
 ALIKE, APART = 0.5, 8.0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
@@ -23,6 +21,7 @@ from cubicsplat_cli.artwork.regions.hidden_fills import hidden_fills, without_bl
 from cubicsplat_cli.artwork.regions.line_blends import line_blends
 from cubicsplat_cli.artwork.regions.pixel_lines import with_pixel_lines
 from cubicsplat_cli.raster.unmix import best_blend, components, near_fills, nearest_fills
+from cubicsplat_cli.records import dataclass
 
 # A pixel within so many levels of a fill is that fill.
 PURE = 2.5

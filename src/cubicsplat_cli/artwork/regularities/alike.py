@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +10,7 @@ from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility, samples
 from cubicsplat_cli.artwork.geometry.outlines import Ring, dense, flattened
 from cubicsplat_cli.artwork.regularities.mirrored import Axis
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.records import dataclass
 
 STEP = 0.5  # px between the points of an outline
 MOST = 400  # points of a piece

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.records import dataclass
 
 LEAST = 1e-9  # a coefficient below this is of the arithmetic
 

@@ -7,7 +7,7 @@ changes, against a price for every parameter, before and after it is optimised a
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import Goal
+from cubicsplat_cli.records import dataclass
 
 FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10

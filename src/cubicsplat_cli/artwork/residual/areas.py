@@ -8,7 +8,6 @@ one px stay.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from cubicsplat_cli.artwork.input.condition import Condition
 from cubicsplat_cli.artwork.input.restore import LUMA_CHROMA
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.observed import unexplained
+from cubicsplat_cli.records import dataclass
 
 # Levels of luma or chroma that people see in an area, about 3 to 4 in CIEDE2000.
 UNLIKE = 6.0

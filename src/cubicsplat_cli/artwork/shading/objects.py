@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 
 BLUR = 0.8  # px, before slopes are measured: about what smoothing has blurred an edge by
 # Levels per px: steeper than shading is, and what an edge of thirty levels, so smoothed, has.

@@ -8,12 +8,12 @@ Borders, 6.1).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.raster.shadows import ShadedPixels, shadow_box, shadow_window
+from cubicsplat_cli.records import dataclass
 
 BEYOND = 4.2  # sigmas from a box at which its shadow ends
 

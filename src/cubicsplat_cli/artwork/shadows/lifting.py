@@ -6,7 +6,7 @@ stands for its own until the drawing is finished.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground
 from cubicsplat_cli.artwork.shadows.found import CLOSE, Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.paint import Rgba
 
 SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur

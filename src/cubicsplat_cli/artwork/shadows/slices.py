@@ -6,7 +6,6 @@ nearly round, so there it is the circular or elliptic gradient nearest to what s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +17,7 @@ from cubicsplat_cli.artwork.shadows.boxes import Box
 from cubicsplat_cli.artwork.shadows.found import Cast
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.raster.shades import Pixels
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.paint import Gradient, mean_fill, painted
 
 NAME = "shadow"

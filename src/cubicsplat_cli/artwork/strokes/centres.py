@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Ring
 from cubicsplat_cli.raster.point_tree import PointTree
+from cubicsplat_cli.records import dataclass
 
 STEP = 0.05  # px between the points of an outline
 REST = 0.46  # of a width, that the outline is from a point halfway across at the least

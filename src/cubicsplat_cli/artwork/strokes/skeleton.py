@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.geometry.outlines import Ring, pieces_of_rings
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 
 FINEST = 8  # pixels of the skeleton per px
 PIXELS_ACROSS = 8.0  # a stroke is drawn with so many at least

@@ -7,13 +7,12 @@ whatever its slope, because a pixel's share is an area. That is taken as a point
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.regions.cracks import CrackLoop
 from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.regions.thin import thin_edges
+from cubicsplat_cli.records import dataclass
 
 # So many pixels to either side of a crack may belong to the border's blend.
 WALK = 3

@@ -6,12 +6,13 @@ one side is a line), corners do not. Points pass to the neighbouring piece when 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.tracing.variables import Pieces
 from cubicsplat_cli.raster.cubics import Division, refined
+from cubicsplat_cli.records import dataclass
 
 ROUNDS = 8
 

@@ -8,11 +8,11 @@ rule for the choice of a bandwidth).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from cubicsplat_cli.raster.outlines import parabolas
+from cubicsplat_cli.records import dataclass
 
 HALF_WINDOWS = (2, 4, 7, 12, 20)
 # A point whose standard error is larger tells nothing (it is hidden or unknown).

@@ -5,13 +5,13 @@ Which there are follows from what its joints are, and how its control points mov
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from cubicsplat_cli.raster.cubics import Joints, moved_outline, outline_cubics, outline_jacobian
 from cubicsplat_cli.raster.sparse import SparseRows
+from cubicsplat_cli.records import dataclass
 
 PAIR = np.array([0, 1])
 

@@ -6,7 +6,6 @@ Opaque shapes hardly ever do that, as the upper one hides the lower one's edge.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from cubicsplat_cli.artwork.layers.ends import Heading, heading
 from cubicsplat_cli.artwork.layers.junctions import LEAST_TURN, MEETING, REACHES, SMOOTH
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 
 RADII = (4.0, 6.0, 8.0)  # px of circles around a meeting, on the first of which all four regions lie
 STEPS = 96

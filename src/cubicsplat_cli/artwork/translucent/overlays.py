@@ -7,7 +7,7 @@ paint. Without it C1 and G1 are one region, and the next overlay beneath it can 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
 from cubicsplat_cli.artwork.translucent.merging import Overlay, merged, with_covered
 from cubicsplat_cli.artwork.translucent.paint import Paint, likeliest, paint_of
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.records import dataclass
 
 MOST_OVERLAYS = 64
 

@@ -7,10 +7,9 @@ is a channel like the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.paint import Rgba
 
 # Levels that colours are off by what drawing programs round; by which the grounds, and what is seen of them, differ.

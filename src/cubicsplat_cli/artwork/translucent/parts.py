@@ -3,8 +3,6 @@ them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents, extents_of
@@ -13,6 +11,7 @@ from cubicsplat_cli.artwork.regions.regions import Regions
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions
 from cubicsplat_cli.artwork.translucent.merging import Overlay
 from cubicsplat_cli.artwork.translucent.overlays import without_overlays
+from cubicsplat_cli.records import dataclass
 
 
 @dataclass(frozen=True)

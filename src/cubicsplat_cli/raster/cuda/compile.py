@@ -11,7 +11,6 @@ import hashlib
 import logging
 from collections.abc import Callable
 from ctypes import sizeof
-from dataclasses import dataclass
 from pathlib import Path
 
 from cubicsplat_cli.errors import EngineError
@@ -19,6 +18,7 @@ from cubicsplat_cli.files.cache import read_cache, write_cache
 from cubicsplat_cli.raster.cuda import nvrtc
 from cubicsplat_cli.raster.cuda.frame import COSTS, FIXED_SHARED, Frame, StepValues
 from cubicsplat_cli.raster.engine import EngineScene
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.settings import Mode
 
 KERNELS = Path(__file__).parents[1] / "kernels"

@@ -11,7 +11,6 @@ import ctypes
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -47,6 +46,7 @@ from cubicsplat_cli.raster.engine import (
     Training,
 )
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.arrays import Array, as_torch
 from cubicsplat_cli.settings import Mode
 
