@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +18,9 @@ from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate.cairo import import_cairosvg
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.records import dataclass
-from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted, with_size
+
+if TYPE_CHECKING:
+    from cubicsplat_cli.svg.untrusted import SvgSize
 
 # cairo's image surfaces end at 32767 px a side; the area bounds the memory (4 bytes a pixel, with resvg more).
 MAX_SIDE = 32_767
@@ -134,6 +137,8 @@ def checked(
 
     width, height, scale, errors: see `rerender_untrusted`.
     """
+    from cubicsplat_cli.svg.untrusted import SvgSize, check_untrusted, with_size
+
     if not (math.isfinite(scale) and scale > 0):
         raise UsageError(f"must be a positive number, not {scale:g}", "scale")
     asked = SvgSize(width, height) if width and height else None
