@@ -11,6 +11,7 @@ from torch import Tensor
 from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.engine import EngineScene, Rates
 from cubicsplat_cli.raster.settings import RasterSettings
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 
 LIMITS = {"colours": (-9.0, 9.0), "opacities": (-9.0, 9.0), "half_widths": (0.1, torch.inf)}
@@ -56,27 +57,23 @@ class ReferenceFit:
         self.values = {name: getattr(self.scene, name).double() for name in TENSORS}
         self._adans = {name: Adan(getattr(self.rates, name), self.rates) for name in TENSORS}
 
-    def _active(self, values: dict[str, Tensor]) -> list[Tensor]:
-        return [values[n].sigmoid() if n in ("colours", "opacities") else values[n] for n in TENSORS]
+    def _scene(self, values: dict[str, Tensor]) -> Scene:
+        active = {name: values[name].sigmoid() for name in ("colours", "opacities")}
+        scene = self.scene
+        return Scene(scene.mode, scene.width, scene.height, background=scene.background, **(values | active))
 
     def step(self, settings: RasterSettings, extras: bool = False) -> float:
         """One step; returns the loss before it. extras: also the importance."""
         scene = self.scene
-        keywords = {"mode": scene.mode, "width": scene.width, "height": scene.height, "settings": settings}
         leaves = {name: value.clone().requires_grad_() for name, value in self.values.items()}
-        self.image = reference.render(*self._active(leaves), **keywords, background=scene.background)
+        self.image = reference.render(self._scene(leaves), settings)
         loss = reference.image_loss(self.image, self.target.double())
         loss.backward()
         if extras:
-            self._look(keywords)
+            self.importance = reference.importance(self._scene(self.values), settings, target=self.target.double())
         for name, leaf in leaves.items():
             if name == "half_widths" and scene.mode is Mode.CLOSED:
                 continue
             moved = leaf.detach() - self._adans[name].step(leaf.grad)
             self.values[name] = moved.clamp(*LIMITS[name]) if name in LIMITS else moved
         return float(loss.detach())
-
-    def _look(self, keywords: dict) -> None:
-        values, target = self._active(self.values), self.target.double()
-        given = {"background": self.scene.background, "target": target, "kind": "loo"}
-        self.importance = reference.importance(*values, **keywords, **given)

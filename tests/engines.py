@@ -10,7 +10,7 @@ import pytest
 import torch
 from emulated import EmulatedDriver, compiler
 from emulated_arm import ArmEngine, missing
-from scenes import DEGENERATE, PAPER, TENSORS, as_arguments, in_double
+from scenes import DEGENERATE, PAPER, TENSORS, in_double
 from torch import Tensor
 
 from cubicsplat_cli.raster import reference
@@ -130,8 +130,7 @@ def truth(scene: Scene, settings: RasterSettings, target: Tensor, names: Sequenc
     leaves = in_double(scene, requires_grad=True)
     for name in set(TENSORS).difference(names):  # spares the reference the long way back through an exact coverage
         getattr(leaves, name).requires_grad_(False)
-    tensors, keywords = as_arguments(leaves)
-    image = reference.render(*tensors, **keywords, settings=settings)
+    image = reference.render(leaves, settings)
     loss = reference.image_loss(image, target.double())
     loss.backward()
     given = {name: getattr(leaves, name) for name in names}

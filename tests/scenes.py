@@ -104,20 +104,6 @@ def random_target(scene: Scene, seed: int = 0) -> Tensor:
     return picture
 
 
-def as_arguments(scene: Scene) -> tuple[tuple[Tensor, ...], dict]:
-    """The scene as the positional tensors and keywords (less settings) of the renderers."""
-    tensors = tuple(getattr(scene, name) for name in TENSORS)
-    keywords = {
-        "mode": scene.mode,
-        "width": scene.width,
-        "height": scene.height,
-        "background": scene.background,
-        "ring_ends": scene.ring_ends,
-        "gradients": scene.gradients,
-    }
-    return tensors, keywords
-
-
 def in_double(scene: Scene, requires_grad: bool = False) -> Scene:
     """The scene with float64 leaves."""
     return replace(scene, **{n: getattr(scene, n).detach().double().requires_grad_(requires_grad) for n in TENSORS})
@@ -131,8 +117,7 @@ def only(scene: Scene, curves: list[int]) -> Scene:
 
 def reference_render(scene: Scene, coverage: str = "relaxed", edge_width: float = 1.0, samples: int = 6) -> Tensor:
     """The reference renderer's picture (H, W, C), float64, differentiable in the scene's tensors."""
-    tensors, keywords = as_arguments(scene)
-    return reference.render(*tensors, **keywords, settings=RasterSettings(coverage, edge_width, samples))
+    return reference.render(scene, RasterSettings(coverage, edge_width, samples))
 
 
 def polyline(points: Tensor, mode: Mode = Mode.CLOSED, samples: int = 3) -> Tensor:

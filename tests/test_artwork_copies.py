@@ -12,7 +12,7 @@ from cubicsplat_cli.artwork.finish.finish import begin, drawn, goal_of, settle
 from cubicsplat_cli.artwork.finish.parameters import Constraints, CopyParameters, parametrised
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring, flattened
-from cubicsplat_cli.artwork.geometry.ways import RigidTransform
+from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.regularities import with_copies
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.vectorize import draw

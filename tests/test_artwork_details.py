@@ -179,7 +179,7 @@ def test_only_shapes_that_can_pay_are_tried() -> None:
     asked = [(0, missing), (0, needless)]
     assert trials._affordable(asked, [[]]) == asked[:1]
     shapes, changes, falls = trials._tried([missing], 10)
-    known = added._Way(shapes, changes, float(falls.sum()))
+    known = added._Explanation(shapes, changes, float(falls.sum()))
     smaller = Placed(Shape(BLUE, (Circle(36.0, 9.0, 1.0),), "dot"), 0)
     assert trials._affordable([(0, smaller)], [[]]) == [(0, smaller)]
     assert trials._affordable([(0, smaller)], [[known]]) == [], "it cannot explain as much as what is known does"

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 from cubicsplat_cli.artwork.finish.finish import LONGEST
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Pins, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Ring, polygon
-from cubicsplat_cli.artwork.geometry.ways import RigidTransform
+from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.directions import Slope, directed, has_diagonal
-from cubicsplat_cli.artwork.regularities.tied import tied_ring
-from cubicsplat_cli.artwork.regularities.ties import null_basis
+from cubicsplat_cli.artwork.regularities.ties import null_basis, tied_ring
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.svg.drawing_reader import read_drawing

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import rest_slow
 
-from cubicsplat_cli.artwork.geometry.fewer import fewer_points
+from cubicsplat_cli.raster.outlines import fewer_points
 
 
 def wave(count, seed):

@@ -16,8 +16,8 @@ from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.tracing.contours import EdgePositions, edge_positions
 from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
 from cubicsplat_cli.artwork.translucent.merging import Overlay, with_covered
-from cubicsplat_cli.artwork.translucent.overlays import without_overlays
 from cubicsplat_cli.artwork.translucent.paint import FULL, Paint, likeliest, paint_of
+from cubicsplat_cli.artwork.translucent.parts import without_overlays
 from cubicsplat_cli.artwork.vectorize import draw
 from cubicsplat_cli.svg import read_drawing, write_drawing
 
@@ -201,7 +201,7 @@ def ringed(films, fill) -> tuple[Regions, np.ndarray, list[Overlay]]:
     for k, film in enumerate(films):
         cover = np.zeros(labels.shape, dtype=bool)
         cover[8:10, 10 + 4 * k : 12 + 4 * k] = True
-        overlays.append(Overlay(Paint(film, 0.0), cover))
+        overlays.append(Overlay(Paint(film), cover))
     return Regions(labels, np.array([levels(PAPER), fill]), np.arange(2)), np.zeros(2, dtype=bool), overlays
 
 
@@ -210,7 +210,7 @@ def test_what_films_make_of_a_neighbour_is_theirs_in_the_order_that_does():
     for above, below in ((0, 1), (1, 0)):
         fill = levels(PAPER)
         for k in (below, above):
-            fill = Paint(films[k], 0.0).over(fill[None])[0]
+            fill = Paint(films[k]).over(fill[None])[0]
         regions, fixed, overlays = with_covered(*ringed(films, fill))
         assert regions.count == 1 and fixed.tolist() == [False]
         assert [overlay.paint.fill for overlay in overlays] == [films[above], films[below]]

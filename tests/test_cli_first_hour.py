@@ -376,8 +376,8 @@ def test_the_noise_of_a_jpeg_of_one_colour_is_not_drawn(noise, curves, tmp_path,
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
 @pytest.mark.parametrize(
     "arguments",
-    [["--help"], ["doctor"], ["--version"], ["vectorize", "--help"], ["vectorize", "PHOTO", *SHORT, "-o", "-"],
-     ["vectorize", "PHOTO", "--dry-run", "--json"]],
+    [["--help"], ["--version"], ["vectorize", "--help"], ["vectorize", "PHOTO", *SHORT, "-o", "-"],
+     ["vectorize", "PHOTO", "--dry-run", "--json"], pytest.param(["doctor"], marks=pytest.mark.slow)],
     ids=lambda arguments: arguments[-1],
 )  # fmt: skip
 def test_a_full_disk_behind_the_output_is_one_line(arguments, photo):

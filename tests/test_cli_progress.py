@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import re
@@ -13,7 +14,6 @@ from conftest import smooth_pixels
 from PIL import Image
 from warm import WarmCommand
 
-from cubicsplat_cli.cli import console
 from cubicsplat_cli.cli.console import Whole
 from cubicsplat_cli.cli.display import LiveDisplay
 from cubicsplat_cli.progress import Progress
@@ -22,10 +22,9 @@ terminals = pytest.mark.skipif(sys.platform == "win32", reason="terminals of POS
 CONTROL = re.compile(r"\x1b\[[\d;?]*[A-Za-z]")
 
 
-def test_the_time_left_for_all_counts_what_is_half_done_and_not_what_was_done_before(monkeypatch):
+def test_the_time_left_for_all_counts_what_is_half_done_and_not_what_was_done_before():
     now = [100.0]
-    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
-    whole = Whole(10)
+    whole = Whole(10, clock=lambda: now[0])
     for name in "abcd":
         whole.end(name)  # done by an earlier run
     assert (whole.text(), whole.left()) == ("4/10 pictures", "")
@@ -139,8 +138,7 @@ def test_a_terminal_whose_size_changes_keeps_nothing_of_the_bars(monkeypatch):
     monkeypatch.setenv("TERM", "xterm-256color")
     manual = functools.partial(rich.progress.Progress, auto_refresh=False)
     monkeypatch.setattr(rich.progress, "Progress", manual)
-    with os.fdopen(child, "w") as stderr:
-        monkeypatch.setattr(sys, "stderr", stderr)
+    with os.fdopen(child, "w") as stderr, contextlib.redirect_stderr(stderr):
         fcntl.ioctl(child, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
         print("before", file=stderr, flush=True)
         with LiveDisplay(3) as shown:

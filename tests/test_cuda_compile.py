@@ -32,7 +32,7 @@ MULTIPROCESSORS = {
     "sm_90": (228 * 1024, 65536, 2048),
     "sm_100": (228 * 1024, 65536, 2048),
 }
-# Most registers, and bytes spilled to local memory and read again, of each kernel: the stated limits of docs/cuda.md.
+# Most registers, and bytes spilled to local memory and read again, of each kernel.
 LIMITS = {
     "set_step": (48, 0), "flatten": (64, 0), "bin": (48, 0), "update": (64, 0),
     "raster_relaxed": (64, 320), "raster_exact": (80, 400),

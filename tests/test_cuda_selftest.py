@@ -16,6 +16,7 @@ from cubicsplat_cli.raster import reference
 from cubicsplat_cli.raster.cuda import selftest
 from cubicsplat_cli.raster.cuda.compile import Program
 from cubicsplat_cli.raster.cuda.engine import CudaEngine
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
 
 PROGRAMS = [Program(mode, channels, painted) for painted in (False, True) for mode in Mode for channels in (3, 4)]
@@ -28,18 +29,18 @@ needs_compiler = pytest.mark.skipif(compiler() is None, reason="needs a C++ comp
 def drawn(program, coverage):
     """What the reference says of the self-test's scene."""
     scene, target = selftest.scene(program), selftest.target(program).double()
-    leaves = [getattr(scene, name).double().requires_grad_() for name in TENSORS]
-    keywords = {"mode": program.mode, "width": scene.width, "height": scene.height, "background": scene.background}
-    keywords["settings"] = selftest.settings(coverage)
-    fills = {}
+    leaves = {name: getattr(scene, name).double().requires_grad_() for name in TENSORS}
+    gradients, fills = None, {}
     if scene.gradients is not None:
-        keywords["gradients"] = scene.gradients.floating(Tensor.double)
-        fills = {name: getattr(keywords["gradients"], name).requires_grad_() for name in ("frames", "stops")}
-    image = reference.render(*leaves, **keywords)
+        gradients = scene.gradients.floating(Tensor.double)
+        fills = {name: getattr(gradients, name).requires_grad_() for name in ("frames", "stops")}
+    size = {"width": scene.width, "height": scene.height, "background": scene.background}
+    scene, settings = Scene(program.mode, **size, **leaves, gradients=gradients), selftest.settings(coverage)
+    image = reference.render(scene, settings)
     loss = reference.image_loss(image, target)
     loss.backward()
-    found = {name: leaf.grad for name, leaf in (*zip(TENSORS, leaves, strict=True), *fills.items())}
-    found["importance"] = reference.importance(*(t.detach() for t in leaves), **keywords, target=target, kind="loo")
+    found = {name: leaf.grad for name, leaf in (leaves | fills).items()}
+    found["importance"] = reference.importance(scene, settings, target=target)
     return selftest.digest(float(loss.detach()), [image, *(found[name] for name in selftest.gradient_names(program))])
 
 

@@ -34,7 +34,6 @@ from engines import (
 from scenes import (
     DEGENERATE,
     PAPER,
-    as_arguments,
     circle,
     in_double,
     only,
@@ -133,12 +132,7 @@ def wanted_importance(mode, background, kind):
     """One reference for all engines."""
     scene = random_scene(mode, 10, 3, 41, 35, 3, background=background)
     target = random_target(scene, 3)
-    tensors, keywords = as_arguments(in_double(scene))
-    return (
-        scene,
-        target,
-        reference.importance(*tensors, **keywords, settings=SETTINGS[1], target=target.double(), kind=kind),
-    )
+    return scene, target, reference.importance(in_double(scene), SETTINGS[1], target=target.double(), kind=kind)
 
 
 @every_engine
@@ -235,14 +229,12 @@ def weighted(mode, background, penalty):
     target = random_target(scene, 6)
     weights = (3.0 * torch.rand(35, 41, generator=torch.Generator().manual_seed(1)) - 1.0).clamp(min=0.0)
     leaves = in_double(scene, requires_grad=True)
-    tensors, keywords = as_arguments(leaves)
-    image = reference.render(*tensors, **keywords, settings=SETTINGS[1])
+    image = reference.render(leaves, SETTINGS[1])
     loss = reference.image_loss(image, target.double(), weights, penalty)
     loss.backward()
-    told = {"settings": SETTINGS[1], "target": target.double(), "weights": weights, "penalty": penalty}
+    given = {"target": target.double(), "weights": weights, "penalty": penalty}
     importances = {
-        kind: reference.importance(*(t.detach() for t in tensors), **keywords, **told, kind=kind)
-        for kind in ("loo", "visibility")
+        kind: reference.importance(leaves, SETTINGS[1], **given, kind=kind) for kind in ("loo", "visibility")
     }
     gradients = {name: getattr(leaves, name).grad for name in compared(scene)}
     return float(loss.detach()), gradients, importances, (scene, target, weights)

@@ -15,7 +15,7 @@ import pytest
 import torch
 from conftest import rest_slow
 from PIL import Image
-from scenes import PAPER, as_arguments, random_scene
+from scenes import PAPER, random_scene
 
 from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate import (
@@ -110,8 +110,7 @@ def test_background_fills_the_canvas_and_size_is_what_was_asked_for(renderer):
 def test_file_shows_the_same_picture_as_the_reference_renderer(mode, background, renderer):
     scene = random_scene(mode, curves=10, width=64, height=48, background=background, seed=3)
     file = rerender(svg_of(scene), 64, 48, renderer=renderer)
-    tensors, keywords = as_arguments(quantise_scene(scene, 2).as_torch())
-    own = reference.render(*tensors, **keywords, settings=RasterSettings("exact", samples=32))
+    own = reference.render(quantise_scene(scene, 2).as_torch(), RasterSettings("exact", samples=32))
     pixels = file.pixels.astype(np.float64) / 255
     if background is None:
         pixels[..., :3] *= pixels[..., 3:]
@@ -250,11 +249,10 @@ def alike(height: int, width: int, kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("kind", ["photo", "smooth", "bright", "flat"])
 @pytest.mark.parametrize(("height", "width"), [(11, 11), (75, 300), (132, 523), (200, 261)])
-def test_ssim_part_by_part_is_that_of_the_whole_picture(height, width, kind, monkeypatch):
+def test_ssim_part_by_part_is_that_of_the_whole_picture(height, width, kind):
     """Sizes about those of tiles and strips, which are small here: their seams must not show."""
     from skimage.metrics import structural_similarity
 
-    monkeypatch.setattr(METRICS, "STRIP_PIXELS", 40_000)
     rgb, drawn = alike(height, width, kind)
     values = drawn[..., :3].astype(np.float64) / 255
     want = structural_similarity(
@@ -266,7 +264,7 @@ def test_ssim_part_by_part_is_that_of_the_whole_picture(height, width, kind, mon
         data_range=1.0,
         channel_axis=2,
     )
-    found = compare(picture(rgb), drawn)
+    (found,), _ = measure(picture(rgb), [of_pixels(drawn)], strip_pixels=40_000)
     assert found.ssim == pytest.approx(want, abs=1e-6)
     assert found.psnr_db == pytest.approx(-10 * math.log10(((rgb - values) ** 2).mean()), abs=1e-5)
 
@@ -282,20 +280,19 @@ def test_figures_are_the_same_for_any_number_of_threads():
 
 
 @pytest.mark.parametrize("background", [PAPER, None])
-def test_the_engines_picture_in_strips_is_the_whole_one(background, monkeypatch):
+def test_the_engines_picture_in_strips_is_the_whole_one(background):
     from cubicsplat_cli.raster import render_scene
 
-    monkeypatch.setattr(METRICS, "STRIP_PIXELS", 64 * 90)
     scene = random_scene(Mode.CLOSED, curves=40, width=90, height=400, background=background, seed=5)
     whole, candidate = render_scene(scene, samples=48, threads=1), of_scene(scene, 90, 400, 48, threads=1)
     for top, bottom in ((0, 400), (0, 69), (59, 133), (379, 400)):
         assert np.abs(candidate.rows(top, bottom) - whole[top:bottom]).max() < 2e-5
     reference_picture = picture(np.random.default_rng(1).random((400, 90, 3)))
-    (found,), agreement = measure(reference_picture, [candidate])
+    (found,), agreement = measure(reference_picture, [candidate], strip_pixels=64 * 90)
     want = compare_premultiplied(reference_picture, whole)
     assert agreement is None
     assert (found.psnr_db, found.ssim) == (pytest.approx(want.psnr_db, abs=1e-5), pytest.approx(want.ssim, abs=1e-6))
-    assert psnr_db(reference_picture, candidate) == found.psnr_db
+    assert psnr_db(reference_picture, candidate) == measure(reference_picture, [candidate])[0][0].psnr_db
 
 
 @pytest.mark.slow

@@ -126,7 +126,7 @@ def test_curves_are_replaced_together_with_their_fills():
     curves = new_curves(20.0 * torch.rand(10, 12, 2), torch.randn(10, 3), 0.0, given, (36, 24))
     curves.fills.ages += torch.arange(1, 11, dtype=torch.int32)
     seeds = Seeder(given, np.random.default_rng(0), None, target).seeds(3, torch.zeros_like(target))
-    after = FitState.beginning_with(curves).without_least(torch.arange(10.0), 3).with_seeds(seeds).curves
+    after = FitState.unmoved(curves).without_least(torch.arange(10.0), 3).with_seeds(seeds).curves
     assert after.fills.ages.tolist() == [0, 0, 0, 4, 5, 6, 7, 8, 9, 10]
     assert torch.equal(after.fills.stop_logits[:3, 0], after.colours[:3])
     assert after.behind(curves).fills.ends.shape == (20, 2, 2)

@@ -12,7 +12,7 @@ from conftest import smooth_pixels
 from scenes import rectangle, scene_of
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.photo import FitResult, fit
+from cubicsplat_cli.photo import FitResult, Fitting, fit
 from cubicsplat_cli.photo.evaluator import psnr
 from cubicsplat_cli.photo.initial import choose_background, curves_of
 from cubicsplat_cli.photo.loop import FitLoop
@@ -78,17 +78,17 @@ def test_a_fit_improves_much_over_its_start_and_over_the_background_alone(mode, 
 
 
 @MODES
-def test_the_result_is_the_best_exact_picture_that_was_seen(mode, monkeypatch):
+def test_the_result_is_the_best_exact_picture_that_was_seen(mode):
     target = picture()
     fit_loop = loop(target, mode=mode)
     seen: list[float] = []
-    original = BestCheckpoint.consider
 
-    def spy(self: BestCheckpoint, loss: float, parameters) -> None:
-        seen.append(loss)
-        original(self, loss, parameters)
+    class Noted(BestCheckpoint):
+        def consider(self, loss: float, curves) -> None:
+            seen.append(loss)
+            super().consider(loss, curves)
 
-    monkeypatch.setattr(BestCheckpoint, "consider", spy)
+    fit_loop.best = Noted()
     result = fit_loop.finish()
     assert len(seen) >= 0.15 * 60, "every step of the exact finish, and the end"
     assert fit_loop.best.loss == min(seen)
@@ -323,36 +323,35 @@ def test_an_interrupt_returns_the_best_so_far(at):
         assert psnr(loss_of(result.scene, target), 40 * 28 * 3) > 18
 
 
-def test_curves_that_do_nothing_are_replaced_however_late(monkeypatch):
+def test_curves_that_do_nothing_are_replaced_however_late():
     """At the last replacements the schedule asks for next to none."""
-    counts, original = [], FitLoop.reallocate
+    counts = []
 
-    def watched(self: FitLoop, progress: float) -> None:
-        self.stepper.importance[:3], self.stepper.importance[3:] = 0.0, 1.0
-        before = self.log.replaced
-        original(self, progress)
-        counts.append(self.log.replaced - before)
+    class Watched(Fitting):
+        def reallocate(self, progress: float) -> None:
+            self.stepper.importance[:3], self.stepper.importance[3:] = 0.0, 1.0
+            before = self.log.replaced
+            super().reallocate(progress)
+            counts.append(self.log.replaced - before)
 
-    monkeypatch.setattr(FitLoop, "reallocate", watched)
-    fit(picture(), settings())
+    Watched(picture(), settings()).finish()
     assert counts[0] > 3
     assert counts[-1] == 3
 
 
-def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before(monkeypatch):
+def test_an_interrupt_right_after_curves_were_replaced_returns_what_was_before():
     """New curves first make the picture worse."""
     target, levels = picture(), []
-    original = FitLoop.reallocate
 
-    def interrupted(self: FitLoop, progress: float) -> None:
-        levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
-        original(self, progress)
-        if self.step >= 20:
+    class Interrupted(Fitting):
+        def reallocate(self, progress: float) -> None:
             levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
-            raise KeyboardInterrupt
+            super().reallocate(progress)
+            if self.step >= 20:
+                levels.append(psnr(self.evaluator.loss(self.state.curves), target.size))
+                raise KeyboardInterrupt
 
-    monkeypatch.setattr(FitLoop, "reallocate", interrupted)
-    result = fit(target, settings())
+    result = Interrupted(target, settings()).finish()
     *_, before, after = levels
     assert after < before - 0.5
     assert psnr(loss_of(result.scene, target), target.size) > before - 0.05  # colours of 8 bits

@@ -13,7 +13,6 @@ from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.photo import Fitting, fit
 from cubicsplat_cli.photo.initial import colours_at, control_points, new_curves
 from cubicsplat_cli.photo.inputs import NO_INPUTS
-from cubicsplat_cli.photo.loop import FitLoop
 from cubicsplat_cli.photo.schedule import gini
 from cubicsplat_cli.photo.seeding import (
     Seeder,
@@ -101,7 +100,7 @@ def population(mode: str, count: int = 10) -> FitState:
     chosen = settings(mode)
     points = control_points(torch.full((count, 2), 20.0), 3.0, chosen, random_numbers())
     colours = torch.arange(3.0 * count).reshape(count, 3) / 100
-    state = FitState.beginning_with(new_curves(points, colours, 1.5, chosen, (50, 40)))
+    state = FitState.unmoved(new_curves(points, colours, 1.5, chosen, (50, 40)))
     state.optimiser.ages += torch.arange(1, count + 1, dtype=torch.int32)
     return state
 
@@ -250,10 +249,9 @@ def test_copies_are_copies_and_scenes_are_activated():
 # --- another number of curves on the way -----------------------------------------------------------------------
 
 
-def resized(picture, *counts: int, at=(0.3, 0.6), **changes):
+def resized(picture, *counts: int, at=(0.3, 0.6), kind=Fitting, **changes):
     """A short fit of ten curves, of which the most useful stay, with so many in all."""
-
-    fitting = Fitting(picture, settings(steps=60, **changes))
+    fitting = kind(picture, settings(steps=60, **changes))
     for share, count in zip(at, counts, strict=False):
         if fitting.relax(share):
             fitting.resize(np.argsort(-fitting.importance())[:count], count)
@@ -277,20 +275,20 @@ def test_a_fit_grows_and_shrinks_on_its_way(mode):
     assert shrunk.history[-1]["psnr_db"] < plain.history[-1]["psnr_db"] < grown.history[-1]["psnr_db"]
 
 
-def test_an_interrupt_right_after_curves_were_added_returns_what_was_before(monkeypatch):
+def test_an_interrupt_right_after_curves_were_added_returns_what_was_before():
     picture = np.zeros((36, 48, 4), np.float32)
     picture[8:28, 10:40] = (0.8, 0.3, 0.1, 1.0)
-    losses, advance = [], FitLoop.advance
+    losses = []
 
-    def interrupted(self: FitLoop) -> None:
-        if self.settings.curves == 25:
+    class Interrupted(Fitting):
+        def advance(self) -> None:
+            if self.settings.curves == 25:
+                losses.append(self.evaluator.loss(self.state.curves))
+                raise KeyboardInterrupt
+            super().advance()
             losses.append(self.evaluator.loss(self.state.curves))
-            raise KeyboardInterrupt
-        advance(self)
-        losses.append(self.evaluator.loss(self.state.curves))
 
-    monkeypatch.setattr(FitLoop, "advance", interrupted)
-    found = resized(picture, 25)
+    found = resized(picture, 25, kind=Interrupted)
     *_, before, after = losses
     assert found.interrupted
     assert after > 2.0 * before

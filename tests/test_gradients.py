@@ -26,7 +26,6 @@ from scenes import (
     MODES,
     PAPER,
     TENSORS,
-    as_arguments,
     in_double,
     random_scene,
     random_target,
@@ -220,8 +219,7 @@ def wanted(mode, background, raster):
     scene = painted(mode, 9, seed=4 + (raster is EXACT), background=background)
     scene.validate()
     leaves = in_double_painted(scene)
-    tensors, keywords = as_arguments(leaves)
-    image = reference.render(*tensors, **keywords, settings=raster)
+    image = reference.render(leaves, raster)
     loss = reference.image_loss(image, random_target(scene).double())
     loss.backward()
     found = {name: getattr(leaves, name).grad for name in compared(scene)}
@@ -250,8 +248,7 @@ def test_the_engine_matches_the_reference(engine, mode, background):
 def test_importance(engine, kind):
     scene = painted(Mode.CLOSED, 8, 41, 35, 2, background=PAPER)
     target = random_target(scene, 3)
-    tensors, keywords = as_arguments(in_double(scene))
-    want = reference.importance(*tensors, **keywords, settings=RELAXED, target=target.double(), kind=kind)
+    want = reference.importance(in_double(scene), RELAXED, target=target.double(), kind=kind)
     here, target = packed(scene, engine.device), target.to(engine.device)
     _, got = engine.gradients(here, RELAXED, target=target, importance=kind)
     assert close(got["importance"], want, 5e-3)
@@ -356,8 +353,7 @@ def test_a_place_at_the_centre_of_a_radial_gradient_has_finite_gradients(engine)
     target = random_target(scene)
     _, got = engine.gradients(packed(scene), RELAXED, target=target)
     leaves = in_double_painted(scene)
-    tensors, keywords = as_arguments(leaves)
-    reference.image_loss(reference.render(*tensors, **keywords, settings=RELAXED), target.double()).backward()
+    reference.image_loss(reference.render(leaves, RELAXED), target.double()).backward()
     assert close(got["frames"], leaves.gradients.frames.grad, 1e-3)
     for name in (*TENSORS, "frames", "stops"):
         assert torch.isfinite(got[name]).all(), name

@@ -12,7 +12,6 @@ import pytest
 from image_files import NOISE, encode, png_of
 from PIL import Image
 
-import cubicsplat_cli.files.load as load_module
 from cubicsplat_cli.errors import InputError, UsageError
 from cubicsplat_cli.files.load import load_picture
 
@@ -183,14 +182,6 @@ def test_max_pixels_is_exact_and_pillows_limit_is_restored():
 def test_max_pixels_above_pillows_own_limit(monkeypatch):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 50)
     assert load_picture(encode(Image.new("RGB", (20, 10)))).width == 20
-
-
-def test_bomb_error_of_pillow_is_an_input_error(monkeypatch):
-    def explode(*_, **__):
-        raise Image.DecompressionBombError("too large")
-
-    monkeypatch.setattr(load_module, "decode", explode)
-    refuse(encode(Image.new("RGB", (2, 2))), "pixels")
 
 
 @pytest.mark.parametrize("max_pixels", [0, -1])

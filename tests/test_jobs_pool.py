@@ -11,7 +11,6 @@ import pytest
 from PIL import Image
 
 from cubicsplat_cli.files.names import Outputs
-from cubicsplat_cli.jobs import pool
 from cubicsplat_cli.jobs.plan import Job
 from cubicsplat_cli.jobs.pool import run_in_workers, share_threads
 from cubicsplat_cli.jobs.run import DONE, FAILED, Outcome
@@ -41,10 +40,9 @@ def dead_on_arrival(_pipe, _request: Request, _threads: int) -> None:
     os._exit(9)
 
 
-def run(names: list[str], monkeypatch, worker=work_or_die, **options) -> tuple[list[Outcome], list[str]]:
-    monkeypatch.setattr(pool, "_work", worker)
+def run(names: list[str], work=work_or_die, **options) -> tuple[list[Outcome], list[str]]:
     notes: list[str] = []
-    known = {"workers": 2, "stopping": lambda: False}
+    known = {"workers": 2, "stopping": lambda: False, "work": work}
 
     class Notes(Observer):
         def note(self, text: str, job: str = "") -> None:
@@ -55,16 +53,16 @@ def run(names: list[str], monkeypatch, worker=work_or_die, **options) -> tuple[l
     return list(run_in_workers(jobs, request, observer=Notes(), **{**known, **options})), notes
 
 
-def test_every_job_is_done_once_and_threads_are_shared(monkeypatch):
-    outcomes, notes = run(["a", "b", "c", "d", "e"], monkeypatch)
+def test_every_job_is_done_once_and_threads_are_shared():
+    outcomes, notes = run(["a", "b", "c", "d", "e"])
     assert sorted(outcome.job.name for outcome in outcomes) == ["a", "b", "c", "d", "e"]
     assert {outcome.report["threads"] for outcome in outcomes} <= {1, 2}
     assert notes == []
 
 
-def test_a_job_that_kills_is_given_up_and_the_others_are_done(monkeypatch, tmp_path):
+def test_a_job_that_kills_is_given_up_and_the_others_are_done(tmp_path):
     once = str(tmp_path / "once")
-    outcomes, notes = run(["a", "fatal", "b", once, "c"], monkeypatch)
+    outcomes, notes = run(["a", "fatal", "b", once, "c"])
     found = {Path(outcome.job.name).name: outcome for outcome in outcomes}
     assert {name: outcome.status for name, outcome in found.items()} == {
         "a": DONE, "b": DONE, "c": DONE, "once": DONE, "fatal": FAILED,
@@ -74,14 +72,14 @@ def test_a_job_that_kills_is_given_up_and_the_others_are_done(monkeypatch, tmp_p
     assert any("exit code 3" in note for note in notes)
 
 
-def test_workers_that_never_start_end_with_an_error_each(monkeypatch):
-    outcomes, _ = run(["a", "b"], monkeypatch, dead_on_arrival)
+def test_workers_that_never_start_end_with_an_error_each():
+    outcomes, _ = run(["a", "b"], dead_on_arrival)
     assert [outcome.status for outcome in outcomes] == [FAILED, FAILED]
     assert all("exit code 9" in outcome.error for outcome in outcomes)
 
 
-def test_once_stopped_nothing_is_begun(monkeypatch):
-    assert run(["a", "b"], monkeypatch, stopping=lambda: True) == ([], [])
+def test_once_stopped_nothing_is_begun():
+    assert run(["a", "b"], stopping=lambda: True) == ([], [])
 
 
 def test_no_more_pictures_at_once_than_cores_and_that_is_said(tmp_path, run_cli, monkeypatch):

@@ -10,7 +10,6 @@ from image_files import encode
 from PIL import Image
 from scenes import PAPER, random_scene
 
-from cubicsplat_cli.evaluate import metrics as limits
 from cubicsplat_cli.evaluate import rerender
 from cubicsplat_cli.evaluate.metrics import measurable
 from cubicsplat_cli.files.load import load_picture
@@ -40,12 +39,11 @@ def test_sides_that_were_rounded_fit_again():
     assert torch.allclose(large.points[..., 1], 211 / 42 * scene.points[..., 1])
 
 
-def test_only_what_is_too_large_is_scaled_for_measuring(monkeypatch):
+def test_only_what_is_too_large_is_scaled_for_measuring():
     picture, wide = (load_picture(encode(Image.fromarray(smooth_pixels(*size)))) for size in ((60, 20), (65534, 4)))
     assert measurable(picture) is picture
     assert (measurable(wide).width, measurable(wide).height) == (32767, 2)
-    monkeypatch.setattr(limits, "MAX_MEASURED_PIXELS", 100)
-    small = measurable(picture)
+    small = measurable(picture, most=100)
     assert 60 <= small.width * small.height <= 110
 
 

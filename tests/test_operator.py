@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 from engines import compared, outliers, packed
-from scenes import PAPER, TENSORS, as_arguments, in_double, random_scene, random_target
+from scenes import PAPER, TENSORS, in_double, random_scene, random_target
 
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster import RasterSettings, reference, render
@@ -29,13 +29,12 @@ def test_gradients_of_any_loss(mode, background):
     target = random_target(scene) * 0.5 + 2.0  # away from the kinks of the loss
     settings = RasterSettings("relaxed", 2.0, 8)
     grads = []
-    leaves = in_double(scene, True)
-    tensors, keywords = as_arguments(leaves)
-    _loss(reference.render(*tensors, **keywords, settings=settings), target).backward()
-    grads.append(tensors)
-    tensors = tuple(t.clone().requires_grad_() for t in as_arguments(scene)[0])
-    _loss(render(replace(scene, **dict(zip(TENSORS, tensors, strict=True))), settings), target).backward()
-    grads.append(tensors)
+    for leaves, draw in (
+        (in_double(scene, True), reference.render),
+        (replace(scene, **{name: getattr(scene, name).clone().requires_grad_() for name in TENSORS}), render),
+    ):
+        _loss(draw(leaves, settings), target).backward()
+        grads.append([getattr(leaves, name) for name in TENSORS])
     for name, want, got in zip(TENSORS, *grads, strict=True):
         if name not in compared(scene):
             continue

@@ -29,7 +29,6 @@ from scenes import (
     MODES,
     PAPER,
     TENSORS,
-    as_arguments,
     circle,
     in_double,
     ragged_scene,
@@ -317,8 +316,7 @@ def test_degenerate_rings(engine, name, raster):
 def test_importance(engine, mode, kind):
     scene = ragged_scene(mode, 8, 41, 35, 2, background=PAPER)
     target = random_target(scene, 3)
-    tensors, keywords = as_arguments(in_double(scene))
-    want = reference.importance(*tensors, **keywords, settings=RELAXED, target=target.double(), kind=kind)
+    want = reference.importance(in_double(scene), RELAXED, target=target.double(), kind=kind)
     here, target = packed(scene, engine.device), target.to(engine.device)
     _, got = engine.gradients(here, RELAXED, target=target, importance=kind)
     assert close(got["importance"], want, 5e-3)

@@ -17,7 +17,6 @@ from scenes import (
     PAPER,
     TENSORS,
     ZERO,
-    as_arguments,
     circle,
     figure_eight,
     in_double,
@@ -313,9 +312,7 @@ def test_loss_of_rgba_is_the_mean_over_black_and_over_white():
 
 
 def importance(scene: Scene, coverage: str, **options: object) -> Tensor:
-    tensors, keywords = as_arguments(scene)
-    settings = RasterSettings(coverage, 1.0, 6)
-    return reference.importance(*tensors, **keywords, settings=settings, **options)
+    return reference.importance(scene, RasterSettings(coverage, 1.0, 6), **options)
 
 
 def without(scene: Scene, removed: int) -> Scene:

@@ -10,7 +10,6 @@ import pytest
 from conftest import smooth_pixels
 from PIL import Image
 
-from cubicsplat_cli import progress as film_module
 from cubicsplat_cli import vectorize
 from cubicsplat_cli.progress import FrameRecorder
 from cubicsplat_cli.scene import Scene
@@ -41,10 +40,9 @@ def test_frames_are_spread_by_quality_and_not_by_time(scene):
     assert reached.max() < 2.2 * reached.min()
 
 
-def test_no_more_is_kept_than_memory_may_hold(scene, monkeypatch):
+def test_no_more_is_kept_than_memory_may_hold(scene):
     values = sum(t.size for t in (scene.points, scene.colours, scene.opacities, scene.half_widths))
-    monkeypatch.setattr(film_module, "MOST_FRAME_BYTES", 4 * values * 12)
-    film = FrameRecorder(48)
+    film = FrameRecorder(48, most_bytes=4 * values * 12)
     for step in range(3000):
         if film.due(0.01 * step):
             film.keep(0.01 * step, numbered(scene, step))

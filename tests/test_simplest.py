@@ -20,11 +20,10 @@ from cubicsplat_cli.artwork.vectorize import versions
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.convert import as_picture
 from cubicsplat_cli.pipeline import task_of
-from cubicsplat_cli.pipeline.artwork import drawn_outlines
-from cubicsplat_cli.pipeline.simplest import within_budget
+from cubicsplat_cli.pipeline.artwork import drawn_outlines, within_budget
 from cubicsplat_cli.progress import StageTimer, Work, under_way
 from cubicsplat_cli.request import request_of
-from cubicsplat_cli.svg.markup import lean
+from cubicsplat_cli.svg.markup import minified
 
 SHAPES = """<rect width="128" height="128" fill="#fff"/>
 <path d="M8 60C8 10 60 10 64 40C68 12 118 12 120 58C118 100 70 104 64 84C58 104 12 104 8 60Z" fill="#2a6"/>
@@ -138,7 +137,7 @@ b</title>
 </g>
 </svg>
 """
-    assert lean(svg) == (
+    assert minified(svg) == (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 4"><linearGradient id="a"><stop/></linearGradient>'
         '<g><path d="M0 0h8v4z" fill="url(#a)"/></g></svg>'
     )

@@ -54,25 +54,22 @@ def test_no_command_on_the_cpu_imports_torch(tmp_path):
     Image.fromarray(smooth_pixels(1100, 800)).save(tmp_path / "large.jpg")
     Image.fromarray(smooth_pixels(48, 36)[..., 0]).save(tmp_path / "mask.png")
     usual = ["--style", "photo", "--preset", "draft", "--steps", "12", "--curves", "12", "--threads", "1", "--force"]
-    fit = ["vectorize", "a.png", "-o", "a.svg", *usual]
+    fit = ["vectorize", "a.png", "-o"]
+    penalties = ["--set", "spike-penalty=1", "--set", "crossing-penalty=0.01"]
     lines = [
-        fit,
-        [*fit, "--device", "auto"],
-        [*fit, "--device", "cpu", "--mode", "open"],
-        [*fit, "--fill", "linear"],
-        [*fit, "--weights", "mask.png", "--focus", "8,8,20,20"],
-        [*fit, "--loss", "huber"],
-        [*fit, "--thorn-reg", "1", "--geometric-reg", "0.01"],
-        [*fit, "--report", "--animation", "a.webp"],
-        [*fit[:3], "b.svg", *usual, "--init", "a.svg"],
-        [*fit[:3], "b.svg", *usual[:-3], "--force", "--curves", "20", "--init", "a.svg", "--freeze"],
+        [*fit, "a.svg", *usual],
+        [*fit, "open.svg", *usual, "--device", "cpu", "--mode", "open"],
+        [*fit, "all.svg", *usual, "--fill", "linear", "--loss", "huber", *penalties, "--weights", "mask.png",
+         "--focus", "8,8,20,20", "--report", "--animation", "a.webp"],
+        [*fit, "b.svg", *usual, "--init", "a.svg"],
+        [*fit, "b.svg", *usual[:-3], "--force", "--curves", "20", "--init", "a.svg", "--freeze"],
         ["vectorize", "a.png", "-o", "b.svg", "--style", "photo", "--steps", "12", "--max-bytes", "900", "--force"],
         ["vectorize", "large.jpg", "-o", "large.svg", *usual],
         ["vectorize", "many", "-o", "out", *usual, "--jobs", "1"],
         ["vectorize", "a.png", "-o", "c.svg", "--style", "artwork", "--force"],
         ["eval", "a.png", "a.svg"],
         ["render", "a.svg", "-o", "r.png"],
-    ]
+    ]  # fmt: skip
     for arguments, (code, imported) in zip(lines, runs(tmp_path, lines), strict=True):
         assert (code, imported) == (0, False), arguments
 

@@ -62,7 +62,7 @@ class ClipRequest:
             raise UsageError("finds the number of curves itself; leave out --curves", "max_bytes")
 
     def plays(self, of_clip: int) -> int:
-        """How often the animation is shown, 0 for ever. of_clip: what the clip says."""
+        """The number of times the animation is shown, 0 for ever. of_clip: what the clip says."""
         return of_clip if self.loop is None else 0 if self.loop else 1
 
     def deciding(self) -> dict[str, Any]:

@@ -152,6 +152,7 @@ def parse_colour(text: str, name: str, form: str) -> tuple[int, int, int]:
 _AMOUNT = re.compile(r"(\d+(?:\.\d+)?)\s*(k|m)?b?", re.IGNORECASE)
 _FACTORS = {"": 1, "k": 1000, "m": 1_000_000}
 MOST_BYTES = 1_000_000_000
+TINY_BYTES = 4000  # after gzip, below which the coordinates of a photo are whole numbers of a coarse grid
 
 
 class GzipBytes(int):
@@ -200,6 +201,9 @@ def length_text(number: float, unit: str) -> str:
 
 
 KEEP, REMOVE = "keep", "remove"
+# Shapes in groups: not at all, those of one colour, or a shape with what lies on it.
+GROUPINGS = NONE, COLOR, OBJECT = "none", "color", "object"
+NO_SHADING = "none"
 
 
 def parse_ground(given: str) -> str:

@@ -232,11 +232,11 @@ FRAMES = 48
 class FrameRecorder:
     """Keeps a scene whenever the picture has become better by a step, and doubles the step when there are too many.
 
-    frames: how many are wanted at the end; four times as many are kept at most.
+    frames: how many are wanted at the end; four times as many are kept at most, and no more than most_bytes hold.
     """
 
-    def __init__(self, frames: int) -> None:
-        self.frames = frames
+    def __init__(self, frames: int, most_bytes: int = MOST_FRAME_BYTES) -> None:
+        self.frames, self._most_bytes = frames, most_bytes
         self._step_db = FIRST_STEP_DB
         self._kept: list[tuple[float, Scene]] = []
 
@@ -250,7 +250,7 @@ class FrameRecorder:
         values = sum(
             math.prod(array.shape) for array in (scene.points, scene.colours, scene.opacities, scene.half_widths)
         )
-        most = max(FEWEST_FRAMES, min(4 * self.frames, MOST_FRAME_BYTES // (4 * values)))
+        most = max(FEWEST_FRAMES, min(4 * self.frames, self._most_bytes // (4 * values)))
         while len(self._kept) > most:
             self._step_db *= 2.0
             thinned = self._kept[:1]

@@ -8,16 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
-from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.marks import settings_hash
-from cubicsplat_cli.files.paths import MOVING
 from cubicsplat_cli.options import (
     COMMON,
     DRAWINGS,
     FILES,
+    GROUPINGS,
     KEEP,
+    NO_SHADING,
+    NONE,
     PHOTOS,
     STRUCTURE,
+    TINY_BYTES,
     UNITS,
     Focus,
     GzipBytes,
@@ -33,6 +35,7 @@ from cubicsplat_cli.options import (
     settings_of,
 )  # fmt: skip
 from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.request_checks import check_request
 from cubicsplat_cli.settings import ANY, MAX_PIXELS, PRECISION, FitSettings, Mode
 
 if TYPE_CHECKING:
@@ -40,16 +43,12 @@ if TYPE_CHECKING:
     from cubicsplat_cli.svg.initial import InitialDrawing
 
 STYLES = ("auto", "photo", "artwork", "pixel")
-NO_SHADING = "none"
 PHOTO_PRECISION = 2
-TINY_BYTES = 4000  # after gzip, below which the coordinates of a photo are whole numbers of a coarse grid
 TINY_STEPS = 600  # of a fit whose polygons will lie on such a grid
 # px by which a DXF may be off the outlines: 13 micrometres at 96 px an inch. Cutters repeat to about 100, so that the
 # drawing may be cut seven times as large.
 DXF_TOLERANCE = 0.05
 _OF_FILES: dict[str, Any] = {"group": FILES, "decides": False}
-# Shapes in groups: not at all, those of one colour, or a shape with what lies on it.
-GROUPINGS = NONE, COLOR, OBJECT = "none", "color", "object"
 _OF_DRAWINGS: dict[str, Any] = {"group": STRUCTURE, "of_drawings": True}
 _SIDE: dict[str, Any] = {"least": 1, "most": 1_000_000, "optional": True}
 
@@ -88,12 +87,7 @@ class Request:
     init: InitialDrawing | None = setting(None, "text", "Start from this drawing.", metavar="SVG", group=PHOTOS)
     freeze: bool = setting(False, "flag", "Keep the curves of --init, and add to them.", group=PHOTOS)
     max_bytes: int | None = setting(
-        None,
-        "count",
-        "As much as fits: 20k, or 400gz after gzip.",
-        least=1,
-        optional=True,
-        parse=parse_bytes,
+        None, "count", "As much as fits: 20k, or 400gz after gzip.", least=1, optional=True, parse=parse_bytes
     )
     target_psnr: float | None = setting(
         None, "number", "As few curves or shapes as reach this PSNR.", least=1, most=60, metavar="DB", optional=True
@@ -144,100 +138,12 @@ class Request:
     def __post_init__(self) -> None:
         for each, spec in settings_of(Request):
             spec.check(each.name, getattr(self, each.name))
-        if self.style in ("artwork", "pixel") and self.of_photos():
-            raise UsageError(
-                f"is for photos, not for {self.style}; leave it out, or use style photo", self.of_photos()[0]
-            )
-        if self.style == "pixel" and self.artwork.min_area:
-            raise UsageError(
-                "joins small regions, which pixel art keeps; use style artwork, or leave it out", "min_area"
-            )
-        if self.style == "pixel" and self.artwork.strokes:
-            raise UsageError("are what pixel art has none of; leave it out", "strokes")
-        if self.style == "pixel" and self.settings.mode is Mode.OPEN:
-            raise UsageError("open is for strokes, which pixel art has none of; leave it out", "mode")
-        if self.style == "pixel" and (self.max_bytes is not None or self.target_psnr is not None):
-            raise UsageError(
-                "leaves details out, which pixel art keeps; use style artwork, or leave it out",
-                "target_psnr" if self.max_bytes is None else "max_bytes",
-            )
-        if self.style == "photo" and self.of_artwork():
-            raise UsageError("is for artwork, not for photos; leave it out, or use style artwork", self.of_artwork()[0])
-        if self.of_photos() and self.of_artwork():
-            other = self.of_photos()[0].replace("_", "-")
-            raise UsageError(f"is for artwork, --{other} for photos; give one of them", self.of_artwork()[0])
-        if self.shading != NO_SHADING and not self.may_shade:
-            raise UsageError(
-                "is of drawings as they are; leave out options of colours, groups, cutouts, strokes, bytes, movies",
-                "shading",
-            )
-        if self.artwork.stacking == CUTOUT and self.strokes:
-            option = "--strokes" if self.artwork.strokes else "--mode open"
-            asked = next((name for name in ("layers", "overlap") if getattr(self, name) is not None), "")
-            said = "is of cutouts, which have" if asked else "cutout has"
-            raise UsageError(f"{said} shapes only; leave out {option}, which is for strokes", asked or "stacking")
-        self._check_structure()
-        if self.freeze and self.init is None:
-            raise UsageError("needs a drawing whose curves stay as they are; give it with --init", "freeze")
-        if self.init is not None and self.settings.shapes != ANY:
-            raise UsageError("are for new curves, not for those of a drawing; leave out --init", "shapes")
-        budgets = [name for name in ("max_bytes", "max_nodes", "target_psnr") if getattr(self, name) is not None]
-        if len(budgets) > 1:
-            raise UsageError(f"and --{budgets[1].replace('_', '-')} are two budgets; give one of them", budgets[0])
-        if budgets and (self.freeze or self.init is not None or self.settings.curves is not None):
-            raise UsageError("finds the number of curves itself; leave out --curves, --init and --freeze", budgets[0])
-        if self.tiny:
-            self._check_tiny()
-        if self.animation is not None and self.animation.suffix.lower() not in MOVING:
-            raise UsageError(f"must end in {' or '.join(MOVING)}, not {str(self.animation)!r}", "animation")
-        if set(self.suffix) & set("/\\\0"):
-            raise UsageError(f"must be the end of a file's name, not {self.suffix!r}", "suffix")
-        if self.geometrize is not None:
-            self._check_geometrize(self.geometrize)
-        if self.data_uri and self.compress:
-            raise UsageError("--svgz is for files; a data: URI holds text, so leave one of them out", "data_uri")
-        if self.force and self.skip_existing:
-            raise UsageError("--force makes anew what --skip-existing leaves alone; give one of them")
-
-    def _check_structure(self) -> None:
-        if self.layers is not None and self.group_by == OBJECT:
-            raise UsageError("has a file for each colour; leave out --group-by object", "layers")
-        if self.overlap is not None and self.group_by == OBJECT:
-            raise UsageError("is drawn colour by colour; leave out --group-by object", "overlap")
-        if self.style == "pixel" and self.group_by == OBJECT:
-            raise UsageError("object is of shapes, but pixel art has one path a colour; use color", "group_by")
-        unit = "" if self.width is None else length_of(self.width)[1]
-        if unit and self.units not in ("px", unit):
-            raise UsageError(f"{self.width} says its own unit; leave out --units {self.units}", "width")
+        check_request(self)
 
     def size_text(self, width: int, height: int) -> tuple[str, str]:
         """Width and height, with their unit, of the SVG of a picture of so many px."""
         number, unit = (width * UNITS[self.units], "") if self.width is None else length_of(self.width)
         return length_text(number, unit or self.units), length_text(number * height / width, unit or self.units)
-
-    def _check_geometrize(self, path: Path) -> None:
-        """Raise UsageError where there are no shapes that Geometrize has, or the file is no JSON."""
-        if self.settings.shapes not in ("ellipse", "rectangle", "triangle") or self.tiny:
-            raise UsageError("has ellipses, rectangles and triangles; choose one of them with --shapes", "geometrize")
-        if path.suffix.lower() != ".json":
-            raise UsageError(f"must end in .json, not {str(path)!r}", "geometrize")
-
-    def _check_tiny(self) -> None:
-        """Raise UsageError for what a file without a size, and polygons on a coarse grid, cannot have."""
-        fit, said = self.settings, "writes no size"
-        wrong = {"width": self.width is not None, "units": self.units != "px"}
-        if self.style != "artwork" and not any(wrong.values()):
-            said = "writes photos as polygons on a coarse grid"
-            wrong = {
-                "mode": fit.mode is Mode.OPEN, "fill": fit.fill != "flat", "precision": self.precision is not None,
-                "shapes": fit.shapes in ("ellipse", "rectangle"), "loss": fit.loss != "l2",
-            }  # fmt: skip
-        for name in (name for name, is_wrong in wrong.items() if is_wrong):
-            raise UsageError(
-                f"does not go with --max-bytes below {TINY_BYTES // 1000}kgz, which {said}; leave it out, or allow "
-                "more bytes",
-                name,
-            )
 
     @property
     def may_shade(self) -> bool:

@@ -161,15 +161,9 @@ class FitSettings:
     """
 
     curves: int = setting(
-        AUTO,
-        "count",
-        "Curves of a photo; most shapes of a drawing.  [default: auto]",
-        group=COMMON,
-        least=1,
-        most=1_000_000,
-        optional=True,
-        auto=True,
-    )
+        AUTO, "count", "Curves of a photo; most shapes of a drawing.  [default: auto]", group=COMMON, least=1,
+        most=1_000_000, optional=True, auto=True,
+    )  # fmt: skip
     mode: Mode = setting(
         Mode.CLOSED, "choice", "Filled shapes (closed) or strokes (open).", choices=tuple(m.value for m in Mode)
     )
@@ -184,24 +178,16 @@ class FitSettings:
         FROM_PRESET, "count", "Cubic segments per curve.", least=1, most=16, by_set=True, hidden_option=True
     )
     samples: int = setting(
-        FROM_PRESET,
-        "count",
-        "Most polyline edges per segment during the fit.",
-        least=4,
-        most=64,
-        by_set=True,
+        FROM_PRESET, "count", "Most polyline edges per segment during the fit.", least=4, most=64, by_set=True,
         hidden_option=True,
-    )
+    )  # fmt: skip
     finish_samples: int = setting(
         FROM_PRESET, "count", "Most polyline edges per segment in the exact finish.", least=4, most=64, by_set=True
     )
     loss: str = setting(
-        "l2",
-        "text",
-        f"What to minimise: {listed(LOSSES)}, or a mixture (l2:0.7,ms-ssim:0.3).",
-        metavar="LOSS",
+        "l2", "text", f"What to minimise: {listed(LOSSES)}, or a mixture (l2:0.7,ms-ssim:0.3).", metavar="LOSS",
         group=PHOTOS,
-    )
+    )  # fmt: skip
     fill: str = setting(
         "flat", "choice", "Fill of each curve: one colour or a gradient.", choices=("flat", "linear"), group=PHOTOS
     )

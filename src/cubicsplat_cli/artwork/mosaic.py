@@ -12,11 +12,11 @@ import numpy as np
 
 from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.fills import eight_bit
+from cubicsplat_cli.artwork.scene import filled_scene
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.records import dataclass
-from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import Rgba
-from cubicsplat_cli.settings import Mode
 
 OPAQUE = 255.0  # levels
 MOST_CORNERS = 1365  # of a curve of a scene, whose arrays have room for the longest curve in each row
@@ -88,18 +88,7 @@ class Mosaic:
         parts = [part for layer in reversed(self.layers) for part in layer.parts()]
         if not parts:
             return None
-        points, ring_ends = pack_rings(Mode.CLOSED, [part.rings() for part in parts])
-        colours = np.array([part.fill for part in parts], np.float32) / np.float32(255.0)
-        return Scene(
-            mode=Mode.CLOSED,
-            width=self.width,
-            height=self.height,
-            points=points,
-            colours=np.ascontiguousarray(colours[:, :3]),
-            opacities=np.ascontiguousarray(colours[:, 3]),
-            half_widths=np.zeros(len(parts), np.float32),
-            ring_ends=ring_ends,
-        )
+        return filled_scene(self.width, self.height, [part.rings() for part in parts], [part.fill for part in parts])
 
 
 def with_ground(cells: Cells, colour: tuple[int, int, int] | None) -> tuple[Cells, bool]:

@@ -39,7 +39,7 @@ class MovingDrawing:
 
 @dataclass(frozen=True, eq=False)
 class _Outline:
-    """What is compared of a shape. points: (P, 2) px along its outlines. low, size: (2,) px of their box."""
+    """A shape as it is compared with others. points: (P, 2) px along its outlines. low, size: (2,) px of their box."""
 
     shape: Shape
     points: np.ndarray

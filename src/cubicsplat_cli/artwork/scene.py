@@ -2,55 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, reversed_ring, signed_area
-from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
+from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.scene import LayeredScene, Scene, SceneLayer, pack_rings
 from cubicsplat_cli.scene.gradients import gradients_of
+from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import Mode
 
 
 def picture_of(drawing: Drawing) -> Scene | LayeredScene:
-    """`scene_of` a drawing without shading; of one with shading its shapes, and the shading of each above it."""
+    """`scene_of` a drawing without shading; of one with shading those and the others in layers."""
     if all(shape.shading is None for shape in drawing.shapes):
         return scene_of(drawing)
     layers, plain = [], list[Shape]()
     for shape in drawing.shapes:
-        plain.append(shape)
-        if shape.shading is not None:
-            layers += [SceneLayer(_part(drawing, plain)), *_shading_layers(drawing, shape, shape.shading)]
+        if shape.shading is None:
+            plain.append(shape)
+        else:
+            if plain:
+                layers.append(SceneLayer(_part(drawing, plain)))
+            layers.append(_shaded(drawing, shape))
             plain = []
     if plain:
         layers.append(SceneLayer(_part(drawing, plain)))
     return LayeredScene(drawing.width, drawing.height, tuple(layers))
 
 
-def _shading_layers(drawing: Drawing, shape: Shape, shading: Shading) -> list[SceneLayer]:
-    """The ground of a shading and its curves, both clipped."""
-    ground = Shape(shading.fill, shading.clip, shape.name, shading.gradient)
-    # The rings run as they should: holes may be anywhere among them.
-    points, ring_ends = pack_rings(Mode.CLOSED, [[ring.cubics[:, :3].reshape(-1, 2) for ring in shading.clip]])
-    below = _part(drawing, [replace(ground, outlines=(_box_around(shading.clip),))])
-    clip = replace(
-        below,
-        points=points.astype(np.float32),
-        ring_ends=ring_ends,
-        gradients=None,
-        colours=np.ones((1, 3), np.float32),
-        opacities=np.ones(1, np.float32),
-    )
-    return [SceneLayer(below, clip, shape.name), SceneLayer(shading.curves, clip, shape.name)]
-
-
-def _box_around(rings: tuple[Ring, ...]) -> Rectangle:
-    points = np.concatenate([ring.cubics.reshape(-1, 2) for ring in rings])
-    (left, top), (right, bottom) = np.floor(points.min(axis=0)), np.ceil(points.max(axis=0))
-    return Rectangle(float(left), float(top), float(right - left), float(bottom - top))
+def _shaded(drawing: Drawing, shape: Shape) -> SceneLayer:
+    """A shape's paint, as far as its box, and its shading, both within its outlines."""
+    clip = replace(shape, fill=(255, 255, 255, 255), gradient=None)
+    ground = _part(drawing, [replace(shape, outlines=(shape.box(),))])
+    return SceneLayer(ground, shape.shading, _part(drawing, [clip]), shape.name)
 
 
 def _part(drawing: Drawing, shapes: list[Shape]) -> Scene:
@@ -66,21 +55,19 @@ def scene_of(drawing: Drawing) -> Scene:
     if not drawing.shapes:
         raise InputError("the drawing has no shapes; give one of a picture that is not all transparent")
     front_first = drawing.shapes[::-1]
-    points, ring_ends = pack_rings(Mode.CLOSED, [_rings(shape) for shape in front_first])
     # The opacity of a gradient is its stops'.
-    fills = np.array([(*s.fill[:3], 255) if s.gradient else s.fill for s in front_first], np.float32)
-    fills /= np.float32(255.0)
-    return Scene(
-        mode=Mode.CLOSED,
-        width=drawing.width,
-        height=drawing.height,
-        points=points,
-        colours=np.ascontiguousarray(fills[:, :3]),
-        opacities=np.ascontiguousarray(fills[:, 3]),
-        half_widths=np.zeros(len(front_first), np.float32),
-        ring_ends=ring_ends,
-        gradients=gradients_of([shape.gradient for shape in front_first]),
-    )
+    fills = [(*s.fill[:3], 255) if s.gradient else s.fill for s in front_first]
+    scene = filled_scene(drawing.width, drawing.height, [_rings(shape) for shape in front_first], fills)
+    return replace(scene, gradients=gradients_of([shape.gradient for shape in front_first]))
+
+
+def filled_scene(width: int, height: int, rings: list[list[np.ndarray]], fills: Sequence[Rgba]) -> Scene:
+    """Closed curves, front to back, of some rings each, (3m, 2) px, and a fill of 8 bits, without a background."""
+    points, ring_ends = pack_rings(Mode.CLOSED, rings)
+    colours = np.array(fills, np.float32) / np.float32(255.0)
+    rgb, opacities = np.ascontiguousarray(colours[:, :3]), np.ascontiguousarray(colours[:, 3])
+    half_widths = np.zeros(len(fills), np.float32)
+    return Scene(Mode.CLOSED, width, height, points, rgb, opacities, half_widths, ring_ends=ring_ends)
 
 
 def _rings(shape: Shape) -> list[np.ndarray]:

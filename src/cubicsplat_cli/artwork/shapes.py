@@ -6,28 +6,13 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, reversed_ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, reversed_ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
 from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene import Scene, scaled_scene
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 _ALIKE = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Shading:
-    """What changes within a shape beyond its paint: drawn right above it, beneath what covers it.
-
-    clip: rings, oriented as a shape's, a little inside its own; only what lies within them is seen. fill, gradient: the
-    opaque paint that fills them beneath the curves, as a shape's. curves: filled, on the drawing's canvas, front to
-    back.
-    """
-
-    clip: tuple[Ring, ...]
-    fill: Rgba
-    gradient: Gradient | None
-    curves: Scene
 
 
 @dataclass(frozen=True)
@@ -37,7 +22,8 @@ class Shape:
     fill: sRGB and opacity, 8 bits each, not premultiplied; of a gradient about its mean. outlines: first the outer one,
     then its holes, which may run either way: whoever draws them turns them round (`oriented`). name: what an editor's
     list of layers shows. gradient: in px of the drawing, or None. stroke: whose outlines these are, or None. group: the
-    name of the group in the file that it is in, empty for none. shading: of its inside, or None.
+    name of the group in the file that it is in, empty for none. shading: None, or filled curves on the drawing's
+    canvas, without a background, over its paint, which is opaque then; they are seen within its outlines alone.
     """
 
     fill: Rgba
@@ -46,13 +32,19 @@ class Shape:
     gradient: Gradient | None = None
     stroke: Stroke | None = None
     group: str = ""
-    shading: Shading | None = None
+    shading: Scene | None = None
 
     def oriented(self) -> tuple[Ring, ...]:
         """The rings, the outer one clockwise as seen, holes the other way: the nonzero rule leaves holes empty."""
         rings = [outline.ring() for outline in self.outlines]
         wrong = [(signed_area(ring) > 0.0) == (i > 0) for i, ring in enumerate(rings)]
         return tuple(reversed_ring(r) if turn else r for r, turn in zip(rings, wrong, strict=True))
+
+    def box(self) -> Rectangle:
+        """The box of whole px around its outlines."""
+        low, high = extent_of([outline.ring() for outline in self.outlines])
+        (left, top), (right, bottom) = np.floor(low), np.ceil(high)
+        return Rectangle(float(left), float(top), float(right - left), float(bottom - top))
 
 
 @dataclass(frozen=True)
@@ -113,17 +105,11 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
             gradient=shape.gradient and shape.gradient.scaled(across, down),
             # A pen is round: where sides grow differently its outline is all that is left.
             stroke=scaled_stroke(shape.stroke, across) if shape.stroke and _alike(across, down) else None,
-            shading=shape.shading and _scaled_shading(shape.shading, width, height, across, down),
+            shading=shape.shading and scaled_scene(shape.shading, width, height),
         )
         for shape in drawing.shapes
     )
     return Drawing(width, height, shapes)
-
-
-def _scaled_shading(shading: Shading, width: int, height: int, across: float, down: float) -> Shading:
-    clip = tuple(scaled_outline(ring, across, down).ring() for ring in shading.clip)
-    gradient = shading.gradient and shading.gradient.scaled(across, down)
-    return Shading(clip, shading.fill, gradient, scaled_scene(shading.curves, width, height))
 
 
 def _alike(across: float, down: float) -> bool:

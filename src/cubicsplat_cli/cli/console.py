@@ -113,8 +113,8 @@ def _can_hold_a_bar() -> bool:
 class Whole:
     """Progress of all pictures together. Unchanged pictures do not count for the time left."""
 
-    def __init__(self, pictures: int) -> None:
-        self.pictures = pictures
+    def __init__(self, pictures: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self.pictures, self._clock = pictures, clock
         self.ended = 0
         self._done = 0  # of those that were begun
         self._shares: dict[str, float] = {}  # of those under way
@@ -122,7 +122,7 @@ class Whole:
 
     def begin(self, job: str) -> None:
         """A picture is begun, perhaps again."""
-        self._started = self._started or time.monotonic()
+        self._started = self._started or self._clock()
         self._shares[job] = 0.0
 
     def step(self, job: str, share: float) -> None:
@@ -145,7 +145,7 @@ class Whole:
         done, rest = self._done + under_way, self.pictures - self.ended - under_way
         if self._started is None or done < _LEAST_DONE or rest <= 0:
             return ""
-        return f"{duration((time.monotonic() - self._started) * rest / done)} left"
+        return f"{duration((self._clock() - self._started) * rest / done)} left"
 
 
 class PlainDisplay(Observer):

@@ -129,7 +129,7 @@ class BatchRun:
             outputs = outcome.job.outputs
             also = "".join(f"  {path.name}" for path in outputs.exports)
             if outputs.layers is not None:
-                also += f"  {counted(len(outputs.layers_there()), 'layer')} in {outputs.layers.parent}"
+                also += f"  {counted(len(outputs.existing_layers()), 'layer')} in {outputs.layers.parent}"
             self.reporter.summary(summary_line(outcome.report, outcome.status) + also)
         elif outcome.status == UNCHANGED:
             self.reporter.summary(f"{outcome.job.outputs.svg}  unchanged")

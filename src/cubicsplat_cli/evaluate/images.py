@@ -99,6 +99,11 @@ def of_scene(
     return ImageSource(width, height, scene.background is None, rows)
 
 
+def _over(below: np.ndarray, above: np.ndarray) -> np.ndarray:
+    """One picture (H, W, 4), premultiplied, laid over another."""
+    return above + below * (np.float32(1.0) - above[..., 3:])
+
+
 def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageSource:
     """The engine's exact picture of layers, each drawn as a whole, clipped, and laid over those before."""
 
@@ -106,10 +111,12 @@ def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageS
         tile = Tile(0, top, scene.width, bottom - top)
         out: np.ndarray = np.zeros((bottom - top, scene.width, 4), np.float32)
         for layer in scene.layers:
-            drawn = draw_part(layer.scene, 1, tile, samples, threads)
+            drawn: np.ndarray = np.zeros_like(out)
+            for each in layer.scenes:
+                drawn = _over(drawn, draw_part(each, 1, tile, samples, threads))
             if layer.clip is not None:
                 drawn *= draw_part(layer.clip, 1, tile, samples, threads)[..., 3:]
-            out = drawn + out * (np.float32(1.0) - drawn[..., 3:])
+            out = _over(out, drawn)
         return np.clip(out, 0.0, 1.0)
 
     return ImageSource(scene.width, scene.height, True, rows)

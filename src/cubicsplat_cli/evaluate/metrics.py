@@ -66,12 +66,15 @@ def agreement_db(own: np.ndarray, drawn: np.ndarray) -> float | None:
 
 
 def measure(
-    reference: Picture, candidates: Sequence[ImageSource], threads: int | None = None
+    reference: Picture,
+    candidates: Sequence[ImageSource],
+    threads: int | None = None,
+    strip_pixels: int = STRIP_PIXELS,
 ) -> tuple[list[Quality], float | None]:
     """The quality of each candidate against `reference`, and the agreement of the first two (None: there is one).
 
-    One pass over the pictures, in strips. threads: None for one per core; the figures are the same for any number.
-    Raises InputError when sizes differ.
+    One pass over the pictures, in strips of about strip_pixels. threads: None for one per core; the figures are the
+    same for any number. Raises InputError when sizes differ.
     """
     for each in candidates:
         if (each.height, each.width) != (reference.height, reference.width):
@@ -79,7 +82,7 @@ def measure(
                 f"sizes differ: {reference.source} is {reference.width} x {reference.height} px, the other picture "
                 f"{each.width} x {each.height} px; scale one of them first"
             )
-    grounds = _compared(of_picture(reference), candidates, similarity=True, threads=threads)
+    grounds = _compared(of_picture(reference), candidates, similarity=True, threads=threads, strip_pixels=strip_pixels)
     qualities = [_worst([_quality(ground[i]) for ground in grounds]) for i in range(len(candidates))]
     between = [ground[len(candidates)] for ground in grounds if len(ground) > len(candidates)]
     return qualities, _worst_psnr(between)
@@ -138,7 +141,12 @@ class _Sums:
 
 
 def _compared(
-    reference: ImageSource, candidates: Sequence[ImageSource], *, similarity: bool, threads: int | None
+    reference: ImageSource,
+    candidates: Sequence[ImageSource],
+    *,
+    similarity: bool,
+    threads: int | None,
+    strip_pixels: int = STRIP_PIXELS,
 ) -> list[list[_Sums]]:
     """For each ground, black and where anything is transparent white too: the sums of the reference with each
     candidate, and of each two candidates.
@@ -148,7 +156,7 @@ def _compared(
     pairs = len(layers) * (len(layers) - 1) // 2
     totals = [[_Sums() for _ in range(pairs)] for _ in grounds]
     with ThreadPoolExecutor(threads or cpu_count()) as pool:
-        for top, bottom in _strips(reference):
+        for top, bottom in _strips(reference, strip_pixels):
             above, below = max(0, top - REACH), min(reference.height, bottom + REACH)
             parts = [layer.rows(above, below) for layer in layers]
             for ground, total in zip(grounds, totals, strict=True):
@@ -163,9 +171,9 @@ def _compared(
     return totals
 
 
-def _strips(layer: ImageSource) -> Iterator[tuple[int, int]]:
+def _strips(layer: ImageSource, pixels: int = STRIP_PIXELS) -> Iterator[tuple[int, int]]:
     """First and last row of parts of the picture: whole tiles, of about as many pixels as are read at a time."""
-    rows = max(1, STRIP_PIXELS // (layer.width * _TILE_HEIGHT)) * _TILE_HEIGHT
+    rows = max(1, pixels // (layer.width * _TILE_HEIGHT)) * _TILE_HEIGHT
     for top in range(0, layer.height, rows):
         yield top, min(layer.height, top + rows)
 
@@ -235,10 +243,13 @@ def seconds_to_measure(picture: Picture) -> float:
     return _SECONDS_BEFORE + _SECONDS_PER_PIXEL * min(picture.width * picture.height, MAX_MEASURED_PIXELS)
 
 
-def measurable(picture: Picture, seconds: float = math.inf) -> Picture:
-    """The picture, scaled down where no renderer could draw it, or where memory or so many seconds do not suffice."""
+def measurable(picture: Picture, seconds: float = math.inf, most: int = MAX_MEASURED_PIXELS) -> Picture:
+    """The picture, scaled down where no renderer could draw it, or where so many seconds do not suffice.
+
+    most: pixels that memory suffices for.
+    """
     longer, shorter = max(picture.width, picture.height), min(picture.width, picture.height)
-    pixels, most = longer * shorter, MAX_MEASURED_PIXELS
+    pixels = longer * shorter
     if seconds < seconds_to_measure(picture):
         spent = _SECONDS_BEFORE + _SECONDS_PER_COPIED * pixels
         most = min(most, max(LEAST_PIXELS, math.floor((seconds - spent) / _SECONDS_PER_PIXEL)))

@@ -48,7 +48,7 @@ def layers(svg: str | bytes) -> dict[str, str]:
             rgba = mean_fill(gradients.gradient(reference[1], (0.0, 0.0, 1.0, 1.0)))
             shapes = [definitions[reference[1]], *shapes]
         colour = colour_group(rgba).partition("-")[2]
-        layer = _sheet(root, width, height, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
+        layer = _layer_document(root, width, height, f"{title}, {number} of {len(by_paint)}: #{colour}", mark)
         layer.extend(copy.deepcopy(shapes))
         layer.append(_register_marks(width, height))
         made[f"{number:0{len(str(max(10, len(by_paint))))}d}-{colour}"] = with_checksum(document(layer))
@@ -66,7 +66,7 @@ def _margin(width: int, height: int) -> int:
     return max(1, round(_MARGIN * max(width, height)))
 
 
-def _sheet(root: ElementTree.Element, width: int, height: int, title: str, mark: str) -> ElementTree.Element:
+def _layer_document(root: ElementTree.Element, width: int, height: int, title: str, mark: str) -> ElementTree.Element:
     """An empty document of the same scale for a picture of width x height px and its margin."""
     margin = _margin(width, height)
     across, down = width + 2 * margin, height + 2 * margin

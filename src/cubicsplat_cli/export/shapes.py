@@ -18,7 +18,7 @@ from cubicsplat_cli.svg.elements import StyledShape, StyledTree, local_name, ref
 from cubicsplat_cli.svg.own import LINEAR, MOST_STOPS, RADIAL, Box, GradientReader, OwnElement
 from cubicsplat_cli.svg.paths import MAX_COMMANDS, Subpath, TooLong, cubic_subpaths
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
-from cubicsplat_cli.svg.shading import SHADING
+from cubicsplat_cli.svg.shading import without_shading
 from cubicsplat_cli.svg.untrusted import SvgSize
 from cubicsplat_cli.svg.values import Rgba, colour, length, share
 
@@ -69,7 +69,9 @@ def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
     to_px = np.diag([scale, scale, 1.0])
     to_px[:2, 2] = (drawn.width - scale * size.width) / 2.0, (drawn.height - scale * size.height) / 2.0
     try:
-        tree = StyledTree(_without_shading(ElementTree.fromstring(svg), made.left_out), made.left_out)
+        root = ElementTree.fromstring(svg)
+        made.left_out["shading"] += without_shading(root)
+        tree = StyledTree(root, made.left_out)
         gradients, segments = _gradients(tree), 0
         for shape in tree.shapes(size.width, size.height):
             painted = _painted(shape, to_px @ shape.matrix, gradients, made.left_out)
@@ -81,14 +83,6 @@ def painted_shapes(svg: bytes, size: SvgSize, drawn: SvgSize) -> PaintedShapes:
     except (InputError, ValueError, ElementTree.ParseError) as error:
         raise InputError(one_line(error)) from error
     return made
-
-
-def _without_shading(root: ElementTree.Element, left_out: Counter[str]) -> ElementTree.Element:
-    """A document without the groups that shade our shapes: unclipped they would cover more than these."""
-    for group in [g for g in root if g.get("id", "").endswith(SHADING) and "clip-path" in g.attrib]:
-        root.remove(group)
-        left_out["shading"] += 1
-    return root
 
 
 def _painted(

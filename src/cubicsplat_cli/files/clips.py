@@ -237,7 +237,7 @@ def _decoded_frames(data: bytes, shown: str) -> Iterator[tuple[Decoded, float]]:
 
 
 def _plays(data: bytes, shown: str) -> int:
-    """How often a file says that it is to be shown; 0 for ever."""
+    """The number of times a file asks to be shown; 0 for ever."""
     with Image.open(io.BytesIO(data), formats=formats_of(data, shown)) as image:
         loop = image.info.get("loop")
         if image.format != "GIF":

@@ -201,8 +201,6 @@ def _open_and_decode(
         raise
     except UnidentifiedImageError as error:
         raise InputError(_not_a_picture(data, shown)) from error
-    except Image.DecompressionBombError as error:
-        raise InputError(f"{shown}: decodes to more than {max_pixels} pixels; scale it down first") from error
     except MemoryError as error:
         raise InputError(f"{shown}: not enough memory to decode it; scale it down first") from error
     except Exception as error:

@@ -73,7 +73,7 @@ class Outputs:
         more = [self.svg.with_suffix(f".{form}") for form in formats if self.svg and form not in have]
         return replace(self, exports=(*self.exports, *more))
 
-    def layers_there(self) -> list[Path]:
+    def existing_layers(self) -> list[Path]:
         """Files that are there and have the name of a layer of this picture, in order."""
         if self.layers is None or not is_folder(self.layers.parent):
             return []

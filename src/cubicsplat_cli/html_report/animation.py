@@ -46,7 +46,7 @@ def _frame(scene: Scene, width: int, height: int, threads: int | None) -> Image.
     return Image.fromarray(np.round(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8))
 
 
-def film_shapes(film: FrameRecorder, scene: Scene, picture: Picture, threads: int | None) -> None:
+def record_shapes(film: FrameRecorder, scene: Scene, picture: Picture, threads: int | None) -> None:
     """Puts a drawing on film as it is laid down, shape after shape from the back."""
     small = resize_picture(picture, SIDE)
     sized = scaled_scene(scene, small.width, small.height)

@@ -42,7 +42,7 @@ def check_may_write(job: Job, *, force: bool) -> None:
     for path in job.outputs.files():
         if job.path is not None and same_file(path, job.path):
             raise UsageError(f"{path} is the input and would be overwritten; choose another output with -o")
-    layers = job.outputs.layers_there()
+    layers = job.outputs.existing_layers()
     check_ownership([*job.outputs.files(), *layers], force=force)
     if force:
         return
@@ -101,7 +101,7 @@ def forget_layers(job: Job, kinds: Iterable[str]) -> None:
     stay.
     """
     kept = {job.outputs.place(kind) for kind in kinds}
-    for path in job.outputs.layers_there():
+    for path in job.outputs.existing_layers():
         if path not in kept and is_replaceable(path) and not holds_edited(path):
             path.unlink(missing_ok=True)
 

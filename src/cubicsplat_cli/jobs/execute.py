@@ -60,9 +60,9 @@ def execute(
     finished_before: list[Outcome] = []
     to_do = _to_do(plan.jobs, request, finished_before, observer)
     for outcome in _carried_out(to_do, len(plan.jobs), request, options, observer, stopping):
-        yield from _taken(finished_before)
+        yield from _drained(finished_before)
         yield outcome
-    yield from _taken(finished_before)
+    yield from _drained(finished_before)
 
 
 def look(job: Job, request: Request) -> Outcome:
@@ -125,7 +125,7 @@ def _to_do(jobs: list[Job], request: Request, finished_before: list[Outcome], ob
         finished_before.append(with_others(outcome, request, observer))
 
 
-def _taken(finished_before: list[Outcome]) -> Iterator[Outcome]:
+def _drained(finished_before: list[Outcome]) -> Iterator[Outcome]:
     while finished_before:
         yield finished_before.pop(0)
 

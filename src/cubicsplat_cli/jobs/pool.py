@@ -50,13 +50,20 @@ def share_threads(threads: int | None, workers: int) -> list[int]:
 
 
 def run_in_workers(
-    jobs: Iterator[Job], request: Request, *, workers: int, observer: Observer, stopping: Callable[[], bool]
+    jobs: Iterator[Job],
+    request: Request,
+    *,
+    workers: int,
+    observer: Observer,
+    stopping: Callable[[], bool],
+    work: Callable[[Connection, Request, int], None] | None = None,
 ) -> Iterator[Outcome]:
     """The outcomes of `jobs` in the order in which they end; `jobs` is asked for the next when a worker is free.
 
     Once `stopping()` is true nothing is begun any more, and the fits under way end early with the best they have.
+    work: what a worker does with its end of a pipe, a request and so many threads (default: the jobs that it gets).
     """
-    pool = _Pool(request, share_threads(request.settings.threads, workers), observer)
+    pool = _Pool(request, share_threads(request.settings.threads, workers), observer, work or _work)
     try:
         yield from pool.run(jobs, stopping)
     finally:
@@ -78,6 +85,7 @@ class _Pool:
     request: Request
     threads: list[int]
     observer: Observer
+    work: Callable[[Connection, Request, int], None]
     workers: list[_Worker] = field(default_factory=list)
     again: deque[Job] = field(default_factory=deque)
     deaths: dict[str, int] = field(default_factory=dict)
@@ -89,7 +97,7 @@ class _Pool:
                 self._hand_out(jobs)
             elif not stopped:
                 stopped = True
-                self._tell_to_stop()
+                self._request_stop()
             busy = [worker for worker in self.workers if worker.job is not None]
             if not busy:
                 return
@@ -130,8 +138,8 @@ class _Pool:
     def _start(self, slot: int) -> _Worker:
         context = _context()
         ours, theirs = context.Pipe()
-        process = context.Process(target=_work, args=(theirs, self.request, self.threads[slot]), daemon=True)
-        with _interrupts_held():
+        process = context.Process(target=self.work, args=(theirs, self.request, self.threads[slot]), daemon=True)
+        with _interrupts_blocked():
             process.start()
         theirs.close()
         worker = _Worker(slot, process, ours)
@@ -166,7 +174,7 @@ class _Pool:
         text = f"{job.name}: its worker process died {ATTEMPTS} times ({how}); try fewer --jobs, or --max-size"
         return Outcome(job, FAILED, error=text, exit_code=1)
 
-    def _tell_to_stop(self) -> None:
+    def _request_stop(self) -> None:
         self.again.clear()
         for worker in self.workers:
             if worker.job is not None:
@@ -193,7 +201,7 @@ def _describe(exitcode: int | None) -> str:
 
 
 @contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
+def _interrupts_blocked() -> Iterator[None]:
     """Ctrl-C goes to every process of a terminal; a process started in here never gets it, and we get it after."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

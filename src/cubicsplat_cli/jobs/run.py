@@ -178,12 +178,12 @@ def _put_animation(path: Path, task: Task, made: Made, output: Output, sink: Sin
         timer.note(f"{task.target.source}: is transparent throughout, so there is no animation")
         return
     from cubicsplat_cli.artwork.style import PHOTO
-    from cubicsplat_cli.html_report.animation import animation, film_shapes
+    from cubicsplat_cli.html_report.animation import animation, record_shapes
 
     timer.observer.stage("animation", timer.job)
     threads = task.request.settings.threads
     if made.style.name != PHOTO or output.paths == 0:
-        film_shapes(recorder, made.scene, task.target, threads)
+        record_shapes(recorder, made.scene, task.target, threads)
     form = path.suffix[1:].upper()
     sink.put("animation", animation(recorder, made.scene, form=form, about=output.svg_sha256, threads=threads))
 

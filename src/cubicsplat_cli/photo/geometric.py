@@ -36,13 +36,13 @@ class Regulariser:
     def gradient(self, points: Array, ring_ends: Array | None, *, progress: float, loss: float | Array) -> Array | None:
         """(N, K, 2), at this progress of the fit in [0, 1]; None where it is nothing. loss: of the last step."""
         if self._left == 0:
-            self._held, self._left = self._found(points, ring_ends, progress, loss), HELD
+            self._held, self._left = self._gradient(points, ring_ends, progress, loss), HELD
             if self.recipe.crossing_penalty > 0.0:
                 self._left = 1
         self._left -= 1
         return self._held
 
-    def _found(self, points: Array, ring_ends: Array | None, progress: float, loss: float | Array) -> Array | None:
+    def _gradient(self, points: Array, ring_ends: Array | None, progress: float, loss: float | Array) -> Array | None:
         recipe, found = self.recipe, None
         pixels = self.size[0] * self.size[1]
         if recipe.crossing_penalty > 0.0:

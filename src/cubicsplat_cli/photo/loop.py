@@ -54,7 +54,7 @@ class FitLoop:
         self.step, self.stopped = 0, False  # stopped: before its last step
         self._look_at(target, inputs)
         self.start_loss = math.inf  # of the drawing to begin with, where all of it is in the fit
-        self._go_on_with(FitState.beginning_with(self._first_curves()))
+        self._go_on_with(FitState.unmoved(self._first_curves()))
         self.saved: tuple[int, FitCurves] | None = None  # what the host has of a GPU's fit, and of which step
         self.log = TrainingLog(on_progress)
 
@@ -78,9 +78,9 @@ class FitLoop:
             background = start.background
         height, width, _ = self.target.shape
         curves = curves_of(start.as_kind_of(self.goal), self.settings, width, height, background)
-        return self._as_many_as_wanted(curves)
+        return self._resized_to_count(curves)
 
-    def _as_many_as_wanted(self, curves: FitCurves) -> FitCurves:
+    def _resized_to_count(self, curves: FitCurves) -> FitCurves:
         """A drawing's curves, without the least important where there are too many, behind new ones where too few."""
         wanted, room = self.settings.curves, 3 * self.settings.segments + (self.settings.mode.value == "open")
         if curves.curves > wanted:
@@ -221,7 +221,7 @@ class FitLoop:
         step, curves = self.saved
         self.engine = open_engine("cpu", self.settings.threads, mode=curves.mode, channels=curves.channels)
         self._look_at(self.target, self.inputs)
-        self._go_on_with(FitState.beginning_with(curves))
+        self._go_on_with(FitState.unmoved(curves))
         unfinished = "" if self.schedule.phase(step / self.settings.steps).exact else ", without the exact finish"
         self.log.notes.append(
             f"{error}; the result is what the fit had come to by step {step} of {self.settings.steps}{unfinished}"

@@ -112,7 +112,7 @@ class FitState(CurveArrays):
     optimiser: OptimiserState
 
     @classmethod
-    def beginning_with(cls, curves: FitCurves) -> FitState:
+    def unmoved(cls, curves: FitCurves) -> FitState:
         """Curves that have not moved yet."""
         return cls(curves, OptimiserState.zeros_for(curves.points))
 

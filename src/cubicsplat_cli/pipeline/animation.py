@@ -56,7 +56,7 @@ class Animation(ABC):
 
     @abstractmethod
     def pictures(self, form: str, threads: int | None = None) -> Iterator[ImageSource]:
-        """What each frame shows, drawn from the file of a format."""
+        """The pictures of the frames, drawn from the file of a format."""
 
     @abstractmethod
     def stills(self) -> Iterator[str]:

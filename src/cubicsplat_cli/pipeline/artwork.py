@@ -1,10 +1,10 @@
-"""The artwork style: few clean shapes; the pixel style: cells; and pictures of one colour."""
+"""The artwork style: few clean shapes, in as few bytes as asked for; the pixel style; and pictures of one colour."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -15,15 +15,17 @@ from cubicsplat_cli.artwork.plain import plain_drawing
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, Style
-from cubicsplat_cli.options import KEEP, REMOVE
-from cubicsplat_cli.pipeline.simplest import within_budget
+from cubicsplat_cli.errors import InputError
+from cubicsplat_cli.files.read import packed
+from cubicsplat_cli.options import COLOR, KEEP, OBJECT, REMOVE
+from cubicsplat_cli.pipeline.likeness import FileLevel
 from cubicsplat_cli.pipeline.task import Made, Task
-from cubicsplat_cli.progress import Work, nothing, under_way
-from cubicsplat_cli.request import COLOR, OBJECT, Request
+from cubicsplat_cli.progress import Work, nothing, under_way, work
+from cubicsplat_cli.request import Request
 from cubicsplat_cli.scene.paint import Rgba
 from cubicsplat_cli.settings import cpu_count
 from cubicsplat_cli.svg import write_drawing
-from cubicsplat_cli.svg.markup import lean
+from cubicsplat_cli.svg.markup import minified
 from cubicsplat_cli.svg.values import hex_colour
 
 SAMPLES = 48  # edges per cubic of the engine's own picture
@@ -98,10 +100,10 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
         prepared = prepare(target)
         blur = prepared.scale * math.hypot(prepared.condition.blur, ENLARGED if prepared.times > 1 else 0.0)
 
-        def tell(sketch: Drawing) -> None:
+        def add_sketch(sketch: Drawing) -> None:
             on_sketch(replace(drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
-        drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=tell)
+        drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=add_sketch)
         sized = (scaled_drawing(each, *task.picture.size) for each in drawings)
         made = within_budget(task, (_structured(each, task.request) for each in sized))
     notes = [*prepared.notes, *made.notes]
@@ -184,7 +186,7 @@ def drawn(drawing: Drawing, request: Request) -> Made:
 
     def write(title: str, comment: str) -> str:
         text = write_drawing(drawing, precision=_precision(drawing, request), title=title, comment=comment)
-        return lean(text) if request.tiny else text
+        return minified(text) if request.tiny else text
 
     return Made(
         picture_of(drawing) if drawing.shapes else None,
@@ -196,6 +198,50 @@ def drawn(drawing: Drawing, request: Request) -> Made:
 
 
 def _facts(shapes: int, segments: int, fills: tuple[Rgba, ...]) -> dict[str, Any]:
-    """The members of the report that tell of shapes, none of which is anything but a path of one colour."""
+    """The members of the report that add_sketch of shapes, none of which is anything but a path of one colour."""
     colours = ["#{:02x}{:02x}{:02x}{:02x}".format(*fill) for fill in fills]
     return {"shapes": shapes, "segments": segments, "primitives": 0, "gradients": 0, "strokes": 0, "inks": colours}
+
+
+def within_budget(task: Task, versions: Iterator[Made]) -> Made:
+    """The first version where nothing bounds the drawing; else the first that keeps to the bounds, or the last that has
+    the PSNR that is asked for, with a note where none does.
+
+    Raises InputError where not even the simplest fits.
+    """
+    made, request = next(versions), task.request
+    if request.target_psnr is not None:
+        return _reaching(request.target_psnr, made, versions, task)
+    while (has := _excess(task, made)) is not None:
+        following = next(versions, None)
+        if following is not None:
+            made = following
+        elif work().stopped:
+            return replace(made, notes=[*made.notes, f"the time was too short to simplify it: it has {has}"])
+        else:
+            raise InputError(f"not even the simplest drawing fits; allow at least {has}")
+    return made
+
+
+def _excess(task: Task, made: Made) -> str | None:
+    """The bytes or nodes of a version that has more than it may; None for others."""
+    request = task.request
+    if request.max_nodes is not None and made.facts["segments"] > request.max_nodes:
+        return f"{made.facts['segments']} nodes"
+    if request.max_bytes is None:
+        return None
+    size = len(packed(task.finished(made), compressed=request.counts_compressed))
+    return f"{size} bytes" if size > request.max_bytes else None
+
+
+def _reaching(least: float, made: Made, versions: Iterator[Made], task: Task) -> Made:
+    level_of = FileLevel(task)
+    level = level_of(task.finished(made))
+    if level < least:
+        note = f"reached {level:.2f} dB of the {least:g} dB asked for; more --detail or --style photo may reach it"
+        return replace(made, notes=[*made.notes, note])
+    for following in versions:
+        if level_of(task.finished(following)) < least:
+            break
+        made = following
+    return made

@@ -48,7 +48,7 @@ class ClipTask:
 
     @property
     def deadline(self) -> float:
-        """When the fit must end, by `time.perf_counter`."""
+        """The time at which the fit must end, by `time.perf_counter`."""
         limit = self.request.settings.time_limit
         return math.inf if limit is None else time.perf_counter() + (1.0 - AFTER_FIT) * limit - self.timer.total()
 

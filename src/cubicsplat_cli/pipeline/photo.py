@@ -42,7 +42,7 @@ def fitted_photo(task: Task) -> Made:
     """Curves that blend, fitted to the picture."""
     if task.request.tiny:
         return _tiny_photo(task)
-    photo, settings = _begun(task)
+    photo, settings = _prepared(task)
     return _made_of(photo, _within(photo, settings))
 
 
@@ -50,7 +50,7 @@ class PhotoFit:
     """The fit of a photo that no bytes or level bound, which can be looked at early on."""
 
     def __init__(self, task: Task) -> None:
-        self._photo, settings = _begun(task)
+        self._photo, settings = _prepared(task)
         self._fitting = self._photo.begin(settings)
 
     def early(self) -> tuple[Scene, float] | None:
@@ -97,7 +97,7 @@ class QuickPhoto:
         return fitted.scene
 
 
-def _begun(task: Task) -> tuple[Photo, FitSettings]:
+def _prepared(task: Task) -> tuple[Photo, FitSettings]:
     """The fits of a picture, and their settings."""
     settings = _with_curves(task)
     rough, fine = copies_of(task.target, settings)

@@ -1,12 +1,13 @@
-"""Shaded drawings: clean objects, and inside each a group of curves of the photo engine, clipped a little inside it.
+"""Shaded drawings: clean objects, and inside each a group of curves of the photo engine, clipped at its outline.
 
-What shows of an object inside its edge is its shading alone, opaque over a ground. So each is a fit of its own to the
-pixels in which it shows.
+What shows of an object is its shading alone, over its opaque paint. So each is a fit of its own to the pixels in which
+it shows.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,11 @@ import numpy as np
 from cubicsplat_cli.artwork.input.prepare import as_levels
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.settings import ArtworkSettings
-from cubicsplat_cli.artwork.shading.insides import FULL, coverage_of, inside_of, shown
+from cubicsplat_cli.artwork.shading.insides import FULL, shown
 from cubicsplat_cli.artwork.shading.objects import objects_of
 from cubicsplat_cli.artwork.shading.paints import base_paint
 from cubicsplat_cli.artwork.shading.silhouettes import CLEAR, silhouettes
-from cubicsplat_cli.artwork.shapes import Drawing, Shading, Shape, scaled_drawing
+from cubicsplat_cli.artwork.shapes import Drawing, Shape, scaled_drawing
 from cubicsplat_cli.artwork.vectorize import draw_flat
 from cubicsplat_cli.pipeline.artwork import drawn
 from cubicsplat_cli.pipeline.task import Made, Task
@@ -34,19 +35,16 @@ from cubicsplat_cli.settings import FitSettings, cpu_count
 SHAPES = "triangle"
 SHARED_OPACITY = 0.78  # of an object's curves at first, so that none says its own
 SHADED = 2.0  # levels, of the root mean square off its paint, above which an object is shaded
-PX_PER_CURVE = 60.0
+PX_PER_CURVE = 44.0
 # Px of a picture whose objects are shaded, 512 x 512: a larger one would need thousands of curves, and minutes.
 MOST_PIXELS = 2**18
 # What a curve must take away of the squared error, in levels^2 summed over pixels and channels, to stay.
 PRICE = 1000.0
-RIM, LEAST_SEEN = 0.9, 0.3  # of a pixel that the shading covers: below it shows base paint, or next to no shading
 # A picture of more objects has textures, not shading; and so has one that is rough in more of its objects' insides.
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
 ROUGH = 6.0  # levels by which a pixel is off the mean of its 3 x 3 neighbours, as none is within shading
 LEAST_SHADED = 0.1  # of the picture's objects in px that have more than their paints
-# Of a pixel at the edge of what covers an object: its weight, as about half of it shows, squared; and px to those whose
-# colour it has.
-BENEATH, REACH = 0.25, 3
+REACH = 3  # px from a pixel at an edge to those whose colour it has
 FULL_STEPS = 100  # curves of a fit that takes all its steps; smaller ones converge sooner
 LEAST_STEPS = 0.25  # of them
 
@@ -108,45 +106,56 @@ def shaded_drawing(objects: Objects, settings: FitSettings, most: int | None = N
         for shape, share in zip(outlined.shapes, shares, strict=True)
     ]
     with work().stoppable():
+        spread = _spread(objects.levels, straight, shares)
         for index, share in enumerate(shares):
             work().at("shading objects", 0.85 + 0.15 * index / len(shares))
-            shapes[index] = _shaded(straight, shapes[index], share, settings, most)
+            shapes[index] = _shaded(straight, shapes[index], share, spread, settings, most)
     return replace(outlined, shapes=tuple(shapes))
 
 
-def _shaded(straight: np.ndarray, plain: Shape, share: np.ndarray, settings: FitSettings, most: int | None) -> Shape:
-    """A shape in the paint of all that shows of it; with shading where that leaves too much. share: (H, W) where it
-    shows. Raises KeyboardInterrupt when the fit is interrupted.
+def _shaded(
+    straight: np.ndarray, plain: Shape, share: np.ndarray, spread: np.ndarray, settings: FitSettings, most: int | None
+) -> Shape:
+    """A shape in the paint of all that shows of it; with shading where that leaves too much.
+
+    share: (H, W) where it shows. spread: see `_spread`. Raises KeyboardInterrupt when the fit is interrupted.
     """
     height, width = share.shape
     whole = share > FULL
     if not whole.any() or math.sqrt(float(_off(straight, plain)[whole].mean())) < SHADED:
         return plain
-    clip = inside_of(plain, width, height)
-    clipped = coverage_of(clip, width, height) if clip else np.zeros(share.shape)
-    inside = np.where(whole, clipped, 0.0)
-    curves = round(min(float(inside.sum()) / PX_PER_CURVE, math.inf if most is None else most))
-    if curves < 1 or inside.max() < LEAST_SEEN:
+    curves = round(min(float(whole.sum()) / PX_PER_CURVE, math.inf if most is None else most))
+    if curves < 1:
         return plain
-    rim = whole & (inside < RIM)
-    shaded = _in_paint(straight, plain, rim) if rim.any() else plain
-    # A pixel that the clip cuts shows base paint beside the shading, which makes up for it as far as it can.
-    beneath = _paint(shaded, width, height)
-    goal = beneath + (straight - beneath) / np.maximum(inside, LEAST_SEEN)[..., None]
-    weights = np.where(inside >= LEAST_SEEN, inside**2, 0.0)
-    _continue_beneath(goal, weights, (share > 0.0) & ~whole & (clipped > FULL))
+    goal, weights = _continued(straight, share)
+    goal += np.where(whole, 0.0, share)[..., None] * spread
     scene = _fitted(np.clip(goal, 0.0, 255.0), weights, _paint(plain, width, height), settings.with_(curves=curves))
-    return replace(shaded, shading=Shading(clip, plain.fill, plain.gradient, scene))
+    return replace(plain, shading=scene)
 
 
-def _continue_beneath(goal: np.ndarray, weights: np.ndarray, edge: np.ndarray) -> None:
-    """Makes the goal (H, W, 3) of pixels that are half covered (H, W) bool that of the nearest that are not."""
-    y, x = np.nonzero(edge)
-    at = y * edge.shape[1] + x
-    paints, places = nearest_paints(np.where(weights > FULL, 0, -1), at, REACH, 1)
-    near = paints[:, 0] == 0
-    goal.reshape(-1, 3)[at[near]] = goal.reshape(-1, 3)[places[near, 0]]
-    weights.reshape(-1)[at[near]] = BENEATH
+def _continued(straight: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The colours (H, W, 3) of a shape, where it is half covered those of the nearest pixel of it that is not; and the
+    weight (H, W) of each, the square of what shows of it.
+    """
+    goal, whole = straight.copy(), share > FULL
+    weights = np.where(whole, 1.0, 0.0)
+    at = np.flatnonzero((share > 0.0) & ~whole)
+    paints, places = nearest_paints(np.where(whole, 0, -1), at, REACH, 1)
+    at, places = at[paints[:, 0] == 0], places[paints[:, 0] == 0, 0]
+    goal.reshape(-1, 3)[at] = straight.reshape(-1, 3)[places]
+    weights.reshape(-1)[at] = share.reshape(-1)[at] ** 2
+    return goal, weights
+
+
+def _spread(levels: np.ndarray, straight: np.ndarray, shares: Sequence[np.ndarray]) -> np.ndarray:
+    """(H, W, 3) what the colours of shapes, continued to their edges, are to be off there, times the share of each, so
+    that together they are the picture: the least change that brings it about.
+    """
+    rest, squares = levels[..., :3].astype(float), np.full(levels.shape[:2], 1e-3)
+    for share in shares:
+        rest -= share[..., None] * _continued(straight, share)[0]
+        squares += share**2
+    return rest / squares[..., None]
 
 
 def _in_paint(straight: np.ndarray, shape: Shape | None, where: np.ndarray) -> Shape:

@@ -33,13 +33,14 @@ def traced(mask: np.ndarray) -> list[np.ndarray]:
         room = count.value
 
 
-def kept_points(points: np.ndarray, tolerance: float) -> np.ndarray:
-    """(n,) bool: the points (n, 2) of a chain, n >= 1, between which no other is more than `tolerance` off the straight
-    line, the first and the last among them. Raises EngineError where the library or the memory is missing.
+def fewer_points(points: np.ndarray, tolerance: float) -> np.ndarray:
+    """Those of the points (n, 2) of a chain, n >= 1, the first and the last among them, between which no other is more
+    than `tolerance` off the straight line; (k, 2), in their order (Ramer 1972; Douglas and Peucker 1973). Raises
+    EngineError where the library or the memory is missing.
     """
     kept = np.zeros(len(points), dtype=bool)
     _native("cs_fewer_points", len(points), doubles(points), float(tolerance), kept)
-    return kept
+    return np.asarray(points[kept])
 
 
 def corners_of(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -31,7 +31,7 @@ from cubicsplat_cli.raster.settings import (
 )
 from cubicsplat_cli.scene import Scene, segments_from_points
 from cubicsplat_cli.scene.bezier import polyline_basis
-from cubicsplat_cli.scene.gradients import FLAT, Gradients, paint_at
+from cubicsplat_cli.scene.gradients import FLAT, paint_at
 from cubicsplat_cli.settings import Mode
 
 # Squared edge length below which an edge counts as this long when a point is projected onto it, px^2.
@@ -368,43 +368,20 @@ def _layers(scene: Scene, settings: RasterSettings) -> tuple[Tensor, list[Tensor
     return torch.stack(alphas), [colour for colour, _ in channels], channels[0][1]
 
 
-def render(
-    points: Tensor,
-    colours: Tensor,
-    opacities: Tensor,
-    half_widths: Tensor,
-    *,
-    mode: Mode,
-    width: int,
-    height: int,
-    background: tuple[float, float, float] | None,
-    settings: RasterSettings,
-    ring_ends: Tensor | None = None,
-    gradients: Gradients | None = None,
-) -> Tensor:
+def render(scene: Scene, settings: RasterSettings) -> Tensor:
     """Render a scene, differentiably in its four tensors and in the gradients' frames and stops.
 
-    The arguments are the fields of `Scene`. Returns (H, W, C) float64 in [0, 1]: RGB over a background,
-    premultiplied RGBA when background is None. Raises InputError as `Scene.validate` does.
+    Returns (H, W, C) float64 in [0, 1]: RGB over a background, premultiplied RGBA when background is None. Raises
+    InputError as `Scene.validate` does.
     """
-    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background, ring_ends, gradients)
     scene.validate()
     return composite(*_layers(scene, settings))
 
 
 def importance(
-    points: Tensor,
-    colours: Tensor,
-    opacities: Tensor,
-    half_widths: Tensor,
-    *,
-    mode: Mode,
-    width: int,
-    height: int,
-    background: tuple[float, float, float] | None,
+    scene: Scene,
     settings: RasterSettings,
-    ring_ends: Tensor | None = None,
-    gradients: Gradients | None = None,
+    *,
     target: Tensor | None = None,
     kind: str = "loo",
     weights: Tensor | None = None,
@@ -423,7 +400,6 @@ def importance(
         raise UsageError(f"importance must be 'loo' or 'visibility', not {kind!r}")
     if kind == "loo" and target is None:
         raise UsageError("leave-one-out importance needs a target picture")
-    scene = Scene(mode, width, height, points, colours, opacities, half_widths, background, ring_ends, gradients)
     scene.validate()
     with torch.no_grad():
         alphas, channels, behind = _layers(scene, settings)

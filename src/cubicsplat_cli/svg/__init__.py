@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cubicsplat_cli.svg.drawing_reader import read_drawing
-    from cubicsplat_cli.svg.drawing_writer import write_drawing, write_mosaic
+    from cubicsplat_cli.svg.drawing_writer import write_drawing
+    from cubicsplat_cli.svg.mosaic_writer import write_mosaic
     from cubicsplat_cli.svg.quantise import quantise_scene
     from cubicsplat_cli.svg.scene_reader import read_svg
     from cubicsplat_cli.svg.scene_writer import write_svg
@@ -19,7 +20,8 @@ __all__ = ["quantise_scene", "read_drawing", "read_svg", "write_drawing", "write
 
 _HOME = {
     "drawing_reader": ("read_drawing",),
-    "drawing_writer": ("write_drawing", "write_mosaic"),
+    "drawing_writer": ("write_drawing",),
+    "mosaic_writer": ("write_mosaic",),
     "quantise": ("quantise_scene",),
     "scene_reader": ("read_svg",),
     "scene_writer": ("write_svg",),

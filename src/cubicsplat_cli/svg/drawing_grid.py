@@ -51,7 +51,7 @@ def _on_grid(rings: Sequence[Ring], precision: int, exact: bool) -> list[Ring]:
     owner = np.repeat(np.arange(len(rings)), [ring.pieces for ring in rings])
     kept = _with_extent(all_pieces, _next_in_loops(owner))
     all_pieces, owner = _picked(all_pieces, kept), owner[kept]
-    all_pieces = _picked(all_pieces, _begun_after_a_line(all_pieces, owner))
+    all_pieces = _picked(all_pieces, _started_after_a_line(all_pieces, owner))
     if not exact:
         all_pieces = replace(all_pieces, controls=smoothed(all_pieces, _next_in_loops(owner)))
     ends = np.cumsum(np.bincount(owner, minlength=len(rings)))
@@ -78,7 +78,7 @@ def _with_extent(ring: Ring, following: np.ndarray) -> np.ndarray:
     return np.asarray(moved | bent)
 
 
-def _begun_after_a_line(ring: Ring, owner: np.ndarray) -> np.ndarray:
+def _started_after_a_line(ring: Ring, owner: np.ndarray) -> np.ndarray:
     """(A,) the order in which the line of each loop with the most digits comes last, since closing it draws it for
     nothing. owner: (A,) ascending, whose loop each piece is in.
     """

@@ -10,8 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import points_at
-from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, signed_area
+from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring, extent_of, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import BEVEL, BUTT, MITER, ROUND, SQUARE, Chain, Path, Stroke
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
@@ -21,7 +20,7 @@ from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
 from cubicsplat_cli.svg.scene_writer import CURVES_ID
-from cubicsplat_cli.svg.shading import REFERENCE, SCALE, ShadingReader
+from cubicsplat_cli.svg.shading import ISOLATED, REFERENCE, SCALES, ShadedShape
 from cubicsplat_cli.svg.values import hex_colour, number
 
 _ROTATION = re.compile(r"rotate\((-?[\d.]{1,12}) (-?[\d.]{1,20}) (-?[\d.]{1,20})\)")
@@ -81,10 +80,10 @@ class _Content:
     def __init__(self, size: tuple[int, int], gradients: GradientReader) -> None:
         self._size, self._gradients = size, gradients
         self._shapes: list[Shape] = []
-        self._clips: dict[str, tuple[Ring, ...]] = {}
+        self._clips: dict[str, tuple[Outline, ...]] = {}
         self._clip = ""  # the clip path that is being read
-        self._shading: ShadingReader | None = None  # the group that is being read
-        self._opacity = 1.0  # of curves that say none
+        self._shaded: ShadedShape | None = None  # the group that is being read
+        self._steps, self._opacity = 1, 1.0  # a px; and of curves that say none
 
     def shapes(self) -> tuple[Shape, ...]:
         """The shapes read so far. Raises ValueError where a shading is not whole."""
@@ -96,45 +95,48 @@ class _Content:
         given, place = element.attributes, element.place
         if place == "svg/clipPath":
             self._clip = given.get("id", "")
-        elif place == "svg/clipPath/path":
-            self._clips[self._clip] = tuple(_ring_of_clip(subpath) for subpath in own_subpaths(element))
+        elif place.startswith("svg/clipPath/"):
+            self._clips[self._clip] = tuple(outline for outlines in _filled(element) for outline in outlines)
         elif place == "svg/g":
             self._end_shading()
             if not _is_group(element):
                 raise ValueError("has an unexpected <g> element")
             if "clip-path" in given:
-                self._begin_shading(given["clip-path"])
-        elif place == "svg/g/g":
-            if given.get("transform") != SCALE or self._shading is None:
-                raise ValueError("has an unexpected <g> element")
-            self._opacity = _opacity(given, "fill")
-        elif self._shading is not None and place == "svg/g/rect":
-            self._shading.add_ground(*_paint(given, [_primitive(element).ring()], self._gradients))
-        elif self._shading is not None and place == "svg/g/g/path":
-            opacity = _opacity(given, "fill") if "fill-opacity" in given else self._opacity
-            for subpath in own_subpaths(element):
-                self._shading.add_curve(_closed_ring(subpath), hex_colour(given.get("fill", "")), opacity)
+                self._begin_shading(given["id"], given["clip-path"])
+        elif self._shaded is not None and place.startswith("svg/g/g"):
+            self._add_to(self._shaded, element)
         elif _is_shape(element):
             self._end_shading()
             stroked = given.get("fill") == "none"
             self._shapes += _strokes(element) if stroked else _fills(element, self._gradients)
 
-    def _begin_shading(self, reference: str) -> None:
+    def _begin_shading(self, name: str, reference: str) -> None:
         match = REFERENCE.fullmatch(reference)
-        if match is None or match[1] not in self._clips or not self._shapes:
+        if match is None or match[1] not in self._clips:
             raise ValueError(f"has the clip-path {reference!r}, which is none of a shape before it")
-        self._shading = ShadingReader(self._clips[match[1]], self._size)
+        self._shaded = ShadedShape(name, self._clips[match[1]], self._size)
+
+    def _add_to(self, shaded: ShadedShape, element: OwnElement) -> None:
+        """Adds what is within the group of a shape with shading."""
+        given, place = element.attributes, element.place
+        if place == "svg/g/g":
+            if given.get("opacity") != ISOLATED:
+                raise ValueError("has an unexpected <g> element")
+        elif place == "svg/g/g/rect":
+            shaded.add_ground(*_paint(given, [_primitive(element).ring()], self._gradients))
+        elif place == "svg/g/g/g":
+            if given.get("transform") not in SCALES:
+                raise ValueError("has an unexpected <g> element")
+            self._steps, self._opacity = SCALES[given["transform"]], _opacity(given, "fill")
+        else:
+            opacity = _opacity(given, "fill") if "fill-opacity" in given else self._opacity
+            for subpath in own_subpaths(element):
+                shaded.add_curve(_closed_ring(subpath), self._steps, hex_colour(given.get("fill", "")), opacity)
 
     def _end_shading(self) -> None:
-        if self._shading is not None:
-            self._shapes[-1] = replace(self._shapes[-1], shading=self._shading.shading())
-            self._shading, self._opacity = None, 1.0
-
-
-def _ring_of_clip(subpath: Sequence[PathSegment]) -> Ring:
-    if not re.fullmatch(r"[LHV]+Z", _letters(subpath)):
-        raise ValueError("has a clip path other than of polygons")
-    return ring_of(subpath)
+        if self._shaded is not None:
+            self._shapes.append(self._shaded.shape())
+            self._shaded, self._opacity = None, 1.0
 
 
 def _closed_ring(subpath: Sequence[PathSegment]) -> Ring:
@@ -149,6 +151,13 @@ def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
     for name in given:
         if name.startswith("stroke"):
             raise ValueError(f"has an unexpected attribute {name!r}")
+    groups = _filled(element)
+    fill, gradient = _paint(given, [outline.ring() for group in groups for outline in group], gradients)
+    return [Shape(fill, tuple(group), given.get("id", ""), gradient=gradient) for group in groups]
+
+
+def _filled(element: OwnElement) -> list[list[Outline]]:
+    """The outlines of each shape of an element: an outer one, then its holes."""
     groups: list[list[Outline]] = []
     if element.name != "path":
         groups = [[_primitive(element)]]
@@ -156,9 +165,8 @@ def _fills(element: OwnElement, gradients: GradientReader) -> list[Shape]:
         for outline, clockwise in map(_outline, own_subpaths(element)):
             if clockwise or not groups:
                 groups.append([])
-            groups[-1].append(_rotated(outline, given))
-    fill, gradient = _paint(given, [outline.ring() for group in groups for outline in group], gradients)
-    return [Shape(fill, tuple(group), given.get("id", ""), gradient=gradient) for group in groups]
+            groups[-1].append(_rotated(outline, element.attributes))
+    return groups
 
 
 def _paint(given: dict[str, str], rings: list[Ring], gradients: GradientReader) -> tuple[Rgba, Gradient | None]:
@@ -281,9 +289,3 @@ def _ellipse(first: PathSegment, second: PathSegment) -> Outline:
     if second.end != first.start or first.numbers != second.numbers or min(rx, ry) <= 0.0:
         raise ValueError("has arcs that are not two halves of an ellipse")
     return Circle(*centre, rx) if rx == ry else Ellipse(*centre, rx, ry, math.radians(degrees))
-
-
-def extent_of(rings: list[Ring]) -> tuple[np.ndarray, np.ndarray]:
-    """The corners (2,) of the box around rings, left and top, right and bottom, px: that of the curves themselves."""
-    points = points_at(np.concatenate([ring.cubics for ring in rings]), np.linspace(0.0, 1.0, 65)).reshape(-1, 2)
-    return points.min(axis=0), points.max(axis=0)

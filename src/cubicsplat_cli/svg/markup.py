@@ -98,7 +98,7 @@ def empty_document(width: int, height: int, title: str, comment: str) -> Element
     return root
 
 
-def lean(svg: str) -> str:
+def minified(svg: str) -> str:
     """A document in one line, without what its picture does not need: declaration, comment, title, size in px, and ids
     but those of gradients.
     """

@@ -22,7 +22,7 @@ _NOISE = 1e-9  # of float arithmetic, in steps
 
 @dataclass(frozen=True, eq=False)
 class GridTrack:
-    """What a number of values does over a group: linear between knots.
+    """The values of a group over time: linear between knots.
 
     keys: (k,) int64, rising from 0, when the knots are, in units of `GridClip.key_s` after the group's begin. values:
     (k, n) int64. One knot: it never changes.

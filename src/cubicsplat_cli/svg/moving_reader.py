@@ -60,7 +60,7 @@ def _clip(root: ElementTree.Element) -> GridClip:
 
 
 def _times(group: ElementTree.Element, clip: GridClip) -> tuple[float, float]:
-    """When a group is displayed, in seconds."""
+    """Start and end of the display of a group, in seconds."""
     display = group.find(f"{_SVG}animate")
     if display is None:
         return 0.0, clip.duration

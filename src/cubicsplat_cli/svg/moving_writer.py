@@ -61,7 +61,7 @@ def _group(clip: GridClip, group: GridGroup, index: int, plays: int) -> Iterator
 
 
 def _display(clip: GridClip, index: int, plays: int) -> str:
-    """What shows a group in its time, and hides it in that of the others."""
+    """The element that shows a group in its time and hides it in that of the others."""
     ends = [round(group.end / clip.key_s) for group in clip.groups[:-1]]
     keys, values = [0], ["none" if index else "inline"]
     if index:
@@ -71,7 +71,7 @@ def _display(clip: GridClip, index: int, plays: int) -> str:
     times = ";".join(format_number(key, clip.key_decimals) for key in keys)
     return (
         f'<animate attributeName="display" calcMode="discrete" values="{";".join(values)}" keyTimes="{times}"'
-        f"{_said(repeated(clip.duration, plays))}/>"
+        f"{_attributes(repeated(clip.duration, plays))}/>"
     )
 
 
@@ -85,7 +85,7 @@ def repeated(duration: float, plays: int) -> dict[str, str]:
     return {"dur": _seconds(duration), **count, **({"fill": "freeze"} if plays else {})}
 
 
-def _said(attributes: dict[str, str]) -> str:
+def _attributes(attributes: dict[str, str]) -> str:
     return "".join(f' {name}="{value}"' for name, value in attributes.items())
 
 
@@ -97,7 +97,7 @@ class _Timing:
         # What belongs to a later group began its last round before the clip did, and so has one more.
         later = group.begin > 0.0
         self._begin = f' begin="{_seconds(group.begin - clip.duration)}"' if later else ""
-        self._repeated = _said(repeated(clip.duration, plays + 1 if later and plays else plays))
+        self._repeated = _attributes(repeated(clip.duration, plays + 1 if later and plays else plays))
 
     def attributes(self, track: GridTrack, values: Sequence[str]) -> str:
         """` values="..." keyTimes="..." begin="..." dur="..." ...`."""

@@ -38,9 +38,10 @@ _OWN: dict[str, set[str]] = {
     "svg/defs": set(),
     "svg/g": {"id", "transform", "fill-rule", "fill", "fill-opacity", "clip-path", *_STROKE},
     "svg/clipPath": {"id"},
-    "svg/clipPath/path": {"d"},
-    "svg/g/g": {"transform", "fill-opacity"},
-    "svg/g/g/path": {"d", "fill", "fill-opacity"},
+    "svg/g/g": {"opacity"},
+    "svg/g/g/rect": {"x", "y", "width", "height", "fill", "stroke", "stroke-width"},
+    "svg/g/g/g": {"transform", "fill-opacity"},
+    "svg/g/g/g/path": {"d", "fill", "fill-opacity"},
     "svg/path": {"d", "transform", *_PAINT, *_STROKE},
     "svg/rect": {"x", "y", "width", "height", "rx", "transform", *_PAINT, *_STROKE},
     "svg/circle": {"cx", "cy", "r", *_PAINT, *_STROKE},
@@ -48,6 +49,7 @@ _OWN: dict[str, set[str]] = {
 }
 for _name in ("path", "rect", "circle", "ellipse"):
     _OWN[f"svg/g/{_name}"] = _OWN[f"svg/{_name}"]
+    _OWN[f"svg/clipPath/{_name}"] = _OWN[f"svg/{_name}"] - _PAINT - _STROKE
 for _name, _attributes in ATTRIBUTES.items():
     _OWN[f"svg/g/{_name}"] = {*_OWN.get(f"svg/g/{_name}", ()), *_attributes, "fill", "fill-opacity"}
 for _parent in ("svg", "svg/defs", "svg/g"):

@@ -181,15 +181,15 @@ def shortest_description(points: np.ndarray, *, closed: bool, turn: bool = True)
     turn: whether a curve may be run through backwards; one ring of several may not.
     """
     if not turn:
-        return _best_beginning(points)
+        return _best_start(points)
     backwards = np.concatenate([points[:, :1], points[:, :0:-1]], axis=1) if closed else points[:, ::-1]
     if closed:
-        points, backwards = _best_beginning(points), _best_beginning(backwards)
+        points, backwards = _best_start(points), _best_start(backwards)
     shorter = _length_of_text(backwards, closed) < _length_of_text(points, closed)
     return np.where(shorter[:, None, None], backwards, points)
 
 
-def _best_beginning(rings: np.ndarray) -> np.ndarray:
+def _best_start(rings: np.ndarray) -> np.ndarray:
     """Each ring turned so that it begins at the anchor with the shortest text, the first of them."""
     anchors, handles = rings[:, ::3], rings[:, 1::3]
     # A minus right after a letter is one more; elsewhere it saves the space.

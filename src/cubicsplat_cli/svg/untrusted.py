@@ -72,12 +72,12 @@ def check_untrusted(data: bytes, source: str, *, otherwise: SvgSize | None = Non
 def with_size(data: bytes, size: SvgSize) -> bytes:
     """The bytes of an SVG in UTF-8 with this size in its root: renderers get it no other way."""
 
-    def said(match: re.Match[bytes]) -> bytes:
+    def with_size(match: re.Match[bytes]) -> bytes:
         tag = _SIZES.sub(b"", match[0])
         end = len(tag) - (2 if tag.endswith(b"/>") else 1)
         return tag[:end] + f' width="{size.width:g}" height="{size.height:g}"'.encode() + tag[end:]
 
-    return _ROOT.sub(said, data, count=1)
+    return _ROOT.sub(with_size, data, count=1)
 
 
 @dataclass

@@ -9,7 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.fine import changes, fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
-from cubicsplat_cli.artwork.geometry.ways import RigidTransform
+from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.tracing.variables import Pieces, Variables
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.records import dataclass

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.beziers import bernstein
+from cubicsplat_cli.artwork.geometry.beziers import bernstein, points_at
 from cubicsplat_cli.records import dataclass
 
 # Handle length of the cubic for a quarter of a unit circle: 4/3 tan(pi/8).
@@ -74,6 +74,12 @@ class Ring:
 def pieces_of_rings(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
     """The cubics (S, 4, 2) of one or more rings, one ring after the other, and which of them are lines (S,) bool."""
     return np.concatenate([ring.cubics for ring in rings]), np.concatenate([ring.lines for ring in rings])
+
+
+def extent_of(rings: Sequence[Ring]) -> tuple[np.ndarray, np.ndarray]:
+    """The corners (2,) of the box around rings, left and top, right and bottom, px: that of the curves themselves."""
+    points = points_at(np.concatenate([ring.cubics for ring in rings]), np.linspace(0.0, 1.0, 65)).reshape(-1, 2)
+    return points.min(axis=0), points.max(axis=0)
 
 
 def ring_of_cubics(cubics: np.ndarray, smooth: bool) -> Ring:

@@ -1,15 +1,23 @@
-"""The gradient, linear or radial, that the pixels of an area follow: the one with the shortest description."""
+"""The gradient, linear or radial, that the pixels of an area follow: the one with the shortest description.
+
+First geometries follow from the directions in which colours change. A linear gradient changes in one direction. The
+direction in which a radial one changes points away from its middle; if it spreads as an ellipse |A (p - c)| = t, it is
+that of A^T A (p - c). Either is a linear condition on the unknowns.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.gradients.frames import first_frames
 from cubicsplat_cli.artwork.gradients.shade import CLOSE, PRICE, SHARE, SIGMA, STOP_PARAMETERS, Ramp, Shade
-from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, scatter
+from cubicsplat_cli.raster.shades import Pixels, best_stops, fitted, scatter, slopes
 
+# Blocks, each of which gives a direction, px of one and pixels that it needs.
+BLOCKS, LEAST_BLOCK, FULL = 300, 3, 5
+LONGEST, FARTHEST = 12.0, 8.0  # of an ellipse's axes; of its middle from the area, in lengths of that
 FEW_PIXELS, MOST_PIXELS = 1000, 4000  # looked at to choose and to settle
 MOST_STOPS = 8
 PEAK = 6.0  # px around a middle, where a ramp that rises to it has a tip that looks like an edge
@@ -35,13 +43,13 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
     count = len(pixels.x)
     order = np.random.default_rng(0).choice(count, min(count, MOST_PIXELS), replace=False)
     few = pixels.some(order[:FEW_PIXELS])
-    frames = first_frames(pixels) + [(hint.frame, True, 5) for hint in hints if hint.radial]
+    frames = _first_frames(pixels) + [(hint.frame, True, 5) for hint in hints if hint.radial]
     spread = np.array([scatter(frame, radial, few) for frame, radial, _ in frames])
     if spread.min() > most:
         return None
     best, least = None, np.inf
     for k in np.flatnonzero(spread <= UNLIKELY**2 * spread.min() + SIGMA**2):
-        shade = _settled(_stopped(*frames[k], few), few)
+        shade = _fitted(_stopped(*frames[k], few), few)
         cost = _cost(shade, few, count)
         if cost < least:
             best, least = shade, cost
@@ -49,7 +57,7 @@ def common_shade(pixels: Pixels, hints: Sequence[Shade], most: float = SCATTERED
     best = _pruned(best, few, count)
     if count > FEW_PIXELS:
         few = pixels.some(order)
-        best = _settled(best, few)
+        best = _fitted(best, few)
     return _reaching(_level(best, few, count), pixels)
 
 
@@ -59,7 +67,7 @@ def _stopped(frame: np.ndarray, radial: bool, parameters: int, pixels: Pixels) -
     return Shade(frame, radial, ramp.trimmed(), parameters)
 
 
-def _settled(shade: Shade, pixels: Pixels) -> Shade:
+def _fitted(shade: Shade, pixels: Pixels) -> Shade:
     """The shade with its geometry and its stops at their best."""
     frame, knots, colours = fitted(shade.frame, shade.parameters, shade.ramp.knots, shade.ramp.colours, pixels)
     return Shade(frame, shade.radial, Ramp(knots, colours).trimmed(), shade.parameters)
@@ -79,7 +87,7 @@ def _pruned(shade: Shade, pixels: Pixels, count: int) -> Shade:
         for i in range(len(knots) - 1):
             one = knots[i] if i == 0 else knots[i + 1] if i == len(knots) - 2 else 0.5 * (knots[i] + knots[i + 1])
             trials.append(shade.stopped(np.concatenate([knots[:i], [one], knots[i + 2 :]]), pixels))
-        trial = _settled(min(trials, key=lambda own: own.misfit(pixels)), pixels)
+        trial = _fitted(min(trials, key=lambda own: own.misfit(pixels)), pixels)
         following = _cost(trial, pixels, count)
         if following >= cost:
             break
@@ -126,3 +134,39 @@ def _valid(colours: np.ndarray) -> np.ndarray:
     """Premultiplied colours in levels that are ones."""
     alpha = np.clip(colours[:, 3:], 0.0, 255.0)
     return np.concatenate([np.clip(colours[:, :3], 0.0, alpha), alpha], axis=1)
+
+
+def _first_frames(pixels: Pixels) -> list[tuple[np.ndarray, bool, int]]:
+    """Geometries for pixels: frame (2, 3), whether radial, and how many numbers it takes; the first is linear."""
+    size = max(LEAST_BLOCK, math.ceil(math.sqrt(len(pixels.x) / BLOCKS)))
+    places, changes = slopes(pixels, size, FULL)
+    tensor = np.einsum("bki,bkj->ij", changes, changes)
+    direction = np.linalg.eigh(tensor)[1][:, 1] if len(places) else np.array([1.0, 0.0])
+    frames: list[tuple[np.ndarray, bool, int]] = [(np.array([[*direction, 0.0], [0.0, 0.0, 0.0]]), False, 2)]
+    if len(places) < 6:
+        return frames
+    middle = places.mean(axis=0)
+    reach = max(float(np.abs(places - middle).max()), 1.0)
+    at = (places - middle) / reach
+    gx, gy = changes[..., 0], changes[..., 1]
+    px, py = at[:, :1] + np.zeros_like(gx), at[:, 1:] + np.zeros_like(gx)
+    # A circle: slope x (place - c) = 0; an ellipse: slope x (M place - m) = 0.
+    square = np.stack([-gy, gx], axis=-1).reshape(-1, 2)
+    centre = np.linalg.lstsq(square, (gx * py - gy * px).ravel(), rcond=None)[0]
+    if np.abs(centre).max() < FARTHEST:
+        frames.append((_frame(np.eye(2), centre, middle, reach), True, 3))
+    rows = np.stack([-gy * px, gx * px - gy * py, gx * py, gy, -gx], axis=-1).reshape(-1, 5)
+    solution = np.linalg.eigh(rows.T @ rows)[1][:, 0]
+    form = np.array([[solution[0], solution[1]], [solution[1], solution[2]]])
+    form = form if np.trace(form) > 0 else -form
+    values, axes = np.linalg.eigh(form)
+    if values[0] > values[1] / LONGEST**2:
+        centre = np.linalg.solve(np.array([[solution[0], solution[1]], [solution[1], solution[2]]]), solution[3:])
+        if np.abs(centre).max() < FARTHEST:
+            frames.append((_frame((axes * np.sqrt(values / values[1])).T, centre, middle, reach), True, 5))
+    return frames
+
+
+def _frame(turn: np.ndarray, centre: np.ndarray, middle: np.ndarray, reach: float) -> np.ndarray:
+    place = middle + centre * reach
+    return np.column_stack([turn, -turn @ place])

@@ -62,7 +62,7 @@ def _unite(levels: np.ndarray, area: ShadedArea, groups: list[_Group]) -> None:
     """Adds an area to the group with which it shares a gradient, or as a group of its own."""
     part = Part(levels, area.patch)
     own = _Group(area.shade, [part], area.patch.grown(GAP, levels.shape))
-    for k in _likely(groups, own)[:MOST_UNIONS]:
+    for k in _promising(groups, own)[:MOST_UNIONS]:
         group = groups[k]
         one = _one([*group.members, part], [group.shade, area.shade])
         if one is not None:
@@ -71,7 +71,7 @@ def _unite(levels: np.ndarray, area: ShadedArea, groups: list[_Group]) -> None:
     groups.append(own)
 
 
-def _likely(groups: list[_Group], own: _Group) -> list[int]:
+def _promising(groups: list[_Group], own: _Group) -> list[int]:
     """The numbers of groups that may share a gradient with another one of a single part, the likeliest first."""
     if not groups:
         return []

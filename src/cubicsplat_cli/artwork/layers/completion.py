@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.geometry.outlines import (
     Outline,
     Rectangle,
@@ -29,6 +28,7 @@ from cubicsplat_cli.artwork.layers.ways import Completion, HiddenLoop, sides_mee
 from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_outlines
 from cubicsplat_cli.artwork.tracing.primitives import dot_of
 from cubicsplat_cli.raster import ndimage
+from cubicsplat_cli.raster.outlines import fewer_points
 from cubicsplat_cli.records import dataclass
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.

@@ -11,10 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.layers.ends import End
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.raster.outlines import Hiding, fewest_links
+from cubicsplat_cli.raster.outlines import Hiding, fewer_points, fewest_links
 from cubicsplat_cli.records import dataclass
 
 RAY = np.array([2.5, 4.0, 6.0, 9.0, 13.0, 18.0, 25.0, 35.0])  # px along a tangent at which a corner is tried

@@ -24,13 +24,11 @@ class Run:
 
 @dataclass(frozen=True)
 class Borders:
-    """runs: all of them. ends: (runs, 2) the vertices at which they begin and end. loops: how many borders have no
-    node. cycles: of each region (dictionary) its closed borders, each a list of (run, whether along it), with the
-    region on the left of it, y upwards."""
+    """runs: all of them. ends: (runs, 2) the vertices at which they begin and end. cycles: of each region (dictionary)
+    its closed borders, each a list of (run, whether along it), with the region on the left of it, y upwards."""
 
     runs: list[Run]
     ends: np.ndarray
-    loops: int
     cycles: dict[int, list[list[tuple[int, bool]]]]
 
 
@@ -48,7 +46,7 @@ def borders_of(faces: Faces, region: np.ndarray, sources: Sources) -> Borders:
             loops += 1
         runs += found
     ends = np.array([_ends(run, faces) for run in runs], dtype=np.int64).reshape(-1, 2)
-    return Borders(runs, ends, loops, _cycles(faces, region, kept, runs))
+    return Borders(runs, ends, _cycles(faces, region, kept, runs))
 
 
 def _ends(run: Run, faces: Faces) -> tuple[int, int]:

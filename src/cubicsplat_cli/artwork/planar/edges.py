@@ -56,7 +56,7 @@ def _clusters(borders: Borders, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
     name = np.arange(len(faces.vertices))
     gone = np.zeros(len(lengths), dtype=bool)
 
-    def found(v: int) -> int:
+    def root(v: int) -> int:
         while name[v] != v:
             name[v] = name[name[v]]
             v = int(name[v])
@@ -65,11 +65,11 @@ def _clusters(borders: Borders, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
     for number in np.argsort(lengths, kind="stable").tolist():
         if lengths[number] >= SHORT:
             break
-        a, b = (found(int(v)) for v in borders.ends[number])
+        a, b = (root(int(v)) for v in borders.ends[number])
         # What would leave nothing of a small region stays.
         gone[number] = a != b
         name[max(a, b)] = min(a, b)
-    return np.array([found(v) for v in range(len(name))]), gone
+    return np.array([root(v) for v in range(len(name))]), gone
 
 
 def _place(node: int, ends: list[tuple[int, int]], borders: Borders, faces: Faces, sources: Sources) -> np.ndarray:

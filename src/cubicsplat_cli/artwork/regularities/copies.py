@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
-from cubicsplat_cli.artwork.geometry.ways import RigidTransform
+from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
 from cubicsplat_cli.artwork.regularities.turned import LENGTH_OFF, Turn, Walk, evenly, turned_onto
 from cubicsplat_cli.records import dataclass
@@ -24,10 +24,10 @@ FLIPS = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))  # as it is, mirror
 
 @dataclass(frozen=True)
 class Copy:
-    """That an outline is like another one. model: its number; way: how it comes to lie where it does."""
+    """That an outline is like another one. model: its number; transform: how it comes to lie where it does."""
 
     model: int
-    way: RigidTransform
+    transform: RigidTransform
 
 
 def found_copies(
@@ -55,30 +55,30 @@ def found_copies(
         full = np.abs(areas - areas[place[k]]) <= AREA_OFF * walks[k].length + LEAST_AREA_OFF
         sized &= full | ~(whole & track.whole)
         able = islice((m for m in first if sized[place[m]]), MOST_MODELS)
-        ways = ((m, _way(tracks[m], track, step, mirrors)) for m in able)
-        found = next(((m, way) for m, way in ways if way is not None), None)
+        transforms = ((m, _transform(tracks[m], track, step, mirrors)) for m in able)
+        found = next(((m, each) for m, each in transforms if each is not None), None)
         if found is not None:
             level[k] = Copy(*found)
             continue
         first.append(k)
         able = islice((m for m in turns if abs(walks[m].length - walks[k].length) <= LENGTH_OFF), MOST_MODELS)
-        told = walks[k].tells(numbers[k], pairs)
+        told = walks[k].is_certain(numbers[k], pairs)
         turned = ((m, turned_onto(tracks[m], walks[m], track, walks[k])) for m in (able if told else ()))
-        way_round = next(((m, turn) for m, turn in turned if turn is not None), None)
-        if way_round is None:
+        rotated = next(((m, turn) for m, turn in turned if turn is not None), None)
+        if rotated is None:
             turns[k] = {}
         else:
-            turns[way_round[0]][k] = way_round[1]
+            turns[rotated[0]][k] = rotated[1]
     copies: dict[int, Copy] = {}
     for model, own in turns.items():
-        copies |= {k: Copy(model, way) for k, way in zip(own, evenly(list(own.values()), step), strict=True)}
+        copies |= {k: Copy(model, each) for k, each in zip(own, evenly(list(own.values()), step), strict=True)}
     for k, copy in level.items():
         between = copies.get(copy.model)
-        copies[k] = copy if between is None else Copy(between.model, copy.way.after(between.way))
+        copies[k] = copy if between is None else Copy(between.model, copy.transform.after(between.transform))
     return copies
 
 
-def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) -> RigidTransform | None:
+def _transform(model: Track, track: Track, step: float, mirrors: tuple[float, float]) -> RigidTransform | None:
     """The transform that takes a model to an outline; None where they are not alike."""
     (low, high), (start, end) = model.extent, track.extent
     if min(len(model.seen), len(track.seen)) < 8:
@@ -86,7 +86,7 @@ def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) 
     for flip in FLIPS:
         signs = np.array(flip)
         shift = 0.5 * (start + end) - 0.5 * signs * (low + high)
-        settled = _settled(model, track, signs, shift)
+        settled = _fitted(model, track, signs, shift)
         if settled is not None:
             shift, error = settled
             for c in (0, 1):
@@ -97,7 +97,7 @@ def _way(model: Track, track: Track, step: float, mirrors: tuple[float, float]) 
     return None
 
 
-def _settled(model: Track, track: Track, signs: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def _fitted(model: Track, track: Track, signs: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """The shift (2,) with which the model lies nearest to an outline, and its standard errors (2,) px; None where it
     lies not near enough."""
     most = ASTRAY if model.whole and track.whole else LARGEST

@@ -9,8 +9,7 @@ import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA, Visibility
 from cubicsplat_cli.artwork.geometry.outlines import Ring
-from cubicsplat_cli.artwork.regularities.tied import TiedRing
-from cubicsplat_cli.artwork.regularities.ties import null_basis
+from cubicsplat_cli.artwork.regularities.ties import TiedRing, null_basis
 from cubicsplat_cli.records import dataclass
 
 # Degrees of the lines that are sought together; level and upright ones are told where outlines are traced.

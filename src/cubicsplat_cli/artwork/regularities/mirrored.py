@@ -8,8 +8,7 @@ from cubicsplat_cli.artwork.finish.edits import divided
 from cubicsplat_cli.artwork.finish.parameters import Constraints, ring_pieces
 from cubicsplat_cli.artwork.geometry.beziers import points_at
 from cubicsplat_cli.artwork.geometry.outlines import Ring
-from cubicsplat_cli.artwork.regularities.tied import TiedRing
-from cubicsplat_cli.artwork.regularities.ties import Tie, tie_matrix
+from cubicsplat_cli.artwork.regularities.ties import Tie, TiedRing, tie_matrix
 from cubicsplat_cli.artwork.tracing.variables import Numbering
 from cubicsplat_cli.records import dataclass
 

@@ -30,17 +30,17 @@ from cubicsplat_cli.artwork.finish.parameters import (
 from cubicsplat_cli.artwork.geometry.fine import fine_ring
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Ring
 from cubicsplat_cli.artwork.geometry.steps import suggested_precision
-from cubicsplat_cli.artwork.regularities.alike import FARTHEST, SYSTEMATIC, Track
-from cubicsplat_cli.artwork.regularities.axes import found_axes, is_box
+from cubicsplat_cli.artwork.regularities.alike import FARTHEST, MEAN, SIGMAS, SYSTEMATIC, Symmetry, Track, symmetry_of
 from cubicsplat_cli.artwork.regularities.copies import found_copies
 from cubicsplat_cli.artwork.regularities.directions import directed, found_slopes, has_diagonal
 from cubicsplat_cli.artwork.regularities.grid import on_grid
 from cubicsplat_cli.artwork.regularities.mirrored import Axis, MirroredRing, mirrored_parameters, mirrored_rings
 from cubicsplat_cli.artwork.regularities.rotational import rotated
-from cubicsplat_cli.artwork.regularities.tied import TiedRing, tied_ring
+from cubicsplat_cli.artwork.regularities.ties import TiedRing, tied_ring
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster.stack import Goal
 
+LEVEL = 1e-9  # px, of a line along an axis
 ROUNDS, AFTER_REFUSALS = 6, 2
 EXACT = 1e-6  # px
 TINY = 1e-12
@@ -76,7 +76,7 @@ def with_circles(state: State, goal: Goal, constraints: Constraints, detail: flo
         one = parameters.outline()
         if isinstance(one, Ellipse) and abs(one.rx - one.ry) <= 2.0 * FARTHEST:
             tied[k] = parametrised(Circle(one.cx, one.cy, 0.5 * (one.rx + one.ry)), constraints)
-    return _settled(state, tied, goal, detail, error)
+    return _tied(state, tied, goal, detail, error)
 
 
 def with_symmetries(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
@@ -84,10 +84,10 @@ def with_symmetries(state: State, goal: Goal, constraints: Constraints, detail: 
     outlines = state.outlines
     rings = {k: ring for k, o in enumerate(outlines) if isinstance(ring := o.outline(), Ring)}
     shown = {k: (ring, Visibility.of(state, k)) for k, ring in rings.items()}
-    axes = found_axes(shown, (constraints.width, constraints.height))
+    axes = _found_axes(shown, (constraints.width, constraints.height))
     mirrored = {k: _mirrored(rings[k], axis, constraints) for k, axis in axes.items()}
     tied = {k: parameters for k, parameters in mirrored.items() if parameters is not None}
-    return _settled(state, tied, goal, detail, error)
+    return _tied(state, tied, goal, detail, error)
 
 
 def _mirrored(ring: Ring, axis: Axis, constraints: Constraints) -> TiedRing | None:
@@ -111,7 +111,7 @@ def with_directions(state: State, goal: Goal, detail: float, error: float) -> St
     rings = {k: ring for k in free if isinstance(ring := free[k].outline(), Ring)}
     slopes = found_slopes({k: (ring, Visibility.of(state, k)) for k, ring in rings.items()})
     tied = {k: one for k, own in slopes.items() if (one := directed(free[k], own)) is not None}
-    return _settled(state, tied, goal, detail, error)
+    return _tied(state, tied, goal, detail, error)
 
 
 def with_copies(state: State, goal: Goal, constraints: Constraints, detail: float, error: float) -> State:
@@ -130,8 +130,8 @@ def with_copies(state: State, goal: Goal, constraints: Constraints, detail: floa
     order = sorted(tracks, key=lambda k: (outlines[k].jacobian.shape[1], k))
     numbers = {k: outlines[k].jacobian.shape[1] for k in order}
     copies = found_copies({k: tracks[k] for k in order}, numbers, 10.0 ** -suggested_precision(*size), size)
-    tied = {k: CopyParameters(outlines[copy.model], copy.way, copy.model) for k, copy in copies.items()}
-    return _settled(state, tied, goal, detail, error)
+    tied = {k: CopyParameters(outlines[copy.model], copy.transform, copy.model) for k, copy in copies.items()}
+    return _tied(state, tied, goal, detail, error)
 
 
 def with_rotations(state: State, goal: Goal, detail: float, error: float) -> State:
@@ -140,11 +140,11 @@ def with_rotations(state: State, goal: Goal, detail: float, error: float) -> Sta
     tied: dict[int, Parameters] = {}
     for k, parameters in enumerate(outlines):
         ring = parameters.outline()
-        if isinstance(parameters, RingParameters | TiedRing) and isinstance(ring, Ring) and not is_box(ring):
+        if isinstance(parameters, RingParameters | TiedRing) and isinstance(ring, Ring) and not _is_box(ring):
             found = rotated(parameters, Track.of(ring, Visibility.of(state, k)))
             tied |= {k: found} if found is not None else {}
     tied |= _followers(outlines, tied)
-    return _settled(state, tied, goal, detail, error)
+    return _tied(state, tied, goal, detail, error)
 
 
 def _followers(outlines: list[Parameters], models: Mapping[int, Parameters]) -> dict[int, Parameters]:
@@ -153,7 +153,7 @@ def _followers(outlines: list[Parameters], models: Mapping[int, Parameters]) -> 
     return {k: copy.following(models[copy.source]) for k, copy in copies.items()}
 
 
-def _settled(state: State, tied: Mapping[int, Parameters], goal: Goal, detail: float, error: float) -> State:
+def _tied(state: State, tied: Mapping[int, Parameters], goal: Goal, detail: float, error: float) -> State:
     """The state with some outlines tied, less those that cost more than they save: of a model and its copies, where
     these do together, first the copies that do, and then all that are left."""
     if not tied:
@@ -228,3 +228,50 @@ def _with(state: State, tied: Mapping[int, Parameters]) -> State:
         layers.append(layer_of(layer.shape, layer.fill, outlines))
         number += len(layer.outlines)
     return state.with_layers(layers)
+
+
+def _found_axes(rings: dict[int, tuple[Ring, Visibility]], size: tuple[int, int]) -> dict[int, Axis]:
+    """Of rings by number the axes of those that are their own mirror images, on half steps of the file's grid; size:
+    px of the canvas."""
+    found: dict[int, Symmetry] = {}
+    for k, (ring, visibility) in rings.items():
+        if _is_box(ring):
+            continue
+        track = Track.of(ring, visibility)
+        symmetries = [s for across in (0, 1) if (s := symmetry_of(track, across)) is not None]
+        good = [s for s in symmetries if s.most < FARTHEST and s.mean < MEAN]
+        if good:
+            found[k] = min(good, key=lambda s: s.mean)
+    half_step = 0.5 * 10.0 ** -suggested_precision(*size)
+    axes: dict[int, Axis] = {}
+    for across in (0, 1):
+        own = {k: s for k, s in found.items() if s.axis.across == across}
+        axes |= {
+            k: Axis(across, half_step * round(at / half_step)) for k, at in _shared(own, 0.5 * size[across]).items()
+        }
+    return axes
+
+
+def _is_box(ring: Ring) -> bool:
+    """Whether a ring has nothing but level and upright lines that a box has too, which are mirror images anyway."""
+    steps = np.abs(np.roll(ring.anchors, -1, axis=0) - ring.anchors)
+    return ring.pieces <= 4 and bool(ring.lines.all() and (steps < LEVEL).any(axis=1).all())
+
+
+def _shared(found: dict[int, Symmetry], middle: float) -> dict[int, float]:
+    """Places of the axes: the middle of the canvas, or the mean of those that are one, the surest first."""
+    places: dict[int, float] = {}
+    rest = sorted(found, key=lambda k: (found[k].error, k))
+    places |= {k: middle for k in rest if _within(found[k], middle)}
+    rest = [k for k in rest if k not in places]
+    while rest:
+        first = found[rest[0]].axis.at
+        own = [k for k in rest if _within(found[k], first)]
+        weights = [found[k].error ** -2 for k in own]
+        places |= dict.fromkeys(own, float(np.average([found[k].axis.at for k in own], weights=weights)))
+        rest = [k for k in rest if k not in places]
+    return places
+
+
+def _within(symmetry: Symmetry, at: float) -> bool:
+    return abs(symmetry.axis.at - at) <= SIGMAS * float(np.hypot(symmetry.error, SYSTEMATIC))

@@ -13,10 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.parameters import RingParameters
-from cubicsplat_cli.artwork.geometry.ways import RigidTransform
+from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, TRIES, Track
-from cubicsplat_cli.artwork.regularities.tied import TiedRing
-from cubicsplat_cli.artwork.regularities.ties import LEAST, null_basis
+from cubicsplat_cli.artwork.regularities.ties import LEAST, TiedRing, null_basis
 from cubicsplat_cli.artwork.regularities.turned import NEAR, STEPS, Walk
 from cubicsplat_cli.artwork.tracing.variables import PAIR, Pieces, Variables
 from cubicsplat_cli.raster.sparse import SparseRows
@@ -37,7 +36,7 @@ class Rotation:
     parts: int
     middle: np.ndarray
 
-    def way(self, count: int) -> RigidTransform:
+    def transform(self, count: int) -> RigidTransform:
         """The correspondence by which a ring lies on itself in `count` parts."""
         turn = RigidTransform((1.0, 1.0), (0.0, 0.0), 2.0 * math.pi * count / self.parts)
         x, y = (self.middle - turn.points(self.middle)).tolist()
@@ -61,7 +60,7 @@ def rotated(parameters: RingParameters | TiedRing, track: Track) -> TiedRing | N
         found = None if middle is None else rotational(parameters, Rotation(parts, middle))
         if found is not None:
             saved = parameters.jacobian.shape[1] - found.jacobian.shape[1]
-            return found if walk.tells(saved + 3, MOST_PARTS) else None
+            return found if walk.is_certain(saved + 3, MOST_PARTS) else None
     return None
 
 
@@ -75,12 +74,12 @@ def _middle(track: Track, parts: int, middle: np.ndarray) -> np.ndarray | None:
     """(2,) the middle about which an outline lies nearest to itself by an n-th of a turn; None where it lies not near
     enough. middle: where to begin."""
     for left in reversed(range(TRIES + 1)):
-        way = Rotation(parts, middle).way(1)
-        size, ways = track.off(way.points(track.seen))
+        transform = Rotation(parts, middle).transform(1)
+        size, ways = track.off(transform.points(track.seen))
         if size.max() > LARGEST:
             return None
         if left:
-            rows = ways @ (np.eye(2) - way.matrix).T
+            rows = ways @ (np.eye(2) - transform.matrix).T
             middle = middle - np.linalg.solve(rows.T @ rows + 1e-6 * np.eye(2), rows.T @ size)
     return middle if size.max() <= FARTHEST and np.sqrt((size**2).mean()) <= ROUGHLY else None
 
@@ -136,10 +135,10 @@ def _constraints(v: Variables, rotation: Rotation) -> tuple[np.ndarray, np.ndarr
                 off.append(apart[c])
 
     for count in range(1, n):
-        way, there = rotation.way(count), own + count * len(own)
-        turn = way.matrix
+        transform, there = rotation.transform(count), own + count * len(own)
+        turn = transform.matrix
         first = len(rows)
-        add(p.tied[there], p.tied[own], turn, p.anchors[there] - way.points(p.anchors[own]))
+        add(p.tied[there], p.tied[own], turn, p.anchors[there] - transform.points(p.anchors[own]))
         for row, c in zip(rows[first:], np.tile([0, 1], len(own)), strict=True):
             row[-2:] -= (np.eye(2) - turn)[:, c]
         one = np.eye(1)

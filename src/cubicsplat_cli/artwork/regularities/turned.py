@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.merges import SEEN_SIGMA
-from cubicsplat_cli.artwork.geometry.ways import RigidTransform
+from cubicsplat_cli.artwork.geometry.transforms import RigidTransform
 from cubicsplat_cli.artwork.regularities.alike import FARTHEST, LARGEST, MEAN, SIGMAS, SYSTEMATIC, TRIES, Track
 from cubicsplat_cli.records import dataclass
 
@@ -68,7 +68,7 @@ class Walk:
         """Px^2 within the steps."""
         return 0.5 * float((np.conj(self.steps) * np.roll(self.steps, -1)).imag.sum())
 
-    def tells(self, numbers: int, pairs: float) -> bool:
+    def is_certain(self, numbers: int, pairs: float) -> bool:
         """Whether an outline of so many variables is unlikely to be like another in one of so many pairs by chance: a
         turn and a shift say three of them, each other is right by chance for the farthest it may be off over the size.
         """
@@ -78,8 +78,8 @@ class Walk:
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """A way by a turn. signs, angle: as in `Way`; pivot, at: (2,) px, the middle of the model and where it comes to
-    lie; errors: standard errors of the angle, radians, and of that place, px."""
+    """A transform by a turn. signs, angle: as in `RigidTransform`; pivot, at: (2,) px, the middle of the model and
+    where it comes to lie; errors: standard errors of the angle, radians, and of that place, px."""
 
     signs: tuple[float, float]
     angle: float
@@ -88,8 +88,8 @@ class Turn:
     errors: tuple[float, float]
 
     @property
-    def way(self) -> RigidTransform:
-        """The way itself."""
+    def transform(self) -> RigidTransform:
+        """The transform itself."""
         x, y = (self.at - RigidTransform(self.signs, (0.0, 0.0), self.angle).points(self.pivot)).tolist()
         return RigidTransform(self.signs, (x, y), self.angle)
 
@@ -111,13 +111,13 @@ def turned_onto(model: Track, own: Walk, track: Track, walk: Walk) -> Turn | Non
         # Of the turns that a star or a cross leaves the choice between, the smallest.
         angles = np.angle(match[off <= off.min() + ALIKE**2])
         angle = float(angles[int(np.abs(angles).argmin())])
-        found = _settled(model, own.middle, track, (1.0, -1.0 if mirrored else 1.0), angle, walk.middle)
+        found = _fitted(model, own.middle, track, (1.0, -1.0 if mirrored else 1.0), angle, walk.middle)
         if found is not None:
             return found
     return None
 
 
-def _settled(
+def _fitted(
     model: Track, middle: complex, track: Track, signs: tuple[float, float], angle: float, onto: complex
 ) -> Turn | None:
     """The turn with which the model lies nearest to an outline; None where it lies not near enough. onto: where the
@@ -150,29 +150,29 @@ def _settled(
 
 
 def evenly(turns: Sequence[Turn], step: float) -> list[RigidTransform]:
-    """The ways of the turns of one model: around a middle that they share, by whole parts of a turn, where they are so
-    within their errors; by whole quarters of a turn otherwise where they are that. step: of the file's grid, px.
+    """The transforms of the turns of one model: around a middle that they share, by whole parts of a turn, where they
+    are so within their errors; by whole quarters of a turn otherwise where they are that. step: of the file's grid, px.
     """
-    ways = [_level(turn, step) for turn in turns]
+    transforms = [_level(turn, step) for turn in turns]
     own = [i for i, turn in enumerate(turns) if turn.signs[0] == turn.signs[1]]
     found = _around([turns[i] for i in own], step) if len(own) >= FEWEST_AROUND else None
-    for i, way in zip(own, found or [], strict=False):
-        ways[i] = way
-    return ways
+    for i, transform in zip(own, found or [], strict=False):
+        transforms[i] = transform
+    return transforms
 
 
 def _level(turn: Turn, step: float) -> RigidTransform:
-    """The way of a turn, by quarters on whole steps where that is within its errors."""
+    """The transform of a turn, by quarters on whole steps where that is within its errors."""
     quarter = 0.5 * math.pi * round(turn.angle / (0.5 * math.pi))
     if not turn.near(quarter):
-        return turn.way
-    way = replace(turn, angle=quarter).way
-    x, y = (round(s / step) * step for s in way.shift)
-    return replace(way, shift=(x, y))
+        return turn.transform
+    transform = replace(turn, angle=quarter).transform
+    x, y = (round(s / step) * step for s in transform.shift)
+    return replace(transform, shift=(x, y))
 
 
 def _around(turns: Sequence[Turn], step: float) -> list[RigidTransform] | None:
-    """The ways around one middle by whole parts of a turn; None where some is not so within its errors."""
+    """The transforms around one middle by whole parts of a turn; None where some is not so within its errors."""
     for parts in range(2, MOST_PARTS + 1):
         part = 2.0 * math.pi / parts
         angles = [part * round(turn.angle / part) for turn in turns]
@@ -181,14 +181,14 @@ def _around(turns: Sequence[Turn], step: float) -> list[RigidTransform] | None:
     else:
         return None
     exact = [replace(turn, angle=angle) for turn, angle in zip(turns, angles, strict=True)]
-    middles = np.array([np.linalg.solve((np.eye(2) - t.way.matrix).T, t.way.shift) for t in exact])
+    middles = np.array([np.linalg.solve((np.eye(2) - t.transform.matrix).T, t.transform.shift) for t in exact])
     errors = np.array([t.errors[1] / (2.0 * abs(math.sin(0.5 * t.angle))) for t in exact])
     middle = np.average(middles, axis=0, weights=errors**-2)
     middle = np.rint(middle / (0.5 * step)) * (0.5 * step)
     if (np.abs(middles - middle).max(axis=1) > SIGMAS * errors).any():
         return None
-    ways = []
+    transforms = []
     for turn in exact:
-        x, y = (middle - middle @ turn.way.matrix).tolist()
-        ways.append(RigidTransform(turn.signs, (x, y), turn.angle))
-    return ways
+        x, y = (middle - middle @ turn.transform.matrix).tolist()
+        transforms.append(RigidTransform(turn.signs, (x, y), turn.angle))
+    return transforms

@@ -76,7 +76,7 @@ class _Change:
 
 
 @dataclass(frozen=True)
-class _Way:
+class _Explanation:
     """New shapes that explain an area, and what they change. fall: of half of the misfit of the area."""
 
     shapes: list[Placed]
@@ -107,7 +107,7 @@ class _Trials:
         if len(found) > MOST_TRIED:
             _log.warning("%d areas differ from the picture: only the %d largest are tried", len(found), MOST_TRIED)
             found = found[:MOST_TRIED]
-        ways = self._ways(found)
+        ways = self._explanations(found)
         new = sorted((each for some in ways for each in self._shortest(some)), key=lambda each: each.beneath)
         if new:
             _, changes, _ = self._tried(new, 0)
@@ -117,14 +117,14 @@ class _Trials:
         layers = _stacked(self.still, [self._still(each.shape) for each in new], new)
         return replace(self.drawing, shapes=tuple(layer.shape for layer in layers))
 
-    def _ways(self, found: list[Area]) -> list[list[_Way]]:
+    def _explanations(self, found: list[Area]) -> list[list[_Explanation]]:
         """The ways to explain each area, the first ones of all areas tried together, and so on."""
         canvas = Canvas(self.drawing, self.before.stack)
         proposed: list[list[list[Placed]]] = []
         for area in found:
             work().at()
             proposed.append(list(proposals(area, self.picture, self.painted, canvas, self.detail)))
-        out: list[list[_Way]] = [[] for _ in found]
+        out: list[list[_Explanation]] = [[] for _ in found]
         for number in range(max(map(len, proposed), default=0)):
             some = [(k, each) for k, ways in enumerate(proposed) if number < len(ways) for each in ways[number]]
             some = sorted(self._affordable(some, out), key=lambda pair: pair[1].beneath)
@@ -135,10 +135,10 @@ class _Trials:
                 own = [i for i, (area, _) in enumerate(some) if area == k]
                 around = ndimage.binary_dilation(found[k].where, SQUARE, MARGIN)
                 fall = float(falls[found[k].rows, found[k].columns][around].sum())
-                out[k].append(_Way([new[i] for i in own], [changes[i] for i in own], fall))
+                out[k].append(_Explanation([new[i] for i in own], [changes[i] for i in own], fall))
         return out
 
-    def _affordable(self, some: list[tuple[int, Placed]], known: list[list[_Way]]) -> list[tuple[int, Placed]]:
+    def _affordable(self, some: list[tuple[int, Placed]], known: list[list[_Explanation]]) -> list[tuple[int, Placed]]:
         """The new shapes, each with the number of its area, that may pay for themselves: where they explained all that
         they change, and shared what several of them do. None in areas of which a way is known that shortens the
         description more than all of them would.
@@ -184,7 +184,7 @@ class _Trials:
         """Nats by which a shape shortens the description, where a pixel has so much misfit by chance."""
         return self.detail * change.fall / floor - change.price
 
-    def _shortest(self, ways: list[_Way]) -> list[Placed]:
+    def _shortest(self, ways: list[_Explanation]) -> list[Placed]:
         """The shapes of the way that shortens the description most, less those that do not; none where none does."""
         floor, most, best = _floor_of(ways), 0.0, list[Placed]()
         for way in ways:
@@ -193,7 +193,7 @@ class _Trials:
                 most, best = total, good
         return best
 
-    def _gain(self, way: _Way, floor: float) -> tuple[float, list[Placed]]:
+    def _gain(self, way: _Explanation, floor: float) -> tuple[float, list[Placed]]:
         """Nats by which a way shortens the description, and its shapes that do."""
         good = [k for k, change in enumerate(way.changes) if self._net(change, floor) > 0.0]
         new = {way.shapes[k].shape.fill for k in good} - {shape.fill for shape in self.drawing.shapes}
@@ -219,7 +219,7 @@ def _floor(changes: list[_Change]) -> float:
     return float(np.average([change.floor for change in changes], weights=falls)) if changes else UNSEEN
 
 
-def _floor_of(ways: list[_Way]) -> float:
+def _floor_of(ways: list[_Explanation]) -> float:
     """That by which ways are compared."""
     return max((_floor(way.changes) for way in ways), default=UNSEEN)
 

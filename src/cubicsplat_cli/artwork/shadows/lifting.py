@@ -15,7 +15,7 @@ from cubicsplat_cli.artwork.gradients.parts import BEND, smooth_parts
 from cubicsplat_cli.artwork.names import shape_name
 from cubicsplat_cli.artwork.regions.fills import SAME, eight_bit
 from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground
-from cubicsplat_cli.artwork.shadows.found import CLOSE, Shadow, Shares, falls_on, shadow_of
+from cubicsplat_cli.artwork.shadows.shadow import CLOSE, Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.records import dataclass
@@ -60,7 +60,7 @@ def lifted(levels: np.ndarray) -> Lifted:
     grounds = _all_grounds(levels, parts, shadow, shares)
     owner = _owner(levels, shadow, shares, grounds)
     cards = _like_ground(levels, parts, shadow, grounds)
-    stands = _stand_ins(levels, [fill for fill, _ in cards])
+    stands = _placeholders(levels, [fill for fill, _ in cards])
     colours = [_shaded_fill(ground.fill, shadow.shaded.colour, shares.on(ground.mask)) for ground in grounds]
     colours += [_constant(fill) for fill, _ in cards]
     total = len(colours)
@@ -164,7 +164,7 @@ def _like_ground(
     return out
 
 
-def _stand_ins(levels: np.ndarray, fills: list[np.ndarray]) -> list[np.ndarray]:
+def _placeholders(levels: np.ndarray, fills: list[np.ndarray]) -> list[np.ndarray]:
     """For each fill (4,) one near it that nothing in the picture has."""
     colours, counts = np.unique(
         np.rint(levels.reshape(-1, 4)[:: max(levels[..., 0].size // 100_000, 1)]), axis=0, return_counts=True

@@ -9,8 +9,8 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.coverage import coverage
 from cubicsplat_cli.artwork.shadows.blurred import reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import SQUARE
-from cubicsplat_cli.artwork.shadows.found import Cast
 from cubicsplat_cli.artwork.shadows.lifting import Lifted
+from cubicsplat_cli.artwork.shadows.shadow import Cast
 from cubicsplat_cli.artwork.shadows.slices import Cut, sliced
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.raster import ndimage

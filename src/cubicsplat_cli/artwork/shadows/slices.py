@@ -14,7 +14,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Ellipse, Outline, Rectangle
 from cubicsplat_cli.artwork.gradients.shade import gradient_of
 from cubicsplat_cli.artwork.gradients.shades import shade_of
 from cubicsplat_cli.artwork.shadows.boxes import Box
-from cubicsplat_cli.artwork.shadows.found import Cast
+from cubicsplat_cli.artwork.shadows.shadow import Cast
 from cubicsplat_cli.artwork.shapes import Shape
 from cubicsplat_cli.raster.shades import Pixels
 from cubicsplat_cli.records import dataclass

@@ -10,10 +10,9 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Outline
 from cubicsplat_cli.artwork.geometry.stroke import Chain, line_chain
 from cubicsplat_cli.artwork.tracing.fitting import fit_outline, parameter_price
-from cubicsplat_cli.artwork.tracing.refine import feet_of, refine
-from cubicsplat_cli.artwork.tracing.smoothing import arc_lengths, local_fits
-from cubicsplat_cli.artwork.tracing.variables import Pieces
+from cubicsplat_cli.artwork.tracing.variables import Pieces, feet_of, refine
 from cubicsplat_cli.raster.cubics import Division, divided_run
+from cubicsplat_cli.raster.outlines import parabolas
 
 SIGMA = 0.05  # px, of a point of the centre line
 CORNER = math.radians(20.0)  # a bend in a gap of the points from which it is a corner
@@ -21,6 +20,7 @@ FLANK = 8  # points on either side of a gap that tell its direction
 END_ERRORS = (0.05, 0.05)  # px and radians
 FEWEST = 6  # points
 LEAST_LENGTH = 1e-6  # px, of a run of points that has a direction
+HALF_WINDOWS = (2, 4, 7, 12, 20)  # points, of local fits
 
 
 def closed_line(points: np.ndarray, detail: float, slack: float = 0.0) -> Outline:
@@ -50,13 +50,34 @@ def open_line(points: np.ndarray, corners: np.ndarray, detail: float, slack: flo
 
 def _between_corners(points: np.ndarray, price: float, slack: float) -> Chain:
     weights = np.full(len(points), 1.0 / (SIGMA**2 + slack**2))
-    fits = local_fits(points, weights, closed=False)
-    ends, tangents = points[[0, -1]], fits.tangents[[0, -1]]
-    local = fits.positions, fits.tangents, fits.curvature, fits.errors
+    local = _local_fits(points, weights)
+    ends, tangents = points[[0, -1]], local[1][[0, -1]]
     division, _ = divided_run(local, weights, (ends, tangents, np.array([END_ERRORS, END_ERRORS])), price)
     pieces, _, _ = refine(_pieces(division, ends), points, weights, feet_of(division))
     cubics = pieces.cubics
     return Chain(pieces.anchors, cubics[:, 1:3].copy(), pieces.lines.copy(), pieces.smooth.copy())
+
+
+def _local_fits(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of points (n, 2) px, n >= 3, with weights (n,) 1/px^2: where the line is (n, 2), px, its unit tangents (n, 2) and
+    curvature (n,), 1/px, and standard errors (n, 2), px across it and radians.
+
+    Each point gets a parabola in arc length over a window of its neighbours, which grows while the parabola still
+    explains them: straight stretches average many points and tight bends few (Lepski's choice of a bandwidth).
+    """
+    # Mean squared residuals, in sigmas, up to which fits of so many degrees of freedom are believed.
+    kinds = [(half, 1.0 + 2.0 * math.sqrt(2.0 / (2 * half - 2))) for half in HALF_WINDOWS]
+    terms, errors, _ = parabolas(points, weights, _arc_lengths(points), kinds)
+    positions, first, second = terms[:, 0], terms[:, 1], 2.0 * terms[:, 2]
+    speed = np.maximum(np.hypot(*first.T), 1e-9)
+    curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
+    return positions, first / speed[:, None], curvature, errors
+
+
+def _arc_lengths(points: np.ndarray) -> np.ndarray:
+    """(n,) length of the polyline up to each point, in px."""
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _pieces(division: Division, ends: np.ndarray) -> Pieces:
@@ -122,7 +143,7 @@ def _flank(points: np.ndarray, gaps: np.ndarray, start: int, step: int, closed: 
 
 def end_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(2,) the unit tangent at the last of a run of points, and (2,) how it bends there, 1/px; 0 where all are one."""
-    s = arc_lengths(points)
+    s = _arc_lengths(points)
     if s[-1] < LEAST_LENGTH:
         return np.zeros(2), np.zeros(2)
     degree = 2 if len(points) >= 6 and _bent(points) else 1

@@ -76,7 +76,7 @@ def _middle_of_cap(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
     for _ in range(_ROUNDS):
         off = sides.points - place
         distance = np.maximum(np.hypot(*off.T), 1e-9)
-        own = (distance < width) & (off @ tip.way > CAP * distance)
+        own = (distance < width) & (off @ tip.direction > CAP * distance)
         if own.sum() < 3:
             return tip.place
         out = off[own] / distance[own, None]
@@ -89,7 +89,7 @@ class _Tip:
     """An end of a line: its place, unit tangent and bend, (2,) each."""
 
     place: np.ndarray
-    way: np.ndarray
+    direction: np.ndarray
     bend: np.ndarray
 
     @classmethod
@@ -99,15 +99,15 @@ class _Tip:
 
     def on(self, reach: float) -> _Tip:
         """The end if the line went on by so many px, bending as it does."""
-        way = self.way + reach * self.bend
-        way = way / max(float(np.hypot(*way)), 1e-9)
-        return _Tip(self.place + reach * self.way + 0.5 * reach**2 * self.bend, way, self.bend)
+        direction = self.direction + reach * self.bend
+        direction = direction / max(float(np.hypot(*direction)), 1e-9)
+        return _Tip(self.place + reach * self.direction + 0.5 * reach**2 * self.bend, direction, self.bend)
 
 
 def _reaches(tip: _Tip, width: float, sides: Sides) -> np.ndarray:
     """(3,) how far ahead the outline lies in the middle, and beside it to the left and to the right."""
     off = sides.points - tip.place
-    along, across = off @ tip.way, off @ np.array([-tip.way[1], tip.way[0]])
+    along, across = off @ tip.direction, off @ np.array([-tip.direction[1], tip.direction[0]])
     found = []
     for side in (0.0, -BESIDE * width, BESIDE * width):
         near = (np.abs(across - side) < SLIT) & (along > -0.2 * width) & (along < 2.0 * width)
@@ -121,9 +121,9 @@ def _to_middle(tip: _Tip, width: float, beside: float, sides: Sides) -> float:
     off = sides.points - tip.place
     off = off[np.hypot(*off.T) < 2.0 * (width + beside)]
     for reach in np.arange(0.0, width + beside, max(0.02 * width, 0.1)):
-        rest = off - reach * tip.way
+        rest = off - reach * tip.direction
         distance = np.hypot(*rest.T)
-        ahead = rest @ tip.way > AHEAD * distance
+        ahead = rest @ tip.direction > AHEAD * distance
         if ahead.any() and distance[ahead].min() <= 0.5 * beside:
             return float(reach)
     return 0.0

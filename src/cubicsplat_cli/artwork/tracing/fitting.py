@@ -19,16 +19,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cubicsplat_cli.artwork.geometry.fewer import fewer_points
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring, polygon
 from cubicsplat_cli.artwork.tracing.primitives import primitive_of
-from cubicsplat_cli.artwork.tracing.smoothing import HIDDEN_SIGMA
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster.contours import FittedContour, fitted_contours
+from cubicsplat_cli.raster.outlines import fewer_points
 
 PRECISION = 0.05  # px, to which a coordinate is worth knowing
 PRICE = 0.5  # a piece too many is easier to take out, once drawn exactly, than one too few to put in
 FINEST_SIGMA = 0.02  # px: what is systematic in the points is never below this
+HIDDEN_SIGMA = 3.0  # px: a point of a larger standard error tells nothing, it is hidden or unknown
 TOLERANCE = 0.3  # px that lines are off the points where nothing else can be said of them
 PLAIN_MISFIT = 1.2  # mean squared residual of a primitive, in sigmas, at which nothing else need be tried
 

@@ -5,14 +5,16 @@ Which there are follows from what its joints are, and how its control points mov
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from cubicsplat_cli.raster.cubics import Joints, moved_outline, outline_cubics, outline_jacobian
+from cubicsplat_cli.raster.cubics import Division, Joints, moved_outline, outline_cubics, outline_jacobian, refined
 from cubicsplat_cli.raster.sparse import SparseRows
 from cubicsplat_cli.records import dataclass
 
+ROUNDS = 8
 PAIR = np.array([0, 1])
 
 
@@ -133,3 +135,33 @@ class Variables:
 
 def _norm(vectors: np.ndarray) -> np.ndarray:
     return np.maximum(np.hypot(*vectors.T), 1e-12)[:, None]
+
+
+@dataclass(frozen=True)
+class Feet:
+    """The places of n points: piece (n,) int and parameter (n,) in [0, 1]."""
+
+    piece: np.ndarray
+    u: np.ndarray
+
+
+def feet_of(division: Division) -> Feet:
+    """First parameters of the points of a division: evenly along its pieces."""
+    sizes = division.sizes
+    piece = np.repeat(np.arange(len(sizes)), sizes)
+    place = np.arange(len(piece)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return Feet(piece, (place + 0.5) / sizes[piece])
+
+
+def refine(
+    pieces: Pieces, points: np.ndarray, weights: np.ndarray, feet: Feet, rounds: int = ROUNDS
+) -> tuple[Pieces, Feet, float]:
+    """The pieces nearest to the points, their feet, and chi^2 (with Huber's tails).
+
+    points: (n, 2) px; weights: (n,) 1/px^2.
+    """
+    outline = (pieces.anchors, pieces.incoming, pieces.outgoing)
+    (anchors, incoming, outgoing), (piece, u), chi = refined(
+        pieces.joints, outline, points, weights, (feet.piece, feet.u), rounds
+    )
+    return replace(pieces, anchors=anchors, incoming=incoming, outgoing=outgoing), Feet(piece, u), chi

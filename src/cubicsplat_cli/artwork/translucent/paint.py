@@ -20,10 +20,9 @@ _OPACITIES = np.arange(5, 251)  # of 8 bits: 0.02 to 0.98
 
 @dataclass(frozen=True)
 class Paint:
-    """fill: sRGB and opacity, 8 bits each. misfit: levels that the greatest of all channels is off."""
+    """fill: sRGB and opacity, 8 bits each."""
 
     fill: Rgba
-    misfit: float
 
     def over(self, grounds: np.ndarray) -> np.ndarray:
         """(n, 4) premultiplied levels of what it makes of grounds (n, 4)."""
@@ -50,7 +49,7 @@ def paint_of(seen: np.ndarray, grounds: np.ndarray) -> Paint | None:
     if off[k].max() > ROUNDED:
         return None
     r, g, b = (int(v) for v in colours[k])
-    return Paint((r, g, b, int(_OPACITIES[k])), float(off[k].max()))
+    return Paint((r, g, b, int(_OPACITIES[k])))
 
 
 def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Rgba:
@@ -74,7 +73,7 @@ def likeliest(seen: np.ndarray, grounds: np.ndarray) -> Rgba:
             mean = (seen - grounds * (1.0 - opacity / FULL)).mean(axis=0)[:3] * FULL / opacity
             tied = np.where(off == least, np.abs(colours[:, None] - mean), np.inf)
             chosen = [plain[0]] * 3 if plain else tied.argmin(axis=0).tolist()
-            paint = Paint((chosen[0], chosen[1], chosen[2], opacity), 0.0)
+            paint = Paint((chosen[0], chosen[1], chosen[2], opacity))
             misfit = float(((seen - paint.over(grounds)) ** 2).sum())
             whole = abs(opacity - FULL * round(20.0 * opacity / FULL) / 20.0) <= 0.5
             score = (float(least.sum() + clear), not whole, not plain, misfit)

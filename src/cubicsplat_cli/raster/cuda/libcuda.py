@@ -73,7 +73,7 @@ class LibCuda:
             said = name.value.decode() if name.value else f"error {status}"
             raise DeviceError(f"the GPU failed while {doing}: {said}")
 
-    def _asked(self, kind: type[Any], doing: str, function: str, *arguments: object) -> Any:
+    def _value(self, kind: type[Any], doing: str, function: str, *arguments: object) -> Any:
         """The value, of this ctypes type, that a function writes to its first argument."""
         value = kind()
         self._checked(doing, function, byref(value), *arguments)
@@ -81,35 +81,35 @@ class LibCuda:
 
     def driver_version(self) -> int:
         """1000 major + 10 minor of the newest CUDA that the driver supports."""
-        return int(self._asked(c_int, "asking for the driver's version", "cuDriverGetVersion").value)
+        return int(self._value(c_int, "asking for the driver's version", "cuDriverGetVersion").value)
 
     def device(self, index: int) -> int:
         """Handle of the GPU that torch has under this number."""
-        return int(self._asked(c_int, "asking for the device", "cuDeviceGet", index).value)
+        return int(self._value(c_int, "asking for the device", "cuDeviceGet", index).value)
 
     def attribute(self, device: int, attribute: int) -> int:
-        return int(self._asked(c_int, "asking for its properties", "cuDeviceGetAttribute", attribute, device).value)
+        return int(self._value(c_int, "asking for its properties", "cuDeviceGetAttribute", attribute, device).value)
 
     def primary_context(self, device: int) -> c_void_p:
         """The context that torch works in; held for the life of the process."""
-        return self._asked(c_void_p, "sharing torch's context", "cuDevicePrimaryCtxRetain", device)
+        return self._value(c_void_p, "sharing torch's context", "cuDevicePrimaryCtxRetain", device)
 
     def current_context(self) -> int | None:
         """Address of the context that this thread's calls go to."""
-        return self._asked(c_void_p, "asking for the context", "cuCtxGetCurrent").value
+        return self._value(c_void_p, "asking for the context", "cuCtxGetCurrent").value
 
     def push(self, context: c_void_p) -> None:
         self._checked("entering the context", "cuCtxPushCurrent_v2", context)
 
     def pop(self) -> None:
-        self._asked(c_void_p, "leaving the context", "cuCtxPopCurrent_v2")
+        self._value(c_void_p, "leaving the context", "cuCtxPopCurrent_v2")
 
     def load_module(self, code: bytes) -> c_void_p:
         """A module from machine code, or from intermediate code that ends with a zero byte."""
-        return self._asked(c_void_p, "loading the kernels (is the driver too old?)", "cuModuleLoadData", code)
+        return self._value(c_void_p, "loading the kernels (is the driver too old?)", "cuModuleLoadData", code)
 
     def function(self, module: c_void_p, name: str) -> c_void_p:
-        return self._asked(c_void_p, f"looking up the kernel {name}", "cuModuleGetFunction", module, name.encode())
+        return self._value(c_void_p, f"looking up the kernel {name}", "cuModuleGetFunction", module, name.encode())
 
     def carve_out(self, function: c_void_p, percent: int) -> None:
         """Hints how much of a multiprocessor's fast memory a kernel would like as shared memory."""

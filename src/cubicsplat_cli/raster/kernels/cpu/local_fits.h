@@ -1,5 +1,5 @@
 // Parabolas in arc length about every point of a chain: where the boundary is, where it heads and how it bends. What they
-// are for is said in artwork/tracing/smoothing.py.
+// are for is said in artwork/strokes/centre_line.py.
 #pragma once
 
 #include <algorithm>

@@ -201,7 +201,7 @@ class _ShadowSearch:
         """The fewest layers that explain a samples, or those that come nearest; None where one is unlikely."""
         begins = [begun] if begun else [(self._begin(samples, sigma),) for sigma in BEGIN]
         best = _nearest(samples, [*begins, *known])
-        return _more(samples, best, most) if all(map(_likely, best)) else None
+        return _more(samples, best, most) if all(map(_plausible, best)) else None
 
     def _begin(self, samples: ShadowSamples, sigma: float) -> BlurredBox:
         return BlurredBox(0.0, 1.0, -1.0, 0.0, sigma, min(1.5 * float(samples.seen.max()), 0.9))
@@ -227,7 +227,7 @@ def _more(samples: ShadowSamples, best: Layers, most: int) -> Layers:
         last = best[-1]
         weaker = [replace(layer, alpha=0.6 * layer.alpha) for layer in best]
         more = _nearest(samples, [(*weaker, replace(last, sigma=s, alpha=0.4 * last.alpha)) for s in MORE])
-        if not all(map(_likely, more)) or _rough(samples, more) >= _rough(samples, best):
+        if not all(map(_plausible, more)) or _rough(samples, more) >= _rough(samples, best):
             break
         best = more
     return best
@@ -238,7 +238,7 @@ def _nearest(samples: ShadowSamples, begins: list[Layers]) -> Layers:
     few = samples.every(FEW)
     fits = [few.settled(layers) for layers in begins]
     unlikely, _, best = min(
-        ((not all(map(_likely, layers)), left, layers) for layers, left in fits), key=lambda fit: fit[:2]
+        ((not all(map(_plausible, layers)), left, layers) for layers, left in fits), key=lambda fit: fit[:2]
     )
     return best if unlikely or _explained(few, best) < HALFWAY else samples.settled(best)[0]
 
@@ -255,7 +255,7 @@ def _rough(samples: ShadowSamples, layers: Layers) -> float:
     return float(np.sqrt((off * off).mean())) if len(off) else 0.0
 
 
-def _likely(layer: BlurredBox) -> bool:
+def _plausible(layer: BlurredBox) -> bool:
     """Whether a layer is one that people draw: neither moved far nor much smaller or larger than what casts it."""
     moved = float(np.hypot(layer.dx, layer.dy))
     return moved <= MOST_MOVED and abs(layer.grown) <= MOST_GROWN + 0.5 * layer.sigma

@@ -1,0 +1,212 @@
+"""Files for other programs, as the commands and the library write them beside SVGs."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from cli_runs import SHORT
+from conftest import smooth_pixels
+from PIL import Image
+from test_evaluate_untrusted import foreign
+from test_export import RECTANGLE, skip_without_ezdxf, svg_of
+
+import cubicsplat_cli as cubicsplat
+from cubicsplat_cli.errors import UsageError
+from cubicsplat_cli.files.marks import sha256_of
+from cubicsplat_cli.files.paths import EXPORTS, is_ours
+
+
+def test_imports_of_the_exports_never_run_back():
+    source = Path(cubicsplat.__file__).parent
+    importers, imported = set(), set()
+    for path in source.rglob("*.py"):
+        names = re.findall(r"from cubicsplat_cli\.(\w+)", path.read_text(encoding="utf-8"))
+        folder = path.relative_to(source).parts[0]
+        importers |= {folder} if "export" in names else set()
+        imported |= set(names) if folder == "export" else set()
+    assert importers == {"export", "pipeline", "jobs", "cli"}
+    assert imported - {"artwork", "errors", "evaluate", "export", "files", "formatting", "scene", "svg"} == {
+        "_version", "options", "progress", "request", "settings",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("form", EXPORTS)
+def test_hostile_files_are_refused_or_harmless_in_every_format(form, tmp_path, run_cli):
+    if form == "dxf":
+        skip_without_ezdxf()
+    uses = "".join('<g id="a{}">{}</g>'.format(i, 9 * f'<use href="#a{i - 1}"/>') for i in range(1, 9))
+    refused = {
+        "entity": foreign("", '<!DOCTYPE svg [<!ENTITY a "b">]>'),
+        "outside": foreign('<use href="http://localhost/a.svg#a"/>'),
+        "<image>": foreign('<image href="file:///etc/hostname"/>'),
+        "by references": foreign(f'<rect id="a0" width="9" height="9"/>{uses}'),
+        "no SVG": b"GIF89a",
+    }
+    for said, svg in refused.items():
+        (tmp_path / "x.svg").write_bytes(svg)
+        done = run_cli("render", tmp_path / "x.svg", "-o", tmp_path / f"x.{form}")
+        assert (done.returncode, done.stderr.count(b"\n")) == (1, 1), said
+        assert said in done.stderr.decode()
+        assert not (tmp_path / f"x.{form}").exists()
+    (tmp_path / "x.svg").write_bytes(svg_of(f"<script>alert(1)</script>{RECTANGLE}"))
+    assert run_cli("render", tmp_path / "x.svg", "-o", tmp_path / f"x.{form}").returncode == 0
+    assert b"alert" not in (tmp_path / f"x.{form}").read_bytes()
+
+
+def test_render_by_suffix(tmp_path, run_cli):
+    svg = tmp_path / "x.svg"
+    svg.write_bytes(svg_of(RECTANGLE))
+    assert run_cli("render", svg, "-o", tmp_path / "new" / "X.PDF").returncode == 0
+    assert (tmp_path / "new" / "X.PDF").read_bytes().endswith(f", of {sha256_of(svg.read_bytes())}\n".encode())
+    (tmp_path / "x.eps").write_bytes(b"%!PS mine")
+    for arguments, code, said in (
+        ([svg, "-o", tmp_path / "x.eps"], 2, "--force"),
+        ([svg, "-o", tmp_path / "x.pfd"], 2, "did you mean .pdf?"),
+        ([svg, "-o", tmp_path / "y.pdf", "--renderer", "resvg"], 2, "--renderer is of PNGs"),
+        ([svg, "-o", tmp_path / "y.pdf", "--dxf-tolerance", 0], 2, "--dxf-tolerance must be a number from 0.001 to 10"),
+        ([svg, svg.parent, "-o", tmp_path / "y.pdf"], 2, "give a folder"),
+        ([tmp_path / "none.svg", "-o", tmp_path / "y.pdf"], 1, "no such file"),
+    ):
+        done = run_cli("render", *arguments)
+        assert (done.returncode, done.stderr.count(b"\n")) == (code, 1), arguments
+        assert said in done.stderr.decode()
+    assert (tmp_path / "x.eps").read_bytes() == b"%!PS mine"
+    assert run_cli("render", svg, "-o", tmp_path / "x.eps", "--force").returncode == 0
+    assert is_ours(tmp_path / "x.eps")
+
+
+def made_of(path: Path, svg: Path) -> bool:
+    return f", of {sha256_of(svg.read_bytes())}".encode() in path.read_bytes()
+
+
+def test_vectorize_by_suffix_and_also_and_what_a_later_run_makes(photo, tmp_path, run_cli):
+    out = tmp_path / "out"
+    fit = ("vectorize", photo, *SHORT)
+    done = run_cli(*fit, "-o", out / "a.PDF", "--also", "xml,pdf")
+    assert (done.returncode, done.stderr.strip().endswith(b"  a.PDF  a.xml")) == (0, True), done.stderr
+    assert {path.name for path in out.iterdir()} == {"a.svg", "a.png", "a.json", "a.PDF", "a.xml"}
+    svg, drawable = out / "a.svg", out / "a.xml"
+    assert made_of(out / "a.PDF", svg) and made_of(drawable, svg)
+    before = {path: path.stat().st_mtime_ns for path in out.iterdir()}
+    drawable.write_bytes(drawable.read_bytes().replace(sha256_of(svg.read_bytes()).encode(), b"0" * 64))  # a stale one
+    planned = run_cli(*fit, "-o", svg, "--also", "ps, .XML", "--also", "pdf", "--dry-run").stdout.decode()
+    assert planned == f"to do  {photo} -> {drawable}, {out / 'a.ps'}, {out / 'a.pdf'}\n".replace(
+        f"{drawable}, {out / 'a.ps'}", f"{out / 'a.ps'}, {drawable}"
+    )
+    done = run_cli(*fit, "-o", svg, "--also", "ps,xml")
+    assert (done.returncode, b"unchanged" in done.stderr, b"a.ps: PS has no opacity" in done.stderr) == (0, True, True)
+    assert made_of(out / "a.ps", svg) and made_of(drawable, svg)
+    assert {path for path in before if path.stat().st_mtime_ns != before[path]} == {drawable}
+    assert run_cli(*fit, "-o", svg, "--also", "ps,xml", "--dry-run").stdout.startswith(b"unchanged")
+    assert run_cli(*fit, "-o", svg, "--also", "xml", "--seed", 3).returncode == 0
+    assert made_of(drawable, svg) and not made_of(out / "a.ps", svg)
+
+
+def test_a_dxf_of_another_tolerance_is_made_again_without_a_fit(photo, run_cli):
+    skip_without_ezdxf()
+    fit = ("vectorize", photo, *SHORT, "-o", photo.with_suffix(".dxf"))
+    sizes = []
+    for tolerance in (0.05, 0.5, 0.05):
+        done = run_cli(*fit, "--dxf-tolerance", tolerance)
+        assert (done.returncode, b"unchanged" in done.stderr) == (0, bool(sizes)), done.stderr
+        sizes.append(
+            photo.with_suffix(".dxf").read_bytes().count(b"\n")
+        )  # it holds the time, with any number of digits
+    assert sizes[0] == sizes[2] > sizes[1]
+
+
+def test_exports_of_somebody_else_are_kept(photo, run_cli):
+    fit = ("vectorize", photo, *SHORT, "--also", "pdf")
+    foreign_pdf = photo.with_suffix(".pdf")
+    foreign_pdf.write_bytes(b"%PDF-1.4 mine")
+    done = run_cli(*fit)
+    assert (done.returncode, b"was not written by cubicsplat" in done.stderr) == (2, True)
+    assert not photo.with_suffix(".svg").exists(), "found out before the work"
+    assert run_cli("vectorize", photo, *SHORT).returncode == 0
+    for more in ([], ["--dry-run"]):  # although the SVG is finished
+        done = run_cli(*fit, *more)
+        assert (done.returncode, b"was not written by cubicsplat" in done.stderr) == (2, True)
+    assert foreign_pdf.read_bytes() == b"%PDF-1.4 mine"
+    assert run_cli(*fit, "--force").returncode == 0
+    assert is_ours(foreign_pdf)
+
+
+def test_a_page_of_somebody_else_is_kept_although_the_svg_is_finished(photo, run_cli):
+    assert run_cli("vectorize", photo, *SHORT).returncode == 0
+    photo.with_suffix(".html").write_text("<p>mine</p>")
+    assert run_cli("vectorize", photo, *SHORT, "--report").returncode == 2
+    assert photo.with_suffix(".html").read_text() == "<p>mine</p>"
+
+
+def test_svg_only_still_writes_what_was_asked_for(photo, tmp_path, run_cli):
+    assert run_cli("vectorize", photo, *SHORT, "-o", tmp_path / "o" / "a.eps", "--svg-only").returncode == 0
+    assert {path.name for path in (tmp_path / "o").iterdir()} == {"a.svg", "a.eps"}
+
+
+def test_folders_have_exports_beside_each_svg_and_svgz_counts_as_its_text(tmp_path, run_cli):
+    (tmp_path / "in").mkdir()
+    for name in ("a.png", "b.png"):
+        Image.fromarray(smooth_pixels(24, 20)).save(tmp_path / "in" / name)
+    run = ("vectorize", tmp_path / "in", "-o", tmp_path / "out", "--svgz", "--also", "pdf", *SHORT)
+    assert run_cli(*run).returncode == 0
+    assert {path.name for path in (tmp_path / "out").glob("*.pdf")} == {"a.pdf", "b.pdf"}
+    before = (tmp_path / "out" / "a.pdf").stat().st_mtime_ns
+    (tmp_path / "out" / "b.pdf").unlink()
+    assert run_cli(*run).stderr.count(b"unchanged") == 3
+    assert (tmp_path / "out" / "b.pdf").exists() and (tmp_path / "out" / "a.pdf").stat().st_mtime_ns == before
+    assert run_cli("vectorize", tmp_path / "in", "-o", tmp_path / "one.pdf").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--also", "pdf,pfd"], "--also must name pdf, ps, eps, dxf or xml, not 'pfd'; did you mean pdf?"),
+        (
+            ["-o", "x.pfd"],
+            "the output must end in .svg, but -o is x.pfd; other formats are pdf, ps, eps, dxf, xml;",
+        ),
+        (["-o", "-", "--also", "pdf"], "--also needs a file"),
+        (["-o", "x.pdf", "--suffix", "-a"], "--suffix"),
+        (["--dxf-tolerance", "0"], "--dxf-tolerance must be a number from 0.001 to 10, not 0.0"),
+    ],
+)
+def test_wrong_usage(arguments, said, photo, run_cli):
+    done = run_cli("vectorize", photo, *arguments)
+    assert (done.returncode, done.stderr.count(b"\n")) == (2, 1)
+    assert said in done.stderr.decode()
+
+
+def test_a_format_that_cannot_be_written_costs_no_finished_fit(photo, run_cli, package):
+    failing = "class units:\n    MM = 4\ndef new(*_, **__):\n    from cubicsplat_cli.errors import InputError\n"
+    package("ezdxf", f"{failing}    raise InputError('no')\n")
+    done = run_cli("vectorize", photo, *SHORT, "--also", "dxf")
+    assert (done.returncode, done.stderr.count(b"\n")) == (1, 1)
+    assert run_cli("vectorize", photo, *SHORT).stderr.count(b"unchanged") == 1
+
+
+def test_a_missing_package_is_said_before_the_work(photo, run_cli, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
+    svg = photo.with_suffix(".svg")
+    for command in (("vectorize", photo, "--also", "dxf"), ("vectorize", photo, "-o", photo.with_suffix(".dxf"))):
+        done = run_cli(*command)
+        assert (done.returncode, done.stderr.decode()) == (
+            1, "cubicsplat: error: DXF needs ezdxf: pip install 'cubicsplat[dxf]'\n",
+        )  # fmt: skip
+        assert not svg.exists()
+    svg.write_bytes(svg_of(RECTANGLE))
+    assert b"pip install" in run_cli("render", svg, "-o", photo.with_suffix(".dxf")).stderr
+
+
+def test_save_by_suffix(photo, tmp_path):
+    skip_without_ezdxf()
+    result = cubicsplat.vectorize(photo, style="photo", curves=12, steps=30)
+    for form in EXPORTS:
+        result.save(tmp_path / f"r.{form}")
+        assert sha256_of(result.svg.encode()).encode() in (tmp_path / f"r.{form}").read_bytes()
+    with pytest.raises(UsageError, match=r"must end in \.svg.*did you mean \.dxf"):
+        result.save(tmp_path / "r.dxxf")
+    with pytest.raises(UsageError, match="dxf_tolerance must be"):
+        result.save(tmp_path / "r.dxf", dxf_tolerance=0.0)
