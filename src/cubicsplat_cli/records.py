@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import MISSING, FrozenInstanceError
 from dataclasses import dataclass as _dataclass
+from dataclasses import replace as replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:

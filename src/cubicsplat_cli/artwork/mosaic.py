@@ -5,7 +5,6 @@ A colour reaches one cell beneath the opaque colours above it, so that no ground
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +13,7 @@ from cubicsplat_cli.artwork.input.cells import Cells
 from cubicsplat_cli.artwork.regions.fills import eight_bit
 from cubicsplat_cli.artwork.scene import filled_scene
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.scene.paint import Rgba
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +24,7 @@ from cubicsplat_cli.artwork.geometry.outlines import Ring, signed_area
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster.stack import CoverageJacobian, DrawnStack, Goal, StackPieces, Unknowns
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 from cubicsplat_cli.scene.paint import Rgba
 
 ROUNDS = 14

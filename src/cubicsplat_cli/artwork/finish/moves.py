@@ -7,15 +7,13 @@ chi^2 over the pixels that the outline crosses, plus a price for every parameter
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cubicsplat_cli.artwork.finish.edits import cornered, curved, divided, rounded
 from cubicsplat_cli.artwork.finish.finish import WHITE, Layer, State
 from cubicsplat_cli.artwork.finish.parameters import Constraints, Parameters, parametrised
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Rectangle, Ring
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 # Coverages are known to this much: drawing programs take 4x4 samples a pixel.
 SHARE_SIGMA = 0.04

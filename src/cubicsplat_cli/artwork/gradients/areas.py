@@ -7,7 +7,6 @@ is looked at by itself.
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import part_spreads
 from cubicsplat_cli.raster.shades import Pixels
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 LEAST_RANGE = 3.0  # levels, within which an area has one colour
 NEARLY = 8.0  # levels by which a few pixels that make no area of their own may be off

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
 from cubicsplat_cli.artwork.gradients.parts import Patch
 from cubicsplat_cli.raster.shades import Pixels, best_colours, colours_at, colours_off
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 from cubicsplat_cli.scene.paint import Gradient, LinearGradient, Stop, radial_from
 
 CLOSE = 2.0  # levels that a gradient may be off a pixel that it explains

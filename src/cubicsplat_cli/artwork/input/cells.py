@@ -8,7 +8,6 @@ meant, is how many of them stand alone or at the end of a line one pixel wide.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from cubicsplat_cli.artwork.input.grids import Grid, exact_grid, noisy_grid
 from cubicsplat_cli.artwork.regions.fewer import fewer_colours, nearest_colours
 from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.raster.observed import distinct, steps
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 # Colours that any picture may have; larger ones as many as the square root of their cells. Chosen on drawn sprites and
 # scenes (K <= 0.6 sqrt(N)) against unsmoothed flags and emoji (1.1 sqrt(N) and more).

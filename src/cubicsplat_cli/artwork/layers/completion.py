@@ -7,7 +7,6 @@ way is good when the outline covers what shows and nothing else does.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +28,7 @@ from cubicsplat_cli.artwork.tracing.fitting import few_lines, fit_outline, fit_o
 from cubicsplat_cli.artwork.tracing.primitives import dot_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.outlines import fewer_points
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 # Beyond so many hidden runs of a contour only the ways by straight lines are tried: too many would have to be.
 SEVERAL = 8

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Outline, Ring
@@ -14,7 +12,7 @@ from cubicsplat_cli.artwork.planar.sources import Sources, canvas_ring, rings_of
 from cubicsplat_cli.artwork.planar.visible import connected
 from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import offset_ring
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 # What a piece is of, when the shapes of one rank are looked at: the grown ones, those drawn later, the shapes
 # themselves, whose numbers count along an edge of several, and the canvas.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from cubicsplat_cli.artwork.finish.finish import State
 from cubicsplat_cli.artwork.finish.parameters import ON_BORDER, Pins
 from cubicsplat_cli.artwork.geometry.outlines import Circle, Ellipse, Outline, Rectangle, Ring
 from cubicsplat_cli.artwork.shapes import Drawing
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 # Cells that a canvas is commonly divided into.
 CELLS = (

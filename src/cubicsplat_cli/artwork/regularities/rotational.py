@@ -8,7 +8,6 @@ same row, an n-th of its length later, if and only if its Fourier coefficients v
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from cubicsplat_cli.artwork.regularities.ties import LEAST, TiedRing, null_basis
 from cubicsplat_cli.artwork.regularities.turned import NEAR, STEPS, Walk
 from cubicsplat_cli.artwork.tracing.variables import PAIR, Pieces, Variables
 from cubicsplat_cli.raster.sparse import SparseRows
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 MOST_PARTS = 36
 # Px that a ring may be off itself in the root mean square: level edges are often known to a quarter of a pixel only,

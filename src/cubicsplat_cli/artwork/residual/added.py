@@ -7,7 +7,6 @@ changes, against a price for every parameter, before and after it is optimised a
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.progress import work
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.stack import Goal
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 FILL_PARAMETERS = 3.0  # of a new fill
 ROUNDS = 10
@@ -157,6 +156,8 @@ class _Trials:
             most = max((self._gain(way, floor)[0] for way in known[area]), default=0.0)
             if sum(self._net(changes[k], floor) for k in good) > most:
                 out += [some[k] for k in good]
+            else:  # its colours still tell how much is off by chance
+                known[area].append(_Explanation([some[k][1] for k in those], [changes[k] for k in those], 0.0))
         return out
 
     def _tried(self, new: list[Placed], rounds: int) -> tuple[list[Placed], list[_Change], np.ndarray]:

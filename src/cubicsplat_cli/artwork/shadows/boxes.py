@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 FAR = 400.0  # px beyond the canvas that a side lies which the canvas cuts off
 ALIKE, RADII = 0.6, 33  # px by which a silhouette may be off its box in the mean of its outline; radii tried

@@ -7,8 +7,6 @@ there is, black for a shadow of any grey. Two grounds tell where their lines mee
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cubicsplat_cli.artwork.channels import largest
@@ -16,7 +14,7 @@ from cubicsplat_cli.artwork.gradients.parts import LEAST_PLATEAU, Part, Patch, p
 from cubicsplat_cli.artwork.shadows.boxes import Box, box_of
 from cubicsplat_cli.raster import ndimage
 from cubicsplat_cli.raster.paints import part_spreads
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 LEAST_PART, LEAST_RANGE = 400, 5.0  # px of a shaded ground, and levels that it spans
 MOST_TRIED = 6  # parts, the largest, looked at

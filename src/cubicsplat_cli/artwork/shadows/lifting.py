@@ -6,8 +6,6 @@ stands for its own until the drawing is finished.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cubicsplat_cli.artwork.gradients.flattening import APART, SHIFTS, Colours, Paints
@@ -18,7 +16,7 @@ from cubicsplat_cli.artwork.shadows.casters import SQUARE, Ground
 from cubicsplat_cli.artwork.shadows.shadow import CLOSE, Shadow, Shares, falls_on, shadow_of
 from cubicsplat_cli.artwork.shapes import Drawing
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 from cubicsplat_cli.scene.paint import Rgba
 
 SHARP_BEND = 6.0  # levels, the second difference in a dark shadow of little blur

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from cubicsplat_cli.artwork.shadows.blurred import BlurredBox, ShadowSamples, reached, shaded
 from cubicsplat_cli.artwork.shadows.casters import Caster, Shaded, casters_of, shaded_grounds
 from cubicsplat_cli.raster.shadows import ShadedPixels
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 # Levels by which a pixel may be off its shadow, share of the shaded that must not be, levels that count as shade.
 CLOSE, EXPLAINED, FAINT = 2.0, 0.97, 1.0

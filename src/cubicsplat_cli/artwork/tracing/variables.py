@@ -5,14 +5,13 @@ Which there are follows from what its joints are, and how its control points mov
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from cubicsplat_cli.raster.cubics import Division, Joints, moved_outline, outline_cubics, outline_jacobian, refined
 from cubicsplat_cli.raster.sparse import SparseRows
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 ROUNDS = 8
 PAIR = np.array([0, 1])

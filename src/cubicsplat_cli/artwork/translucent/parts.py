@@ -7,8 +7,6 @@ paint. Without it C1 and G1 are one region, and the next overlay beneath it can 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cubicsplat_cli.artwork.layers.extents import OPAQUE, Extent, extents, extents_of
@@ -19,7 +17,7 @@ from cubicsplat_cli.artwork.translucent.meetings import goes_on, meetings
 from cubicsplat_cli.artwork.translucent.merging import Overlay, merged, with_covered
 from cubicsplat_cli.artwork.translucent.paint import Paint, likeliest, paint_of
 from cubicsplat_cli.raster import ndimage
-from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.records import dataclass, replace
 
 MOST_OVERLAYS = 64
 
