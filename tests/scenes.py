@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from cubicsplat_cli.raster import reference
+from cubicsplat_cli.raster import reference, reference_coverage
 from cubicsplat_cli.raster.settings import RasterSettings
 from cubicsplat_cli.scene import Scene, pack_rings, points_from_segments
 from cubicsplat_cli.settings import Mode
@@ -122,7 +122,7 @@ def reference_render(scene: Scene, coverage: str = "relaxed", edge_width: float 
 
 def polyline(points: Tensor, mode: Mode = Mode.CLOSED, samples: int = 3) -> Tensor:
     """(V, 2) float64 vertices of one curve (K, 2)."""
-    return reference.flatten(points.unsqueeze(0), mode, samples)[0]
+    return reference_coverage.flatten(points.unsqueeze(0), mode, samples)[0]
 
 
 def point(x: float, y: float) -> Tensor:

@@ -196,6 +196,7 @@ def test_chromium_plays_it_in_an_image(browser, tmp_path):
     frames = [render_scene(scene) for scene in grid.scenes(grid.groups[0], times)]
     page = browser.new_page(viewport={"width": 200, "height": 100})
     page.goto((tmp_path / "page.html").as_uri())
+    page.evaluate("document.images[0].decode()")  # else the first pictures may be blank
     seen: set[int] = set()
     while len(seen) < 4:  # the timeout of the tests ends it
         data = page.screenshot(clip={"x": 0, "y": 0, "width": grid.width, "height": grid.height})

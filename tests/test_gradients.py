@@ -36,7 +36,7 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.raster import RasterSettings, reference, render, render_scene
+from cubicsplat_cli.raster import RasterSettings, reference, reference_coverage, render, render_scene
 from cubicsplat_cli.raster.engine import Rates, Training
 from cubicsplat_cli.raster.operator import render_op
 from cubicsplat_cli.raster.settings import FLATNESS
@@ -163,7 +163,7 @@ def test_what_nothing_reads_may_be_anything():
 def test_a_scaled_scene_has_the_same_gradients(mode):
     scene = painted(mode, 6, 20, 18)
     larger = scaled_scene(scene, 40, 36)
-    at = reference.pixel_centres(20, 18)
+    at = reference_coverage.pixel_centres(20, 18)
     for curve in (1, 2, 4, 5):
         assert torch.allclose(
             paint_at(scene.gradients, curve, at), paint_at(larger.gradients, curve, 2.0 * at), atol=1e-5

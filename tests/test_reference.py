@@ -34,7 +34,7 @@ from scenes import (
 from torch import Tensor
 
 from cubicsplat_cli.errors import InputError, UsageError
-from cubicsplat_cli.raster import reference
+from cubicsplat_cli.raster import reference, reference_coverage
 from cubicsplat_cli.raster.settings import MAX_ALPHA, MIN_TRANSMITTANCE, RasterSettings
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
@@ -46,9 +46,9 @@ def test_distance_to_a_segment():
     vertices = torch.tensor([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]], dtype=torch.float64)
     at = torch.tensor([[2.0, -1.5], [-3.0, 4.0], [5.0, 2.0], [4.0, 7.0], [4.0, 0.0]], dtype=torch.float64)
     expected = torch.tensor([1.5, 5.0, 1.0, 4.0, 0.0], dtype=torch.float64)
-    torch.testing.assert_close(reference.distance(vertices, at), expected)
+    torch.testing.assert_close(reference_coverage.distance(vertices, at), expected)
     # Closed, the edge from the last vertex back to the first counts too: the point lies 0.8 px from it.
-    triangle = reference.nearest(vertices, point(1.0, 1.75), Mode.CLOSED)
+    triangle = reference_coverage.nearest(vertices, point(1.0, 1.75), Mode.CLOSED)
     torch.testing.assert_close(triangle.distance, torch.tensor([0.8], dtype=torch.float64))
 
 
@@ -56,18 +56,18 @@ def test_signed_distance_is_positive_inside_whatever_the_orientation():
     points = rectangle(2.0, 2.0, 8.0, 8.0)
     at = torch.tensor([[5.0, 3.0], [5.0, 0.5]], dtype=torch.float64)
     for ring in (points, reverse_ring(points)):
-        u = reference.signed_distance(polyline(ring), at)
+        u = reference_coverage.signed_distance(polyline(ring), at)
         torch.testing.assert_close(u, torch.tensor([1.0, -1.5], dtype=torch.float64))
 
 
 def test_winding_of_a_figure_eight_is_nonzero_in_both_lobes():
     vertices = polyline(figure_eight(Mode.CLOSED, 20.0, 20.0))
     left, right, above = point(3.0, 10.0), point(17.0, 10.0), point(10.0, 3.0)
-    values = [int(reference.winding(vertices, at)) for at in (left, right, above)]
+    values = [int(reference_coverage.winding(vertices, at)) for at in (left, right, above)]
     assert sorted(values[:2]) == [-1, 1]
     assert values[2] == 0
-    assert (reference.signed_distance(vertices, torch.cat((left, right))) > 0.0).all()
-    assert reference.signed_distance(vertices, above) < 0.0
+    assert (reference_coverage.signed_distance(vertices, torch.cat((left, right))) > 0.0).all()
+    assert reference_coverage.signed_distance(vertices, above) < 0.0
 
 
 def test_winding_of_a_double_loop_is_two():
@@ -75,32 +75,34 @@ def test_winding_of_a_double_loop_is_two():
     inner = circle(10.0, 10.0, 3.0)
     centre = point(10.2, 9.7)
     twice = polyline(torch.cat((ring, inner)))
-    assert abs(int(reference.winding(twice, centre))) == 2
-    assert int(reference.winding(twice.flip(0), centre)) == -int(reference.winding(twice, centre))
-    assert reference.signed_distance(twice, centre) > 0.0
-    assert float(reference.coverage_exact(twice, ZERO, Mode.CLOSED, 20, 20)[9, 10]) == pytest.approx(1.0)
+    assert abs(int(reference_coverage.winding(twice, centre))) == 2
+    assert int(reference_coverage.winding(twice.flip(0), centre)) == -int(reference_coverage.winding(twice, centre))
+    assert reference_coverage.signed_distance(twice, centre) > 0.0
+    assert float(reference_coverage.coverage_exact(twice, ZERO, Mode.CLOSED, 20, 20)[9, 10]) == pytest.approx(1.0)
     # Opposite turns cancel: the nonzero rule leaves a hole.
     hole = polyline(torch.cat((ring, reverse_ring(inner))))
-    assert int(reference.winding(hole, centre)) == 0
-    assert reference.signed_distance(hole, centre) < 0.0
-    assert float(reference.coverage_exact(hole, ZERO, Mode.CLOSED, 20, 20)[9, 10]) == pytest.approx(0.0)
+    assert int(reference_coverage.winding(hole, centre)) == 0
+    assert reference_coverage.signed_distance(hole, centre) < 0.0
+    assert float(reference_coverage.coverage_exact(hole, ZERO, Mode.CLOSED, 20, 20)[9, 10]) == pytest.approx(0.0)
 
 
 def test_vertex_on_the_scan_line_counts_once():
     diamond = polyline(straight([(5.5, 1.5), (9.5, 5.5), (5.5, 9.5), (1.5, 5.5)], closed=True))
     row = torch.stack((torch.arange(12) + 0.5, torch.full((12,), 5.5)), dim=1).double()
-    inside = (reference.winding(diamond, row) != 0).tolist()
+    inside = (reference_coverage.winding(diamond, row) != 0).tolist()
     # A crossing at the point itself counts, so the left corner is inside and the right one outside.
     assert inside == [1.5 <= x < 9.5 for x in row[:, 0].tolist()]
     for y in (1.5, 9.5):
         tip = torch.stack((torch.arange(12) + 0.5, torch.full((12,), y)), dim=1).double()
-        assert (reference.winding(diamond, tip) == 0).all()
+        assert (reference_coverage.winding(diamond, tip) == 0).all()
 
 
 def test_horizontal_edges_count_at_the_top_and_not_at_the_bottom():
     vertices = torch.tensor([[2.0, 1.5], [8.0, 1.5], [8.0, 6.5], [2.0, 6.5]], dtype=torch.float64)
     column = torch.stack((torch.full((9,), 4.5), torch.arange(9) + 0.5), dim=1).double()
-    assert (reference.winding(vertices, column) != 0).tolist() == [1.5 <= y < 6.5 for y in column[:, 1].tolist()]
+    assert (reference_coverage.winding(vertices, column) != 0).tolist() == [
+        1.5 <= y < 6.5 for y in column[:, 1].tolist()
+    ]
 
 
 # --- coverage ----------------------------------------------------
@@ -108,11 +110,11 @@ def test_horizontal_edges_count_at_the_top_and_not_at_the_bottom():
 
 def test_smooth_step_ends_slope_and_symmetry():
     u = torch.tensor([-9.0, -1.5, 0.0, 1.5, 9.0], dtype=torch.float64, requires_grad=True)
-    values = reference.smooth_step(u, 2.0)
+    values = reference_coverage.smooth_step(u, 2.0)
     assert values.tolist() == [0.0, 0.0, 0.5, 1.0, 1.0]
     (slope,) = torch.autograd.grad(values.sum(), u)
     torch.testing.assert_close(slope, torch.tensor([0.0, 0.0, 0.5, 0.0, 0.0], dtype=torch.float64))
-    either_side = reference.smooth_step(torch.tensor([0.7, -0.7]), 2.0)
+    either_side = reference_coverage.smooth_step(torch.tensor([0.7, -0.7]), 2.0)
     assert either_side.sum().item() == pytest.approx(1.0)
 
 
@@ -134,7 +136,7 @@ def overlap(low: float, high: float, count: int) -> Tensor:
 )
 def test_exact_coverage_of_a_rectangle_is_its_area(left, top, right, bottom):
     vertices = polyline(rectangle(left, top, right, bottom), samples=5)
-    covered = reference.coverage_exact(vertices, ZERO, Mode.CLOSED, 12, 11)
+    covered = reference_coverage.coverage_exact(vertices, ZERO, Mode.CLOSED, 12, 11)
     area = overlap(top, bottom, 11).unsqueeze(1) * overlap(left, right, 12)
     assert area.max() > 0.1
     assert (covered - area).abs().max() <= 1e-5  # the vertices are made in single precision
@@ -142,8 +144,8 @@ def test_exact_coverage_of_a_rectangle_is_its_area(left, top, right, bottom):
 
 def test_exact_coverage_of_a_disc_sums_to_its_area():
     vertices = polyline(circle(15.3, 14.2, 9.7), samples=24)
-    covered = reference.coverage_exact(vertices, ZERO, Mode.CLOSED, 30, 28)
-    assert covered.sum().item() == pytest.approx(float(reference.signed_area(vertices)), rel=1e-9)
+    covered = reference_coverage.coverage_exact(vertices, ZERO, Mode.CLOSED, 30, 28)
+    assert covered.sum().item() == pytest.approx(float(reference_coverage.signed_area(vertices)), rel=1e-9)
     assert covered.sum().item() == pytest.approx(math.pi * 9.7**2, rel=1e-3)
     assert float(covered[14, 15]) == pytest.approx(1.0)
     assert covered[0, 0] == 0.0
@@ -152,12 +154,12 @@ def test_exact_coverage_of_a_disc_sums_to_its_area():
 @pytest.mark.parametrize("seed", rest_slow(*range(3)))
 def test_exact_coverage_of_a_fill_matches_supersampled_winding(seed):
     scene = random_scene(Mode.CLOSED, 1, 4, 14, 12, seed=seed, scale=0.6)
-    vertices = reference.flatten(scene.points, Mode.CLOSED, 8)[0]
+    vertices = reference_coverage.flatten(scene.points, Mode.CLOSED, 8)[0]
     x = (torch.arange(14 * 40, dtype=torch.float64) + 0.5) / 40
     y = (torch.arange(12 * 40, dtype=torch.float64) + 0.5) / 40
     grid = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
-    inside = (reference.winding(vertices, grid) != 0).double().view(12, 40, 14, 40).mean(dim=(1, 3))
-    covered = reference.coverage_exact(vertices, ZERO, Mode.CLOSED, 14, 12)
+    inside = (reference_coverage.winding(vertices, grid) != 0).double().view(12, 40, 14, 40).mean(dim=(1, 3))
+    covered = reference_coverage.coverage_exact(vertices, ZERO, Mode.CLOSED, 14, 12)
     assert 0.05 < covered.mean() < 0.95
     assert (covered - inside).abs().max() < 1.0 / 64.0
     assert (covered - inside).abs().mean() < 1e-3
@@ -168,7 +170,7 @@ def test_exact_coverage_of_a_fill_matches_supersampled_winding(seed):
 def test_thin_horizontal_stroke_covers_twice_its_half_width(half_width, y):
     vertices = polyline(straight([(-5.0, y), (25.0, y)], closed=False), Mode.OPEN)
     width = torch.tensor(half_width, dtype=torch.float64)
-    covered = reference.coverage_exact(vertices, width, Mode.OPEN, 10, 12)
+    covered = reference_coverage.coverage_exact(vertices, width, Mode.OPEN, 10, 12)
     torch.testing.assert_close(
         covered.sum(0), torch.full((10,), 2.0 * half_width, dtype=torch.float64), rtol=1e-5, atol=1e-6
     )
@@ -179,10 +181,10 @@ def test_thin_horizontal_stroke_covers_twice_its_half_width(half_width, y):
 
 def test_relaxed_coverage_of_a_thin_stroke_is_linear_in_its_width():
     vertices = polyline(straight([(-5.0, 5.5), (25.0, 5.5)], closed=False), Mode.OPEN)
-    centres = reference.pixel_centres(10, 12)
+    centres = reference_coverage.pixel_centres(10, 12)
     for half_width in (1e-3, 2e-3):
         width = torch.tensor(half_width, dtype=torch.float64)
-        covered = reference.coverage_relaxed(vertices, width, centres, Mode.OPEN, 1.0)
+        covered = reference_coverage.coverage_relaxed(vertices, width, centres, Mode.OPEN, 1.0)
         # Through the centres: 2 r phi'(0) = 2 r.
         torch.testing.assert_close(
             covered[5], torch.full((10,), 2.0 * half_width, dtype=torch.float64), rtol=1e-4, atol=0.0
@@ -193,7 +195,7 @@ def test_relaxed_coverage_of_a_thin_stroke_is_linear_in_its_width():
 def test_exact_coverage_of_a_dot_is_the_area_of_its_disc(radius):
     vertices = torch.tensor([[8.13, 7.71]], dtype=torch.float64).expand(4, 2)
     width = torch.tensor(radius, dtype=torch.float64)
-    covered = reference.coverage_exact(vertices, width, Mode.OPEN, 16, 15)
+    covered = reference_coverage.coverage_exact(vertices, width, Mode.OPEN, 16, 15)
     # Smoothing a disc's edge over h adds h^2 / 12 to its mean squared radius.
     area = math.pi * (radius**2 + 0.25**2 / 12.0)
     assert covered.sum().item() == pytest.approx(area, rel=0.01)
@@ -201,12 +203,12 @@ def test_exact_coverage_of_a_dot_is_the_area_of_its_disc(radius):
 
 def test_exact_stroke_coverage_matches_supersampling():
     scene = random_scene(Mode.OPEN, 1, 3, 16, 14, seed=1, scale=0.5)
-    vertices = reference.flatten(scene.points, Mode.OPEN, 8)[0]
+    vertices = reference_coverage.flatten(scene.points, Mode.OPEN, 8)[0]
     width = torch.tensor(1.7, dtype=torch.float64)
     x, y = ((torch.arange(n * 24, dtype=torch.float64) + 0.5) / 24 for n in (16, 14))
     fine = torch.stack(torch.meshgrid(x, y, indexing="xy"), dim=-1)
-    inside = (reference.distance(vertices, fine) < width).double().view(14, 24, 16, 24).mean(dim=(1, 3))
-    covered = reference.coverage_exact(vertices, width, Mode.OPEN, 16, 14)
+    inside = (reference_coverage.distance(vertices, fine) < width).double().view(14, 24, 16, 24).mean(dim=(1, 3))
+    covered = reference_coverage.coverage_exact(vertices, width, Mode.OPEN, 16, 14)
     assert covered.mean() > 0.05
     assert (covered - inside).abs().max() < 0.04
     assert (covered - inside).abs().mean() < 0.003
@@ -215,7 +217,7 @@ def test_exact_stroke_coverage_matches_supersampling():
 def test_relaxed_coverage_falls_from_one_to_zero_over_the_edge_width():
     vertices = polyline(rectangle(4.0, -50.0, 80.0, 50.0))
     at = torch.stack((torch.linspace(0.0, 8.0, 81), torch.zeros(81)), dim=1).double()
-    covered = reference.coverage_relaxed(vertices, ZERO, at, Mode.CLOSED, 2.0)
+    covered = reference_coverage.coverage_relaxed(vertices, ZERO, at, Mode.CLOSED, 2.0)
     assert (covered.diff() >= 0.0).all()
     assert ((covered == 0.0) == (at[:, 0] <= 2.5)).all()
     assert ((covered == 1.0) == (at[:, 0] >= 5.5)).all()
@@ -276,13 +278,13 @@ def test_rgba_over_a_background_is_the_rgb_picture(mode, coverage):
 
 def test_render_is_the_composite_of_its_coverages():
     scene = random_scene(Mode.OPEN, 5, 2, 15, 12, seed=9, background=PAPER, opacity=(0.2, 0.8))
-    centres = reference.pixel_centres(15, 12)
+    centres = reference_coverage.pixel_centres(15, 12)
     assert centres[2, 3].tolist() == [3.5, 2.5]
     alphas = torch.stack(
         [
-            opacity * reference.coverage_relaxed(vertices, half_width, centres, Mode.OPEN, 1.0)
+            opacity * reference_coverage.coverage_relaxed(vertices, half_width, centres, Mode.OPEN, 1.0)
             for vertices, half_width, opacity in zip(
-                reference.flatten(scene.points, Mode.OPEN, 6),
+                reference_coverage.flatten(scene.points, Mode.OPEN, 6),
                 scene.half_widths.double(),
                 scene.opacities.double(),
                 strict=True,

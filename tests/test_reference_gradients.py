@@ -28,7 +28,7 @@ from scenes import (
 )
 from torch import Tensor
 
-from cubicsplat_cli.raster import reference
+from cubicsplat_cli.raster import reference, reference_coverage
 from cubicsplat_cli.raster.settings import MAX_ALPHA
 from cubicsplat_cli.scene import Scene
 from cubicsplat_cli.settings import Mode
@@ -114,7 +114,7 @@ def test_outline_through_pixel_centres_has_the_normal_as_gradient(reverse):
     points.requires_grad_()
     vertices = polyline(points)
     at = point(2.5, 5.5)
-    covered = reference.coverage_relaxed(vertices, ZERO, at, Mode.CLOSED, 1.25)
+    covered = reference_coverage.coverage_relaxed(vertices, ZERO, at, Mode.CLOSED, 1.25)
     torch.testing.assert_close(covered.detach(), torch.tensor([0.5], dtype=torch.float64))
     (gradient,) = torch.autograd.grad(covered.sum(), points)
     left = (points[:, 0] == 2.5).nonzero().squeeze(1)
@@ -125,7 +125,7 @@ def test_outline_through_pixel_centres_has_the_normal_as_gradient(reverse):
     def moved(step: float) -> Tensor:
         shifted = points.detach().clone()
         shifted[left, 0] += step
-        return reference.coverage_relaxed(polyline(shifted), ZERO, at, Mode.CLOSED, 1.25)
+        return reference_coverage.coverage_relaxed(polyline(shifted), ZERO, at, Mode.CLOSED, 1.25)
 
     numeric = (moved(1e-5) - moved(-1e-5)).item() / 2e-5
     assert numeric == pytest.approx(-1.0 / 1.25, rel=1e-6)
@@ -136,7 +136,7 @@ def test_outline_without_a_normal_has_no_gradient(shape):
     line = straight([(1.5, 2.5), (7.5, 2.5)], closed=True)
     points = (line if shape == "sliver" else torch.full((6, 2), 4.5)).double().requires_grad_()
     at = torch.stack((torch.arange(1.5, 8.0), torch.full((7,), 2.5 if shape == "sliver" else 4.5)), dim=1)
-    u = reference.signed_distance(polyline(points), at.double())
+    u = reference_coverage.signed_distance(polyline(points), at.double())
     on_line = u.detach().abs() < 1e-6
     assert on_line.sum() == (7 if shape == "sliver" else 1)
     (gradient,) = torch.autograd.grad(u[on_line].sum(), points)
@@ -146,7 +146,9 @@ def test_outline_without_a_normal_has_no_gradient(shape):
 def test_stroke_through_pixel_centres_has_a_width_gradient_only():
     points = straight([(1.0, 4.5), (9.0, 4.5)], closed=False).double().requires_grad_()
     half_width = torch.tensor(0.3, dtype=torch.float64, requires_grad=True)
-    covered = reference.coverage_relaxed(polyline(points, Mode.OPEN), half_width, point(5.5, 4.5), Mode.OPEN, 1.0)
+    covered = reference_coverage.coverage_relaxed(
+        polyline(points, Mode.OPEN), half_width, point(5.5, 4.5), Mode.OPEN, 1.0
+    )
     of_points, of_width = torch.autograd.grad(covered.sum(), (points, half_width))
     assert of_points.abs().max() == 0.0
     z = 0.3 / 1.5 + 0.5

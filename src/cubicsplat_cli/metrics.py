@@ -141,11 +141,11 @@ class Report:
     """The figures of one vectorised picture.
 
     style: "photo", "artwork" or "pixel", and why. shapes, segments, primitives, gradients, strokes, inks (#rrggbbaa):
-    of artwork and pixel art, else None. shaded: names of the shapes with shading. colors: the picture's dominant ones,
-    as `hex` with their `share` of its pixels. settings: all that decides the result; settings_hash: the hash of those
-    that do. quality: None where it was not measured. replaced, dropped: curves seeded anew during the fit, and left out
-    at its end (None: not known). history: step, psnr_db (own picture), seconds, replaced, and gini of the curves'
-    importances once they were looked at.
+    of artwork and pixel art, else None. shaded: names of the shapes with shading or a photo. colors: the picture's
+    dominant ones, as `hex` with their `share` of its pixels. settings: all that decides the result; settings_hash: the
+    hash of those that do. quality: None where it was not measured. replaced, dropped: curves seeded anew during the
+    fit, and left out at its end (None: not known). history: step, psnr_db (own picture), seconds, replaced, and
+    gini of the curves' importances once they were looked at.
     """
 
     input: Input

@@ -204,6 +204,7 @@ KEEP, REMOVE = "keep", "remove"
 # Shapes in groups: not at all, those of one colour, or a shape with what lies on it.
 GROUPINGS = NONE, COLOR, OBJECT = "none", "color", "object"
 NO_SHADING = "none"
+PHOTO_PARTS = CURVES, IMAGE, NO_PHOTO_PARTS = "curves", "image", "none"
 
 
 def parse_ground(given: str) -> str:

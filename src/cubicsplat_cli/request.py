@@ -11,12 +11,15 @@ from cubicsplat_cli.artwork.settings import CUTOUT, ArtworkSettings
 from cubicsplat_cli.files.marks import settings_hash
 from cubicsplat_cli.options import (
     COMMON,
+    CURVES,
     DRAWINGS,
     FILES,
     GROUPINGS,
     KEEP,
+    NO_PHOTO_PARTS,
     NO_SHADING,
     NONE,
+    PHOTO_PARTS,
     PHOTOS,
     STRUCTURE,
     TINY_BYTES,
@@ -99,6 +102,9 @@ class Request:
         NO_SHADING, "text", "Shade within outlines: none, auto, or at most N curves an object.", metavar="HOW",
         parse=parse_shading, hidden=True, **_OF_DRAWINGS,
     )  # fmt: skip
+    photo_parts: str = setting(
+        CURVES, "choice", "What photos within a drawing become.", choices=PHOTO_PARTS, group=STRUCTURE, hidden=True
+    )
     group_by: str = setting(NONE, "choice", "Put shapes in groups by this.", choices=GROUPINGS, **_OF_DRAWINGS)
     layers: Path | None = setting(
         None, "text", "Also an SVG of each colour, with register marks.", metavar="DIR", parse=Path, decides=False,
@@ -150,11 +156,19 @@ class Request:
         """Whether shapes may have shading: no option asks for few shapes or colours, groups, cutouts, strokes or an
         animation.
         """
+        return self.shading != NO_SHADING and self.settings.curves is None and self._is_plain
+
+    @property
+    def may_hold_photos(self) -> bool:
+        """Whether photos within a drawing become curves or images: the same, but that curves may be bounded."""
+        of_style = self.style in ("auto", "artwork") and not self.of_photos()
+        return self.photo_parts != NO_PHOTO_PARTS and of_style and self._is_plain
+
+    @property
+    def _is_plain(self) -> bool:
         others = [name for name in self.of_artwork() if name not in ("shading", "detail")]
-        bounded = self.settings.curves is not None or self.max_bytes is not None or self.target_psnr is not None
-        bounded = bounded or self.settings.time_limit is not None
-        single = self.settings.mode is Mode.CLOSED and self.animation is None
-        return self.shading != NO_SHADING and not others and not bounded and single
+        bounds = (self.max_bytes, self.target_psnr, self.settings.time_limit, self.animation)
+        return not others and all(each is None for each in bounds) and self.settings.mode is Mode.CLOSED
 
     @property
     def strokes(self) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from cubicsplat_cli.artwork.settings import CUTOUT
 from cubicsplat_cli.errors import UsageError
 from cubicsplat_cli.files.paths import MOVING
-from cubicsplat_cli.options import NO_SHADING, OBJECT, TINY_BYTES, length_of
+from cubicsplat_cli.options import IMAGE, NO_SHADING, OBJECT, TINY_BYTES, length_of
 from cubicsplat_cli.settings import ANY, Mode
 
 if TYPE_CHECKING:
@@ -41,6 +41,12 @@ def check_request(request: Request) -> None:
         raise UsageError(
             "is of drawings as they are; leave out options of colours, groups, cutouts, strokes, bytes, movies",
             "shading",
+        )
+    if request.photo_parts == IMAGE and not request.may_hold_photos:
+        raise UsageError(
+            "image is of drawings as they are; leave out options of photos, pixels, colours, groups, cutouts, "
+            "strokes, bytes, time, movies",
+            "photo_parts",
         )
     if request.artwork.stacking == CUTOUT and request.strokes:
         option = "--strokes" if request.artwork.strokes else "--mode open"

@@ -109,7 +109,7 @@ class _Tracker:
         """The next frame's drawing."""
         drawn = [_Outline.of(shape) for shape in drawing.shapes]
         places = {number: place for place, number in enumerate(self.order)}
-        found = self._found(drawn)
+        found = self._matches(drawn)
         if self.shapes and len(found) < len(drawn):
             found |= self._hidden(drawn, found, drawing)
         found = self._kept(dict(sorted(found.items())), places)
@@ -151,7 +151,7 @@ class _Tracker:
             shows = shows * (1.0 - own * (shape.fill[3] / 255.0 if shape.gradient is None else 1.0))
         return more
 
-    def _found(self, drawn: list[_Outline]) -> dict[int, tuple[int, np.ndarray]]:
+    def _matches(self, drawn: list[_Outline]) -> dict[int, tuple[int, np.ndarray]]:
         """For each shape of a drawing that is known, its number, and how far it is from where it was first."""
         found: dict[int, tuple[int, np.ndarray]] = {}
         taken: set[int] = set()

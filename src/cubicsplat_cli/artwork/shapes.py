@@ -9,7 +9,7 @@ import numpy as np
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Rectangle, Ring, extent_of, reversed_ring, signed_area
 from cubicsplat_cli.artwork.geometry.stroke import Stroke, scaled_stroke
 from cubicsplat_cli.records import dataclass
-from cubicsplat_cli.scene import Scene, scaled_scene
+from cubicsplat_cli.scene import EmbeddedImage, Scene, resized
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 
 _ALIKE = 1e-3
@@ -23,7 +23,7 @@ class Shape:
     then its holes, which may run either way: whoever draws them turns them round (`oriented`). name: what an editor's
     list of layers shows. gradient: in px of the drawing, or None. stroke: whose outlines these are, or None. group: the
     name of the group in the file that it is in, empty for none. shading: None, or filled curves on the drawing's
-    canvas, without a background, over its paint, which is opaque then; they are seen within its outlines alone.
+    canvas, without a background, or a picture, over its paint, which is opaque then; seen within its outlines alone.
     """
 
     fill: Rgba
@@ -32,7 +32,7 @@ class Shape:
     gradient: Gradient | None = None
     stroke: Stroke | None = None
     group: str = ""
-    shading: Scene | None = None
+    shading: Scene | EmbeddedImage | None = None
 
     def oriented(self) -> tuple[Ring, ...]:
         """The rings, the outer one clockwise as seen, holes the other way: the nonzero rule leaves holes empty."""
@@ -105,7 +105,7 @@ def scaled_drawing(drawing: Drawing, width: int, height: int) -> Drawing:
             gradient=shape.gradient and shape.gradient.scaled(across, down),
             # A pen is round: where sides grow differently its outline is all that is left.
             stroke=scaled_stroke(shape.stroke, across) if shape.stroke and _alike(across, down) else None,
-            shading=shape.shading and scaled_scene(shape.shading, width, height),
+            shading=shape.shading and resized(shape.shading, width, height),
         )
         for shape in drawing.shapes
     )

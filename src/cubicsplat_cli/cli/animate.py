@@ -55,7 +55,7 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print settings a
 
 @dataclass(frozen=True)
 class _Places:
-    """Where things go: the file, or the folder of frames; the JSON of the figures; the page."""
+    """Paths of the results: the file, or the folder of frames; the JSON of the figures; the page."""
 
     result: Path
     metrics: Path

@@ -106,6 +106,7 @@ def _over(below: np.ndarray, above: np.ndarray) -> np.ndarray:
 
 def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageSource:
     """The engine's exact picture of layers, each drawn as a whole, clipped, and laid over those before."""
+    from cubicsplat_cli.scene import EmbeddedImage
 
     def rows(top: int, bottom: int) -> np.ndarray:
         tile = Tile(0, top, scene.width, bottom - top)
@@ -113,7 +114,10 @@ def _of_layers(scene: LayeredScene, samples: int, threads: int | None) -> ImageS
         for layer in scene.layers:
             drawn: np.ndarray = np.zeros_like(out)
             for each in layer.scenes:
-                drawn = _over(drawn, draw_part(each, 1, tile, samples, threads))
+                if isinstance(each, EmbeddedImage):
+                    drawn = _over(drawn, each.rows(top, bottom))
+                else:
+                    drawn = _over(drawn, draw_part(each, 1, tile, samples, threads))
             if layer.clip is not None:
                 drawn *= draw_part(layer.clip, 1, tile, samples, threads)[..., 3:]
             out = _over(out, drawn)

@@ -18,6 +18,7 @@ from cubicsplat_cli.errors import EngineError, InputError, UsageError
 from cubicsplat_cli.evaluate.cairo import import_cairosvg
 from cubicsplat_cli.formatting import one_line
 from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.svg.embedded import picture_in
 
 if TYPE_CHECKING:
     from cubicsplat_cli.svg.untrusted import SvgSize
@@ -237,8 +238,15 @@ def _centred(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
     return canvas
 
 
-def refuse_url(url: str, _resource_type: str) -> bytes:
-    """Refuse a reference, as the function that cairosvg calls to fetch it: raises InputError."""
+def embedded_only(url: str, _resource_type: str) -> bytes:
+    """The file of an embedded PNG or JPEG, as the function that cairosvg calls to fetch a reference; InputError for any
+    other.
+    """
+    if url.startswith("data:"):
+        try:
+            return picture_in(url)
+        except ValueError as error:
+            raise InputError(f"the SVG {error}") from error
     raise InputError(f"the SVG refers to {url[:80]}, which is never fetched")
 
 
@@ -266,7 +274,7 @@ def draw_by_cairo(
             surface.set_device_offset(-left, -top)
             return surface, whole_width, whole_height
 
-    tree = trees.Tree(bytestring=svg, unsafe=False, url_fetcher=refuse_url)
+    tree = trees.Tree(bytestring=svg, unsafe=False, url_fetcher=embedded_only)
     drawn = OnPixels(tree, None, 96, output_width=width, output_height=height)
     drawn.cairo.finish()
     return pixels

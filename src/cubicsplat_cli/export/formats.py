@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cubicsplat_cli.errors import EngineError, InputError
-from cubicsplat_cli.evaluate.rerender import MAX_RENDER_PIXELS, checked, choose_renderer, drawing_with, refuse_url
+from cubicsplat_cli.evaluate.rerender import MAX_RENDER_PIXELS, checked, choose_renderer, drawing_with, embedded_only
 from cubicsplat_cli.files.marks import made_mark, sha256_of
 from cubicsplat_cli.files.paths import is_file, read_ends
 from cubicsplat_cli.progress import warnings_to
@@ -116,7 +116,7 @@ def _by_cairo(svg: bytes, form: str, drawn: SvgSize, source: str) -> Exported:
             return made
 
     with drawing_with(name, source):
-        data = Page.convert(svg, url_fetcher=refuse_url, output_width=drawn.width, output_height=drawn.height)
+        data = Page.convert(svg, url_fetcher=embedded_only, output_width=drawn.width, output_height=drawn.height)
     if form == "eps":
         # cairo says what the drawing covers; whoever places the file wants the page, which ends at a whole point.
         right, top = math.ceil(width), math.ceil(height)

@@ -20,7 +20,7 @@ from cubicsplat_cli.files.clips import Frame
 from cubicsplat_cli.files.marks import sha256_of, with_checksum
 from cubicsplat_cli.formatting import counted
 from cubicsplat_cli.motion import fit_clip
-from cubicsplat_cli.options import GzipBytes
+from cubicsplat_cli.options import NO_PHOTO_PARTS, GzipBytes
 from cubicsplat_cli.pipeline.animation import Animation, CurvesAnimation, DrawnAnimation
 from cubicsplat_cli.pipeline.clip_task import ClipTask
 from cubicsplat_cli.progress import Progress, StageTimer, Stopped, Work, nothing, under_way
@@ -74,7 +74,8 @@ def style_of(task: ClipTask) -> Style:
 
     settings, limit = task.request.settings, task.request.settings.time_limit
     limited = settings.with_(curves=None, time_limit=None if limit is None else TO_CHOOSE * limit)
-    *_, made = candidates(task_of(first, Request(limited, measure=False), StageTimer()))
+    alone = Request(limited, measure=False, photo_parts=NO_PHOTO_PARTS)  # which would not move
+    *_, made = candidates(task_of(first, alone, StageTimer()))
     if made.interrupted:
         raise KeyboardInterrupt
     return made.style

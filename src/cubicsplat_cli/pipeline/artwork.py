@@ -85,10 +85,13 @@ def drawn_cells(task: Task, cells: Cells) -> Made:
     )
 
 
-def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> Made:
+def drawn_outlines(
+    task: Task, on_sketch: Callable[[Made], None] = nothing, completed: Callable[[Drawing], Drawing] | None = None
+) -> Made:
     """The drawing of regions with smooth outlines.
 
-    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing.
+    on_sketch: given a first version of what has very many shapes; what it raises ends the drawing. completed: what
+    becomes of a drawing, in px of the target, before it is as large as the picture.
     """
     from cubicsplat_cli.artwork.shapes import scaled_drawing
     from cubicsplat_cli.artwork.vectorize import prepare, versions
@@ -104,7 +107,8 @@ def drawn_outlines(task: Task, on_sketch: Callable[[Made], None] = nothing) -> M
             on_sketch(replace(drawn(scaled_drawing(sketch, *task.picture.size), task.request), blur=blur))
 
         drawings = versions(target, chosen, prepared, strokes=task.request.strokes, on_sketch=add_sketch)
-        sized = (scaled_drawing(each, *task.picture.size) for each in drawings)
+        whole = drawings if completed is None else map(completed, drawings)
+        sized = (scaled_drawing(each, *task.picture.size) for each in whole)
         made = within_budget(task, (_structured(each, task.request) for each in sized))
     notes = [*prepared.notes, *made.notes]
     if work.stopped and not work.interrupted:

@@ -9,10 +9,11 @@ from dataclasses import replace
 from cubicsplat_cli.artwork.plain import only_fill
 from cubicsplat_cli.artwork.style import ARTWORK, PHOTO, PIXEL, Style, choose_style
 from cubicsplat_cli.errors import CubicSplatError, UsageError
-from cubicsplat_cli.formatting import one_line
+from cubicsplat_cli.formatting import counted, one_line
 from cubicsplat_cli.options import listed
 from cubicsplat_cli.pipeline.artwork import drawn_artwork, drawn_cells, drawn_outlines, drawn_pixels, plain
 from cubicsplat_cli.pipeline.likeness import Likeness, level_db, seen_db
+from cubicsplat_cli.pipeline.pages import PartIsLost, drawn_page, page_in
 from cubicsplat_cli.pipeline.photo import PhotoFit, QuickPhoto, fitted_photo
 from cubicsplat_cli.pipeline.task import Made, Task
 from cubicsplat_cli.request import Request
@@ -66,10 +67,12 @@ def _first(task: Task) -> Made:
         return plain(fill, task)
     asked = _asked_for(request)
     if asked is not None:
-        return replace(_made(task, asked), may_be_photo=False)
+        page = _page(task)
+        made = _made(task, asked) if page is None else replace(page, style=asked)
+        return replace(made, may_be_photo=False)
     style = choose_style(task.target.target())
     try:
-        return _suiting(task, style)
+        return (None if style.cells else _page(task)) or _suiting(task, style)
     except PhotoIsNearer as nearer:
         return _photo_instead(task, style, str(nearer))
     except UsageError:
@@ -82,6 +85,18 @@ def _first(task: Task) -> Made:
     except Exception:
         raise failed from None
     return replace(made, notes=[*made.notes, f"made as {other.name}, since {_failure(style.name, failed)}"])
+
+
+def _page(task: Task) -> Made | None:
+    """The drawing of a page with its photographs; None where the picture is none that is worth drawing."""
+    page = page_in(task)
+    if page is None:
+        return None
+    try:
+        made = drawn_page(task, page, check_worth_finishing)
+    except (PhotoIsNearer, PartIsLost):
+        return None
+    return replace(made, style=Style(ARTWORK, f"{page.reason}, off {counted(len(page.parts), 'photograph')}"))
 
 
 def _asked_for(request: Request) -> Style | None:

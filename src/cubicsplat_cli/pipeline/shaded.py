@@ -35,11 +35,11 @@ from cubicsplat_cli.settings import FitSettings, cpu_count
 SHAPES = "triangle"
 SHARED_OPACITY = 0.78  # of an object's curves at first, so that none says its own
 SHADED = 2.0  # levels, of the root mean square off its paint, above which an object is shaded
-PX_PER_CURVE = 44.0
+PX_PER_CURVE = 30.0
 # Px of a picture whose objects are shaded, 512 x 512: a larger one would need thousands of curves, and minutes.
 MOST_PIXELS = 2**18
 # What a curve must take away of the squared error, in levels^2 summed over pixels and channels, to stay.
-PRICE = 1000.0
+PRICE = 1500.0
 # A picture of more objects has textures, not shading; and so has one that is rough in more of its objects' insides.
 MOST_OBJECTS, MOST_ROUGH = 80, 0.08
 ROUGH = 6.0  # levels by which a pixel is off the mean of its 3 x 3 neighbours, as none is within shading

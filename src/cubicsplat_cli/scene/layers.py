@@ -2,25 +2,62 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
+
+import numpy as np
+from PIL import Image
 
 from cubicsplat_cli.records import dataclass
 from cubicsplat_cli.scene.scene import Scene, scaled_scene
 
 
 @dataclass(frozen=True, eq=False)
+class EmbeddedImage:
+    """An opaque picture on a canvas of canvas[0] x canvas[1] px: data, a PNG or JPEG file, within a box in px."""
+
+    canvas: tuple[int, int]
+    left: float
+    top: float
+    width: float
+    height: float
+    data: bytes
+
+    curves = 0
+
+    def scaled(self, width: int, height: int) -> EmbeddedImage:
+        """The same on a canvas of another size."""
+        across, down = width / self.canvas[0], height / self.canvas[1]
+        box = self.left * across, self.top * down, self.width * across, self.height * down
+        return EmbeddedImage((width, height), *box, self.data)
+
+    def rows(self, top: int, bottom: int) -> np.ndarray:
+        """(bottom - top, canvas[0], 4) float32 premultiplied RGBA in [0, 1] of some rows, at the nearest whole px."""
+        left, first = round(self.left), round(self.top)
+        size = max(1, round(self.left + self.width) - left), max(1, round(self.top + self.height) - first)
+        with Image.open(io.BytesIO(self.data), formats=("PNG", "JPEG")) as image:
+            pixels = np.asarray(image.convert("RGB").resize(size, Image.Resampling.LANCZOS), np.float32) / 255.0
+        out = np.zeros((self.canvas[1], self.canvas[0], 4), np.float32)
+        shown = out[max(0, first) : max(0, first + size[1]), max(0, left) : max(0, left + size[0])]
+        cut = pixels[max(0, -first) :, max(0, -left) :]
+        shown[..., :3], shown[..., 3] = cut[: shown.shape[0], : shown.shape[1]], 1.0
+        return out[top:bottom]
+
+
+@dataclass(frozen=True, eq=False)
 class SceneLayer:
-    """A scene, or one over another one, of which only what lies within `clip` is seen: the curves, filled, of a further
-    scene; all of it with None. All are of one size and without a background. name: of what is shaded, empty for shapes.
+    """A scene, or one or a picture over another one, of which only what lies within `clip` is seen: the curves, filled,
+    of a further scene; all of it with None. All are of one size and without a background. name: of what is shaded,
+    empty for shapes.
     """
 
     scene: Scene
-    over: Scene | None = None
+    over: Scene | EmbeddedImage | None = None
     clip: Scene | None = None
     name: str = ""
 
     @property
-    def scenes(self) -> tuple[Scene, ...]:
+    def scenes(self) -> tuple[Scene | EmbeddedImage, ...]:
         """What is drawn, back to front."""
         return (self.scene,) if self.over is None else (self.scene, self.over)
 
@@ -44,9 +81,14 @@ class LayeredScene:
             replace(
                 layer,
                 scene=scaled_scene(layer.scene, width, height),
-                over=layer.over and scaled_scene(layer.over, width, height),
+                over=layer.over and resized(layer.over, width, height),
                 clip=layer.clip and scaled_scene(layer.clip, width, height),
             )
             for layer in self.layers
         )
         return LayeredScene(width, height, layers)
+
+
+def resized(content: Scene | EmbeddedImage, width: int, height: int) -> Scene | EmbeddedImage:
+    """The content of a layer on a canvas of another size."""
+    return scaled_scene(content, width, height) if isinstance(content, Scene) else content.scaled(width, height)

@@ -134,9 +134,12 @@ class Scene(CurveArrays):
         if self.ring_ends is not None:
             _check_ring_ends(self.ring_ends, self.segments)
         self._check_points()
-        _check_range("colours", self.colours, 0.0, 1.0)
-        _check_range("opacities", self.opacities, 0.0, 1.0)
-        _check_range("half_widths", self.half_widths, 0.0, 0.0 if self.mode is Mode.CLOSED else None)
+        _check_range("colours", self.colours, 1.0, "between 0 and 1")
+        _check_range("opacities", self.opacities, 1.0, "between 0 and 1")
+        if self.mode is Mode.CLOSED:
+            _check_range("half_widths", self.half_widths, 0.0, "0 for closed curves")
+        else:
+            _check_range("half_widths", self.half_widths, math.inf, "at least 0")
         if self.gradients is not None:
             self.gradients.validate()
 
@@ -260,18 +263,13 @@ def scaled_scene(scene: Scene, width: int, height: int) -> Scene:
     )
 
 
-def _check_range(name: str, values: Array, low: float | None = None, high: float | None = None) -> None:
+def _check_range(name: str, values: Array, high: float, wanted: str) -> None:
+    """Raise InputError where a value is not finite, below 0 or above `high`, that is, not what is `wanted`."""
     bad = ~namespace(values).isfinite(values)
     if bad.any():
         raise InputError(f"{name} must be finite, but curve {_first_curve(bad)} holds NaN or infinity")
-    if low is not None:
-        bad = values < low
-    if high is not None:
-        bad = bad | (values > high)
+    bad = (values < 0.0) | (values > high)
     if bad.any():
-        wanted = "0 for closed curves" if low == high else f"at least {low:g}"
-        if high is not None and low != high:
-            wanted = f"between {low:g} and {high:g}"
         raise InputError(f"{name} must be {wanted}, but curve {_first_curve(bad)} is outside")
 
 

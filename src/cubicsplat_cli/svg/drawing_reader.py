@@ -16,6 +16,7 @@ from cubicsplat_cli.artwork.shapes import Drawing, Shape
 from cubicsplat_cli.artwork.strokes.offset import outlines_of_stroke
 from cubicsplat_cli.scene.paint import Gradient, Rgba, mean_fill
 from cubicsplat_cli.svg.drawing_paths import controls_of, ring_of, rounded_of
+from cubicsplat_cli.svg.embedded import picture_in
 from cubicsplat_cli.svg.own import GradientReader, OwnElement, canvas_size, own_elements, own_subpaths
 from cubicsplat_cli.svg.paths import PathSegment
 from cubicsplat_cli.svg.quantise import MAX_COORDINATE
@@ -124,6 +125,11 @@ class _Content:
                 raise ValueError("has an unexpected <g> element")
         elif place == "svg/g/g/rect":
             shaded.add_ground(*_paint(given, [_primitive(element).ring()], self._gradients))
+        elif place == "svg/g/g/image":
+            x, y, width, height = (_coordinate(given.get(name, "0")) for name in _LENGTHS["rect"][:4])
+            if min(width, height) <= 0.0 or given.get("preserveAspectRatio") != "none":
+                raise ValueError("has an <image> without extent, or with its own shape")
+            shaded.add_image((x, y, width, height), picture_in(given.get("xlink:href", "")))
         elif place == "svg/g/g/g":
             if given.get("transform") not in SCALES:
                 raise ValueError("has an unexpected <g> element")

@@ -40,6 +40,7 @@ _OWN: dict[str, set[str]] = {
     "svg/clipPath": {"id"},
     "svg/g/g": {"opacity"},
     "svg/g/g/rect": {"x", "y", "width", "height", "fill", "stroke", "stroke-width"},
+    "svg/g/g/image": {"x", "y", "width", "height", "preserveAspectRatio", "xlink:href"},
     "svg/g/g/g": {"transform", "fill-opacity"},
     "svg/g/g/g/path": {"d", "fill", "fill-opacity"},
     "svg/path": {"d", "transform", *_PAINT, *_STROKE},

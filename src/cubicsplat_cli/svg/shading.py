@@ -13,9 +13,10 @@ import numpy as np
 
 from cubicsplat_cli.artwork.geometry.outlines import Outline, Ring
 from cubicsplat_cli.artwork.shapes import Shape
-from cubicsplat_cli.scene import Scene, pack_rings
+from cubicsplat_cli.scene import EmbeddedImage, Scene, pack_rings
 from cubicsplat_cli.scene.paint import Gradient, Rgba
 from cubicsplat_cli.settings import Mode
+from cubicsplat_cli.svg.embedded import uri_of
 from cubicsplat_cli.svg.markup import Identifiers, format_number, short_colour
 from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, to_grid
 
@@ -23,14 +24,17 @@ from cubicsplat_cli.svg.quantise import OPACITY_DECIMALS, to_grid
 # to a twentieth of it adds 2 % to the error of soft shading and takes 12 % of its bytes.
 SCALES = {f"scale({format_number(round(1e4 / steps), 4)})": steps for steps in (1, 2, 5, 10, 20, 50, 100)}
 STEPS_OF_SIZE = 20.0
+PHOTO_STEPS = 10  # a px at least, of curves with bent sides, which a photo has for its edges
 GROUNDS = 2  # rectangles of paint beneath curves
+IMAGE_DECIMALS = 2  # px
+XLINK = "http://www.w3.org/1999/xlink"
 REFERENCE = re.compile(r"url\(#([A-Za-z0-9_.-]+)\)")
 ISOLATED = ".999"  # the opacity of a group that is to be drawn on its own: the largest that all renderers tell from 1
 
 
 def clipped(elements: Sequence[ElementTree.Element], shape: Shape, names: Identifiers) -> list[ElementTree.Element]:
     """The elements of a shape with shading, of which `elements` are those without: its gradient, what clips it, and a
-    group by its name, clipped, that holds its paint and its curves.
+    group by its name, clipped, that holds its paint and its curves or picture.
 
     A renderer that clips each element by itself, as cairo does, covers 1 - (1 - c)^n of a pixel of coverage c with n of
     them. So they are in a group of a little less than full opacity, which is clipped as a whole. Cairo clips within
@@ -50,8 +54,16 @@ def clipped(elements: Sequence[ElementTree.Element], shape: Shape, names: Identi
     stroke = {"stroke": paint, "stroke-width": str(int(min(box.width, box.height)))}
     for _ in range(GROUNDS):
         ElementTree.SubElement(whole, "rect", {**attributes, "fill": paint, **stroke})
-    whole.append(_curves(shape.shading))
+    whole.append(_image(shape.shading) if isinstance(shape.shading, EmbeddedImage) else _curves(shape.shading))
     return [*before, clip, group]
+
+
+def _image(image: EmbeddedImage) -> ElementTree.Element:
+    box = {"x": image.left, "y": image.top, "width": image.width, "height": image.height}
+    attributes = {name: format_number(round(value * 10**IMAGE_DECIMALS), IMAGE_DECIMALS) for name, value in box.items()}
+    # SVG 1.1 has no other reference; what knows SVG 2 knows it too.
+    attributes |= {"preserveAspectRatio": "none", "xmlns:xlink": XLINK, "xlink:href": uri_of(image.data)}
+    return ElementTree.Element("image", attributes)
 
 
 def without_shading(root: ElementTree.Element) -> int:
@@ -93,6 +105,7 @@ def _scale(points: np.ndarray) -> tuple[str, int]:
     x, y = np.moveaxis(points[:, ::3], 2, 0)
     areas = 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
     enough = STEPS_OF_SIZE / max(math.sqrt(float(np.median(areas))), 1e-6)
+    enough = enough if _straight(points, 0.5 / PHOTO_STEPS) else max(enough, PHOTO_STEPS)
     return next((each for each in SCALES.items() if each[1] >= enough), list(SCALES.items())[-1])
 
 
@@ -117,6 +130,7 @@ class ShadedShape:
         self._name, self._outlines, self._size = name, outlines, size
         self._ground: tuple[Rgba, Gradient | None] | None = None
         self._curves: list[tuple[Ring, Rgba]] = []
+        self._image: EmbeddedImage | None = None
 
     def add_ground(self, fill: Rgba, gradient: Gradient | None) -> None:
         """The paint beneath the curves. Raises ValueError where there is another already, or it shines through."""
@@ -129,9 +143,18 @@ class ShadedShape:
         moved = Ring(ring.anchors / steps, ring.controls / steps, ring.lines, ring.smooth)
         self._curves.append((moved, (*colour, opacity)))  # type: ignore[arg-type]
 
+    def add_image(self, box: tuple[float, float, float, float], data: bytes) -> None:
+        """A picture in place of curves. Raises ValueError where there are such already."""
+        if self._image is not None or self._curves:
+            raise ValueError("is an image beside another one or curves")
+        self._image = EmbeddedImage(self._size, *box, data)
+
     def shape(self) -> Shape:
-        """What was read. Raises ValueError where the ground or the curves are missing."""
-        if self._ground is None or not self._curves:
+        """What was read. Raises ValueError where the ground, or curves and a picture, are missing."""
+        if self._ground is not None and self._image is not None and not self._curves:
+            fill, gradient = self._ground
+            return Shape(fill, self._outlines, self._name, gradient, shading=self._image)
+        if self._ground is None or not self._curves or self._image is not None:
             raise ValueError("has a shading without a ground or without curves")
         front_first = self._curves[::-1]
         rings = [[ring.cubics[:, :3].reshape(-1, 2).astype(np.float32)] for ring, _ in front_first]

@@ -1,7 +1,8 @@
 """Checks an SVG file of unknown origin before any renderer sees it, and reads its size.
 
-One expat pass, nothing fetched, nothing expanded. Refused: gzip (.svgz), entity declarations, embedded or external
-pictures, every reference that leaves the document, and references that would draw the same elements too many times.
+One expat pass, nothing fetched, nothing expanded. Refused: gzip (.svgz), entity declarations, pictures but for PNG and
+JPEG files that are embedded and drawn once, every other reference that leaves the document, and references that would
+draw the same elements too many times.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from cubicsplat_cli.errors import InputError
 from cubicsplat_cli.files.marks import GZIP
 from cubicsplat_cli.files.read import MAX_SVG_BYTES, looks_like_svg
 from cubicsplat_cli.records import dataclass
+from cubicsplat_cli.svg.embedded import MOST_PIXELS, picture_in, pixels_of
 from cubicsplat_cli.svg.own import MAX_ELEMENTS
 from cubicsplat_cli.svg.values import absolute_length
 
@@ -23,7 +25,8 @@ MAX_DEPTH = 256
 MAX_RADIUS = 1e9  # a circle of infinite radius is drawn without end
 MAX_USED = 100_000  # elements drawn once more by <use>: cairosvg's own limit, which it takes 20 s to reach
 _ROUND = {"r", "rx", "ry"}
-_PICTURES = {"image", "feImage", "foreignObject"}
+_PICTURES = {"feImage", "foreignObject"}
+_DRAWN_ONCE = {"svg", "g"}  # elements within which an embedded picture may be, where nothing is drawn by references
 _OUTSIDE = re.compile(r"@import|url\(\s*['\"]?\s*(?!#)[^\s'\"#)]", re.IGNORECASE)
 _INSIDE = re.compile(r"url\(\s*['\"]?\s*#([^'\")\s]+)")
 _ROOT = re.compile(rb"""<(?:[\w.-]+:)?svg(?=[\s/>])(?:[^>"']|"[^"]*"|'[^']*')*>""")
@@ -99,6 +102,8 @@ class _Scan:
         self.source = source
         self.elements = 0
         self.depth = 0
+        self.within: list[str] = []
+        self.images = self.image_pixels = 0
         self.styles = 0
         self.style_text: list[str] = []
         self.root: dict[str, str] = {}
@@ -115,8 +120,9 @@ class _Scan:
         self.depth += 1
         if self.elements > MAX_ELEMENTS or self.depth > MAX_DEPTH:
             raise InputError(f"{self.source}: has more than {MAX_ELEMENTS} elements or {MAX_DEPTH} levels; simplify it")
-        if local in _PICTURES:
+        if local in _PICTURES or (local == "image" and not self._is_embedded(attributes)):
             raise InputError(f"{self.source}: holds a <{local}> element, which is not drawn here; remove it first")
+        self.within.append(local)
         self.styles += local == "style"
         self._check_attributes(local, attributes)
         self.open.append(self._holder(attributes.get("id")))
@@ -127,8 +133,21 @@ class _Scan:
             elif "url(" in value:
                 self.open[-1].paints += _INSIDE.findall(value)
 
+    def _is_embedded(self, attributes: dict[str, str]) -> bool:
+        """Whether an <image> holds a PNG or JPEG, and lies where it is drawn once unless references draw it."""
+        self.images += 1
+        references = [value for name, value in attributes.items() if name.rpartition(":")[2] == "href"]
+        if len(references) != 1 or not _DRAWN_ONCE.issuperset(self.within):
+            return False
+        try:
+            self.image_pixels += pixels_of(picture_in(references[0]))
+        except ValueError:
+            return False
+        return self.image_pixels <= MOST_PIXELS
+
     def end(self, name: str) -> None:
         self.depth -= 1
+        self.within.pop()
         self.open.pop()
         if name.rpartition(":")[2] == "style":
             self.styles -= 1
@@ -157,6 +176,8 @@ class _Scan:
 
     def check_references(self) -> None:
         """Raise InputError where references draw too many elements, or one draws itself."""
+        if self.images and any(named.uses for named in (self.open[0], *self.named.values())):
+            raise InputError(f"{self.source}: holds an <image> element and <use>, which may draw it often; remove one")
         for following_all, most in ((False, MAX_USED), (True, MAX_ELEMENTS)):
             if self._drawn(self.open[0], {}, following_all, 0) - self.elements > most:
                 raise InputError(f"{self.source}: draws more than {most} elements by references; simplify it")
@@ -177,7 +198,12 @@ class _Scan:
         for name, value in attributes.items():
             local = name.rpartition(":")[2]
             # Links only matter when clicked; every other reference is followed while drawing.
-            if local == "href" and element != "a" and value.strip() and not value.strip().startswith("#"):
+            if (
+                local == "href"
+                and element not in ("a", "image")
+                and value.strip()
+                and not value.strip().startswith("#")
+            ):
                 raise self._outside(f"{element} {name}")
             if local in _ROUND and abs(absolute_length(value) or 0.0) > MAX_RADIUS:
                 raise InputError(f"{self.source}: has {local}={value!r}, too large to draw; make it smaller")

@@ -32,7 +32,7 @@ class Segments:
     piece: np.ndarray
     t: np.ndarray
 
-    def taken(self, which: np.ndarray) -> Segments:
+    def chosen(self, which: np.ndarray) -> Segments:
         """Some of them."""
         return Segments(self.start[which], self.end[which], self.piece[which], self.t[which])
 
@@ -68,7 +68,7 @@ def _chords(sources: Sources, live: np.ndarray) -> Segments:
         at[exact] = cubics[piece[exact], border]
         ends.append(np.rint(at * GRID).astype(np.int64))
     found = Segments(ends[0], ends[1], piece, t)
-    return found.taken((found.start != found.end).any(axis=1))
+    return found.chosen((found.start != found.end).any(axis=1))
 
 
 def _cuts(segments: Segments, fresh: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,6 +143,6 @@ def _cut(segments: Segments, which: np.ndarray, points: np.ndarray, at: np.ndarr
     t0, t1 = segments.t[owner].T
     t = np.stack([t0 + share[pair] * (t1 - t0), t0 + share[pair + 1] * (t1 - t0)], axis=1)
     new = Segments(place[pair], place[pair + 1], segments.piece[owner], t)
-    old = segments.taken(kept)
+    old = segments.chosen(kept)
     joined = Segments(*(np.concatenate([getattr(old, n), getattr(new, n)]) for n in ("start", "end", "piece", "t")))
     return joined, np.arange(len(joined.piece)) >= len(old.piece)

@@ -83,7 +83,7 @@ class ShadowSamples:
         """(n,) levels by which each pixel is darker than seen."""
         return np.asarray(self.scale * (1.0 - self.through * self.light(layers) - self.seen))
 
-    def settled(self, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:
+    def nearest(self, layers: Sequence[BlurredBox]) -> tuple[tuple[BlurredBox, ...], float]:
         """The layers that come nearest to what is seen, and the mean square in levels^2."""
         numbers, left = self.pixels.fitted(_numbers_of(layers), self.seen, self.through, self.scale)
         return _layers_of(numbers), left

@@ -50,7 +50,7 @@ class Lifted:
 
 def lifted(levels: np.ndarray) -> Lifted:
     """A picture (H, W, 4), premultiplied levels, without its shadow; the same array where it has none."""
-    found = _found(levels)
+    found = _best_shadow(levels)
     if found is None:
         return Lifted(levels)
     shadow, parts = found
@@ -73,7 +73,7 @@ def lifted(levels: np.ndarray) -> Lifted:
     return Lifted(Paints(levels, paint, colours, fills).flat(), shadow, owner >= 0, meant)
 
 
-def _found(levels: np.ndarray) -> tuple[Shadow, np.ndarray] | None:
+def _best_shadow(levels: np.ndarray) -> tuple[Shadow, np.ndarray] | None:
     """The shadows of a picture, and (H, W) int32 the parts in which its colours change evenly, as of `smooth_parts`;
     None without any. Both where dark shadows count as even, but faint edges as well, and where neither does."""
     best = None

@@ -235,11 +235,11 @@ def _more(samples: ShadowSamples, best: Layers, most: int) -> Layers:
 def _nearest(samples: ShadowSamples, begins: list[Layers]) -> Layers:
     """The layers that come nearest to what is seen, from those to begin with: first to some of the pixels."""
     few = samples.every(FEW)
-    fits = [few.settled(layers) for layers in begins]
+    fits = [few.nearest(layers) for layers in begins]
     unlikely, _, best = min(
         ((not all(map(_plausible, layers)), left, layers) for layers, left in fits), key=lambda fit: fit[:2]
     )
-    return best if unlikely or _explained(few, best) < HALFWAY else samples.settled(best)[0]
+    return best if unlikely or _explained(few, best) < HALFWAY else samples.nearest(best)[0]
 
 
 def _explained(samples: ShadowSamples, layers: Layers) -> float:

@@ -44,7 +44,7 @@ def chains_of(graph: Graph, centres: list[Centres], widths: np.ndarray) -> list[
 
 def _partners(links: list[Link], graph: Graph, centres: list[Centres], widths: np.ndarray) -> dict[Link, Link]:
     """The ends at a node that go on into each other: the straightest pairs; of what is left two that bend."""
-    ways = [_way(link, graph, centres, widths) for link in links]
+    ways = [_direction(link, graph, centres, widths) for link in links]
     pairs = []
     for i in range(len(links)):
         for j in range(i):
@@ -74,7 +74,7 @@ def _partners(links: list[Link], graph: Graph, centres: list[Centres], widths: n
     return found
 
 
-def _way(link: Link, graph: Graph, centres: list[Centres], widths: np.ndarray) -> np.ndarray | None:
+def _direction(link: Link, graph: Graph, centres: list[Centres], widths: np.ndarray) -> np.ndarray | None:
     """(2,) the direction in which a branch leaves a node, from where its width is even; None where it is nowhere."""
     branch, end = link
     own, width = centres[branch], float(widths[branch])

@@ -1,0 +1,328 @@
+"""Pages: photographs within drawings, as groups of curves or as embedded images."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+from test_svg_viewers import AGREEMENT_DB, agreement
+
+from cubicsplat_cli import vectorize
+from cubicsplat_cli.artwork.photo_parts import page_of
+from cubicsplat_cli.errors import InputError, UsageError
+from cubicsplat_cli.evaluate import rerender
+from cubicsplat_cli.evaluate.images import of_scene
+from cubicsplat_cli.evaluate.rerender import rerender_untrusted
+from cubicsplat_cli.export.formats import exported
+from cubicsplat_cli.files.convert import as_picture
+from cubicsplat_cli.html_report.drawing import shown
+from cubicsplat_cli.pipeline import task_of
+from cubicsplat_cli.pipeline.pages import page_in
+from cubicsplat_cli.progress import StageTimer
+from cubicsplat_cli.request import request_of
+from cubicsplat_cli.scene import EmbeddedImage, LayeredScene
+from cubicsplat_cli.svg import read_drawing, write_drawing
+from cubicsplat_cli.svg.embedded import picture_in, uri_of
+
+WIDTH, HEIGHT = 300, 200
+LEFT, TOP, RIGHT, BOTTOM = 24, 60, 144, 160  # of the photo
+QUICK = {"preset": "draft", "curves": 60, "threads": 1}
+
+
+def photo(width: int, height: int) -> np.ndarray:
+    """(height, width, 3) uint8: part of the sample photo."""
+    with Image.open("samples/chelsea.png") as image:
+        return np.asarray(image.convert("RGB"))[60 : 60 + height, 100 : 100 + width]
+
+
+def page(box: tuple[int, int, int, int] = (LEFT, TOP, RIGHT, BOTTOM), frame: bool = True) -> np.ndarray:
+    """(HEIGHT, WIDTH, 3) uint8: a head, bars like lines of text, and a photo in a box, in a frame of 2 px."""
+    out = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
+    out[:36] = 35, 95, 140
+    out[12:24, 20:120] = 255
+    for row in range(60, 160, 14):
+        for left in range(168, 270, 30):
+            out[row : row + 6, left : left + 22] = 50, 60, 70
+    left, top, right, bottom = box
+    if frame:
+        out[max(0, top - 2) : bottom + 2, max(0, left - 2) : right + 2] = 60, 60, 60
+    out[top:bottom, left:right] = photo(right - left, bottom - top)
+    return out
+
+
+def floats(pixels: np.ndarray) -> np.ndarray:
+    return pixels.astype(np.float32) / np.float32(255.0)
+
+
+def boxes_of(pixels: np.ndarray) -> list[tuple[int, int, int, int]]:
+    """Left, top, right and bottom of the photographs of a page."""
+    found = page_of(floats(pixels))
+    windows = [part.window for part in found.parts] if found else []
+    return [(columns.start, rows.start, columns.stop, rows.stop) for rows, columns in windows]
+
+
+def as_jpeg(pixels: np.ndarray, quality: int) -> np.ndarray:
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "JPEG", quality=quality)
+    return np.asarray(Image.open(file))
+
+
+def drawn(svg: str) -> np.ndarray:
+    """(HEIGHT, WIDTH, 3) levels of a page as cairosvg draws it."""
+    return rerender(svg.encode(), WIDTH, HEIGHT).pixels[..., :3].astype(float)
+
+
+def level(off: np.ndarray) -> float:
+    """PSNR of differences in levels, dB."""
+    return float(10.0 * np.log10(255.0**2 / np.square(off).mean()))
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return vectorize(page(), **QUICK)
+
+
+@pytest.fixture(scope="module")
+def embedded():
+    return vectorize(page(), photo_parts="image", **QUICK)
+
+
+def test_a_photo_in_a_frame_is_found_to_the_pixel():
+    found = page_of(floats(page()))
+    assert found is not None
+    assert boxes_of(page()) == [(LEFT, TOP, RIGHT, BOTTOM)]
+    assert found.parts[0].rectangular
+    assert len(np.unique(found.flat[TOP:BOTTOM, LEFT:RIGHT].reshape(-1, 3), axis=0)) == 1
+    assert np.array_equal(found.flat[:TOP], floats(page())[:TOP])
+
+
+def test_photos_at_the_edges_of_the_picture_are_found():
+    assert boxes_of(page((0, 90, 130, HEIGHT), frame=False)) == [(0, 90, 130, HEIGHT)]
+
+
+def test_a_jpeg_of_a_page_ends_its_photo_at_the_strongest_steps():
+    ((left, top, right, bottom),) = boxes_of(as_jpeg(page(frame=False), 85))
+    assert np.abs(np.array([left, top, right, bottom]) - (LEFT, TOP, RIGHT, BOTTOM)).max() <= 1
+
+
+def test_a_round_photo_keeps_its_form():
+    pixels = page((20, 50, 130, 160), frame=False)
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    pixels[(np.hypot(x - 75, y - 105) > 54) & (x < 140) & (y > 40)] = 255
+    found = page_of(floats(pixels))
+    assert found is not None
+    (part,) = found.parts
+    assert not part.rectangular
+    assert part.area == pytest.approx(np.pi * 54**2, rel=0.05)
+    result = vectorize(pixels, **QUICK)
+    shape = next(shape for shape in read_drawing(result.svg).shapes if shape.shading is not None)
+    assert shape.name == "photo"
+    assert np.abs((drawn(result.svg) - pixels)[:, 140:]).max() <= 1.0
+
+
+def test_soft_shading_within_an_outline_is_no_photo(monkeypatch):
+    pixels = page((20, 50, 130, 160), frame=False)
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    waves = [np.sin(x / 9.0 + y / 13.0), np.cos(x / 11.0 - y / 8.0), np.sin(y / 6.0) * np.cos(x / 7.0)]
+    shaded = np.rint(140.0 + 70.0 * np.stack(waves, axis=2)).astype(np.uint8)
+    inside = np.hypot(x - 75, y - 105) < 54
+    pixels[50:160, 20:140] = 255
+    pixels[inside] = shaded[inside]
+    assert page_of(floats(pixels)) is None
+    monkeypatch.setattr("cubicsplat_cli.artwork.photo_parts.GRAINY", 0.0)
+    assert page_of(floats(pixels)) is not None
+
+
+def test_two_photos_are_two_parts():
+    pixels = page(frame=False)
+    pixels[60:160, 168:290] = 255
+    pixels[70:170, 180:290] = photo(110, 100)[:, ::-1]
+    assert sorted(boxes_of(pixels)) == [(LEFT, TOP, RIGHT, BOTTOM), (180, 70, 290, 170)]
+    first, second = page_of(floats(pixels)).parts
+    assert (first.stand_in != second.stand_in).any()
+
+
+def test_drawings_photos_and_text_have_no_part():
+    plain = page()
+    plain[TOP:BOTTOM, LEFT:RIGHT] = 200, 30, 30
+    assert page_of(floats(plain)) is None
+    assert page_of(floats(photo(WIDTH, HEIGHT))) is None
+    text = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
+    rng = np.random.default_rng(0)
+    for row in range(8, HEIGHT - 16, 12):
+        for left in range(8, WIDTH - 16, 7):
+            text[row : row + 8, left : left + 5] = np.where(rng.random((8, 5, 1)) < 0.5, 255, 30)
+    assert page_of(floats(as_jpeg(text, 70))) is None
+    small = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
+    small[20:40, 20:200] = photo(180, 20)
+    assert page_of(floats(small)) is None
+
+
+def test_a_photo_with_even_margins_alone_stays_a_photo():
+    pixels = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    pixels[30:170] = photo(WIDTH, 140)
+    assert page_of(floats(pixels)) is None
+
+
+def test_a_page_is_a_drawing_with_its_photo_in_it(fitted):
+    assert fitted.report.style == "artwork"
+    assert fitted.report.shaded == ["photo"]
+    box = f'x="{LEFT}" y="{TOP}" width="{RIGHT - LEFT}" height="{BOTTOM - TOP}"'
+    assert f'<clipPath id="photo-outline"><rect {box}' in fitted.svg
+    off = drawn(fitted.svg) - page()
+    inside = np.zeros((HEIGHT, WIDTH), bool)
+    inside[TOP:BOTTOM, LEFT:RIGHT] = True
+    assert np.abs(off[~inside]).max() <= 1.0
+    alone = vectorize(np.ascontiguousarray(page()[TOP:BOTTOM, LEFT:RIGHT]), style="photo", **QUICK)
+    assert alone.report.quality is not None
+    assert level(off[inside]) > alone.report.quality.svg.psnr_db - 0.5
+
+
+def test_a_page_reads_back_and_the_engine_draws_it(fitted):
+    assert write_drawing(read_drawing(fitted.svg), title="a", comment="b").count("<path") == fitted.svg.count("<path")
+    assert isinstance(fitted.scene, LayeredScene)
+    own = of_scene(fitted.scene, WIDTH, HEIGHT, 24, 1).rows(0, HEIGHT)
+    assert agreement(np.rint(255.0 * own).astype(np.uint8), rerender(fitted.svg.encode(), WIDTH, HEIGHT).pixels) > 40.0
+
+
+def test_none_keeps_photos_from_being_parts():
+    given = as_picture(page())
+    for how, found in (("curves", True), ("none", False)):
+        task = task_of(given, request_of({"photo_parts": how, "style": "artwork"}), StageTimer())
+        assert (page_in(task) is not None) == found
+
+
+def test_an_image_is_embedded_and_read_and_drawn_by_all(embedded):
+    assert embedded.svg.count("<image") == 1
+    assert level(drawn(embedded.svg) - page()) > 40.0
+    read = read_drawing(embedded.svg)
+    (image,) = (shape.shading for shape in read.shapes if shape.shading is not None)
+    assert isinstance(image, EmbeddedImage)
+    assert (image.left, image.top, image.width, image.height) == (LEFT, TOP, RIGHT - LEFT, BOTTOM - TOP)
+    assert "<image" in write_drawing(read, title="a", comment="b")
+    pictures = [
+        rerender_untrusted(embedded.svg.encode(), source="x.svg", renderer=name)[0].pixels
+        for name in ("cairosvg", "resvg")
+    ]
+    assert agreement(*pictures) > AGREEMENT_DB
+    own = of_scene(embedded.scene, WIDTH, HEIGHT, 24, 1).rows(0, HEIGHT)
+    assert agreement(np.rint(255.0 * own).astype(np.uint8), pictures[0]) > 40.0
+    half = of_scene(embedded.scene, WIDTH // 2, HEIGHT // 2, 24, 1).rows(0, HEIGHT // 2)
+    assert half[50, 40, :3] == pytest.approx(own[100:102, 80:82, :3].mean(axis=(0, 1)), abs=0.1)
+
+
+def test_other_formats_and_the_report_take_an_embedded_image(embedded):
+    data = embedded.svg.encode()
+    assert b"/Image" in exported(data, "pdf", "the SVG", tolerance=0.05).data
+    made = exported(data, "xml", "the SVG", tolerance=0.05)
+    assert "1 shading" in " ".join(made.notes)
+    page_shown = shown(data, as_picture(page()), 1)
+    assert page_shown is not None
+    assert "data:image/" in page_shown.markup
+
+
+PNG = base64.b64encode(b"\x89PNG\r\n\x1a\n" + bytes(40)).decode()
+
+
+def png(width: int, height: int) -> bytes:
+    file = io.BytesIO()
+    Image.new("1", (width, height)).save(file, "PNG")
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "photo.png",
+        "file:///etc/hostname",
+        "data:image/svg+xml;base64,PHN2Zy8+",
+        f"data:image/png;charset=x;base64,{PNG}",
+        f"data:image/png;base64,{PNG}",
+        "data:image/png;base64,AAA",
+        f"data:image/png;base64,{base64.b64encode(b'GIF89a' + bytes(30)).decode()}",
+        uri_of(png(9000, 9000)),
+        uri_of(png(30_000, 30_000)),
+    ],
+)
+def test_other_references_are_no_pictures(uri):
+    with pytest.raises(ValueError, match="image"):
+        picture_in(uri)
+
+
+def test_a_jpeg_that_a_renderer_may_take_for_an_svg_is_refused():
+    file = io.BytesIO()
+    Image.new("RGB", (9, 9)).save(file, "JPEG", comment=b"<svg onload='x'/>")
+    with pytest.raises(ValueError, match="plain PNG or JPEG"):
+        picture_in(uri_of(file.getvalue()))
+
+
+@pytest.mark.parametrize("name", ["cairosvg", "resvg"])
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<image width="9" height="9"/>',
+        '<pattern id="p"><image width="9" height="9" href="{uri}"/></pattern>',
+        '<g id="g"><image width="9" height="9" href="{uri}"/></g><use href="#g"/>',
+        '<image width="9" height="9" href="{uri}" xlink:href="file:///etc/hostname"/>',
+        '<image width="9" height="9" href="{uri}"/>' * 3,
+    ],
+)
+def test_images_that_are_drawn_often_or_are_too_large_are_refused(body, name):
+    root = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="9" height="9">'
+    svg = f"{root}{body.format(uri=uri_of(png(8000, 8000)))}</svg>"
+    with pytest.raises(InputError, match="<image>"):
+        rerender_untrusted(svg.encode(), source="x.svg", renderer=name)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (r'preserveAspectRatio="none"', ""),
+        (r'data:image/(png|jpeg);base64,[^"]*', "file:///etc/hostname"),
+        (r"(<image [^>]*>)", r"\1\1"),
+        (r' (x="\d+" y="\d+" )width="\d+"( height="\d+" preserve)', r' \1width="0"\2'),
+    ],
+)
+def test_what_is_no_image_of_ours_is_refused(embedded, old, new):
+    assert re.search(old, embedded.svg)
+    with pytest.raises(InputError, match="line"):
+        read_drawing(re.sub(old, new, embedded.svg))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"style": "photo"},
+        {"style": "pixel"},
+        {"fill": "linear"},
+        {"colors": 4},
+        {"stacking": "cutout"},
+        {"mode": "open"},
+        {"max_bytes": 9000},
+        {"time_limit": 9},
+    ],
+)
+def test_images_do_not_go_with_what_has_none(options):
+    with pytest.raises(UsageError, match="leave out"):
+        request_of({"photo_parts": "image", **options})
+    assert not request_of(options).may_hold_photos
+
+
+def test_photo_parts_takes_three_words():
+    with pytest.raises(UsageError, match="curves, image"):
+        request_of({"photo_parts": "all"})
+
+
+def test_an_interrupt_leaves_the_photo_in_its_mean_colour(monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cubicsplat_cli.artwork.vectorize.goal_of", interrupted)
+    made = vectorize(page(), style="artwork", measure=False, **QUICK)
+    assert made.report.interrupted
+    off = np.abs(drawn(made.svg)[100, 80] - page()[TOP:BOTTOM, LEFT:RIGHT].mean(axis=(0, 1)))
+    assert off.max() < 3.0
